@@ -1,0 +1,50 @@
+"""Yester: temporal reprojection and denoising of rendered frames, on any CPU."""
+
+from enum import IntFlag as _IntFlag
+
+from ._core import (
+    SVGF,
+    Accumulated,
+    Camera,
+    Output,
+    accumulate,
+    atrous,
+    consistency,
+    demodulate,
+    estimate_variance,
+    motion_vectors,
+    remodulate,
+    reproject,
+)
+from .frame import Frame
+
+
+class Rejection(_IntFlag):
+    """Why a pixel's history is refused: bits of the masks of `consistency` and `Output.rejection`."""
+
+    OUTSIDE = 1
+    """The history lies outside the previous frame."""
+    DEPTH = 2
+    """It has another depth than expected."""
+    NORMAL = 4
+    """It has another orientation."""
+    ID = 8
+    """It is another object."""
+
+
+__all__ = [
+    "SVGF",
+    "Accumulated",
+    "Camera",
+    "Frame",
+    "Output",
+    "Rejection",
+    "accumulate",
+    "atrous",
+    "consistency",
+    "demodulate",
+    "estimate_variance",
+    "motion_vectors",
+    "remodulate",
+    "reproject",
+]

@@ -1,0 +1,132 @@
+"""One frame's buffers, canonical and checked."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ._core import Camera, canonical
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+#: The buffers of a frame in canonical order.
+BUFFERS = ("color", "albedo", "normal", "depth", "motion", "ids", "position", "emission")
+
+
+class Frame:
+    """The noisy colour of one frame and whatever else the renderer knows of it.
+
+    Every buffer but `color` is optional. float32 arrays in C order are kept as they are, without a copy; float16,
+    float64, strided arrays and CPU tensors are converted once. Frames are read-only.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear, scene-referred, unclamped. Samples with NaN or infinity count as missing.
+    albedo : (H, W, 3) array_like of float, optional
+        Reflectance of what was hit, 0 to 1; zeros where nothing was hit.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length; zeros where nothing was hit.
+    depth : (H, W) array_like of float, optional
+        Distance along the camera axis in scene units; +inf where nothing was hit.
+    motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+        Previous minus current position in pixels, x right, y down, jitter removed. The third channel, if given, is
+        previous minus current depth, which makes the depth tests exact under motion.
+    ids : (H, W) array_like of int, optional
+        Object, mesh or material; 0 where nothing was hit.
+    position : (H, W, 3) array_like of float, optional
+        World space; not finite where nothing was hit.
+    emission : (H, W, 3) array_like of float, optional
+        Light that the visible surface sends out itself: the part of `color` that carries no noise.
+    camera : Camera, optional
+        The camera of this frame, without jitter, of the same size.
+
+    Raises
+    ------
+    TypeError
+        If an array has elements of another kind, or `camera` is something else.
+    ValueError
+        If an array or the camera has another shape than the above, or another size than `color`.
+    """
+
+    __slots__ = (*BUFFERS, "camera")
+
+    color: NDArray[np.float32]
+    albedo: NDArray[np.float32] | None
+    normal: NDArray[np.float32] | None
+    depth: NDArray[np.float32] | None
+    motion: NDArray[np.float32] | None
+    ids: NDArray[np.uint32] | None
+    position: NDArray[np.float32] | None
+    emission: NDArray[np.float32] | None
+    camera: Camera | None
+
+    def __init__(
+        self,
+        color: ArrayLike,
+        *,
+        albedo: ArrayLike | None = None,
+        normal: ArrayLike | None = None,
+        depth: ArrayLike | None = None,
+        motion: ArrayLike | None = None,
+        ids: ArrayLike | None = None,
+        position: ArrayLike | None = None,
+        emission: ArrayLike | None = None,
+        camera: Camera | None = None,
+    ) -> None:
+        given = dict(
+            color=color,
+            albedo=albedo,
+            normal=normal,
+            depth=depth,
+            motion=motion,
+            ids=ids,
+            position=position,
+            emission=emission,
+        )
+        size = None
+        for name, value in given.items():
+            array = None
+            if value is not None or name == "color":
+                array = canonical(value, name, size)
+                size = array.shape[:2]
+            object.__setattr__(self, name, array)
+        if camera is not None and not isinstance(camera, Camera):
+            raise TypeError(f"camera: expected a yester.Camera, got {type(camera).__name__}")
+        if camera is not None and (camera.height, camera.width) != size:
+            raise ValueError(f"camera: expected height and width {size}, got {(camera.height, camera.width)}")
+        object.__setattr__(self, "camera", camera)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{name}: a Frame is read-only; make a new one")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _restore, (self.buffers(), self.camera)
+
+    def __repr__(self) -> str:
+        names = [*self.buffers(), *(["camera"] if self.camera else [])]
+        return f"Frame({self.width}x{self.height}: {', '.join(names)})"
+
+    @property
+    def height(self) -> int:
+        """Rows of pixels."""
+        return int(self.color.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns of pixels."""
+        return int(self.color.shape[1])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width)."""
+        return self.height, self.width
+
+    def buffers(self) -> dict[str, NDArray[np.float32] | NDArray[np.uint32]]:
+        """The arrays that were given, by name, in canonical order."""
+        return {name: array for name in BUFFERS if (array := getattr(self, name)) is not None}
+
+
+def _restore(buffers: dict[str, ArrayLike], camera: Camera | None) -> Frame:
+    return Frame(**buffers, camera=camera)

@@ -1,0 +1,393 @@
+//! numpy in, numpy out: the checks that every argument passes once, and the copies at the door.
+
+use numpy::{
+    Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::error::{Error, Kind};
+use crate::image::{Image, Size, View};
+
+impl From<Error> for PyErr {
+    fn from(error: Error) -> Self {
+        match error.kind {
+            Kind::Value => PyValueError::new_err(error.to_string()),
+            Kind::Type => PyTypeError::new_err(error.to_string()),
+        }
+    }
+}
+
+/// The number types of image buffers.
+pub trait Number: Element + Copy + Default + Send + Sync {
+    const NAME: &'static str;
+
+    /// Converts an array of another dtype, or says why not.
+    fn convert<'py>(
+        array: &Bound<'py, PyAny>,
+        name: &str,
+        kind: &str,
+    ) -> PyResult<Bound<'py, PyAny>>;
+}
+
+fn as_contiguous<'py>(array: &Bound<'py, PyAny>, dtype: &str) -> PyResult<Bound<'py, PyAny>> {
+    let options = PyDict::new(array.py());
+    options.set_item("dtype", dtype)?;
+    options.set_item("requirements", "CA")?;
+    // Unlike `ascontiguousarray`, `require` keeps a 0-d array 0-d, so that errors show the caller's own shape.
+    array
+        .py()
+        .import("numpy")?
+        .call_method("require", (array,), Some(&options))
+}
+
+impl Number for f32 {
+    const NAME: &'static str = "floats (float16, float32 or float64)";
+
+    fn convert<'py>(
+        array: &Bound<'py, PyAny>,
+        name: &str,
+        kind: &str,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        if kind != "f" {
+            return Err(Error::wrong_type(name, Self::NAME, array.getattr("dtype")?).into());
+        }
+        as_contiguous(array, "float32")
+    }
+}
+
+impl Number for f64 {
+    const NAME: &'static str = "numbers";
+
+    fn convert<'py>(
+        array: &Bound<'py, PyAny>,
+        name: &str,
+        kind: &str,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        if !matches!(kind, "f" | "i" | "u") {
+            return Err(Error::wrong_type(name, Self::NAME, array.getattr("dtype")?).into());
+        }
+        as_contiguous(array, "float64")
+    }
+}
+
+impl Number for u32 {
+    const NAME: &'static str = "whole numbers (any integer type, values of 0 to 2³² − 1)";
+
+    fn convert<'py>(
+        array: &Bound<'py, PyAny>,
+        name: &str,
+        kind: &str,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        if !matches!(kind, "i" | "u") {
+            return Err(Error::wrong_type(name, Self::NAME, array.getattr("dtype")?).into());
+        }
+        if array.getattr("size")?.extract::<usize>()? > 0 {
+            for extreme in ["min", "max"] {
+                let value: i128 = array
+                    .call_method0(extreme)?
+                    .call_method0("item")?
+                    .extract()?;
+                if u32::try_from(value).is_err() {
+                    return Err(Error::value(name, Self::NAME, value).into());
+                }
+            }
+        }
+        as_contiguous(array, "uint32")
+    }
+}
+
+/// An argument as a contiguous array of `T`: itself if it is one, otherwise one converted copy.
+pub fn array<'py, T: Number>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
+    if let Ok(array) = value.cast::<PyArrayDyn<T>>()
+        && array.is_c_contiguous()
+        && let Ok(readonly) = array.try_readonly()
+        && readonly.as_slice().is_ok()
+    {
+        return Ok(readonly);
+    }
+    let array = value
+        .py()
+        .import("numpy")?
+        .call_method1("asarray", (value,))?;
+    let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
+    let array = T::convert(&array, name, &kind)?;
+    Ok(array
+        .cast::<PyArrayDyn<T>>()
+        .map_err(PyErr::from)?
+        .try_readonly()?)
+}
+
+/// The shapes that a buffer may have.
+#[derive(Clone, Copy)]
+pub enum Channels {
+    /// (H, W).
+    One,
+    /// (H, W, C) for these C.
+    Of(&'static [usize]),
+    /// (H, W) or (H, W, 3).
+    OneOr3,
+    /// (H, W) or (H, W, C) for any C.
+    Any,
+}
+
+impl Channels {
+    fn count(self, shape: &[usize]) -> Option<usize> {
+        match (self, shape) {
+            (Self::One | Self::OneOr3 | Self::Any, [_, _]) => Some(1),
+            (Self::OneOr3, [_, _, 3]) => Some(3),
+            (Self::Of(counts), [_, _, c]) if counts.contains(c) => Some(*c),
+            (Self::Any, [_, _, c]) if *c > 0 => Some(*c),
+            _ => None,
+        }
+    }
+
+    fn shapes(self) -> String {
+        match self {
+            Self::One => "(H, W)".into(),
+            Self::Of(counts) => counts
+                .iter()
+                .map(|c| format!("(H, W, {c})"))
+                .collect::<Vec<_>>()
+                .join(" or "),
+            Self::OneOr3 => "(H, W) or (H, W, 3)".into(),
+            Self::Any => "(H, W) or (H, W, C)".into(),
+        }
+    }
+}
+
+/// A checked image argument.
+pub struct Input<'py, T: Number = f32> {
+    array: PyReadonlyArrayDyn<'py, T>,
+    size: Size,
+    channels: usize,
+}
+
+impl<'py, T: Number> Input<'py, T> {
+    pub fn new(value: &Bound<'py, PyAny>, name: &str, channels: Channels) -> PyResult<Self> {
+        let array = array::<T>(value, name)?;
+        let shape = array.shape();
+        let Some(count) = channels.count(shape) else {
+            return Err(Error::value(
+                name,
+                format!("shape {}", channels.shapes()),
+                shape_text(shape),
+            )
+            .into());
+        };
+        let size = Size {
+            height: shape[0],
+            width: shape[1],
+        };
+        if size.pixels() == 0 {
+            return Err(Error::value(name, "at least 1 × 1 pixels", shape_text(shape)).into());
+        }
+        Ok(Self {
+            size,
+            channels: count,
+            array,
+        })
+    }
+
+    /// An argument that may be `None`, and whose size is settled by an earlier one.
+    pub fn optional(
+        value: Option<&Bound<'py, PyAny>>,
+        name: &str,
+        channels: Channels,
+        size: Size,
+    ) -> PyResult<Option<Self>> {
+        value
+            .map(|value| Self::new(value, name, channels)?.sized(name, size))
+            .transpose()
+    }
+
+    pub fn sized(self, name: &str, size: Size) -> PyResult<Self> {
+        if self.size == size {
+            return Ok(self);
+        }
+        let expected = format!("height {} and width {}", size.height, size.width);
+        Err(Error::value(name, expected, shape_text(self.array.shape())).into())
+    }
+
+    pub fn size(&self) -> Size {
+        self.size
+    }
+
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// Whether the array has an axis for channels.
+    pub fn has_channel_axis(&self) -> bool {
+        self.array.ndim() == 3
+    }
+
+    pub fn data(&self) -> Interleaved<'_, T> {
+        let data = self
+            .array
+            .as_slice()
+            .expect("contiguity was established by `array`");
+        Interleaved {
+            data,
+            size: self.size,
+            channels: self.channels,
+        }
+    }
+
+    pub fn array(self) -> Bound<'py, PyArrayDyn<T>> {
+        (*self.array).clone()
+    }
+}
+
+fn shape_text(shape: &[usize]) -> String {
+    let sides: Vec<_> = shape.iter().map(ToString::to_string).collect();
+    format!(
+        "({}{})",
+        sides.join(", "),
+        if sides.len() == 1 { "," } else { "" }
+    )
+}
+
+/// The bare data of an image argument, to be taken apart without the interpreter.
+#[derive(Clone, Copy)]
+pub struct Interleaved<'a, T> {
+    data: &'a [T],
+    size: Size,
+    channels: usize,
+}
+
+impl<'a, T: Number> Interleaved<'a, T> {
+    pub fn planes(self) -> Planes<'a, T> {
+        match self.channels {
+            1 => Planes::Borrowed(View::new(self.size, 1, self.data)),
+            _ => Planes::Owned(Image::from_interleaved(self.size, self.channels, self.data)),
+        }
+    }
+}
+
+/// A planar image that is borrowed where the array already was planar.
+pub enum Planes<'a, T = f32> {
+    Borrowed(View<'a, T>),
+    Owned(Image<T>),
+}
+
+impl<T: Number> Planes<'_, T> {
+    pub fn view(&self) -> View<'_, T> {
+        match self {
+            Self::Borrowed(view) => *view,
+            Self::Owned(image) => image.view(),
+        }
+    }
+}
+
+/// Interleaved data with the shape of its array, on its way out.
+pub struct Outgoing<T = f32> {
+    data: Vec<T>,
+    shape: Vec<usize>,
+}
+
+impl<T: Element + Copy + Default + Send + Sync> Outgoing<T> {
+    /// (H, W) for a single channel, (H, W, C) for several.
+    pub fn new(image: Image<T>) -> Self {
+        let flat = image.channels == 1;
+        Self::with_axis(image, !flat)
+    }
+
+    /// With or without an axis for channels.
+    pub fn with_axis(image: Image<T>, channel_axis: bool) -> Self {
+        let Size { height, width } = image.size;
+        let mut shape = vec![height, width];
+        if channel_axis {
+            shape.push(image.channels);
+        }
+        Self {
+            data: image.into_interleaved(),
+            shape,
+        }
+    }
+
+    pub fn array<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+        self.data.into_pyarray(py).reshape(self.shape)
+    }
+}
+
+/// A small array argument of doubles, such as a matrix or a list of points.
+pub fn doubles<'py>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+    array::<f64>(value, name)
+}
+
+pub fn matrix4(value: &Bound<'_, PyAny>, name: &str) -> PyResult<[[f64; 4]; 4]> {
+    let array = doubles(value, name)?;
+    if array.shape() != [4, 4] {
+        return Err(Error::value(name, "shape (4, 4)", shape_text(array.shape())).into());
+    }
+    let data = array.as_slice()?;
+    Ok(std::array::from_fn(|i| {
+        std::array::from_fn(|j| data[4 * i + j])
+    }))
+}
+
+pub fn vector<const N: usize>(value: &Bound<'_, PyAny>, name: &str) -> PyResult<[f64; N]> {
+    let array = doubles(value, name)?;
+    if array.shape() != [N] {
+        return Err(Error::value(name, format!("shape ({N},)"), shape_text(array.shape())).into());
+    }
+    Ok(std::array::from_fn(|i| {
+        array.as_slice().expect("contiguous")[i]
+    }))
+}
+
+/// Points of `N` coordinates, with the shape of the axes before the last.
+pub fn points<const N: usize>(
+    value: &Bound<'_, PyAny>,
+    name: &str,
+) -> PyResult<(Vec<[f64; N]>, Vec<usize>)> {
+    let array = doubles(value, name)?;
+    match array.shape() {
+        [outer @ .., last] if *last == N => Ok((
+            array.as_slice()?.as_chunks::<N>().0.to_vec(),
+            outer.to_vec(),
+        )),
+        shape => Err(Error::value(name, format!("shape (…, {N})"), shape_text(shape)).into()),
+    }
+}
+
+pub const COLOR: Channels = Channels::Of(&[3]);
+pub const MOTION: Channels = Channels::Of(&[2, 3]);
+
+/// The canonical form of a frame's buffer of this name: float32 (uint32 for `ids`), C order, and of the given height
+/// and width where these are settled.
+#[pyfunction]
+#[pyo3(signature = (value, name, size=None))]
+pub fn canonical<'py>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+    size: Option<(usize, usize)>,
+) -> PyResult<Bound<'py, PyAny>> {
+    fn checked<'py, T: Number>(
+        value: &Bound<'py, PyAny>,
+        name: &str,
+        channels: Channels,
+        size: Option<(usize, usize)>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let input = Input::<T>::new(value, name, channels)?;
+        let input = match size {
+            Some((height, width)) => input.sized(name, Size { height, width })?,
+            None => input,
+        };
+        Ok(input.array().into_any())
+    }
+    match name {
+        "ids" => checked::<u32>(value, name, Channels::One, size),
+        "depth" => checked::<f32>(value, name, Channels::One, size),
+        "motion" => checked::<f32>(value, name, MOTION, size),
+        _ => checked::<f32>(value, name, COLOR, size),
+    }
+}

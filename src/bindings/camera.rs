@@ -1,0 +1,403 @@
+//! `Camera` and the kernels of the camera folder.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec2, DVec3};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use super::arrays::{
+    self, Channels, Input, Interleaved, Outgoing, Planes, matrix4, points, vector,
+};
+use crate::error::Error;
+use crate::image::Size;
+use crate::kernels::camera::motion::{self, Geometry, Transforms};
+use crate::kernels::camera::pinhole::{self, FovAxis, Rows4};
+
+/// A pinhole camera: where world points appear in the image, and the rays of its pixels.
+///
+/// Parameters
+/// ----------
+/// world_to_clip : (4, 4) array_like of float
+///     Maps column vectors, ``clip = world_to_clip @ [x, y, z, 1]``, with x to the right, y up and w positive in
+///     front of the camera, as OpenGL, Vulkan (y flipped) and Direct3D agree on but for the z row, which is not used.
+///     Its scale does not matter. Off-axis principal points are part of it.
+/// width, height : int
+///     The image's size in pixels, at least 1.
+///
+/// Raises
+/// ------
+/// ValueError
+///     If the matrix has NaN or infinity, is singular or orthographic, or the image has no pixels.
+///
+/// Notes
+/// -----
+/// The pixel of a point is ``((x/w + 1)/2 * width, (1 - y/w)/2 * height)``: x to the right, y down, pixel centres at
+/// +0.5. Its depth is the distance along the camera axis, in scene units. Cameras are immutable, compare by value and
+/// can be pickled.
+#[pyclass(frozen, eq, from_py_object, module = "yester")]
+#[derive(Clone, PartialEq)]
+pub struct Camera {
+    pub inner: pinhole::Camera,
+}
+
+#[pymethods]
+impl Camera {
+    #[new]
+    fn new(world_to_clip: &Bound<'_, PyAny>, width: usize, height: usize) -> PyResult<Self> {
+        let matrix = matrix4(world_to_clip, "world_to_clip")?;
+        Ok(Self {
+            inner: pinhole::Camera::new(matrix, Size { height, width })?,
+        })
+    }
+
+    /// A camera at `origin` that looks at `target`.
+    ///
+    /// Parameters
+    /// ----------
+    /// origin, target, up : (3,) array_like of float
+    ///     World space, right-handed; `up` need not be perpendicular to the view.
+    /// fov : float
+    ///     Field of view in degrees, in (0, 180).
+    /// width, height : int
+    ///     The image's size in pixels.
+    /// fov_axis : {"x", "y"}, default "x"
+    ///     Whether `fov` spans the image's width or its height.
+    /// principal_point : (2,) array_like of float, optional
+    ///     Where the optical axis meets the image, in pixels; the centre by default.
+    ///
+    /// Returns
+    /// -------
+    /// Camera
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If `target` is `origin`, `up` is along the view, or a value is out of range.
+    #[staticmethod]
+    #[pyo3(signature = (origin, target, up, fov, width, height, *, fov_axis="x", principal_point=None))]
+    fn from_look_at(
+        origin: &Bound<'_, PyAny>,
+        target: &Bound<'_, PyAny>,
+        up: &Bound<'_, PyAny>,
+        fov: f64,
+        width: usize,
+        height: usize,
+        fov_axis: &str,
+        principal_point: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let axis = match fov_axis {
+            "x" => FovAxis::X,
+            "y" => FovAxis::Y,
+            other => {
+                return Err(Error::value("fov_axis", "\"x\" or \"y\"", format!("{other:?}")).into());
+            }
+        };
+        let centre = principal_point
+            .map(|p| vector::<2>(p, "principal_point"))
+            .transpose()?;
+        let inner = pinhole::Camera::from_look_at(
+            DVec3::from(vector(origin, "origin")?),
+            DVec3::from(vector(target, "target")?),
+            DVec3::from(vector(up, "up")?),
+            fov,
+            Size { height, width },
+            axis,
+            centre.map(DVec2::from),
+        )?;
+        Ok(Self { inner })
+    }
+
+    /// The camera of a Mitsuba 3 ``perspective`` or ``thinlens`` sensor.
+    ///
+    /// Parameters
+    /// ----------
+    /// sensor : mitsuba.Sensor
+    ///     Its film's crop window, if any, is the image.
+    ///
+    /// Returns
+    /// -------
+    /// Camera
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the sensor has no perspective projection.
+    #[staticmethod]
+    fn from_mitsuba(sensor: &Bound<'_, PyAny>) -> PyResult<Self> {
+        // How Mitsuba stores its matrices is the renderer's affair, which `yester.io.mitsuba` knows.
+        sensor
+            .py()
+            .import("yester.io.mitsuba")?
+            .call_method1("camera", (sensor,))?
+            .extract()
+            .map_err(PyErr::from)
+    }
+
+    /// (4, 4) float64: the matrix that the camera was made of.
+    #[getter]
+    fn world_to_clip<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        rows(py, &self.inner.world_to_clip)
+    }
+
+    /// (4, 4) float64: rigid, to +X right, +Y up, +Z forward (left-handed, as EXR headers have it).
+    #[getter]
+    fn world_to_camera<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        rows(py, &self.inner.world_to_camera())
+    }
+
+    /// Image width in pixels.
+    #[getter]
+    fn width(&self) -> usize {
+        self.inner.size.width
+    }
+
+    /// Image height in pixels.
+    #[getter]
+    fn height(&self) -> usize {
+        self.inner.size.height
+    }
+
+    /// (3,) float64: the centre of projection in world space.
+    #[getter]
+    fn position<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.inner.position.to_array())
+    }
+
+    /// (3,) float64: the unit vector along the optical axis, in world space.
+    #[getter]
+    fn forward<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.inner.forward().to_array())
+    }
+
+    /// Where world points appear.
+    ///
+    /// Parameters
+    /// ----------
+    /// points : (..., 3) array_like of float
+    ///     World space.
+    ///
+    /// Returns
+    /// -------
+    /// pixels : (..., 2) float64
+    ///     x right, y down, pixel centres at +0.5; NaN for points that are not in front of the camera.
+    /// depth : (...) float64
+    ///     Distance along the camera axis.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        points: &Bound<'py, PyAny>,
+    ) -> PyResult<(Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
+        let (points, outer) = arrays::points::<3>(points, "points")?;
+        let (mut pixels, mut depths) = (
+            Vec::with_capacity(2 * points.len()),
+            Vec::with_capacity(points.len()),
+        );
+        for point in points {
+            let (pixel, depth) = self.inner.project(DVec3::from(point));
+            pixels.extend(if depth > 0.0 {
+                pixel.to_array()
+            } else {
+                [f64::NAN; 2]
+            });
+            depths.push(depth);
+        }
+        Ok((
+            shaped(py, pixels, &outer, Some(2))?,
+            shaped(py, depths, &outer, None)?,
+        ))
+    }
+
+    /// The world points at given pixels and depths.
+    ///
+    /// Parameters
+    /// ----------
+    /// pixels : (..., 2) array_like of float
+    ///     x right, y down, pixel centres at +0.5.
+    /// depth : (...) array_like of float
+    ///     Distance along the camera axis; the axes before the last of `pixels`.
+    ///
+    /// Returns
+    /// -------
+    /// points : (..., 3) float64
+    fn unproject<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: &Bound<'py, PyAny>,
+        depth: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let (pixels, outer) = points::<2>(pixels, "pixels")?;
+        let depth = arrays::doubles(depth, "depth")?;
+        if depth.shape() != outer {
+            return Err(Error::value(
+                "depth",
+                format!("shape {outer:?}"),
+                format!("{:?}", depth.shape()),
+            )
+            .into());
+        }
+        let points = pixels.into_iter().zip(depth.as_slice()?);
+        let points = points
+            .flat_map(|(p, &z)| self.inner.unproject(DVec2::from(p), z).to_array())
+            .collect();
+        shaped(py, points, &outer, Some(3))
+    }
+
+    /// The view rays of pixels.
+    ///
+    /// Parameters
+    /// ----------
+    /// pixels : (..., 2) array_like of float, optional
+    ///     By default the centres of all pixels, (height, width, 2).
+    ///
+    /// Returns
+    /// -------
+    /// origin : (3,) float64
+    ///     The camera's position.
+    /// directions : (..., 3) float64
+    ///     World space, unit length.
+    #[pyo3(signature = (pixels=None))]
+    fn rays<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
+        let (pixels, outer) = match pixels {
+            Some(pixels) => points::<2>(pixels, "pixels")?,
+            None => {
+                let Size { height, width } = self.inner.size;
+                let centres = (0..height * width)
+                    .map(|i| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]);
+                (centres.collect(), vec![height, width])
+            }
+        };
+        let rays = pixels
+            .into_iter()
+            .flat_map(|p| self.inner.ray(DVec2::from(p)).normalize().to_array())
+            .collect();
+        Ok((self.position(py), shaped(py, rays, &outer, Some(3))?))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
+        let this = slf.get();
+        Ok((
+            slf.get_type().into_any(),
+            (this.world_to_clip(slf.py())?, this.width(), this.height()),
+        ))
+    }
+
+    fn __repr__(&self) -> String {
+        let Size { width, height } = self.inner.size;
+        let (position, forward) = (self.inner.position, self.inner.forward());
+        format!("Camera({width}x{height}, position={position:.4}, forward={forward:.4})")
+    }
+}
+
+type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyArray2<f64>>, usize, usize));
+
+fn rows<'py>(py: Python<'py>, rows: &Rows4) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    rows.as_flattened()
+        .to_vec()
+        .into_pyarray(py)
+        .reshape([4, 4])
+}
+
+fn shaped<'py>(
+    py: Python<'py>,
+    data: Vec<f64>,
+    outer: &[usize],
+    last: Option<usize>,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let shape: Vec<_> = outer.iter().copied().chain(last).collect();
+    data.into_pyarray(py).reshape(shape)
+}
+
+/// Where each pixel's surface was in the previous frame.
+///
+/// Parameters
+/// ----------
+/// geometry : (H, W) or (H, W, 3) array_like of float
+///     Depth, view-space z, +inf where nothing was hit; or world-space position, not finite where nothing was hit.
+///     With positions, the sub-pixel place of each sample is taken into account.
+/// camera, previous_camera : Camera
+///     Of the current and the previous frame, without jitter, both of the image's size.
+/// ids : (H, W) array_like of int, optional
+///     The object that each pixel shows.
+/// transforms : dict of int to (4, 4) array_like of float, optional
+///     Per id, ``previous @ inverse(current)`` of the object's to-world matrices: where a world point of the object
+///     was. Objects that are not named stood still. Needs `ids`.
+///
+/// Returns
+/// -------
+/// motion : (H, W, 3) float32
+///     Previous minus current x and y in pixels (x right, y down) and previous minus current depth in scene units.
+///     Zero for a still camera and object, exactly. Background moves with the camera's rotation alone. NaN where the
+///     surface was not in front of the previous camera, or the depth is NaN or not above 0.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On a wrong shape, a camera of another size, `transforms` without `ids`, or a matrix that is not affine.
+///
+/// Notes
+/// -----
+/// The third channel is what NRD calls 2.5-D motion; it makes the depth tests of `reproject` exact under motion.
+#[pyfunction]
+#[pyo3(signature = (geometry, camera, previous_camera, *, ids=None, transforms=None))]
+pub fn motion_vectors<'py>(
+    py: Python<'py>,
+    geometry: &Bound<'py, PyAny>,
+    camera: &Camera,
+    previous_camera: &Camera,
+    ids: Option<&Bound<'py, PyAny>>,
+    transforms: Option<BTreeMap<u32, Bound<'py, PyAny>>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let geometry = Input::<f32>::new(geometry, "geometry", Channels::OneOr3)?;
+    let size = geometry.size();
+    for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
+        check_size(name, camera, size)?;
+    }
+    let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
+    if transforms.is_some() && ids.is_none() {
+        return Err(Error::needs("transforms", "ids").into());
+    }
+    let transforms = transforms.unwrap_or_default().into_iter();
+    let transforms: Vec<_> = transforms
+        .map(|(id, matrix)| {
+            Ok((
+                id,
+                pinhole::matrix(matrix4(&matrix, &format!("transforms[{id}]"))?),
+            ))
+        })
+        .collect::<PyResult<_>>()?;
+    let transforms = Transforms::new(transforms)?;
+    let (positions, geometry) = (geometry.channels() == 3, geometry.data());
+    let ids = ids.as_ref().map(Input::data);
+    let (camera, previous) = (&camera.inner, &previous_camera.inner);
+    let motion = py.detach(|| {
+        let (geometry, ids) = (geometry.planes(), ids.map(Interleaved::planes));
+        let geometry = if positions {
+            Geometry::Position(geometry.view())
+        } else {
+            Geometry::Depth(geometry.view())
+        };
+        let ids = ids.as_ref().map(Planes::view);
+        Outgoing::new(motion::motion_vectors(
+            geometry,
+            camera,
+            previous,
+            ids,
+            &transforms,
+        ))
+    });
+    motion.array(py)
+}
+
+/// A camera must be that of the image it comes with.
+pub fn check_size(name: &str, camera: &Camera, size: Size) -> PyResult<()> {
+    let text = |Size { height, width }: Size| format!("height {height} and width {width}");
+    match camera.inner.size == size {
+        true => Ok(()),
+        false => Err(Error::value(name, text(size), text(camera.inner.size)).into()),
+    }
+}

@@ -1,0 +1,166 @@
+//! The kernels of the fetch folder.
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::types::{PyList, PyTuple};
+
+use super::arrays::{Channels, Input, Interleaved, MOTION, Outgoing, Planes};
+use super::camera::Camera;
+use super::judge::SurfaceArgs;
+use crate::error::Error;
+use crate::image::View;
+use crate::kernels::fetch::footprint::Filter;
+use crate::kernels::fetch::reproject;
+use crate::kernels::judge::surface;
+
+/// History carried to the current frame along motion vectors.
+///
+/// Parameters
+/// ----------
+/// history : (H, W) or (H, W, C) array_like of float, or list of such
+///     The previous frame's image, or several, which then share the work of one call.
+/// motion : (H, W, 2) or (H, W, 3) array_like of float
+///     Previous minus current position in pixels, x right, y down; the third channel, if given, previous minus current
+///     depth. Where it is not finite there is no history.
+/// filter : {"bilinear", "nearest"}, default "bilinear"
+///     How history is read between pixel centres.
+/// fallback : bool, default True
+///     Whether the mean of the valid pixels of the 3×3 window stands in where less than 0.01 of the footprint is valid.
+/// depth, previous_depth : (H, W) array_like of float, optional
+///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+/// normal, previous_normal : (H, W, 3) array_like of float, optional
+///     World space; only directions count.
+/// ids, previous_ids : (H, W) array_like of int, optional
+///     Must be equal.
+/// previous_camera : Camera, optional
+///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
+/// relative_depth : float, default 0.1
+///     Largest \|previous - expected\| / expected depth; above 0.
+/// plane_distance : float, default 0.01
+///     Largest distance of the expected point from the tap's plane, as a share of the expected depth; above 0.
+/// normal_angle : float, default 25.0
+///     Largest angle between normals in degrees, 0 to 180.
+///
+/// Returns
+/// -------
+/// values : float32 array like `history`, or list of such
+///     The weighted mean of the valid taps; 0 where there is none.
+/// coverage : (H, W) float32
+///     The share of the footprint that is valid, 0 to 1: of the filter's weights, or, where the fallback stood in, of
+///     the 3×3 window's pixels. 0 where there is no history.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, an unknown filter, a buffer without its partner, or a threshold out of range.
+///
+/// Notes
+/// -----
+/// A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
+/// tests that `consistency` describes. The scheme is that of Schied et al. 2017, *Spatiotemporal Variance-Guided
+/// Filtering*, section 4.1, with every tap tested on its own. Without motion, the values are those of `history`,
+/// bit for bit.
+#[pyfunction]
+#[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, depth=None, previous_depth=None, normal=None,
+    previous_normal=None, ids=None, previous_ids=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01,
+    normal_angle=25.0))]
+#[pyo3(name = "reproject")]
+pub fn reproject_<'py>(
+    py: Python<'py>,
+    history: &Bound<'py, PyAny>,
+    motion: &Bound<'py, PyAny>,
+    filter: &str,
+    fallback: bool,
+    depth: Option<&Bound<'py, PyAny>>,
+    previous_depth: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    previous_normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    previous_ids: Option<&Bound<'py, PyAny>>,
+    previous_camera: Option<&Camera>,
+    relative_depth: f32,
+    plane_distance: f32,
+    normal_angle: f32,
+) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyArrayDyn<f32>>)> {
+    let filter = match filter {
+        "bilinear" => Filter::Bilinear,
+        "nearest" => Filter::Nearest,
+        other => {
+            return Err(Error::value(
+                "filter",
+                "\"bilinear\" or \"nearest\"",
+                format!("{other:?}"),
+            )
+            .into());
+        }
+    };
+    let motion = Input::<f32>::new(motion, "motion", MOTION)?;
+    let several = history.is_instance_of::<PyList>() || history.is_instance_of::<PyTuple>();
+    let images: Vec<_> = match several {
+        true => history.try_iter()?.collect::<PyResult<_>>()?,
+        false => vec![history.clone()],
+    };
+    if images.is_empty() {
+        return Err(Error::value("history", "an image or several", "an empty list").into());
+    }
+    let named = |i: usize| {
+        if several {
+            format!("history[{i}]")
+        } else {
+            "history".into()
+        }
+    };
+    let images: Vec<_> = images
+        .iter()
+        .enumerate()
+        .map(|(i, image)| {
+            Input::<f32>::new(image, &named(i), Channels::Any)?.sized(&named(i), motion.size())
+        })
+        .collect::<PyResult<_>>()?;
+    let surface = SurfaceArgs::new(
+        &motion,
+        [depth, previous_depth],
+        [normal, previous_normal],
+        [ids, previous_ids],
+        previous_camera,
+        surface::Params {
+            relative_depth,
+            plane_distance,
+            normal_angle,
+        },
+    )?;
+
+    let data: Vec<Interleaved<f32>> = images.iter().map(Input::data).collect();
+    let axes: Vec<_> = images.iter().map(Input::has_channel_axis).collect();
+    let (motion, surface) = (motion.data(), surface.data());
+    let (values, coverage) = py.detach(|| {
+        let motion: Planes = motion.planes();
+        let motion = motion.view();
+        let planes: Vec<_> = data.into_iter().map(Interleaved::planes).collect();
+        let history: Vec<View> = planes.iter().map(Planes::view).collect();
+        let params = reproject::Params { filter, fallback };
+        let reprojected = surface.with(motion.size, |tests| {
+            reproject::reproject(&history, motion, tests, params)
+        });
+        let mut first = 0;
+        let values = history.iter().zip(axes).map(|(image, axis)| {
+            let channels = first..first + image.channels;
+            first = channels.end;
+            Outgoing::with_axis(reprojected.values.channels(channels).to_image(), axis)
+        });
+        (
+            values.collect::<Vec<_>>(),
+            Outgoing::new(reprojected.coverage),
+        )
+    });
+    let mut values = values
+        .into_iter()
+        .map(|image| image.array(py))
+        .collect::<PyResult<Vec<_>>>()?;
+    let values = if several {
+        PyList::new(py, values)?.into_any()
+    } else {
+        values.remove(0).into_any()
+    };
+    Ok((values, coverage.array(py)?))
+}

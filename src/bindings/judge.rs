@@ -1,0 +1,202 @@
+//! The kernels of the judge folder, and the arguments of the surface tests, which `reproject` shares.
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+
+use super::arrays::{COLOR, Channels, Input, Interleaved, MOTION, Outgoing, Planes};
+use super::camera::{Camera, check_size};
+use crate::error::Error;
+use crate::image::Size;
+use crate::kernels::camera::pinhole::{self, Rays};
+use crate::kernels::judge::consistency;
+use crate::kernels::judge::surface::{self, Surface, Tests, check_plane_test};
+
+/// A buffer of the current and of the previous frame.
+type Pair<T> = Option<[T; 2]>;
+
+/// The surface tests' checked arguments.
+pub struct SurfaceArgs<'py> {
+    depth: Pair<Input<'py>>,
+    normal: Pair<Input<'py>>,
+    ids: Pair<Input<'py, u32>>,
+    camera: Option<pinhole::Camera>,
+    params: surface::Params,
+}
+
+type Arg<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
+
+impl<'py> SurfaceArgs<'py> {
+    pub fn new(
+        motion: &Input<'py>,
+        depth: [Arg<'_, 'py>; 2],
+        normal: [Arg<'_, 'py>; 2],
+        ids: [Arg<'_, 'py>; 2],
+        camera: Option<&Camera>,
+        params: surface::Params,
+    ) -> PyResult<Self> {
+        params.check()?;
+        let size = motion.size();
+        if let Some(camera) = camera {
+            check_size("previous_camera", camera, size)?;
+            check_plane_test(depth[0].is_some(), normal[0].is_some(), motion.channels())?;
+        }
+        Ok(Self {
+            depth: pair(depth, ["depth", "previous_depth"], |v, name| {
+                Input::new(v, name, Channels::One)?.sized(name, size)
+            })?,
+            normal: pair(normal, ["normal", "previous_normal"], |v, name| {
+                Input::new(v, name, COLOR)?.sized(name, size)
+            })?,
+            ids: pair(ids, ["ids", "previous_ids"], |v, name| {
+                Input::new(v, name, Channels::One)?.sized(name, size)
+            })?,
+            camera: camera.map(|camera| camera.inner),
+            params,
+        })
+    }
+
+    pub fn data(&self) -> SurfaceData<'_> {
+        SurfaceData {
+            depth: self
+                .depth
+                .as_ref()
+                .map(|pair| pair.each_ref().map(Input::data)),
+            normal: self
+                .normal
+                .as_ref()
+                .map(|pair| pair.each_ref().map(Input::data)),
+            ids: self
+                .ids
+                .as_ref()
+                .map(|pair| pair.each_ref().map(Input::data)),
+            rays: self.camera.as_ref().map(pinhole::Camera::rays),
+            params: self.params,
+        }
+    }
+}
+
+/// Both buffers or neither.
+fn pair<'py, T>(
+    args: [Arg<'_, 'py>; 2],
+    names: [&str; 2],
+    check: impl Fn(&Bound<'py, PyAny>, &str) -> PyResult<T>,
+) -> PyResult<Pair<T>> {
+    match args {
+        [Some(now), Some(before)] => Ok(Some([check(now, names[0])?, check(before, names[1])?])),
+        [None, None] => Ok(None),
+        [Some(_), None] => Err(Error::needs(names[0], names[1]).into()),
+        [None, Some(_)] => Err(Error::needs(names[1], names[0]).into()),
+    }
+}
+
+/// The same, without the interpreter.
+#[derive(Clone, Copy)]
+pub struct SurfaceData<'a> {
+    depth: Pair<Interleaved<'a, f32>>,
+    normal: Pair<Interleaved<'a, f32>>,
+    ids: Pair<Interleaved<'a, u32>>,
+    rays: Option<Rays>,
+    params: surface::Params,
+}
+
+impl SurfaceData<'_> {
+    /// Calls `f` with the tests.
+    pub fn with<R>(self, size: Size, f: impl FnOnce(Tests) -> R) -> R {
+        let depth = self.depth.map(|pair| pair.map(Interleaved::planes));
+        let normal = self.normal.map(|pair| pair.map(Interleaved::planes));
+        let ids = self.ids.map(|pair| pair.map(Interleaved::planes));
+        let surface = |i: usize| Surface {
+            depth: depth.as_ref().map(|pair| pair[i].view()),
+            normal: normal.as_ref().map(|pair| pair[i].view()),
+            ids: ids.as_ref().map(|pair| pair[i].view()),
+        };
+        f(Tests::new(
+            size,
+            surface(0),
+            surface(1),
+            self.rays,
+            &self.params,
+        ))
+    }
+}
+
+/// Why each pixel's history is refused, and how much of it is not.
+///
+/// Looks at the bilinear footprint, in the previous frame, that each pixel's motion points to.
+///
+/// Parameters
+/// ----------
+/// motion : (H, W, 2) or (H, W, 3) array_like of float
+///     Previous minus current position in pixels; the third channel, if given, previous minus current depth.
+/// depth, previous_depth : (H, W) array_like of float, optional
+///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+/// normal, previous_normal : (H, W, 3) array_like of float, optional
+///     World space; only directions count.
+/// ids, previous_ids : (H, W) array_like of int, optional
+///     Must be equal.
+/// previous_camera : Camera, optional
+///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
+/// relative_depth : float, default 0.1
+///     Largest \|previous - expected\| / expected depth; above 0.
+/// plane_distance : float, default 0.01
+///     Largest distance of the expected point from the tap's plane, as a share of the expected depth; above 0.
+/// normal_angle : float, default 25.0
+///     Largest angle between normals in degrees, 0 to 180.
+///
+/// Returns
+/// -------
+/// rejection : (H, W) uint8
+///     Bits of `Rejection`: every test that some tap of the footprint fails. 0 where all taps pass.
+/// confidence : (H, W) float32
+///     The share of the footprint's weight whose taps pass all tests, 0 to 1.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, a buffer without its partner, or a threshold out of range.
+///
+/// Notes
+/// -----
+/// Expected depth is depth plus the motion's third channel, or depth itself. Background (+inf) matches background only;
+/// NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR; the relative test at a
+/// tenth and the angle of 25° are customary values.
+#[pyfunction]
+#[pyo3(name = "consistency", signature = (motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None,
+    previous_ids=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0))]
+pub fn consistency_<'py>(
+    py: Python<'py>,
+    motion: &Bound<'py, PyAny>,
+    depth: Option<&Bound<'py, PyAny>>,
+    previous_depth: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    previous_normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    previous_ids: Option<&Bound<'py, PyAny>>,
+    previous_camera: Option<&Camera>,
+    relative_depth: f32,
+    plane_distance: f32,
+    normal_angle: f32,
+) -> PyResult<(Bound<'py, PyArrayDyn<u8>>, Bound<'py, PyArrayDyn<f32>>)> {
+    let motion = Input::<f32>::new(motion, "motion", MOTION)?;
+    let surface = SurfaceArgs::new(
+        &motion,
+        [depth, previous_depth],
+        [normal, previous_normal],
+        [ids, previous_ids],
+        previous_camera,
+        surface::Params {
+            relative_depth,
+            plane_distance,
+            normal_angle,
+        },
+    )?;
+    let (motion, surface) = (motion.data(), surface.data());
+    let (rejection, confidence) = py.detach(|| {
+        let motion: Planes = motion.planes();
+        let motion = motion.view();
+        let (rejection, confidence) =
+            surface.with(motion.size, |tests| consistency::consistency(motion, tests));
+        (Outgoing::new(rejection), Outgoing::new(confidence))
+    });
+    Ok((rejection.array(py)?, confidence.array(py)?))
+}

@@ -1,0 +1,128 @@
+//! The kernels of the merge folder.
+
+use numpy::{PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+
+use super::arrays::{COLOR, Channels, Input, Interleaved, Outgoing, Planes};
+use crate::kernels::merge::accumulate;
+
+const MOMENTS: Channels = Channels::Of(&[2]);
+
+/// What `accumulate` returns.
+///
+/// Attributes
+/// ----------
+/// color : (H, W, 3) float32
+/// moments : (H, W, 2) float32
+///     Means of luminance and of its square.
+/// history_length : (H, W) float32
+///     Samples so far, up to 1/alpha.
+/// missing : int
+///     Pixels whose new sample was not finite.
+#[pyclass(frozen, get_all, module = "yester")]
+pub struct Accumulated {
+    color: Py<PyArrayDyn<f32>>,
+    moments: Py<PyArrayDyn<f32>>,
+    history_length: Py<PyArrayDyn<f32>>,
+    missing: usize,
+}
+
+#[pymethods]
+impl Accumulated {
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let shape =
+            numpy::PyUntypedArrayMethods::shape(self.history_length.bind(py).as_untyped()).to_vec();
+        format!(
+            "Accumulated({}x{}, missing={})",
+            shape[1], shape[0], self.missing
+        )
+    }
+}
+
+/// New samples merged into the history.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     The new samples. A pixel with NaN or infinity is missing.
+/// history : (H, W, 3) array_like of float
+///     Reprojected colour.
+/// history_moments : (H, W, 2) array_like of float
+///     Reprojected means of luminance and of its square.
+/// history_length : (H, W) array_like of float
+///     Reprojected number of samples, fractions included; 0 where there is no history.
+/// alpha : float, default 0.05
+///     Least share of the new sample, 0 to 1. 0 averages without end.
+/// moments_alpha : float, default 0.2
+///     The same for the moments.
+/// warmup : bool, default True
+///     Whether the share of the N-th sample is 1/N until that reaches `alpha`, so that the first ones are averaged
+///     equally; otherwise it is `alpha` from the second sample on.
+///
+/// Returns
+/// -------
+/// Accumulated
+///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history stays as it was;
+///     where there is none either, colour and moments are NaN and the length is 0: a pixel that nobody has seen.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or shares out of range.
+///
+/// Notes
+/// -----
+/// With N = min(`history_length` + 1, 1/alpha) and l the Rec. 709 luminance: ``color = h + (c - h)/N`` and
+/// ``moments = m + max(moments_alpha, 1/N) * ((l, l*l) - m)``. Schied et al. 2017, *Spatiotemporal Variance-Guided
+/// Filtering*, section 4.2; the equal start as in Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing
+/// Techniques*.
+#[pyfunction]
+#[pyo3(signature = (color, history, history_moments, history_length, *, alpha=0.05, moments_alpha=0.2, warmup=true))]
+#[pyo3(name = "accumulate")]
+pub fn accumulate_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    history: &Bound<'py, PyAny>,
+    history_moments: &Bound<'py, PyAny>,
+    history_length: &Bound<'py, PyAny>,
+    alpha: f32,
+    moments_alpha: f32,
+    warmup: bool,
+) -> PyResult<Accumulated> {
+    let params = accumulate::Params {
+        alpha,
+        moments_alpha,
+        warmup,
+    };
+    params.check()?;
+    let color = Input::<f32>::new(color, "color", COLOR)?;
+    let size = color.size();
+    let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
+    let moments = Input::<f32>::new(history_moments, "history_moments", MOMENTS)?
+        .sized("history_moments", size)?;
+    let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
+        .sized("history_length", size)?;
+    let data = [color.data(), history.data(), moments.data(), length.data()];
+    let (color, moments, length, missing) = py.detach(|| {
+        let planes = data.map(Interleaved::planes);
+        let [color, h, m, n] = planes.each_ref().map(Planes::view);
+        let history = [
+            h.plane(0),
+            h.plane(1),
+            h.plane(2),
+            m.plane(0),
+            m.plane(1),
+            n.plane(0),
+        ];
+        let (merged, missing) = accumulate::accumulate(color, history, params);
+        let [color, moments, length] =
+            [0..3, 3..5, 5..6].map(|c| Outgoing::new(merged.channels(c).to_image()));
+        (color, moments, length, missing)
+    });
+    Ok(Accumulated {
+        color: color.array(py)?.unbind(),
+        moments: moments.array(py)?.unbind(),
+        history_length: length.array(py)?.unbind(),
+        missing,
+    })
+}

@@ -1,0 +1,371 @@
+//! The kernels of the smooth folder.
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+
+use super::arrays::{COLOR, Channels, Input, Interleaved, Outgoing, Planes};
+use super::camera::{Camera, check_size};
+use crate::error::Error;
+use crate::image::Size;
+use crate::kernels::camera::pinhole::{self, Rays};
+use crate::kernels::judge::surface::Surface;
+use crate::kernels::smooth::guide::{Guide, Sigmas};
+use crate::kernels::smooth::{atrous, demodulate, variance};
+
+/// The guide's checked arguments.
+struct GuideArgs<'py> {
+    depth: Option<Input<'py>>,
+    normal: Option<Input<'py>>,
+    ids: Option<Input<'py, u32>>,
+    rays: Option<Rays>,
+}
+
+impl<'py> GuideArgs<'py> {
+    fn new(
+        size: Size,
+        depth: Option<&Bound<'py, PyAny>>,
+        normal: Option<&Bound<'py, PyAny>>,
+        ids: Option<&Bound<'py, PyAny>>,
+        camera: Option<&Camera>,
+    ) -> PyResult<Self> {
+        if let Some(camera) = camera {
+            check_size("camera", camera, size)?;
+            for (name, given) in [("depth", depth.is_some()), ("normal", normal.is_some())] {
+                if !given {
+                    return Err(Error::needs("camera", name).into());
+                }
+            }
+        }
+        Ok(Self {
+            depth: Input::optional(depth, "depth", Channels::One, size)?,
+            normal: Input::optional(normal, "normal", COLOR, size)?,
+            ids: Input::optional(ids, "ids", Channels::One, size)?,
+            rays: camera.map(|camera| pinhole::Camera::rays(&camera.inner)),
+        })
+    }
+
+    fn data(&self) -> GuideData<'_> {
+        GuideData {
+            depth: self.depth.as_ref().map(Input::data),
+            normal: self.normal.as_ref().map(Input::data),
+            ids: self.ids.as_ref().map(Input::data),
+            rays: self.rays,
+        }
+    }
+}
+
+/// The same, without the interpreter.
+#[derive(Clone, Copy)]
+struct GuideData<'a> {
+    depth: Option<Interleaved<'a, f32>>,
+    normal: Option<Interleaved<'a, f32>>,
+    ids: Option<Interleaved<'a, u32>>,
+    rays: Option<Rays>,
+}
+
+impl GuideData<'_> {
+    fn guide(self, size: Size) -> Guide {
+        let (depth, normal) = (
+            self.depth.map(Interleaved::planes),
+            self.normal.map(Interleaved::planes),
+        );
+        let ids = self.ids.map(Interleaved::planes);
+        let surface = Surface {
+            depth: depth.as_ref().map(Planes::view),
+            normal: normal.as_ref().map(Planes::view),
+            ids: ids.as_ref().map(Planes::view),
+        };
+        Guide::new(size, surface, self.rays)
+    }
+}
+
+/// Variance of luminance, from time where there is enough of it, from space where there is not.
+///
+/// Parameters
+/// ----------
+/// moments : (H, W, 2) array_like of float
+///     Means of luminance and of its square, as `accumulate` returns them.
+/// history_length : (H, W) array_like of float
+///     Samples so far.
+/// depth : (H, W) array_like of float, optional
+///     View-space z, +inf where nothing was hit.
+/// normal : (H, W, 3) array_like of float, optional
+///     World space, unit length.
+/// ids : (H, W) array_like of int, optional
+///     Pixels of different ids do not mix.
+/// camera : Camera, optional
+///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     `normal`.
+/// min_length : float, default 4.0
+///     Samples from which the temporal variance is trusted; at least 1.
+/// radius : int, default 3
+///     The spatial window reaches so many pixels to each side, 0 to 16.
+/// sigma_normal, sigma_depth, sigma_plane : float
+///     As in `atrous`.
+///
+/// Returns
+/// -------
+/// variance : (H, W) float32
+///     Squared luminance; values below 1e-30 become 0, as do pixels without moments in their window.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range.
+///
+/// Notes
+/// -----
+/// A history of at least `min_length` gives m2 - m1². A shorter one takes the moments' means over the window, weighted as
+/// in `atrous` but for kernel and luminance, and multiplies the variance by min_length / N (Schied et al. 2017,
+/// *Spatiotemporal Variance-Guided Filtering*, section 4.2, and its implementation in Falcor).
+#[pyfunction]
+#[pyo3(signature = (moments, history_length, *, depth=None, normal=None, ids=None, camera=None, min_length=4.0,
+    radius=3, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01))]
+#[pyo3(name = "estimate_variance")]
+pub fn estimate_variance_<'py>(
+    py: Python<'py>,
+    moments: &Bound<'py, PyAny>,
+    history_length: &Bound<'py, PyAny>,
+    depth: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    camera: Option<&Camera>,
+    min_length: f32,
+    radius: usize,
+    sigma_normal: f32,
+    sigma_depth: f32,
+    sigma_plane: f32,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let sigmas = Sigmas {
+        normal: sigma_normal,
+        depth: sigma_depth,
+        plane: sigma_plane,
+    };
+    let params = variance::Params {
+        min_length,
+        radius,
+        sigmas,
+    };
+    params.check()?;
+    let moments = Input::<f32>::new(moments, "moments", Channels::Of(&[2]))?;
+    let size = moments.size();
+    let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
+        .sized("history_length", size)?;
+    let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
+    let (data, guide) = ([moments.data(), length.data()], guide.data());
+    let variance = py.detach(|| {
+        let planes = data.map(Interleaved::planes);
+        let [moments, length] = planes.each_ref().map(Planes::view);
+        Outgoing::new(variance::estimate_variance(
+            moments,
+            length,
+            &guide.guide(size),
+            params,
+        ))
+    });
+    variance.array(py)
+}
+
+/// The edge-avoiding à-trous wavelet filter, guided by variance.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     Linear. Pixels with NaN or infinity are missing: they lend nothing and are filled from their neighbours.
+/// variance : (H, W) array_like of float
+///     Of the luminance of `color`, as `estimate_variance` returns it; not finite counts as 0.
+/// depth : (H, W) array_like of float, optional
+///     View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
+/// normal : (H, W, 3) array_like of float, optional
+///     World space, unit length.
+/// ids : (H, W) array_like of int, optional
+///     Pixels of different ids do not mix.
+/// camera : Camera, optional
+///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     `normal`.
+/// iterations : int, default 5
+///     Passes, 0 to 16; pass i reaches 2·2^i pixels to each side.
+/// sigma_luminance : float, default 4.0
+///     Luminance difference that counts as one, in standard deviations; above 0.
+/// sigma_normal : float, default 128.0
+///     How sharply differences of normals count; from 0. About the exponent of (n·n')^sigma_normal.
+/// sigma_depth : float, default 1.0
+///     Depth difference that counts as one, in multiples of what the slope explains; above 0. Not used with `camera`.
+/// sigma_plane : float, default 0.01
+///     Plane distance that counts as one, as a share of depth; above 0. Used with `camera`.
+///
+/// Returns
+/// -------
+/// color : (H, W, 3) float32
+///     Filtered; NaN where a missing pixel found no neighbour.
+/// variance : (H, W) float32
+///     Of its luminance, as it is after averaging independent samples.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range.
+///
+/// Notes
+/// -----
+/// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, zero between different ids
+/// or between surface and background, and
+///
+/// - en = sigma_normal · ½\|n - n'\|²,
+/// - ez = \|n·(X - X')\| / (sigma_plane Z) with `camera`, else \|Z - Z'\| / (sigma_depth \|∇Z·Δ\| + Z/1000),
+/// - el = \|l - l'\| / (sigma_luminance √(3×3 Gaussian of variance) + \|l\|/1000).
+///
+/// Colour is Σwc/Σw and variance Σw²v/(Σw)². Dammertz et al. 2010, *Edge-Avoiding À-Trous Wavelet Transform for fast
+/// Global Illumination Filtering*; Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4.3.
+#[pyfunction]
+#[pyo3(signature = (color, variance, *, depth=None, normal=None, ids=None, camera=None, iterations=5,
+    sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01))]
+#[pyo3(name = "atrous")]
+pub fn atrous_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    variance: &Bound<'py, PyAny>,
+    depth: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    camera: Option<&Camera>,
+    iterations: u32,
+    sigma_luminance: f32,
+    sigma_normal: f32,
+    sigma_depth: f32,
+    sigma_plane: f32,
+) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+    let sigmas = Sigmas {
+        normal: sigma_normal,
+        depth: sigma_depth,
+        plane: sigma_plane,
+    };
+    let params = atrous::Params {
+        iterations,
+        sigma_luminance,
+        sigmas,
+    };
+    params.check()?;
+    let color = Input::<f32>::new(color, "color", COLOR)?;
+    let size = color.size();
+    let variance =
+        Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
+    let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
+    let (data, guide) = ([color.data(), variance.data()], guide.data());
+    let (color, variance) = py.detach(|| {
+        let planes = data.map(Interleaved::planes);
+        let [color, variance] = planes.each_ref().map(Planes::view);
+        let filtered = atrous::atrous(color, variance, &guide.guide(size), params, false);
+        (
+            Outgoing::new(filtered.color),
+            Outgoing::new(filtered.variance),
+        )
+    });
+    Ok((color.array(py)?, variance.array(py)?))
+}
+
+type Modulate =
+    fn(crate::image::View, crate::image::View, Option<crate::image::View>) -> crate::image::Image;
+
+fn modulate<'py>(
+    py: Python<'py>,
+    (name, image): (&str, &Bound<'py, PyAny>),
+    albedo: &Bound<'py, PyAny>,
+    emission: Option<&Bound<'py, PyAny>>,
+    kernel: Modulate,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let image = Input::<f32>::new(image, name, COLOR)?;
+    let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?.sized("albedo", image.size())?;
+    let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
+    let (data, emission) = (
+        [image.data(), albedo.data()],
+        emission.as_ref().map(Input::data),
+    );
+    let result = py.detach(|| {
+        let (planes, emission) = (
+            data.map(Interleaved::planes),
+            emission.map(Interleaved::planes),
+        );
+        let [image, albedo] = planes.each_ref().map(Planes::view);
+        Outgoing::new(kernel(image, albedo, emission.as_ref().map(Planes::view)))
+    });
+    result.array(py)
+}
+
+/// Light without texture: ``(color - emission) / max(albedo, 2**-10)``.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     Linear. NaN and infinity stay.
+/// albedo : (H, W, 3) array_like of float
+///     Reflectance; not finite counts as 0.
+/// emission : (H, W, 3) array_like of float, optional
+///     Light that the visible surface sends out itself; not finite counts as 0.
+///
+/// Returns
+/// -------
+/// illumination : (H, W, 3) float32
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+///
+/// Notes
+/// -----
+/// `remodulate` is the way back. Without emission and where albedo is black, the round trip is exact, since the bound is
+/// a power of two; elsewhere it is right to the last places. After Schied et al. 2017, *Spatiotemporal Variance-Guided
+/// Filtering*, section 4; Falcor bounds at 0.001.
+#[pyfunction]
+#[pyo3(signature = (color, albedo, *, emission=None), name = "demodulate")]
+pub fn demodulate_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    albedo: &Bound<'py, PyAny>,
+    emission: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    modulate(
+        py,
+        ("color", color),
+        albedo,
+        emission,
+        demodulate::demodulate,
+    )
+}
+
+/// Texture put back on light: ``illumination * max(albedo, 2**-10) + emission``.
+///
+/// Parameters
+/// ----------
+/// illumination : (H, W, 3) array_like of float
+///     As `demodulate` returns it.
+/// albedo : (H, W, 3) array_like of float
+///     Reflectance; not finite counts as 0.
+/// emission : (H, W, 3) array_like of float, optional
+///     Light that the visible surface sends out itself; not finite counts as 0.
+///
+/// Returns
+/// -------
+/// color : (H, W, 3) float32
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+#[pyfunction]
+#[pyo3(signature = (illumination, albedo, *, emission=None), name = "remodulate")]
+pub fn remodulate_<'py>(
+    py: Python<'py>,
+    illumination: &Bound<'py, PyAny>,
+    albedo: &Bound<'py, PyAny>,
+    emission: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    modulate(
+        py,
+        ("illumination", illumination),
+        albedo,
+        emission,
+        demodulate::remodulate,
+    )
+}

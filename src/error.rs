@@ -1,0 +1,68 @@
+//! The one error type: which argument, what was expected, what came.
+
+use std::fmt::{self, Display};
+
+/// What is wrong with an argument; decides the Python exception.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// `ValueError`: shape, range or a combination of arguments.
+    Value,
+    /// `TypeError`: the elements are of another type.
+    Type,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Error {
+    pub kind: Kind,
+    message: String,
+}
+
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl Error {
+    /// `argument: expected …, got …` as a `ValueError`.
+    pub fn value(argument: &str, expected: impl Display, got: impl Display) -> Self {
+        Self {
+            kind: Kind::Value,
+            message: format!("{argument}: expected {expected}, got {got}"),
+        }
+    }
+
+    /// `argument: expected …, got …` as a `TypeError`.
+    pub fn wrong_type(argument: &str, expected: impl Display, got: impl Display) -> Self {
+        Self {
+            kind: Kind::Type,
+            ..Self::value(argument, expected, got)
+        }
+    }
+
+    /// An argument that another one needs is absent.
+    pub fn needs(argument: &str, other: &str) -> Self {
+        Self {
+            kind: Kind::Value,
+            message: format!("{argument}: needs {other} as well"),
+        }
+    }
+}
+
+impl Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Error {}
+
+/// `Ok` when `value` lies in the range that `holds` tests and `expected` describes; NaN never does.
+pub fn in_range(
+    argument: &str,
+    value: f32,
+    expected: &str,
+    holds: impl Fn(f32) -> bool,
+) -> Result<()> {
+    if holds(value) {
+        Ok(())
+    } else {
+        Err(Error::value(argument, expected, value))
+    }
+}

@@ -1,0 +1,266 @@
+//! Planar images and borrowed views of them.
+//!
+//! Inside the library every channel is a plane of its own, rows from the top, so that loops over a row read and write
+//! contiguous floats. Interleaved arrays are taken apart at the door and put together on the way out.
+
+use std::ops::Range;
+
+use crate::rows::{self, BAND, Kernel};
+
+/// Height and width in pixels; both at least 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    pub height: usize,
+    pub width: usize,
+}
+
+impl Size {
+    pub fn pixels(self) -> usize {
+        self.height * self.width
+    }
+}
+
+/// An owned planar image.
+#[derive(Clone, Debug)]
+pub struct Image<T = f32> {
+    pub size: Size,
+    pub channels: usize,
+    data: Vec<T>,
+}
+
+impl<T: Copy + Default + Send + Sync> Image<T> {
+    pub fn new(size: Size, channels: usize) -> Self {
+        Self {
+            size,
+            channels,
+            data: vec![T::default(); size.pixels() * channels],
+        }
+    }
+
+    pub fn view(&self) -> View<'_, T> {
+        View {
+            size: self.size,
+            channels: self.channels,
+            data: &self.data,
+        }
+    }
+
+    pub fn plane(&self, channel: usize) -> &[T] {
+        self.view().plane(channel)
+    }
+
+    /// A view of consecutive channels.
+    pub fn channels(&self, channels: Range<usize>) -> View<'_, T> {
+        let n = self.size.pixels();
+        View::new(
+            self.size,
+            channels.len(),
+            &self.data[channels.start * n..channels.end * n],
+        )
+    }
+
+    /// Overwrites the channels from `first` on.
+    pub fn set_channels(&mut self, first: usize, image: View<T>) {
+        self.data[first * self.size.pixels()..][..image.data.len()].copy_from_slice(image.data);
+    }
+
+    /// A planar copy of interleaved (height, width, channels) data.
+    pub fn from_interleaved(size: Size, channels: usize, interleaved: &[T]) -> Self {
+        let mut image = Self::new(size, channels);
+        rows::run(
+            &Deinterleave {
+                interleaved,
+                channels,
+                width: size.width,
+            },
+            size.height,
+            image.bands(),
+        );
+        image
+    }
+
+    /// The data of a single-channel image, or interleaved (height, width, channels) data.
+    pub fn into_interleaved(self) -> Vec<T> {
+        if self.channels == 1 {
+            return self.data;
+        }
+        let mut interleaved = vec![T::default(); self.data.len()];
+        let bands = interleaved.chunks_mut(BAND * self.size.width * self.channels);
+        rows::run(
+            &Interleave {
+                planes: self.view(),
+            },
+            self.size.height,
+            bands,
+        );
+        interleaved
+    }
+
+    /// The image's bands of rows, to be written by different threads.
+    pub fn bands(&mut self) -> impl Iterator<Item = BandMut<'_, T>> {
+        let Size { width, height } = self.size;
+        let mut planes: Vec<_> = self
+            .data
+            .chunks_mut(self.size.pixels())
+            .map(|plane| plane.chunks_mut(BAND * width))
+            .collect();
+        rows::bands(height).map(move |rows| BandMut {
+            rows,
+            width,
+            planes: planes
+                .iter_mut()
+                .map(|bands| bands.next().expect("as many bands as rows give"))
+                .collect(),
+        })
+    }
+}
+
+impl<T> Image<T> {
+    pub fn data_mut(&mut self) -> &mut [T] {
+        &mut self.data
+    }
+}
+
+/// A borrowed planar image.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a, T = f32> {
+    pub size: Size,
+    pub channels: usize,
+    data: &'a [T],
+}
+
+impl<T: Copy> View<'_, T> {
+    pub fn to_image(self) -> Image<T> {
+        Image {
+            size: self.size,
+            channels: self.channels,
+            data: self.data.to_vec(),
+        }
+    }
+}
+
+impl<'a, T> View<'a, T> {
+    /// Views planar data; its length must fit, which the caller has checked against the same shape.
+    pub fn new(size: Size, channels: usize, data: &'a [T]) -> Self {
+        assert_eq!(data.len(), size.pixels() * channels);
+        Self {
+            size,
+            channels,
+            data,
+        }
+    }
+
+    #[inline(always)]
+    pub fn plane(&self, channel: usize) -> &'a [T] {
+        let n = self.size.pixels();
+        &self.data[channel * n..][..n]
+    }
+
+    /// Each channel's plane, in order.
+    pub fn planes(&self) -> impl Iterator<Item = &'a [T]> + use<'a, T> {
+        self.data.chunks(self.size.pixels())
+    }
+
+    #[inline(always)]
+    pub fn row(&self, channel: usize, y: usize) -> &'a [T] {
+        &self.plane(channel)[y * self.size.width..][..self.size.width]
+    }
+
+    /// The same row of the first `N` channels.
+    #[inline(always)]
+    pub fn rows<const N: usize>(&self, y: usize) -> [&'a [T]; N] {
+        std::array::from_fn(|channel| self.row(channel, y))
+    }
+}
+
+/// One band of rows of a mutable image.
+pub struct BandMut<'a, T = f32> {
+    rows: Range<usize>,
+    width: usize,
+    planes: Vec<&'a mut [T]>,
+}
+
+impl<T> BandMut<'_, T> {
+    #[inline(always)]
+    pub fn row(&mut self, channel: usize, y: usize) -> &mut [T] {
+        &mut self.planes[channel][(y - self.rows.start) * self.width..][..self.width]
+    }
+
+    /// The same row of the first `N` channels.
+    #[inline(always)]
+    pub fn rows<const N: usize>(&mut self, y: usize) -> [&mut [T]; N] {
+        let start = (y - self.rows.start) * self.width;
+        let mut planes = self.planes.iter_mut();
+        std::array::from_fn(|_| {
+            let plane = planes.next().expect("the image has N channels");
+            &mut plane[start..][..self.width]
+        })
+    }
+}
+
+struct Deinterleave<'a, T> {
+    interleaved: &'a [T],
+    channels: usize,
+    width: usize,
+}
+
+impl<'a, T: Copy + Send + Sync + 'a> Kernel for Deinterleave<'a, T> {
+    type Out = BandMut<'a, T>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a, T>) {
+        for y in rows {
+            let row =
+                &self.interleaved[y * self.width * self.channels..][..self.width * self.channels];
+            for channel in 0..self.channels {
+                for (to, from) in out
+                    .row(channel, y)
+                    .iter_mut()
+                    .zip(row.chunks_exact(self.channels))
+                {
+                    *to = from[channel];
+                }
+            }
+        }
+    }
+}
+
+struct Interleave<'a, T> {
+    planes: View<'a, T>,
+}
+
+impl<'a, T: Copy + Send + Sync + 'a> Kernel for Interleave<'a, T> {
+    type Out = &'a mut [T];
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, out: &'a mut [T]) {
+        let channels = self.planes.channels;
+        for (y, row) in rows.zip(out.chunks_exact_mut(self.planes.size.width * channels)) {
+            for channel in 0..channels {
+                for (to, &from) in row
+                    .chunks_exact_mut(channels)
+                    .zip(self.planes.row(channel, y))
+                {
+                    to[channel] = from;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn interleaving_goes_both_ways() {
+        for (height, width) in [(1, 1), (1, 7), (33, 5), (16, 1), (17, 3)] {
+            for channels in 1..5 {
+                let data: Vec<f32> = (0..height * width * channels).map(|i| i as f32).collect();
+                let image = Image::from_interleaved(Size { height, width }, channels, &data);
+                assert_eq!(image.plane(channels - 1)[0], (channels - 1) as f32);
+                assert_eq!(image.into_interleaved(), data);
+            }
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! Where was this point?
+
+pub mod motion;
+pub mod pinhole;

@@ -1,0 +1,295 @@
+//! The pinhole camera: world points to pixels and back, in double precision.
+//!
+//! A world-to-clip matrix M maps column vectors; x points right and y up in clip space, w is positive in front.
+//! The pixel of a point is ((x/w + 1)/2 · width, (1 − y/w)/2 · height), with pixel centres at +0.5, and its depth is
+//! w / |M₃,xyz|: the distance along the camera axis. The z row of M, which every API has its own idea of, is not used.
+//! With h = A·X + b = depth · (u, v, 1) for a pixel (u, v), the camera stands at C = −A⁻¹b and a point of known depth
+//! is X = C + depth · D(u, v), D(u, v) = A⁻¹(u, v, 1) (Hartley and Zisserman, *Multiple View Geometry*, chapter 6).
+
+use glam::{DMat3, DMat4, DVec2, DVec3, Vec3};
+
+use crate::error::{Error, Result};
+use crate::image::Size;
+
+/// A 4×4 matrix as numpy has it: a list of rows.
+pub type Rows4 = [[f64; 4]; 4];
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    pub world_to_clip: Rows4,
+    pub size: Size,
+    /// World to (u, v, 1) · depth, without its translation.
+    to_pixel: DMat3,
+    translation: DVec3,
+    from_pixel: DMat3,
+    pub position: DVec3,
+}
+
+/// Which side of the image a field of view spans.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FovAxis {
+    X,
+    Y,
+}
+
+impl Camera {
+    pub fn new(world_to_clip: Rows4, size: Size) -> Result<Self> {
+        if size.pixels() == 0 {
+            let got = format!("{} × {}", size.width, size.height);
+            return Err(Error::value("width, height", "at least 1 × 1 pixels", got));
+        }
+        if !world_to_clip.iter().flatten().all(|v| v.is_finite()) {
+            return Err(Error::value(
+                "world_to_clip",
+                "finite numbers",
+                "NaN or infinity",
+            ));
+        }
+        let row = |i: usize| {
+            DVec3::new(
+                world_to_clip[i][0],
+                world_to_clip[i][1],
+                world_to_clip[i][2],
+            )
+        };
+        let scale = row(3).length();
+        if scale == 0.0 {
+            return Err(Error::value(
+                "world_to_clip",
+                "a perspective projection",
+                "an affine (orthographic) matrix",
+            ));
+        }
+        let [x, _, _, w] = world_to_clip.map(|r| r[3] / scale);
+        let (half_width, half_height) = (size.width as f64 / 2.0, size.height as f64 / 2.0);
+        let [rx, ry, rw] = [row(0) / scale, row(1) / scale, row(3) / scale];
+        let to_pixel =
+            DMat3::from_cols((rx + rw) * half_width, (rw - ry) * half_height, rw).transpose();
+        let y = world_to_clip[1][3] / scale;
+        let translation = DVec3::new((x + w) * half_width, (w - y) * half_height, w);
+        // Relative to the lengths of its rows, so that neither the unit of length nor the resolution matters.
+        let volume: f64 = [0, 1, 2].map(|i| to_pixel.row(i).length()).iter().product();
+        if !(to_pixel.determinant().abs() > 1e-12 * volume) {
+            return Err(Error::value(
+                "world_to_clip",
+                "an invertible projection",
+                "a singular matrix",
+            ));
+        }
+        let from_pixel = to_pixel.inverse();
+        let position = -(from_pixel * translation);
+        Ok(Self {
+            world_to_clip,
+            size,
+            to_pixel,
+            translation,
+            from_pixel,
+            position,
+        })
+    }
+
+    /// Looks from `origin` towards `target` with `up` upwards; `fov` in degrees; `principal_point` in pixels.
+    pub fn from_look_at(
+        origin: DVec3,
+        target: DVec3,
+        up: DVec3,
+        fov: f64,
+        size: Size,
+        axis: FovAxis,
+        principal_point: Option<DVec2>,
+    ) -> Result<Self> {
+        for (name, v) in [("origin", origin), ("target", target), ("up", up)] {
+            if !v.is_finite() {
+                return Err(Error::value(name, "finite coordinates", v));
+            }
+        }
+        if !(fov > 0.0 && fov < 180.0) {
+            return Err(Error::value(
+                "fov",
+                "degrees between 0 and 180, exclusive",
+                fov,
+            ));
+        }
+        let forward = (target - origin).try_normalize();
+        let forward =
+            forward.ok_or_else(|| Error::value("target", "a point other than origin", target))?;
+        let right = forward
+            .cross(up)
+            .try_normalize()
+            .filter(|_| forward.cross(up.normalize()).length() > 1e-9);
+        let right =
+            right.ok_or_else(|| Error::value("up", "a direction other than the view's own", up))?;
+        let up = right.cross(forward);
+        let (width, height) = (size.width as f64, size.height as f64);
+        let side = match axis {
+            FovAxis::X => width,
+            FovAxis::Y => height,
+        };
+        let focal = side / 2.0 / libm::tan(fov.to_radians() / 2.0);
+        let centre = principal_point.unwrap_or(DVec2::new(width, height) / 2.0);
+        if !centre.is_finite() {
+            return Err(Error::value("principal_point", "finite pixels", centre));
+        }
+        let x = right * (2.0 * focal / width) + forward * (2.0 * centre.x / width - 1.0);
+        let y = up * (2.0 * focal / height) + forward * (1.0 - 2.0 * centre.y / height);
+        let row = |v: DVec3, offset: f64| [v.x, v.y, v.z, offset - v.dot(origin)];
+        // An infinite far plane and a near plane at distance ½, for those who need a z row.
+        Self::new(
+            [
+                row(x, 0.0),
+                row(y, 0.0),
+                row(forward, -1.0),
+                row(forward, 0.0),
+            ],
+            size,
+        )
+    }
+
+    /// The pixel and depth of a world point; the pixel means nothing unless depth > 0.
+    #[inline(always)]
+    pub fn project(&self, point: DVec3) -> (DVec2, f64) {
+        let h = self.to_pixel * point + self.translation;
+        (h.truncate() / h.z, h.z)
+    }
+
+    /// The pixel of the point at infinity in a direction, where it is in front of the camera.
+    #[inline(always)]
+    pub fn project_direction(&self, direction: DVec3) -> Option<DVec2> {
+        let h = self.to_pixel * direction;
+        (h.z > 0.0).then(|| h.truncate() / h.z)
+    }
+
+    #[inline(always)]
+    pub fn unproject(&self, pixel: DVec2, depth: f64) -> DVec3 {
+        self.position + self.ray(pixel) * depth
+    }
+
+    /// The world-space direction through a pixel, of unit depth.
+    #[inline(always)]
+    pub fn ray(&self, pixel: DVec2) -> DVec3 {
+        self.from_pixel * pixel.extend(1.0)
+    }
+
+    /// [`Self::ray`] in single precision, for kernels whose points are relative to the camera.
+    pub fn rays(&self) -> Rays {
+        let cols = [
+            self.from_pixel.x_axis,
+            self.from_pixel.y_axis,
+            self.from_pixel.z_axis,
+        ];
+        let [dx, dy, corner] = cols.map(|c| c.as_vec3());
+        Rays { dx, dy, corner }
+    }
+
+    /// World to camera space with +X right, +Y up, +Z forward (left-handed, as EXR headers have it).
+    pub fn world_to_camera(&self) -> Rows4 {
+        let forward = self.forward();
+        let along = |i: usize| {
+            let axis = self.to_pixel.row(i);
+            (axis - forward * axis.dot(forward)).normalize()
+        };
+        let axes = [along(0), -along(1), forward];
+        let mut rows = [[0.0, 0.0, 0.0, 1.0]; 4];
+        for (row, axis) in rows.iter_mut().zip(axes) {
+            *row = [axis.x, axis.y, axis.z, -axis.dot(self.position)];
+        }
+        rows
+    }
+
+    pub fn forward(&self) -> DVec3 {
+        self.to_pixel.row(2)
+    }
+}
+
+/// Rays of unit depth of a camera, for points relative to it.
+#[derive(Clone, Copy, Debug)]
+pub struct Rays {
+    dx: Vec3,
+    dy: Vec3,
+    corner: Vec3,
+}
+
+impl Rays {
+    #[inline(always)]
+    pub fn at(&self, x: f32, y: f32) -> Vec3 {
+        self.corner + self.dx * x + self.dy * y
+    }
+}
+
+pub fn matrix(rows: Rows4) -> DMat4 {
+    DMat4::from_cols_array_2d(&rows).transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const SIZE: Size = Size {
+        height: 90,
+        width: 160,
+    };
+
+    fn camera() -> Camera {
+        let centre = Some(DVec2::new(70.0, 50.0));
+        Camera::from_look_at(
+            DVec3::new(1.0, 2.0, 5.0),
+            DVec3::ZERO,
+            DVec3::Y,
+            50.0,
+            SIZE,
+            FovAxis::X,
+            centre,
+        )
+        .unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn unproject_inverts_project(u in -50f64..200.0, v in -50f64..150.0, depth in 0.01f64..1e4) {
+            let (pixel, z) = camera().project(camera().unproject(DVec2::new(u, v), depth));
+            prop_assert!((pixel - DVec2::new(u, v)).length() < 1e-9);
+            prop_assert!((z / depth - 1.0).abs() < 1e-12);
+        }
+
+        #[test]
+        fn the_scale_of_the_matrix_does_not_matter(scale in 1e-6f64..1e6) {
+            let scaled = Camera::new(camera().world_to_clip.map(|r| r.map(|v| v * scale)), SIZE).unwrap();
+            prop_assert!((scaled.position - camera().position).length() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_target_is_at_the_principal_point() {
+        let (pixel, depth) = camera().project(DVec3::ZERO);
+        assert!((pixel - DVec2::new(70.0, 50.0)).length() < 1e-9);
+        assert!((depth - 30f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn camera_space_is_left_handed() {
+        let m = matrix(camera().world_to_camera());
+        assert!((m.determinant() + 1.0).abs() < 1e-12);
+        assert!((m.transform_point3(DVec3::ZERO).z - 30f64.sqrt()).abs() < 1e-12);
+        assert!(m.transform_point3(camera().position).length() < 1e-12);
+    }
+
+    #[test]
+    fn bad_cameras_are_refused() {
+        let mut singular = camera().world_to_clip;
+        singular[1] = singular[0];
+        assert!(Camera::new(singular, SIZE).is_err());
+        singular[1][2] = f64::NAN;
+        assert!(Camera::new(singular, SIZE).is_err());
+        assert!(
+            Camera::new(
+                camera().world_to_clip,
+                Size {
+                    height: 0,
+                    width: 3
+                }
+            )
+            .is_err()
+        );
+    }
+}

@@ -1,0 +1,4 @@
+//! Bring history here.
+
+pub mod footprint;
+pub mod reproject;

@@ -1,0 +1,4 @@
+//! How far is history trusted?
+
+pub mod consistency;
+pub mod surface;

@@ -1,0 +1,3 @@
+//! Combine in time.
+
+pub mod accumulate;

@@ -1,0 +1,64 @@
+//! Scalar formulas that several kernels share. All are branch-free, so that loops over rows vectorise.
+
+/// Rec. 709 weights of linear red, green and blue.
+const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+#[inline(always)]
+pub fn luminance(r: f32, g: f32, b: f32) -> f32 {
+    LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b
+}
+
+pub const LOG2_E: f32 = std::f32::consts::LOG2_E;
+
+/// Weights below 2^-64 count as zero: they cannot be seen beside a centre weight of one, and their products
+/// with dark colours would be subnormal numbers, which cost up to five times as much.
+const SMALLEST_EXPONENT: f32 = -64.0;
+
+/// 2^x for weights: x ≤ 0, zero below 2^-64 and for NaN. Relative error below 2e-7.
+///
+/// The integer part of x is found by adding 1.5·2^23, which leaves it in the low mantissa bits, from where a shift
+/// moves it into the exponent; the fraction in [-½, ½] goes through the Taylor polynomial of degree six.
+#[inline(always)]
+pub fn exp2_weight(x: f32) -> f32 {
+    const ROUND: f32 = 12_582_912.0; // 1.5 · 2^23
+    let counts = x > SMALLEST_EXPONENT;
+    let y = if counts { x } else { SMALLEST_EXPONENT };
+    let shifted = y + ROUND;
+    let f = y - (shifted - ROUND);
+    let p = 1.540_353e-4;
+    let p = p * f + 1.333_355_8e-3;
+    let p = p * f + 9.618_129e-3;
+    let p = p * f + 5.550_411e-2;
+    let p = p * f + 2.402_265e-1;
+    let p = p * f + 6.931_472e-1;
+    let p = p * f + 1.0;
+    let power = f32::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 23));
+    if counts { power } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn exp2_weight_is_exp2(x in -63.99f32..=0.0) {
+            let exact = f64::from(x).exp2();
+            prop_assert!((f64::from(exp2_weight(x)) / exact - 1.0).abs() < 2e-7);
+        }
+    }
+
+    #[test]
+    fn exp2_weight_at_its_ends() {
+        assert_eq!(exp2_weight(0.0), 1.0);
+        for x in [-64.0, -65.0, -1e30, f32::NEG_INFINITY, f32::NAN] {
+            assert_eq!(exp2_weight(x), 0.0, "{x}");
+        }
+    }
+
+    #[test]
+    fn luminance_of_grey_is_grey() {
+        assert!((luminance(0.5, 0.5, 0.5) - 0.5).abs() < 1e-7);
+    }
+}

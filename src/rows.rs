@@ -1,0 +1,240 @@
+//! The only place with threads and SIMD dispatch.
+//!
+//! A kernel is written once, as plain loops over slices of rows. [`run`] cuts the image into bands of rows, hands the
+//! bands to the threads, and calls the kernel for each band inside a function that is compiled for the best
+//! instruction set that this CPU has: everything marked `#[inline(always)]` below that call is compiled again for it.
+//! Rust never contracts `a * b + c`, no kernel reduces across lanes, and each pixel depends on the inputs alone:
+//! therefore bits are the same at every level, thread count and band height.
+
+use std::ops::Range;
+use std::sync::OnceLock;
+
+use pulp::NullaryFnOnce;
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+
+/// Rows of one band. Small enough to balance threads, large enough that dispatch is free.
+pub const BAND: usize = 16;
+
+/// The bands of an image of so many rows, from top to bottom.
+pub fn bands(height: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..height)
+        .step_by(BAND)
+        .map(move |y| y..(y + BAND).min(height))
+}
+
+/// A computation on bands of rows.
+pub trait Kernel: Sync {
+    /// The same band of every output.
+    type Out: Send;
+
+    /// Computes the given rows. Implementations are `#[inline(always)]`, as is all that they call per pixel, or the
+    /// work would be compiled for the baseline only.
+    fn rows(&self, rows: Range<usize>, out: Self::Out);
+}
+
+/// Runs a kernel over an image of `height` rows; `outs` yields its outputs band by band, as [`bands`] does.
+pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::Out>) {
+    let level = Settings::get().level;
+    let jobs: Vec<_> = bands(height)
+        .zip(outs)
+        .map(|(rows, out)| Band { kernel, rows, out })
+        .collect();
+    match pool() {
+        Some(pool) if jobs.len() > 1 => {
+            pool.install(|| jobs.into_par_iter().for_each(|job| level.call(job)))
+        }
+        _ => jobs.into_iter().for_each(|job| level.call(job)),
+    }
+}
+
+struct Band<'k, K: Kernel> {
+    kernel: &'k K,
+    rows: Range<usize>,
+    out: K::Out,
+}
+
+impl<K: Kernel> NullaryFnOnce for Band<'_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.kernel.rows(self.rows, self.out);
+    }
+}
+
+/// Instruction sets, each including those before it. What the target has anyway (SSE2, NEON) is the baseline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Level {
+    Baseline,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl Level {
+    fn detected() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if pulp::x86::V4::is_available() {
+                return Self::Avx512;
+            }
+            if pulp::x86::V3::is_available() {
+                return Self::Avx2;
+            }
+        }
+        Self::Baseline
+    }
+
+    /// The level of this name; one that this architecture does not have counts as the nearest below.
+    fn named(name: &str) -> Option<Self> {
+        match name {
+            "baseline" | "neon" => Some(Self::Baseline),
+            #[cfg(target_arch = "x86_64")]
+            "avx2" => Some(Self::Avx2),
+            #[cfg(target_arch = "x86_64")]
+            "avx512" => Some(Self::Avx512),
+            #[cfg(not(target_arch = "x86_64"))]
+            "avx2" | "avx512" => Some(Self::Baseline),
+            _ => None,
+        }
+    }
+
+    fn call(self, job: impl NullaryFnOnce<Output = ()>) {
+        match self {
+            Self::Baseline => job.call(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => pulp::x86::V3::try_new()
+                .expect("never above the detected level")
+                .vectorize(job),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => pulp::x86::V4::try_new()
+                .expect("never above the detected level")
+                .vectorize(job),
+        }
+    }
+}
+
+/// What this machine has, lowered by the environment.
+#[derive(Debug)]
+pub struct Settings {
+    pub threads: usize,
+    level: Level,
+}
+
+impl Settings {
+    /// Reads `YESTER_THREADS` and `YESTER_SIMD` once. They lower what was detected, never raise it.
+    pub fn from_environment() -> Result<&'static Self> {
+        if let Some(settings) = SETTINGS.get() {
+            return Ok(settings);
+        }
+        let available = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = match variable("YESTER_THREADS") {
+            None => available,
+            Some(text) => match text.parse() {
+                Ok(n) if n >= 1 => available.min(n),
+                _ => {
+                    return Err(Error::value(
+                        "YESTER_THREADS",
+                        "a whole number of threads, 1 or more",
+                        text,
+                    ));
+                }
+            },
+        };
+        let level = match variable("YESTER_SIMD") {
+            None => Level::detected(),
+            Some(text) => match Level::named(&text) {
+                Some(level) => level.min(Level::detected()),
+                None => {
+                    return Err(Error::value(
+                        "YESTER_SIMD",
+                        "baseline, avx2, avx512 or neon",
+                        text,
+                    ));
+                }
+            },
+        };
+        Ok(SETTINGS.get_or_init(|| Self { threads, level }))
+    }
+
+    fn get() -> &'static Self {
+        Self::from_environment().expect("the environment is checked when the module is imported")
+    }
+
+    pub fn level_name(&self) -> &'static str {
+        match self.level {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => "avx2",
+            Level::Baseline if cfg!(target_arch = "aarch64") => "neon",
+            Level::Baseline => "baseline",
+        }
+    }
+}
+
+static SETTINGS: OnceLock<Settings> = OnceLock::new();
+
+fn variable(name: &str) -> Option<String> {
+    std::env::var_os(name)
+        .filter(|text| !text.is_empty())
+        .map(|text| text.to_string_lossy().into_owned())
+}
+
+/// The thread pool of one process. A forked process inherits the memory of its parent's pool but none of its threads,
+/// and would wait for them for ever: it starts a pool of its own, next in the list. The list needs no lock that a fork
+/// could copy in its locked state; the parent's pool is never dropped, since nobody is left to join.
+struct Pool {
+    process: u32,
+    pool: rayon::ThreadPool,
+    next: OnceLock<Box<Pool>>,
+}
+
+fn pool() -> Option<&'static rayon::ThreadPool> {
+    static FIRST: OnceLock<Box<Pool>> = OnceLock::new();
+    let threads = Settings::get().threads;
+    if threads == 1 {
+        return None;
+    }
+    let process = std::process::id();
+    let mut slot = &FIRST;
+    loop {
+        let entry = slot.get_or_init(|| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .thread_name(|i| format!("yester-{i}"))
+                .build()
+                .expect("threads can be started");
+            Box::new(Pool {
+                process,
+                pool,
+                next: OnceLock::new(),
+            })
+        });
+        if entry.process == process {
+            return Some(&entry.pool);
+        }
+        slot = &entry.next;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_cover_every_row_once() {
+        for height in 0..100 {
+            assert!(bands(height).flatten().eq(0..height));
+        }
+    }
+
+    #[test]
+    fn levels_have_names() {
+        assert_eq!(Level::named("baseline"), Some(Level::Baseline));
+        assert_eq!(Level::named("sse9"), None);
+    }
+}

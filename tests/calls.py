@@ -1,0 +1,53 @@
+"""One valid call of every array function: what the tests of inputs, bits and threads vary."""
+
+from collections.abc import Callable
+
+import compare
+import numpy as np
+import yester
+
+
+def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Callable, dict]]:
+    """name -> (function, its arguments by name), every optional buffer given."""
+    rng = np.random.default_rng(seed)
+    now = compare.surfaces(rng, height, width)
+    before = compare.previous(rng, now, turn=0.1)
+    camera, previous_camera = (compare.camera(rng, width, height) for _ in range(2))
+    color, history = (compare.colors(rng, height, width) for _ in range(2))
+    length = rng.integers(0, 9, (height, width)).astype(np.float32)
+    light = np.nan_to_num(color[..., 1], nan=1, posinf=1, neginf=1)
+    moments = np.stack([light, light**2 * 1.5], -1)
+    motion = compare.motions(rng, height, width, 3)
+    tests = {**now, **before, "previous_camera": previous_camera}
+    surface = {**now, "camera": camera}
+    albedo = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
+    emission = rng.exponential(0.1, (height, width, 3)).astype(np.float32)
+    position = rng.normal(0, 2, (height, width, 3)).astype(np.float32) - np.float32([0, 0, 8])
+    cameras = {"camera": camera, "previous_camera": previous_camera}
+    moved = {"ids": now["ids"], "transforms": {1: np.diag([1.0, 2, 1, 1])}}
+    return {
+        "motion_vectors(depth)": (yester.motion_vectors, {"geometry": now["depth"], **cameras, **moved}),
+        "motion_vectors(position)": (yester.motion_vectors, {"geometry": position, **cameras, **moved}),
+        "reproject": (yester.reproject, {"history": history, "motion": motion, **tests}),
+        "reproject(nearest)": (yester.reproject, {"history": length, "motion": motion, "filter": "nearest"}),
+        "consistency": (yester.consistency, {"motion": motion, **tests}),
+        "accumulate": (
+            yester.accumulate,
+            {"color": color, "history": history, "history_moments": moments, "history_length": length},
+        ),
+        "estimate_variance": (
+            yester.estimate_variance,
+            {"moments": moments, "history_length": length, **surface},
+        ),
+        "atrous": (yester.atrous, {"color": color, "variance": light**2, **surface}),
+        "atrous(slopes)": (yester.atrous, {"color": color, "variance": light**2, **now}),
+        "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
+        "remodulate": (yester.remodulate, {"illumination": color, "albedo": albedo, "emission": emission}),
+    }
+
+
+def arrays(result) -> list[np.ndarray]:
+    """All arrays of a result, in order."""
+    if isinstance(result, np.ndarray):
+        return [result]
+    return [array for part in result for array in arrays(part)] if isinstance(result, list | tuple) else []

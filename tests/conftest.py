@@ -1,0 +1,15 @@
+import compare
+import pytest
+import torch
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("yester", deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+settings.load_profile("yester")
+torch.set_num_threads(2)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if compare.worst:
+        terminalreporter.section("largest difference from the references, relative to magnitude")
+        for name, difference in sorted(compare.worst.items()):
+            terminalreporter.line(f"{name:<32} {difference:.1e}")

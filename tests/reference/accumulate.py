@@ -1,0 +1,65 @@
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+
+class Accumulated(NamedTuple):
+    color: Tensor
+    moments: Tensor
+    history_length: Tensor
+    missing: int
+
+
+def luminance(color: Tensor) -> Tensor:
+    """Rec. 709 luminance (...) of linear RGB (..., 3)."""
+    return color @ torch.tensor([0.2126, 0.7152, 0.0722], dtype=color.dtype, device=color.device)  # (...)
+
+
+def accumulate(
+    color: Tensor,
+    history: Tensor,
+    history_moments: Tensor,
+    history_length: Tensor,
+    *,
+    alpha=0.05,
+    moments_alpha=0.2,
+    warmup=True,
+) -> Accumulated:
+    """Blend a sample into its history: N' = min(N + 1, 1/alpha), h + (c - h)/N', and the luminance's moments likewise.
+
+    Source: Schied et al. 2017, section 4.2; the warm-up is Falcor's alpha = max(alpha, 1/N).
+
+    Parameters
+    ----------
+    color, history : (H, W, 3)
+    history_moments : (H, W, 2), means of luminance and of its square
+    history_length : (H, W), number of samples
+
+    Returns
+    -------
+    Accumulated, with the number of samples that were not finite
+    """
+    seen = color.isfinite().all(-1)  # (H, W)
+    known = history.isfinite().all(-1) & history_moments.isfinite().all(-1)  # (H, W)
+    known &= history_length.isfinite() & (history_length > 0)  # (H, W)
+    length = history_length.where(known, 0)  # (H, W)
+    history = history.where(known[..., None], torch.nan)  # (H, W, 3)
+    history_moments = history_moments.where(known[..., None], torch.nan)  # (H, W, 2)
+
+    light = luminance(color)  # (H, W)
+    moments = torch.stack([light, light * light], -1)  # (H, W, 2)
+    n = (length + 1).clamp(max=1 / alpha if alpha > 0 else torch.inf)  # (H, W)
+    n = n.where(known, 1)  # (H, W)
+    a = 1 / n if warmup else torch.full_like(n, alpha)  # (H, W)
+    am = (1 / n).clamp(min=moments_alpha) if warmup else torch.full_like(n, moments_alpha)  # (H, W)
+    blended = history + a[..., None] * (color - history)  # (H, W, 3)
+    blended_moments = history_moments + am[..., None] * (moments - history_moments)  # (H, W, 2)
+
+    both, new = (seen & known)[..., None], (seen & ~known)[..., None]  # (H, W, 1)
+    return Accumulated(
+        torch.where(both, blended, torch.where(new, color, history)),  # (H, W, 3)
+        torch.where(both, blended_moments, torch.where(new, moments, history_moments)),  # (H, W, 2)
+        torch.where(seen, n, length),  # (H, W)
+        int((~seen).sum()),
+    )

@@ -1,0 +1,66 @@
+import torch
+from torch import Tensor
+
+from .accumulate import luminance
+from .similarity import CUT, Similarity, shift
+
+KERNEL = (1.0, 2 / 3, 1 / 6)
+
+
+def _gaussian(image: Tensor) -> Tensor:
+    """3x3 gaussian of (H, W), the border replicated."""
+    padded = torch.nn.functional.pad(image[None, None], (1, 1, 1, 1), mode="replicate")[0, 0]  # (H + 2, W + 2)
+    rows = padded[:-2] / 4 + padded[1:-1] / 2 + padded[2:] / 4  # (H, W + 2)
+    return rows[:, :-2] / 4 + rows[:, 1:-1] / 2 + rows[:, 2:] / 4  # (H, W)
+
+
+def atrous(
+    color: Tensor, variance: Tensor, *, iterations=5, sigma_luminance=4.0, margin=False, **similarity
+) -> tuple[Tensor, ...]:
+    """Smooth by ever wider, edge-stopping 5x5 passes with holes (à trous), carrying the variance along.
+
+    w = h·exp(-[surface + |l - l'| / (sigma_luminance·√g + 1e-3·|l|)]), colour = Σwc / Σw, variance = Σw²v / (Σw)².
+    Source: Dammertz et al. 2010; Schied et al. 2017, section 4.4.
+
+    Parameters
+    ----------
+    color : (H, W, 3)
+    variance : (H, W), of the luminance
+    margin : also return the smallest sum of weights (H, W) of any pass
+    **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
+
+    Returns
+    -------
+    color : (H, W, 3)
+    variance : (H, W)
+    """
+    height, width = variance.shape
+    alike = Similarity(color, **similarity)
+    color = color.where(color.isfinite().all(-1, keepdim=True), torch.nan)  # (H, W, 3)
+    variance = variance.where(variance.isfinite(), 0)  # (H, W)
+    least = torch.full_like(variance, torch.inf)  # (H, W)
+    for i in range(iterations):
+        step = 2**i
+        finite = color.isfinite().all(-1)  # (H, W)
+        clean = color.where(finite[..., None], 0)  # (H, W, 3)
+        light = luminance(clean)  # (H, W)
+        scale = sigma_luminance * _gaussian(variance).sqrt() + 1e-3 * light.abs() + 1e-30  # (H, W)
+        colors, variances, weights = torch.zeros_like(color), torch.zeros_like(variance), torch.zeros_like(variance)
+        for dy in range(-2, 3):
+            for dx in range(-2, 3):
+                x, y = step * dx, step * dy
+                if abs(x) >= width or abs(y) >= height:
+                    continue
+                exponent, same = alike(dx, dy, step)  # (H, W)
+                brighter = (light - shift(light, x, y, 0)).abs() / scale  # (H, W)
+                exponent = exponent.to(light) + brighter.where(finite, 0)  # (H, W)
+                weight = KERNEL[abs(dx)] * KERNEL[abs(dy)] * torch.exp(-exponent)  # (H, W)
+                weight = weight.where(same & shift(finite, x, y, False) & (weight >= CUT), 0)  # (H, W)
+                colors += weight[..., None] * shift(clean, x, y, 0)  # (H, W, 3)
+                variances += weight * weight * shift(variance, x, y, 0)  # (H, W)
+                weights += weight  # (H, W)
+        least = torch.where(weights > 0, least.minimum(weights), least)  # (H, W)
+        color = torch.where(weights[..., None] > 0, colors / weights[..., None], torch.nan)  # (H, W, 3)
+        variance = torch.where(weights > 0, variances / (weights * weights), 0)  # (H, W)
+        variance = variance.where(variance >= 1e-30, 0)  # (H, W)
+    return (color, variance, least) if margin else (color, variance)

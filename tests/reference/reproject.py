@@ -1,0 +1,78 @@
+import torch
+from torch import Tensor
+
+from .surface import Footprint, SurfaceTests
+
+
+def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, margin=False, **surface):
+    """Fetch history along motion, from the taps that show the same surface.
+
+    S = Σ w·valid; where S ≥ 0.01 the value is Σ w·valid·h / S, else the mean of the valid taps among 3x3, else 0.
+    Source: Schied et al. 2017, section 4.1; Falcor's SVGF pass.
+
+    Parameters
+    ----------
+    history : (H, W, C) or (H, W), or a list of such
+    motion : (H, W, 2) or (H, W, 3)
+    filter : "nearest" or "bilinear"
+    margin : also return how near (H, W) the nearest decision was to turning out otherwise
+    **surface : see `surface.SurfaceTests`
+
+    Returns
+    -------
+    values : like history
+    coverage : (H, W)
+    """
+    images = list(history) if isinstance(history, list | tuple) else [history]
+    height, width = motion.shape[:2]
+    stack = torch.cat([image.reshape(height * width, -1) for image in images], -1)  # (P, C)
+    finite = stack.isfinite().all(-1)  # (P,)
+    stack = stack.where(finite[:, None], 0)  # (P, C)
+    footprint = Footprint(motion)
+    tests = SurfaceTests(motion, footprint, **surface)
+    nearest = torch.full((height * width,), torch.inf, dtype=stack.dtype, device=stack.device)  # (P,)
+
+    def look(pixel: Tensor, x: Tensor, y: Tensor, looking: Tensor) -> tuple[Tensor, Tensor]:
+        """Whether taps (N,) are valid, and their values (N, C)."""
+        tap, inside = footprint.flat(x, y)  # (N,)
+        valid = inside & finite[tap]  # (N,)
+        for slack in tests.slacks(pixel, x, y).values():
+            if margin:
+                nearest[pixel] = torch.where(valid & looking, nearest[pixel].minimum(slack.abs()), nearest[pixel])
+            valid = valid & (slack >= 0)  # (N,)
+        return valid & looking, stack[tap]
+
+    pixel = torch.arange(height * width, device=motion.device)  # (P,)
+    total = torch.zeros_like(stack)  # (P, C)
+    share = torch.zeros_like(stack[:, 0])  # (P,)
+    if filter == "nearest":
+        taps = [(*footprint.nearest(), footprint.moving.to(stack.dtype))]
+    else:
+        taps = list(footprint.bilinear())
+    for x, y, weight in taps:
+        valid, values = look(pixel, x, y, weight > 0)  # (P,), (P, C)
+        total += values * (weight * valid)[:, None]  # (P, C)
+        share += weight * valid  # (P,)
+    if margin:
+        nearest = nearest.minimum((share - 0.01).abs())  # (P,)
+
+    good = share >= 0.01  # (P,)
+    out = torch.where(good[:, None], total / share[:, None], 0)  # (P, C)
+    coverage = torch.where(good, share.clamp(max=1), 0)  # (P,)
+    if fallback:
+        (pixel,) = (~good & footprint.moving).nonzero(as_tuple=True)  # (N,)
+        x, y = (centre[pixel] for centre in footprint.nearest())  # (N,)
+        total = torch.zeros_like(stack[pixel])  # (N, C)
+        count = torch.zeros_like(share[pixel])  # (N,)
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                valid, values = look(pixel, x + dx, y + dy, torch.ones_like(x, dtype=torch.bool))  # (N,), (N, C)
+                total += values * valid[:, None]  # (N, C)
+                count += valid  # (N,)
+        out[pixel] = torch.where(count[:, None] > 0, total / count[:, None], 0)  # (N, C)
+        coverage[pixel] = count / 9  # (N,)
+
+    split = out.split([image.numel() // (height * width) for image in images], -1)  # each (P, c)
+    values = [part.reshape(image.shape) for part, image in zip(split, images, strict=True)]
+    result = (values if isinstance(history, list | tuple) else values[0], coverage.reshape(height, width))
+    return (*result, nearest.reshape(height, width)) if margin else result

@@ -1,0 +1,86 @@
+"""How alike the surfaces of two pixels of one frame are: the edge-stopping weights of variance and à-trous."""
+
+import torch
+from torch import Tensor
+
+from .projection import pixel_centres, rays
+
+CUT = 2.0**-64  # weights below this are none
+
+
+def shift(image: Tensor, dx: int, dy: int, fill) -> Tensor:
+    """out[y, x] = image[y + dy, x + dx], and fill outside."""
+    height, width = image.shape[:2]
+    out = torch.full_like(image, fill)  # (H, W, ...)
+    top, bottom = max(0, -dy), min(height, height - dy)
+    left, right = max(0, -dx), min(width, width - dx)
+    if top < bottom and left < right:
+        out[top:bottom, left:right] = image[top + dy : bottom + dy, left + dx : right + dx]
+    return out
+
+
+def _slope(z: Tensor, surface: Tensor, dim: int) -> Tensor:
+    """The smaller in magnitude of the forward and backward differences between surfaces; 0 where there is none."""
+    dx, dy = (1, 0) if dim == 1 else (0, 1)
+    slopes = []
+    for sign in (1, -1):
+        there = shift(z, sign * dx, sign * dy, 0)  # (H, W)
+        on = shift(surface, sign * dx, sign * dy, False) & surface  # (H, W)
+        slopes.append((there - z).abs().where(on, torch.inf))  # (H, W)
+    slope = torch.minimum(*slopes)  # (H, W)
+    return slope.where(slope.isfinite(), 0)  # (H, W)
+
+
+class Similarity:
+    """exp(-[sigma_normal·½|n - n'|² + ez]) between pixels of one class, 0 between classes and outside the image."""
+
+    def __init__(
+        self,
+        like: Tensor,
+        *,
+        depth=None,
+        normal=None,
+        ids=None,
+        camera=None,
+        sigma_normal=128.0,
+        sigma_depth=1.0,
+        sigma_plane=0.01,
+    ):
+        height, width = like.shape[:2]
+        self.sigma_normal, self.sigma_depth, self.sigma_plane = sigma_normal, sigma_depth, sigma_plane
+        self.kind = torch.ones((height, width), dtype=torch.int64, device=like.device)  # (H, W)
+        if ids is not None:
+            self.kind = ids.to(torch.int64)  # (H, W)
+        if depth is not None:
+            self.kind = self.kind.where(depth.isfinite() & (depth > 0), 0)  # (H, W)
+        self.surface = self.kind != 0 if depth is not None else torch.ones_like(self.kind, dtype=torch.bool)  # (H, W)
+        self.normal = self.depth = self.point = None
+        if normal is not None:
+            good = (normal.isfinite().all(-1) & self.surface)[..., None]  # (H, W, 1)
+            self.normal = normal.where(good, 0)  # (H, W, 3)
+        if depth is not None:
+            self.depth = depth.where(self.surface, 0)  # (H, W)
+            if camera is not None:
+                _, directions = rays(camera, pixel_centres(height, width, like))  # (H, W, 3)
+                self.point = self.depth[..., None] * directions  # (H, W, 3), seen from the camera
+            else:
+                self.slope = [_slope(self.depth, self.surface, dim) for dim in (1, 0)]  # (H, W) along x, y
+
+    def __call__(self, dx: int, dy: int, step: int = 1) -> tuple[Tensor, Tensor]:
+        """The exponent (H, W) for taps at step·(dx, dy), and whether they count at all (H, W)."""
+        x, y = step * dx, step * dy
+        same = shift(self.kind, x, y, -1) == self.kind  # (H, W)
+        exponent = torch.zeros((), dtype=torch.float64)  # broadcasts to (H, W)
+        if self.normal is not None:
+            n = shift(self.normal, x, y, 0)  # (H, W, 3)
+            exponent = exponent.to(n) + self.sigma_normal * 0.5 * (self.normal - n).square().sum(-1)  # (H, W)
+        if self.depth is not None:
+            if self.point is not None:
+                between = self.point - shift(self.point, x, y, 0)  # (H, W, 3)
+                far = (self.normal * between).sum(-1).abs() / (self.sigma_plane * self.depth)  # (H, W)
+            else:
+                rise = self.slope[0] * abs(dx) + self.slope[1] * abs(dy)  # (H, W)
+                allowed = self.sigma_depth * step * rise + 1e-3 * self.depth  # (H, W)
+                far = (self.depth - shift(self.depth, x, y, 0)).abs() / allowed  # (H, W)
+            exponent = exponent.to(far) + far.where(self.surface, 0)  # (H, W)
+        return exponent, same

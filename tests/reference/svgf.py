@@ -1,0 +1,105 @@
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from .accumulate import accumulate
+from .atrous import atrous
+from .consistency import consistency
+from .demodulate import demodulate, remodulate
+from .motion import motion_vectors
+from .reproject import reproject
+from .variance import estimate_variance
+
+
+class Output(NamedTuple):
+    color: Tensor
+    variance: Tensor
+    history_length: Tensor
+    confidence: Tensor
+    rejection: Tensor
+    missing: int
+
+
+class SVGF:
+    """Spatiotemporal variance-guided filtering (Schied et al. 2017), composed of the references.
+
+    Frames are anything with the attributes of `yester.Frame`, the buffers as tensors (H, W, C).
+    """
+
+    def __init__(
+        self,
+        *,
+        alpha=0.05,
+        moments_alpha=0.2,
+        iterations=5,
+        sigma_luminance=4.0,
+        sigma_normal=128.0,
+        sigma_depth=1.0,
+        sigma_plane=0.01,
+        relative_depth=0.1,
+        plane_distance=0.01,
+        normal_angle=25.0,
+        min_length=4.0,
+        feedback=True,
+    ):
+        self.blend = {"alpha": alpha, "moments_alpha": moments_alpha}
+        self.sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}
+        self.luminance, self.iterations = {"sigma_luminance": sigma_luminance}, iterations
+        self.limits = {
+            "relative_depth": relative_depth,
+            "plane_distance": plane_distance,
+            "normal_angle": normal_angle,
+        }
+        self.min_length, self.feedback = min_length, feedback
+        self.reset()
+
+    def reset(self) -> None:
+        self.previous = None
+
+    def step(self, frame) -> Output:
+        emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
+        light = frame.color  # (H, W, 3)
+        if frame.albedo is not None:
+            light = demodulate(light, frame.albedo, emission=emission)  # (H, W, 3)
+        if self.previous is None:
+            history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), torch.zeros_like(light[..., 0])]
+            confidence = torch.zeros_like(light[..., 0])  # (H, W)
+            rejection = torch.zeros_like(confidence, dtype=torch.uint8)  # (H, W)
+        else:
+            motion = self._motion(frame)  # (H, W, 2|3)
+            tests = {**self._tests(frame, motion), **self.limits}
+            history, confidence = reproject(self.history, motion, **tests)  # ((H, W, 3), (H, W, 2), (H, W)), (H, W)
+            rejection, _ = consistency(motion, **tests)  # (H, W)
+
+        color, moments, length, missing = accumulate(light, *history, **self.blend)  # (H, W, 3), (H, W, 2), (H, W)
+        similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
+        if frame.depth is not None and frame.normal is not None:
+            similarity["camera"] = frame.camera
+        variance = estimate_variance(moments, length, min_length=self.min_length, **similarity)  # (H, W)
+        smooth, smooth_variance = atrous(color, variance, iterations=self.iterations, **self.luminance, **similarity)
+        if self.feedback and self.iterations > 0:
+            color, _ = atrous(color, variance, iterations=1, **self.luminance, **similarity)  # (H, W, 3)
+        self.history, self.previous = [color, moments, length], frame
+        if frame.albedo is not None:
+            smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
+        smooth = smooth.where(smooth.isfinite().all(-1, keepdim=True), 0)  # (H, W, 3)
+        return Output(smooth, smooth_variance, length, confidence, rejection, missing)
+
+    def _motion(self, frame) -> Tensor:
+        if frame.motion is not None:
+            return frame.motion  # (H, W, 2|3)
+        geometry = frame.position if frame.position is not None else frame.depth  # (H, W, 3) or (H, W)
+        if geometry is not None and frame.camera is not None and self.previous.camera is not None:
+            return motion_vectors(geometry, frame.camera, self.previous.camera)  # (H, W, 3)
+        return torch.zeros_like(frame.color[..., :2])  # (H, W, 2)
+
+    def _tests(self, frame, motion: Tensor) -> dict:
+        tests = {}
+        for name in ("depth", "normal", "ids"):
+            now, before = getattr(frame, name), getattr(self.previous, name)
+            if now is not None and before is not None:
+                tests |= {name: now, f"previous_{name}": before}
+        if "depth" in tests and "normal" in tests and motion.shape[-1] == 3:
+            tests["previous_camera"] = self.previous.camera
+        return tests

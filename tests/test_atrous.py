@@ -1,0 +1,229 @@
+import compare
+import numpy as np
+import pytest
+import reference
+import yester
+from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_variance import surface
+
+
+def inputs(rng, height, width, holes=0.05):
+    variance = rng.exponential(0.5, (height, width)).astype(np.float32)
+    variance[rng.random((height, width)) < 0.05] = 0
+    variance[rng.random((height, width)) < holes / 2] = np.nan
+    return compare.colors(rng, height, width, holes=holes), variance
+
+
+def check(color, variance, **named):
+    got, got_variance = yester.atrous(color, variance, **named)
+    want, want_variance, weights = reference.atrous(*tensor([color, variance]), margin=True, **tensor(named))
+    assert got.dtype == got_variance.dtype == np.float32
+    # Where the pixel itself is missing, neighbours whose weights nearly vanish decide, and are cut to none at a bound.
+    sure = weights.numpy() > 1e-12
+    assert (~sure).sum() <= 1 + 0.05 * sure.size
+    assert_close("atrous", got, want, rtol=2e-5, where=sure)
+    assert_close("atrous variance", got_variance, want_variance, rtol=5e-5, where=sure)
+    return got, got_variance
+
+
+@settings(max_examples=200)
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    buffers=st.sets(st.sampled_from(["depth", "normal", "ids", "camera"])),
+    iterations=st.sampled_from([0, 1, 2, 5, 7]),
+    sigma_luminance=st.sampled_from([0.5, 4.0, 100.0]),
+    sigma_normal=st.sampled_from([0.0, 10.0, 128.0]),
+    sigma_depth=st.sampled_from([0.5, 3.0]),
+    sigma_plane=st.sampled_from([0.01, 0.3]),
+)
+def test_reference(seed, size, buffers, **named):
+    rng = np.random.default_rng(seed)
+    check(*inputs(rng, *size), **surface(rng, *size, buffers), **named)
+
+
+@pytest.mark.parametrize("buffers", [[], ["depth", "ids"], ["camera", "ids"]])
+@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+def test_sizes(height, width, buffers):
+    rng = np.random.default_rng(width)
+    check(*inputs(rng, height, width), iterations=3, **surface(rng, height, width, buffers))
+
+
+def naive(color, variance, depth, normal, ids, sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0):
+    """One pass by loops over the pixels, of clean input without background: the reference's own reference."""
+    height, width = variance.shape
+    light = color @ np.array([0.2126, 0.7152, 0.0722])
+    k, g = [1, 2 / 3, 1 / 6], [1 / 4, 1 / 8, 1 / 16]
+
+    def slope(y, x, dy, dx):
+        sides = []
+        for s in (1, -1):
+            if 0 <= y + s * dy < height and 0 <= x + s * dx < width:
+                sides.append(abs(depth[y + s * dy, x + s * dx] - depth[y, x]))
+        return min(sides, default=0)
+
+    out, out_variance = np.zeros_like(color), np.zeros_like(variance)
+    for y, x in np.ndindex(height, width):
+        blur = 0
+        for dy, dx in np.ndindex(3, 3):
+            y1, x1 = np.clip(y + dy - 1, 0, height - 1), np.clip(x + dx - 1, 0, width - 1)
+            blur += g[abs(dy - 1) + abs(dx - 1)] * variance[y1, x1]
+        total = 0
+        for dy, dx in np.ndindex(5, 5):
+            dy, dx = dy - 2, dx - 2
+            y1, x1 = y + dy, x + dx
+            if not (0 <= y1 < height and 0 <= x1 < width and ids[y, x] == ids[y1, x1]):
+                continue
+            el = abs(light[y, x] - light[y1, x1]) / (sigma_luminance * blur**0.5 + 1e-3 * light[y, x])
+            rise = abs(slope(y, x, 0, 1) * dx) + abs(slope(y, x, 1, 0) * dy)
+            ez = abs(depth[y, x] - depth[y1, x1]) / (sigma_depth * rise + 1e-3 * depth[y, x])
+            en = sigma_normal * 0.5 * ((normal[y, x] - normal[y1, x1]) ** 2).sum()
+            w = k[abs(dx)] * k[abs(dy)] * np.exp(-el - ez - en)
+            out[y, x] += w * color[y1, x1]
+            out_variance[y, x] += w * w * variance[y1, x1]
+            total += w
+        out[y, x] /= total
+        out_variance[y, x] /= total**2
+    return out, out_variance
+
+
+def test_the_reference_is_the_naive_loop():
+    rng = np.random.default_rng(0)
+    now = compare.surfaces(rng, 9, 13)
+    now["ids"] = np.maximum(now["ids"], 1)
+    now["depth"] = np.where(np.isfinite(now["depth"]) & (now["depth"] > 0), now["depth"], 4).astype(np.float64)
+    color, variance = rng.exponential(1, (9, 13, 3)), rng.exponential(1, (9, 13))
+    now["normal"] = now["normal"].astype(np.float64)
+    want, want_variance = naive(color, variance, **now)
+    got, got_variance = reference.atrous(*tensor([color, variance]), iterations=1, **tensor(now))
+    np.testing.assert_allclose(got, want, rtol=1e-12)
+    np.testing.assert_allclose(got_variance, want_variance, rtol=1e-12)
+
+
+def test_constant_stays():
+    rng = np.random.default_rng(0)
+    color = np.full((21, 34, 3), 0.7, np.float32)
+    got, variance = yester.atrous(color, np.ones((21, 34), np.float32), **surface(rng, 21, 34, ["camera", "ids"]))
+    np.testing.assert_allclose(got, color, rtol=1e-6)
+    assert (variance <= 1 + 1e-6).all()
+    assert variance.mean() < 0.5
+
+
+def test_scale_passes_to_the_bit():
+    """In brighter light by a power of two the weights are the same: so are the bits."""
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 24, 33)
+    buffers = surface(rng, 24, 33, ["camera", "ids"])
+    got, got_variance = yester.atrous(color, variance, **buffers)
+    for k in (-4, 3, 10):
+        scaled, scaled_variance = yester.atrous(np.ldexp(color, k), np.ldexp(variance, 2 * k), **buffers)
+        assert_same_bits(scaled, np.ldexp(got, k))
+        assert_same_bits(scaled_variance, np.ldexp(got_variance, 2 * k))
+
+
+def test_stays_between_the_smallest_and_the_largest():
+    color, variance = inputs(np.random.default_rng(0), 30, 31, holes=0)
+    got, _ = yester.atrous(color, variance, sigma_luminance=1e6)
+    assert (got >= color.min((0, 1)) * (1 - 1e-6)).all()
+    assert (got <= color.max((0, 1)) * (1 + 1e-6)).all()
+    assert got.std() < 0.2 * color.std()
+
+
+def test_edges_stop():
+    """What lies on another id, behind a step in depth or around a corner has no part in it."""
+    color = np.ones((16, 32, 3), np.float32)
+    color[:, 16:] = 100
+    variance = np.full((16, 32), 1e6, np.float32)
+    ids = np.ones((16, 32), np.uint32)
+    depth, normal = np.ones((16, 32), np.float32), np.zeros((16, 32, 3), np.float32)
+    normal[..., 2] = 1
+    ids[:, 16:], depth[:, 16:], normal[:, 16:] = 2, 5, [1, 0, 0]
+    camera = compare.camera(np.random.default_rng(0), 32, 16)
+    assert yester.atrous(color, variance)[0][8, 15, 0] > 2
+    flat = np.broadcast_to(camera.forward.astype(np.float32), (16, 32, 3))
+    sides = [{"ids": ids}, {"depth": depth}, {"normal": normal}, {"depth": depth, "normal": flat, "camera": camera}]
+    for buffers in sides:
+        got, _ = yester.atrous(color, variance, **buffers)
+        np.testing.assert_allclose(got, color, rtol=1e-5)
+
+
+def test_slopes_do_not_stop():
+    """A tilted plane is one surface, both by its slope and by its plane."""
+    import scene
+
+    camera = yester.Camera(scene.look_at([0, 1, 0], [0, 0, -3], [0, 1, 0], 50, 48, 32), 48, 32)
+    origin, direction = scene.rays(camera, scene.centres(camera))
+    t = -origin[1] / direction[..., 1]
+    depth = (t * (direction @ camera.forward)).astype(np.float32)
+    assert depth.min() > 0
+    normal = np.broadcast_to(np.float32([0, 1, 0]), (32, 48, 3))
+    color = np.random.default_rng(0).exponential(1, (32, 48, 3)).astype(np.float32)
+    variance = np.ones((32, 48), np.float32)
+    for buffers in ({"depth": depth}, {"depth": depth, "normal": normal, "camera": camera}):
+        got, _ = yester.atrous(color, variance, **buffers)
+        assert got.std() < 0.3 * color.std()
+
+
+def test_background_is_one_surface():
+    """Its normals and broken depths are nothing, so nothing there stops the smoothing; it does not leak out either."""
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 12, 20, holes=0)
+    depth = rng.choice(np.float32([np.inf, np.nan, 0, -2]), (12, 20))
+    normal = rng.normal(0, 1, (12, 20, 3)).astype(np.float32)
+    for camera in ({}, {"camera": compare.camera(rng, 20, 12)}):
+        got = yester.atrous(color, variance, depth=depth, normal=normal, **camera)
+        for image, want in zip(got, yester.atrous(color, variance), strict=True):
+            np.testing.assert_allclose(image, want, rtol=1e-5)
+
+
+def test_broken_normals_count_as_zero():
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 12, 20)
+    zero = surface(rng, 12, 20, ["normal"])["normal"]
+    broken = zero.copy()
+    holes = rng.random((12, 20)) < 0.3
+    zero[holes], broken[holes] = 0, np.nan
+    for got, want in zip(
+        yester.atrous(color, variance, normal=broken), yester.atrous(color, variance, normal=zero), strict=True
+    ):
+        assert_same_bits(got, want)
+
+
+def test_holes_are_filled_and_never_spread():
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 30, 40, holes=0.4)
+    got, got_variance = yester.atrous(color, variance)
+    assert np.isfinite(got).all()
+    assert np.isfinite(got_variance).all()
+
+
+def test_nobody_to_ask_is_nan():
+    color, variance = np.ones((4, 6, 3), np.float32), np.ones((4, 6), np.float32)
+    color[1, 2, 1] = np.nan
+    ids = np.ones((4, 6), np.uint32)
+    ids[1, 2] = 2
+    got, got_variance = yester.atrous(color, variance, ids=ids)
+    assert np.isnan(got[1, 2]).all()
+    assert got_variance[1, 2] == 0
+    assert np.isfinite(got).all(-1).sum() == 23
+
+
+def test_no_iterations_no_change():
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 9, 10)
+    variance = np.nan_to_num(variance)
+    got, got_variance = yester.atrous(color, variance, iterations=0, **surface(rng, 9, 10, ["camera"]))
+    holes = ~np.isfinite(color).all(-1)
+    assert holes.any()
+    assert np.isnan(got[holes]).all()
+    assert_same_bits(got[~holes], color[~holes])
+    assert_same_bits(got_variance, variance)
+
+
+def test_no_denormals():
+    variance = np.full((5, 6), 1e-29, np.float32)
+    _, got = yester.atrous(np.ones((5, 6, 3), np.float32), variance, iterations=5)
+    assert ((got == 0) | (got >= 1e-30)).all()
+    assert (got == 0).any()

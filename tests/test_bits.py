@@ -1,0 +1,79 @@
+"""The same bits at every thread count and SIMD level; and what the two environment variables may say."""
+
+import hashlib
+import itertools
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import scene
+import yester
+from calls import arrays, calls
+
+
+def digest() -> str:
+    """One line per kernel: the hash of its results, on an image larger than any band of rows."""
+    lines = []
+    for name, (function, given) in calls(131, 173).items():
+        data = b"".join(array.tobytes() for array in arrays(function(**given)))
+        lines.append(f"{name} {hashlib.sha256(data).hexdigest()}")
+    rng = np.random.default_rng(0)
+    svgf = yester.SVGF()
+    for number in range(4):
+        shot = scene.shoot(number, 171, 97)
+        color = scene.noisy(shot, rng)
+        color[number, 5:9] = np.nan
+        out = svgf.step(yester.Frame(color, **shot.buffers()))
+        images = (out.color, out.variance, out.history_length, out.confidence, out.rejection)
+        lines.append(f"SVGF {number} {hashlib.sha256(b''.join(i.tobytes() for i in images)).hexdigest()}")
+    return "\n".join(lines)
+
+
+def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_same_bits_everywhere():
+    want = digest()
+    # Levels that the machine lacks fall to the best it has.
+    for threads, simd in itertools.product(("1", "2"), ("baseline", "avx2", "avx512")):
+        result = python(__file__, YESTER_THREADS=threads, YESTER_SIMD=simd)
+        assert result.returncode == 0, result.stderr
+        assert result.stdout.strip() == want, f"{threads} threads, {simd}"
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [
+        ("YESTER_SIMD", "sse9"),
+        ("YESTER_SIMD", "AVX 2"),
+        ("YESTER_THREADS", "0"),
+        ("YESTER_THREADS", "-1"),
+        ("YESTER_THREADS", "two"),
+        ("YESTER_THREADS", "1.5"),
+    ],
+)
+def test_nonsense_is_refused_by_name(variable, value):
+    result = python("-c", "import yester", **{variable: value})
+    assert result.returncode != 0
+    last = result.stderr.strip().splitlines()[-1]
+    assert last.startswith(("ImportError", "ValueError"))
+    assert variable in last
+    assert value in last
+
+
+def test_more_threads_than_there_are_is_no_error():
+    result = python("-c", "import yester", YESTER_THREADS="4096")
+    assert result.returncode == 0, result.stderr
+
+
+if __name__ == "__main__":
+    print(digest())

@@ -1,0 +1,86 @@
+import compare
+import numpy as np
+import pytest
+import reference
+import yester
+from compare import BAND, SIZES, TAILS, assert_close, tensor
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_reproject import surface
+from yester import Rejection
+
+
+def check(motion, **named):
+    rejection, confidence = yester.consistency(motion, **named)
+    assert rejection.dtype == np.uint8
+    assert confidence.dtype == np.float32
+    want, want_confidence, margin = reference.consistency(
+        tensor(motion), margin=True, **{k: tensor(v) for k, v in named.items()}
+    )
+    sure = margin.numpy() > BAND
+    assert (~sure).sum() <= 1 + 0.005 * sure.size
+    np.testing.assert_array_equal(rejection[sure], want.numpy()[sure])
+    assert_close("consistency", confidence, want_confidence, where=sure)
+    return rejection, confidence
+
+
+@settings(max_examples=200)
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    motion=st.sampled_from([2, 3]),
+    tests=st.sets(st.sampled_from(["depth", "normal", "ids", "plane"])),
+    relative_depth=st.sampled_from([0.01, 0.1, 0.5]),
+    plane_distance=st.sampled_from([0.01, 0.2]),
+    normal_angle=st.sampled_from([0.5, 25.0, 90.0, 179.0]),
+)
+def test_reference(seed, size, motion, tests, **thresholds):
+    rng = np.random.default_rng(seed)
+    motion = compare.motions(rng, *size, 3 if "plane" in tests else motion)
+    check(motion, **surface(rng, *size, tests), **thresholds)
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+def test_sizes(height, width):
+    rng = np.random.default_rng(width)
+    check(compare.motions(rng, height, width, 3), **surface(rng, height, width, ["plane", "ids"]))
+
+
+def test_every_bit_occurs_and_does_not():
+    rng = np.random.default_rng(0)
+    motion = rng.normal(0, 2, (64, 64, 3)).astype(np.float32)
+    rejection, confidence = check(motion, plane_distance=0.2, **surface(rng, 64, 64, ["plane", "ids"]))
+    for bit in Rejection:
+        assert 0.02 < (rejection & bit != 0).mean() < 0.98
+    assert ((rejection == 0) == (confidence > 1 - 1e-6)).all()
+
+
+def test_the_bits_are_named():
+    assert [(bit.name, int(bit)) for bit in Rejection] == [("OUTSIDE", 1), ("DEPTH", 2), ("NORMAL", 4), ("ID", 8)]
+
+
+def test_confidence_is_the_coverage():
+    """Where the history is finite, it is what reproject reports before it falls back."""
+    rng = np.random.default_rng(0)
+    motion = compare.motions(rng, 30, 40, 3)
+    named = surface(rng, 30, 40, ["depth", "normal", "ids"])
+    _, confidence = yester.consistency(motion, **named)
+    _, coverage = yester.reproject(np.ones((30, 40), np.float32), motion, fallback=False, **named)
+    np.testing.assert_array_equal(np.where(confidence < 0.01, 0, confidence), coverage)
+
+
+def test_identity_rejects_nothing():
+    rejection, confidence = yester.consistency(np.zeros((5, 7, 2), np.float32))
+    assert not rejection.any()
+    assert (confidence == 1).all()
+
+
+def test_outside_is_only_outside():
+    motion = np.zeros((1, 4, 2), np.float32)
+    motion[0, :, 0] = [-0.25, np.nan, 9, 0.25]
+    ids = np.uint32([[1, 2, 3, 4]])
+    rejection, confidence = yester.consistency(motion, ids=ids, previous_ids=ids)
+    np.testing.assert_array_equal(rejection, [[1, 1, 1, 1]])
+    np.testing.assert_array_equal(confidence, [[0.75, 0, 0, 0.75]])
+    rejection, _ = yester.consistency(motion, ids=ids, previous_ids=ids + 1)
+    np.testing.assert_array_equal(rejection, [[9, 1, 1, 9]])

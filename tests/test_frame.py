@@ -1,0 +1,132 @@
+import pickle
+
+import compare
+import numpy as np
+import pytest
+import torch
+import yester
+from scene import camera
+
+
+def buffers(height=4, width=6):
+    rng = np.random.default_rng(0)
+    vector = lambda: rng.normal(0, 1, (height, width, 3)).astype(np.float32)  # noqa: E731
+    named = {name: vector() for name in ("color", "albedo", "normal", "position", "emission")}
+    named |= compare.surfaces(rng, height, width) | {"motion": compare.motions(rng, height, width)}
+    return named
+
+
+def test_keeps_what_is_canonical():
+    """Without a copy, in canonical order, with the sizes at hand."""
+    given = buffers()
+    frame = yester.Frame(**given, camera=camera(0, 6, 4))
+    order = ["color", "albedo", "normal", "depth", "motion", "ids", "position", "emission"]
+    assert list(frame.buffers()) == order
+    for name, buffer in frame.buffers().items():
+        np.testing.assert_array_equal(buffer, given[name])
+        assert np.shares_memory(buffer, given[name])
+        assert getattr(frame, name) is buffer
+    assert (frame.height, frame.width, frame.shape) == (4, 6, (4, 6))
+    assert frame.camera == camera(0, 6, 4)
+
+
+def test_everything_but_colour_is_optional():
+    frame = yester.Frame(buffers()["color"])
+    assert list(frame.buffers()) == ["color"]
+    assert frame.depth is frame.camera is None
+    for name, buffer in buffers().items():
+        assert set(yester.Frame(**{"color": buffers()["color"], name: buffer}).buffers()) == {"color", name}
+    motion = compare.motions(np.random.default_rng(0), 4, 6, 3)
+    assert yester.Frame(buffers()["color"], motion=motion).motion.shape == (4, 6, 3)
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [
+        np.asfortranarray,
+        lambda a: a.astype(np.float64),
+        lambda a: a[::-1].copy()[::-1],
+        lambda a: torch.from_numpy(a.copy()),
+        lambda a: torch.from_numpy(a.astype(np.float64)),
+    ],
+    ids=["fortran", "float64", "negative", "torch", "torch64"],
+)
+def test_converts_once(convert):
+    given = buffers()
+    converted = {name: convert(value) if value.dtype == np.float32 else value for name, value in given.items()}
+    for name, buffer in yester.Frame(**converted).buffers().items():
+        assert type(buffer) is np.ndarray
+        assert buffer.flags.c_contiguous
+        assert buffer.dtype == (np.uint32 if name == "ids" else np.float32)
+        np.testing.assert_array_equal(buffer, given[name])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.int32, np.int64, np.uint64])
+def test_ids_of_any_integers(dtype):
+    ids = np.arange(24).reshape(4, 6)
+    got = yester.Frame(buffers()["color"], ids=ids.astype(dtype)).ids
+    assert got.dtype == np.uint32
+    np.testing.assert_array_equal(got, ids)
+
+
+@pytest.mark.parametrize("ids", [-1, 2**32])
+def test_ids_out_of_range(ids):
+    with pytest.raises(ValueError, match="ids"):
+        yester.Frame(buffers()["color"], ids=np.full((4, 6), ids, np.int64))
+
+
+def test_read_only():
+    frame = yester.Frame(buffers()["color"])
+    with pytest.raises(AttributeError):
+        frame.color = None
+    with pytest.raises(AttributeError):
+        frame.other = 1
+
+
+def test_pickles():
+    frame = yester.Frame(**buffers(), camera=camera(0, 6, 4))
+    again = pickle.loads(pickle.dumps(frame))
+    assert again.camera == frame.camera
+    for (name, got), (want_name, want) in zip(again.buffers().items(), frame.buffers().items(), strict=True):
+        assert name == want_name
+        np.testing.assert_array_equal(got, want)
+
+
+@pytest.mark.parametrize("name", sorted(buffers()))
+def test_bad_buffers(name):
+    given = buffers()
+    for wrong, error in [
+        (given[name][:-1], ValueError),
+        (given[name][:, 1:], ValueError),
+        (given[name][0], ValueError),
+        (np.moveaxis(given[name], -1, 0), ValueError),
+        (np.zeros((4, 6, 5), given[name].dtype), ValueError),
+        (given[name].astype(bool), TypeError),
+        (given[name].astype(np.complex64), TypeError),
+        (given[name].astype(object), TypeError),
+        (np.ones_like(given[name], np.float32 if name == "ids" else np.int32), TypeError),
+    ]:
+        if name == "color" and np.shape(wrong)[-1] == 3 and np.ndim(wrong) == 3 and error is ValueError:
+            continue  # another size of colour is the others' fault
+        with pytest.raises(error, match=name):
+            yester.Frame(**{**given, name: wrong})
+
+
+@pytest.mark.parametrize("shape", [(0, 6, 3), (4, 0, 3), (4, 6, 0), (4, 6), (4, 6, 4)])
+def test_bad_colour(shape):
+    with pytest.raises(ValueError, match="color"):
+        yester.Frame(np.zeros(shape, np.float32))
+
+
+def test_bad_camera():
+    with pytest.raises(ValueError, match="camera"):
+        yester.Frame(buffers()["color"], camera=camera(0, 5, 4))
+    with pytest.raises(TypeError, match="camera"):
+        yester.Frame(buffers()["color"], camera=np.eye(4))
+
+
+def test_channels_first_is_explained():
+    """The most common mistake: the message names the argument and both shapes."""
+    with pytest.raises(ValueError, match=r"motion.*\(2, 4, 6\)") as error:
+        yester.Frame(buffers()["color"], motion=np.zeros((2, 4, 6), np.float32))
+    assert "4" in str(error.value)

@@ -1,0 +1,231 @@
+"""What the array functions accept, and how they refuse the rest: one valid call each, varied in one argument."""
+
+import numpy as np
+import pytest
+import torch
+import yester
+from calls import arrays, calls
+from compare import assert_same_bits
+
+CALLS = calls()
+IMAGES = [
+    (name, argument)
+    for name, (_, given) in CALLS.items()
+    for argument, value in given.items()
+    if isinstance(value, np.ndarray)
+]
+each_call = pytest.mark.parametrize("name", CALLS)
+each_image = pytest.mark.parametrize(("name", "argument"), IMAGES)
+
+
+def call(name, **change):
+    function, given = CALLS[name]
+    return function(**{**given, **change})
+
+
+def refused(name, error, match, **change):
+    with pytest.raises(error, match=match) as caught:
+        call(name, **change)
+    return str(caught.value)
+
+
+def strided(a):
+    wide = np.zeros((a.shape[0] * 2, a.shape[1] * 3, *a.shape[2:]), a.dtype)
+    wide[::2, ::3] = a
+    return wide[::2, ::3]
+
+
+def read_only(a):
+    a = a.copy()
+    a.flags.writeable = False
+    return a
+
+
+LAYOUTS = {
+    "fortran": np.asfortranarray,
+    "upside down": lambda a: a[::-1, ::-1].copy()[::-1, ::-1],
+    "strided": strided,
+    "read-only": read_only,
+    "big-endian": lambda a: a.astype(a.dtype.newbyteorder(">")),
+    "torch": lambda a: torch.from_numpy(a.copy()) if a.dtype.kind == "f" else a,
+    "torch transposed": lambda a: torch.from_numpy(np.asfortranarray(a)) if a.dtype.kind == "f" else a,
+    "float64": lambda a: a.astype(np.float64) if a.dtype.kind == "f" else a,
+}
+
+
+@each_call
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layouts_are_one(name, layout):
+    _, given = CALLS[name]
+    converted = {k: LAYOUTS[layout](v) if isinstance(v, np.ndarray) else v for k, v in given.items()}
+    for got, want in zip(arrays(call(name, **converted)), arrays(call(name)), strict=True):
+        assert_same_bits(got, want)
+
+
+@each_call
+def test_half_precision_is_its_value_in_single(name):
+    _, given = CALLS[name]
+    halves = {k: v.astype(np.float16) for k, v in given.items() if isinstance(v, np.ndarray) and v.dtype == np.float32}
+    singles = {k: v.astype(np.float32) for k, v in halves.items()}
+    for got, want in zip(arrays(call(name, **halves)), arrays(call(name, **singles)), strict=True):
+        assert_same_bits(got, want)
+
+
+@each_call
+def test_results_are_new_float32(name):
+    _, given = CALLS[name]
+    before = {k: v.copy() for k, v in given.items() if isinstance(v, np.ndarray)}
+    for got in arrays(call(name)):
+        assert got.dtype in (np.float32, np.uint8)
+        assert got.flags.c_contiguous
+        assert got.flags.writeable
+        assert not any(np.shares_memory(got, given[k]) for k in before)
+    for k, v in before.items():
+        np.testing.assert_array_equal(given[k], v)
+
+
+@each_image
+@pytest.mark.parametrize("dtype", [bool, np.complex64, object, "U3", "M8[s]"])
+def test_wrong_kind_of_elements(name, argument, dtype):
+    value = np.zeros(CALLS[name][1][argument].shape).astype(dtype)
+    refused(name, TypeError, argument, **{argument: value})
+
+
+@each_image
+def test_integers_are_not_floats_nor_floats_integers(name, argument):
+    value = CALLS[name][1][argument]
+    other = np.ones(value.shape, np.float32 if argument.endswith("ids") else np.int32)
+    refused(name, TypeError, argument, **{argument: other})
+
+
+@each_image
+def test_wrong_shapes(name, argument):
+    value = CALLS[name][1][argument]
+    wrong = [value[0], value[None], value[:0], value[:, :0], np.zeros((), value.dtype)]
+    if value.ndim == 3 and (argument != "history" or name == "accumulate"):
+        wrong += [np.concatenate([value, value], -1), value[..., :1], value[..., :0]]
+    for array in wrong:
+        refused(name, ValueError, argument, **{argument: array})
+
+
+@each_image
+def test_sizes_must_agree(name, argument):
+    """One image of another size: the message names it, or the one it does not fit."""
+    given = CALLS[name][1]
+    if sum(isinstance(v, np.ndarray) for v in given.values()) > 1:
+        for cut in (np.s_[:-1], np.s_[:, :-1]):
+            message = refused(name, ValueError, "expected", **{argument: given[argument][cut]})
+            assert any(other in message for other in given)
+
+
+@each_call
+@pytest.mark.parametrize("cut", [np.s_[:0], np.s_[:, :0]], ids=["no rows", "no columns"])
+def test_empty(name, cut):
+    given = CALLS[name][1]
+    refused(name, ValueError, "", **{k: v[cut] for k, v in given.items() if isinstance(v, np.ndarray)})
+
+
+@each_image
+def test_not_arrays(name, argument):
+    for value in ("text", object(), {"a": 1}):
+        refused(name, TypeError, argument, **{argument: value})
+
+
+@each_call
+@pytest.mark.parametrize("argument", ["camera", "previous_camera"])
+def test_cameras(name, argument):
+    given = CALLS[name][1]
+    if argument in given:
+        refused(name, TypeError, argument, **{argument: np.eye(4)})
+    if argument in given and argument == "camera":
+        other = yester.Camera(given[argument].world_to_clip, given[argument].width + 1, given[argument].height)
+        refused(name, ValueError, argument, **{argument: other})
+
+
+def test_channels_first_motion_is_explained():
+    """The most common mistake: the message names the argument, what was expected and what came."""
+    motion = np.zeros((2, 6, 9), np.float32)
+    for name in ("reproject", "consistency"):
+        function, given = CALLS[name]
+        change = {k: v for k, v in given.items() if k == "history"}
+        with pytest.raises(ValueError, match="motion") as error:
+            function(**change, motion=motion)
+        assert "(2, 6, 9)" in str(error.value)
+        if name == "reproject":
+            assert "(6, 9, 2)" in str(error.value)
+
+
+@pytest.mark.parametrize("pair", ["depth", "normal", "ids"])
+@pytest.mark.parametrize("name", ["reproject", "consistency"])
+def test_unpaired_buffers(name, pair):
+    for absent, present in ((pair, f"previous_{pair}"), (f"previous_{pair}", pair)):
+        given = {k: v for k, v in CALLS[name][1].items() if k in ("history", "motion", present)}
+        with pytest.raises(ValueError, match=rf"\b{absent}\b"):
+            CALLS[name][0](**given)
+
+
+@pytest.mark.parametrize("name", ["reproject", "consistency"])
+def test_the_plane_test_needs_its_buffers(name):
+    function, given = CALLS[name]
+    for absent in ("depth", "normal"):
+        kept = {k: v for k, v in given.items() if k not in (absent, f"previous_{absent}")}
+        with pytest.raises(ValueError, match=absent):
+            function(**kept)
+    with pytest.raises(ValueError, match="motion"):
+        function(**{**given, "motion": given["motion"][..., :2].copy()})
+
+
+@pytest.mark.parametrize("name", ["estimate_variance", "atrous"])
+@pytest.mark.parametrize("absent", ["depth", "normal"])
+def test_planes_need_depth_and_normals(name, absent):
+    refused(name, ValueError, absent, **{absent: None})
+
+
+def test_transforms():
+    function, given = CALLS["motion_vectors(depth)"]
+    for wrong in ({1: np.eye(3)}, {1: np.full((4, 4), np.nan)}):
+        with pytest.raises(ValueError, match="transforms"):
+            function(**{**given, "transforms": wrong})
+    with pytest.raises(ValueError, match="ids"):
+        function(**{**given, "ids": None})
+
+
+def test_no_history():
+    motion = CALLS["reproject"][1]["motion"]
+    for history in ([], ()):
+        with pytest.raises(ValueError, match="history"):
+            yester.reproject(history, motion)
+
+
+SURFACE = {"relative_depth": [0, -1, np.nan], "plane_distance": [0, -1, np.nan], "normal_angle": [-1, 181, np.nan]}
+SIGMAS = {"sigma_normal": [-1, np.nan], "sigma_depth": [0, -1, np.nan], "sigma_plane": [0, -1, np.nan]}
+RANGES = {
+    "reproject": {**SURFACE, "filter": ["", "Bilinear", "cubic"]},
+    "consistency": SURFACE,
+    "accumulate": {"alpha": [-0.1, 1.1, np.nan], "moments_alpha": [-0.1, 1.1, np.nan]},
+    "estimate_variance": {**SIGMAS, "min_length": [-1, np.nan], "radius": [-1]},
+    "atrous": {**SIGMAS, "sigma_luminance": [0, -1, np.nan], "iterations": [-1, 17]},
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "argument", "value"), [(n, a, v) for n, ranges in RANGES.items() for a, vs in ranges.items() for v in vs]
+)
+def test_out_of_range(name, argument, value):
+    refused(name, ValueError, argument, **{argument: value})
+
+
+@pytest.mark.parametrize(("name", "argument"), [(n, a) for n, ranges in RANGES.items() for a in ranges])
+def test_parameters_of_another_type(name, argument):
+    refused(name, TypeError, argument, **{argument: [1, 2]})
+
+
+def test_alpha_zero_is_a_running_mean_only():
+    call("accumulate", alpha=0.0)
+    refused("accumulate", ValueError, "alpha", alpha=0.0, warmup=False)
+
+
+def test_unknown_arguments():
+    for name in CALLS:
+        with pytest.raises(TypeError, match="colour"):
+            call(name, colour=1)

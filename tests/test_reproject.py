@@ -1,0 +1,243 @@
+import compare
+import numpy as np
+import pytest
+import reference
+import yester
+from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, tensor
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+PAIRS = {name: (name, f"previous_{name}") for name in ("depth", "normal", "ids")}
+
+
+def surface(rng, height, width, names) -> dict:
+    """The buffers of the named tests; "plane" stands for depth, normal and the previous camera."""
+    now = compare.surfaces(rng, height, width)
+    buffers = now | compare.previous(rng, now)
+    names = set(names) | ({"depth", "normal"} if "plane" in names else set())
+    found = {key: buffers[key] for name in sorted(names - {"plane"}) for key in PAIRS[name]}
+    return found | ({"previous_camera": compare.camera(rng, width, height)} if "plane" in names else {})
+
+
+def check(history, motion, **named) -> np.ndarray:
+    """Compare with the reference; return the coverage."""
+    values, coverage = yester.reproject(history, motion, **named)
+    wants, want_coverage, margin = reference.reproject(
+        tensor(history), tensor(motion), margin=True, **{k: tensor(v) for k, v in named.items()}
+    )
+    sure = margin.numpy() > BAND
+    assert (~sure).sum() <= 1 + 0.005 * sure.size
+    for value, want in zip(*((values, wants) if isinstance(history, list) else ([values], [wants])), strict=True):
+        assert value.dtype == np.float32
+        assert_close("reproject", value, want, where=sure)
+    assert_close("reproject coverage", coverage, want_coverage, where=sure)
+    return coverage
+
+
+@settings(max_examples=300)
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    channels=st.sampled_from([None, 1, 2, 3, 4, 7]),
+    motion=st.sampled_from([2, 3]),
+    filter=st.sampled_from(["nearest", "bilinear"]),
+    fallback=st.booleans(),
+    tests=st.sets(st.sampled_from(["depth", "normal", "ids", "plane"])),
+    relative_depth=st.sampled_from([0.01, 0.1, 0.5]),
+    plane_distance=st.sampled_from([0.01, 0.2]),
+    normal_angle=st.sampled_from([0.5, 25.0, 90.0, 179.0]),
+)
+def test_reference(seed, size, channels, motion, filter, fallback, tests, **thresholds):
+    rng = np.random.default_rng(seed)
+    history = compare.colors(rng, *size, channels or 1)
+    check(
+        history if channels else history[..., 0],
+        compare.motions(rng, *size, 3 if "plane" in tests else motion),
+        filter=filter,
+        fallback=fallback,
+        **surface(rng, *size, tests),
+        **thresholds,
+    )
+
+
+@pytest.mark.parametrize("tests", [[], ["depth", "ids"], ["plane", "ids"]])
+@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+def test_sizes(height, width, tests):
+    rng = np.random.default_rng(width)
+    color, moments = compare.colors(rng, height, width), compare.colors(rng, height, width, 2)
+    length = rng.uniform(1, 30, (height, width)).astype(np.float32)
+    check([color, moments, length], compare.motions(rng, height, width, 3), **surface(rng, height, width, tests))
+
+
+@pytest.mark.parametrize("tests", [["depth"], ["normal"], ["ids"], ["plane"]])
+def test_both_sides_of_every_test(tests):
+    rng = np.random.default_rng(1)
+    history = compare.colors(rng, 64, 64, holes=0)
+    motion = rng.normal(0, 0.5, (64, 64, 3)).astype(np.float32)
+    coverage = check(history, motion, fallback=False, plane_distance=0.1, **surface(rng, 64, 64, tests))
+    inside = coverage[4:-4, 4:-4]
+    assert 0.1 < (inside > 0.99).mean() < 0.9
+    assert 0.02 < (inside < 0.01).mean() < 0.9
+
+
+@pytest.mark.parametrize("name", ["depth", "normal", "plane"])
+def test_in_the_band_of_the_threshold(name):
+    """Around the threshold itself both decisions occur, each in its order, and the band is as narrow as promised."""
+    size = (8, 512)
+    off = np.linspace(-4 * BAND, 4 * BAND, 512) * np.ones(size)
+    ones = np.ones(size, np.float32)
+    camera = compare.camera(np.random.default_rng(0), 512, 8)
+    if name == "depth":
+        named = {"depth": 3 * ones, "previous_depth": (3 * (1.1 + off)).astype(np.float32)}
+    elif name == "normal":
+        angle = np.radians(25) + off / np.sin(np.radians(25))
+        tilted = np.stack([np.sin(angle), np.cos(angle), 0 * angle], -1).astype(np.float32)
+        named = {"normal": np.broadcast_to(np.float32([0, 1, 0]), (*size, 3)), "previous_normal": tilted}
+    else:
+        # Facing the previous camera, where a plane's distance is a difference of depths; centre rays have length one.
+        forward = np.broadcast_to(camera.forward.astype(np.float32), (*size, 3))
+        named = {"depth": 3 * ones, "previous_depth": (3 * (1.01 + off)).astype(np.float32)}
+        named |= {"normal": forward, "previous_normal": forward, "previous_camera": camera}
+    motion = np.zeros((*size, 3), np.float32)
+    kept = yester.reproject(ones, motion, fallback=False, **named)[1] == 1
+    assert kept[off < -1.5 * BAND].all()
+    assert not kept[off > 1.5 * BAND].any()
+    inside = np.abs(off) <= 1.5 * BAND
+    assert 0.1 < kept[inside].mean() < 0.9
+
+
+def test_identity_is_the_identity():
+    """Still pixels are not filtered: the same bits, whatever the filter, with every test passing."""
+    rng = np.random.default_rng(0)
+    history = compare.colors(rng, 13, 29, holes=0)
+    now = compare.surfaces(rng, 13, 29)
+    depth = np.where(now["depth"] > 0, now["depth"], 1).astype(np.float32)
+    buffers = {"depth": depth, "normal": now["normal"], "ids": now["ids"]}
+    twice = buffers | {f"previous_{name}": buffer for name, buffer in buffers.items()}
+    for camera in ({}, {"previous_camera": compare.camera(rng, 29, 13)}):
+        for filter in ("nearest", "bilinear"):
+            motion = np.zeros((13, 29, 3), np.float32)
+            values, coverage = yester.reproject(history, motion, filter=filter, **twice, **camera)
+            assert_same_bits(values, history)
+            assert_same_bits(coverage, np.ones((13, 29), np.float32))
+
+
+@pytest.mark.parametrize("filter", ["nearest", "bilinear"])
+def test_whole_pixels_move_whole_pixels(filter):
+    rng = np.random.default_rng(0)
+    history = compare.colors(rng, 9, 12, holes=0)
+    motion = np.broadcast_to(np.float32([2, -1]), (9, 12, 2))
+    values, coverage = yester.reproject(history, motion, filter=filter, fallback=False)
+    assert_same_bits(np.ascontiguousarray(values[1:, :-2]), np.ascontiguousarray(history[:-1, 2:]))
+    assert (coverage[1:, :-2] == 1).all()
+    assert (coverage[0] == 0).all()
+    assert (coverage[:, -2:] == 0).all()
+    assert (values[0] == 0).all()
+
+
+@pytest.mark.parametrize("filter", ["nearest", "bilinear"])
+def test_constant_and_scale(filter):
+    """Weights sum to one: a constant stays, and a power of two passes through to the bit."""
+    rng = np.random.default_rng(0)
+    motion = compare.motions(rng, 31, 33)
+    constant = np.full((31, 33, 3), 0.7, np.float32)
+    values, coverage = yester.reproject(constant, motion, filter=filter)
+    assert 0.5 < (coverage > 0).mean() < 1
+    np.testing.assert_allclose(values[coverage > 0], 0.7, rtol=3e-7)
+    assert (values[coverage == 0] == 0).all()
+    history = compare.colors(rng, 31, 33)
+    values, _ = yester.reproject(history, motion, filter=filter)
+    for k in (-20, 3, 40):
+        assert_same_bits(yester.reproject(np.ldexp(history, k), motion, filter=filter)[0], np.ldexp(values, k))
+
+
+def test_together_is_apart_where_all_are_finite():
+    rng = np.random.default_rng(0)
+    images = [compare.colors(rng, 9, 20, c, holes=0) for c in (3, 2, 1)]
+    images.append(images[0][..., 0].copy())
+    motion = compare.motions(rng, 9, 20)
+    together, coverage = yester.reproject(images, motion)
+    for image, value in zip(images, together, strict=True):
+        alone, alone_coverage = yester.reproject(image, motion)
+        assert value.shape == image.shape
+        assert_same_bits(value, alone)
+        assert_same_bits(coverage, alone_coverage)
+    again, _ = yester.reproject(tuple(images), motion)
+    assert isinstance(again, list)
+
+
+def test_a_hole_in_one_image_is_a_hole_in_all():
+    images = [np.ones((3, 3, 3), np.float32), np.ones((3, 3), np.float32)]
+    images[1][1, 1] = np.nan
+    (color, scalar), coverage = yester.reproject(images, np.zeros((3, 3, 2), np.float32), fallback=False)
+    assert coverage[1, 1] == 0
+    assert (color[1, 1] == 0).all()
+    assert scalar[1, 1] == 0
+    assert coverage.sum() == 8
+
+
+def test_fallback_is_the_mean_of_the_neighbours():
+    history = np.arange(9, dtype=np.float32).reshape(3, 3)
+    history[1, 1] = np.nan
+    motion = np.zeros((3, 3, 2), np.float32)
+    for filter in ("nearest", "bilinear"):
+        values, coverage = yester.reproject(history, motion, filter=filter)
+        assert values[1, 1] == 4
+        assert coverage[1, 1] == np.float32(8 / 9)
+
+
+def test_holes_never_spread():
+    rng = np.random.default_rng(0)
+    history = compare.colors(rng, 40, 50, holes=0.5)
+    values, coverage = yester.reproject(history, compare.motions(rng, 40, 50))
+    assert np.isfinite(values).all()
+    assert ((coverage >= 0) & (coverage <= 1)).all()
+    values, coverage = yester.reproject(np.full_like(history, np.nan), np.zeros((40, 50, 2), np.float32))
+    assert not values.any()
+    assert not coverage.any()
+
+
+def test_without_motion_there_is_no_history():
+    motion = np.zeros((2, 4, 2), np.float32)
+    motion[0, :, 0] = [np.nan, np.inf, -np.inf, 3e38]
+    motion[1, :, 1] = [np.nan, np.inf, -np.inf, -3e38]
+    values, coverage = yester.reproject(np.ones((2, 4), np.float32), motion)
+    assert not values.any()
+    assert not coverage.any()
+
+
+def test_background_is_a_surface():
+    """Infinite depth finds infinite depth and nothing else; depths that are none find nothing."""
+    depth = np.float32([[np.inf, np.inf, 1, np.nan, 0, -1, 1]])
+    before = np.float32([[np.inf, 1, np.inf, np.nan, 0, -1, 1]])
+    normal = np.zeros((1, 7, 3), np.float32)
+    motion = np.zeros((1, 7, 3), np.float32)
+    camera = {"previous_camera": compare.camera(np.random.default_rng(0), 7, 1)}
+    for plane in ({}, {"normal": normal, "previous_normal": normal, **camera}):
+        named = {"depth": depth, "previous_depth": before, "fallback": False, **plane}
+        _, coverage = yester.reproject(np.ones((1, 7), np.float32), motion, **named)
+        np.testing.assert_array_equal(coverage, [[1, 0, 0, 0, 0, 0, 1]])
+
+
+def test_depth_motion_moves_the_expected_depth():
+    motion = np.zeros((1, 2, 3), np.float32)
+    motion[0, 0, 2] = 1
+    depth, before = np.float32([[1, 1]]), np.float32([[2, 2]])
+    _, coverage = yester.reproject(depth, motion, depth=depth, previous_depth=before, fallback=False)
+    np.testing.assert_array_equal(coverage, [[1, 0]])
+    _, coverage = yester.reproject(depth, motion[..., :2], depth=depth, previous_depth=before, fallback=False)
+    np.testing.assert_array_equal(coverage, [[0, 0]])
+
+
+def test_plane_keeps_what_slopes_away():
+    """On a floor seen at a grazing angle the depths of neighbours differ by more than any bound; the plane does not."""
+    import scene
+
+    before, now = scene.shoot(0, 64, 48), scene.shoot(1, 64, 48)
+    floor = now.ids == scene.GROUND
+    motion = yester.motion_vectors(now.position, now.camera, before.camera)
+    named = {"depth": now.depth, "previous_depth": before.depth, "normal": now.normal, "previous_normal": before.normal}
+    _, relative = yester.reproject(before.color, motion, relative_depth=0.01, fallback=False, **named)
+    _, plane = yester.reproject(before.color, motion, previous_camera=before.camera, fallback=False, **named)
+    assert plane[floor].mean() > 0.95
+    assert relative[floor].mean() < plane[floor].mean() - 0.1
