@@ -66,3 +66,14 @@ pub fn in_range(
         Err(Error::value(argument, expected, value))
     }
 }
+
+/// A whole number that Python gave, if it lies in the range that `holds` tests and `expected` describes.
+pub fn whole<T: TryFrom<i64>>(
+    argument: &str,
+    value: i64,
+    expected: &str,
+    holds: impl Fn(&T) -> bool,
+) -> Result<T> {
+    let number = T::try_from(value).ok().filter(holds);
+    number.ok_or_else(|| Error::value(argument, expected, value))
+}

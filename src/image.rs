@@ -85,7 +85,13 @@ impl<T: Copy + Default + Send + Sync> Image<T> {
             return self.data;
         }
         let mut interleaved = vec![T::default(); self.data.len()];
-        let bands = interleaved.chunks_mut(BAND * self.size.width * self.channels);
+        self.interleave(&mut interleaved);
+        interleaved
+    }
+
+    /// Writes the pixels one after the other.
+    pub fn interleave(&self, into: &mut [T]) {
+        let bands = into.chunks_mut(BAND * self.size.width * self.channels);
         rows::run(
             &Interleave {
                 planes: self.view(),
@@ -93,7 +99,6 @@ impl<T: Copy + Default + Send + Sync> Image<T> {
             self.size.height,
             bands,
         );
-        interleaved
     }
 
     /// The image's bands of rows, to be written by different threads.

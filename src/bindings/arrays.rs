@@ -5,7 +5,7 @@ use numpy::{
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::{Error, Kind};
 use crate::image::{Image, Size, View};
@@ -217,6 +217,10 @@ impl<'py, T: Number> Input<'py, T> {
         self.size
     }
 
+    pub fn shape(&self) -> &[usize] {
+        self.array.shape()
+    }
+
     pub fn channels(&self) -> usize {
         self.channels
     }
@@ -284,35 +288,105 @@ impl<T: Number> Planes<'_, T> {
     }
 }
 
-/// Interleaved data with the shape of its array, on its way out.
+/// An image on its way to numpy.
 pub struct Outgoing<T = f32> {
-    data: Vec<T>,
-    shape: Vec<usize>,
+    image: Image<T>,
+    channel_axis: bool,
 }
 
 impl<T: Element + Copy + Default + Send + Sync> Outgoing<T> {
-    /// (H, W) for a single channel, (H, W, C) for several.
+    /// To be (H, W) for a single channel, (H, W, C) for several.
     pub fn new(image: Image<T>) -> Self {
-        let flat = image.channels == 1;
-        Self::with_axis(image, !flat)
-    }
-
-    /// With or without an axis for channels.
-    pub fn with_axis(image: Image<T>, channel_axis: bool) -> Self {
-        let Size { height, width } = image.size;
-        let mut shape = vec![height, width];
-        if channel_axis {
-            shape.push(image.channels);
-        }
+        let channel_axis = image.channels > 1;
         Self {
-            data: image.into_interleaved(),
-            shape,
+            image,
+            channel_axis,
         }
     }
 
-    pub fn array<'py>(self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
-        self.data.into_pyarray(py).reshape(self.shape)
+    /// To be with or without an axis for channels.
+    pub fn with_axis(image: Image<T>, channel_axis: bool) -> Self {
+        Self {
+            image,
+            channel_axis,
+        }
     }
+
+    /// Writes into the array that the caller gave, or into a new one.
+    pub fn array<'py>(
+        self,
+        py: Python<'py>,
+        out: Out<'py, T>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+        let Some(out) = out.0 else {
+            let Size { height, width } = self.image.size;
+            let channels = self.channel_axis.then_some(self.image.channels);
+            let shape: Vec<_> = [height, width].into_iter().chain(channels).collect();
+            return py
+                .detach(|| self.image.into_interleaved())
+                .into_pyarray(py)
+                .reshape(shape);
+        };
+        let mut array = out.try_readwrite()?;
+        let slice = array.as_slice_mut()?;
+        py.detach(|| self.image.interleave(slice));
+        Ok(out)
+    }
+}
+
+/// Where a result is to go, if the caller gave an array for it.
+pub struct Out<'py, T: Element = f32>(Option<Bound<'py, PyArrayDyn<T>>>);
+
+impl<'py, T: Element> Out<'py, T> {
+    /// A new array.
+    pub fn new() -> Self {
+        Self(None)
+    }
+
+    /// Checks an `out=` argument before any work is done. It may be an input as well: it is written last.
+    pub fn given(value: Option<Bound<'py, PyAny>>, shape: &[usize]) -> PyResult<Self> {
+        let Some(value) = value else {
+            return Ok(Self::new());
+        };
+        let expected = format!(
+            "a writable {} array in C order of shape {}",
+            T::get_dtype(value.py()),
+            shape_text(shape)
+        );
+        let Ok(array) = value.cast::<PyArrayDyn<T>>() else {
+            let got = value
+                .getattr("dtype")
+                .unwrap_or(value.get_type().into_any());
+            return Err(Error::wrong_type("out", expected, got).into());
+        };
+        if array.shape() != shape {
+            return Err(Error::value("out", expected, shape_text(array.shape())).into());
+        }
+        // Not yet borrowed: it may be an input.
+        let writable: bool = value.getattr("flags")?.getattr("writeable")?.extract()?;
+        if !writable || !array.is_c_contiguous() {
+            return Err(Error::value("out", expected, "one that is read-only or strided").into());
+        }
+        Ok(Self(Some(array.clone())))
+    }
+}
+
+/// The parts of an `out=` argument of a function with several results.
+pub fn parts<'py, const N: usize>(
+    out: Option<&Bound<'py, PyAny>>,
+) -> PyResult<[Option<Bound<'py, PyAny>>; N]> {
+    let Some(out) = out else {
+        return Ok([const { None }; N]);
+    };
+    let parts: Vec<Bound<'py, PyAny>> = match out.cast::<PyTuple>() {
+        Ok(tuple) => tuple.iter().collect(),
+        Err(_) => vec![],
+    };
+    let count = parts.len();
+    let parts: [_; N] = parts
+        .try_into()
+        .map_err(|_| Error::value("out", format!("a tuple of {N}"), format!("{count} parts")))?;
+    Ok(parts.map(|part| (!part.is_none()).then_some(part)))
 }
 
 /// A small array argument of doubles, such as a matrix or a list of points.

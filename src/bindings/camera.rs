@@ -7,9 +7,9 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntyp
 use pyo3::prelude::*;
 
 use super::arrays::{
-    self, Channels, Input, Interleaved, Outgoing, Planes, matrix4, points, vector,
+    self, Channels, Input, Interleaved, Out, Outgoing, Planes, matrix4, points, vector,
 };
-use crate::error::Error;
+use crate::error::{Error, whole};
 use crate::image::Size;
 use crate::kernels::camera::motion::{self, Geometry, Transforms};
 use crate::kernels::camera::pinhole::{self, FovAxis, Rows4};
@@ -44,10 +44,10 @@ pub struct Camera {
 #[pymethods]
 impl Camera {
     #[new]
-    fn new(world_to_clip: &Bound<'_, PyAny>, width: usize, height: usize) -> PyResult<Self> {
+    fn new(world_to_clip: &Bound<'_, PyAny>, width: i64, height: i64) -> PyResult<Self> {
         let matrix = matrix4(world_to_clip, "world_to_clip")?;
         Ok(Self {
-            inner: pinhole::Camera::new(matrix, Size { height, width })?,
+            inner: pinhole::Camera::new(matrix, size(width, height)?)?,
         })
     }
 
@@ -81,8 +81,8 @@ impl Camera {
         target: &Bound<'_, PyAny>,
         up: &Bound<'_, PyAny>,
         fov: f64,
-        width: usize,
-        height: usize,
+        width: i64,
+        height: i64,
         fov_axis: &str,
         principal_point: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
@@ -90,7 +90,9 @@ impl Camera {
             "x" => FovAxis::X,
             "y" => FovAxis::Y,
             other => {
-                return Err(Error::value("fov_axis", "\"x\" or \"y\"", format!("{other:?}")).into());
+                return Err(
+                    Error::value("fov_axis", "\"x\" or \"y\"", format!("{other:?}")).into(),
+                );
             }
         };
         let centre = principal_point
@@ -101,7 +103,7 @@ impl Camera {
             DVec3::from(vector(target, "target")?),
             DVec3::from(vector(up, "up")?),
             fov,
-            Size { height, width },
+            size(width, height)?,
             axis,
             centre.map(DVec2::from),
         )?;
@@ -326,6 +328,8 @@ fn shaped<'py>(
 /// transforms : dict of int to (4, 4) array_like of float, optional
 ///     Per id, ``previous @ inverse(current)`` of the object's to-world matrices: where a world point of the object
 ///     was. Objects that are not named stood still. Needs `ids`.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
@@ -343,7 +347,7 @@ fn shaped<'py>(
 /// -----
 /// The third channel is what NRD calls 2.5-D motion; it makes the depth tests of `reproject` exact under motion.
 #[pyfunction]
-#[pyo3(signature = (geometry, camera, previous_camera, *, ids=None, transforms=None))]
+#[pyo3(signature = (geometry, camera, previous_camera, *, ids=None, transforms=None, out=None))]
 pub fn motion_vectors<'py>(
     py: Python<'py>,
     geometry: &Bound<'py, PyAny>,
@@ -351,46 +355,59 @@ pub fn motion_vectors<'py>(
     previous_camera: &Camera,
     ids: Option<&Bound<'py, PyAny>>,
     transforms: Option<BTreeMap<u32, Bound<'py, PyAny>>>,
+    out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let geometry = Input::<f32>::new(geometry, "geometry", Channels::OneOr3)?;
-    let size = geometry.size();
-    for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
-        check_size(name, camera, size)?;
-    }
-    let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
-    if transforms.is_some() && ids.is_none() {
-        return Err(Error::needs("transforms", "ids").into());
-    }
-    let transforms = transforms.unwrap_or_default().into_iter();
-    let transforms: Vec<_> = transforms
-        .map(|(id, matrix)| {
-            Ok((
-                id,
-                pinhole::matrix(matrix4(&matrix, &format!("transforms[{id}]"))?),
+    let (motion, out) = {
+        let geometry = Input::<f32>::new(geometry, "geometry", Channels::OneOr3)?;
+        let size = geometry.size();
+        for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
+            check_size(name, camera, size)?;
+        }
+        let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
+        if transforms.is_some() && ids.is_none() {
+            return Err(Error::needs("transforms", "ids").into());
+        }
+        let transforms = transforms.unwrap_or_default().into_iter();
+        let transforms: Vec<_> = transforms
+            .map(|(id, matrix)| {
+                Ok((
+                    id,
+                    pinhole::matrix(matrix4(&matrix, &format!("transforms[{id}]"))?),
+                ))
+            })
+            .collect::<PyResult<_>>()?;
+        let transforms = Transforms::new(transforms)?;
+        let out = Out::given(out, &[size.height, size.width, 3])?;
+        let (positions, geometry) = (geometry.channels() == 3, geometry.data());
+        let ids = ids.as_ref().map(Input::data);
+        let (camera, previous) = (&camera.inner, &previous_camera.inner);
+        let motion = py.detach(|| {
+            let (geometry, ids) = (geometry.planes(), ids.map(Interleaved::planes));
+            let geometry = if positions {
+                Geometry::Position(geometry.view())
+            } else {
+                Geometry::Depth(geometry.view())
+            };
+            let ids = ids.as_ref().map(Planes::view);
+            Outgoing::new(motion::motion_vectors(
+                geometry,
+                camera,
+                previous,
+                ids,
+                &transforms,
             ))
-        })
-        .collect::<PyResult<_>>()?;
-    let transforms = Transforms::new(transforms)?;
-    let (positions, geometry) = (geometry.channels() == 3, geometry.data());
-    let ids = ids.as_ref().map(Input::data);
-    let (camera, previous) = (&camera.inner, &previous_camera.inner);
-    let motion = py.detach(|| {
-        let (geometry, ids) = (geometry.planes(), ids.map(Interleaved::planes));
-        let geometry = if positions {
-            Geometry::Position(geometry.view())
-        } else {
-            Geometry::Depth(geometry.view())
-        };
-        let ids = ids.as_ref().map(Planes::view);
-        Outgoing::new(motion::motion_vectors(
-            geometry,
-            camera,
-            previous,
-            ids,
-            &transforms,
-        ))
-    });
-    motion.array(py)
+        });
+        (motion, out)
+    };
+    motion.array(py, out)
+}
+
+fn size(width: i64, height: i64) -> crate::error::Result<Size> {
+    let side = |name, value| whole(name, value, "a number of pixels, 1 or more", |&n| n >= 1);
+    Ok(Size {
+        width: side("width", width)?,
+        height: side("height", height)?,
+    })
 }
 
 /// A camera must be that of the image it comes with.

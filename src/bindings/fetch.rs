@@ -4,11 +4,11 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 
-use super::arrays::{Channels, Input, Interleaved, MOTION, Outgoing, Planes};
+use super::arrays::{Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, parts};
 use super::camera::Camera;
 use super::judge::SurfaceArgs;
 use crate::error::Error;
-use crate::image::View;
+use crate::image::{Size, View};
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject;
 use crate::kernels::judge::surface;
@@ -40,6 +40,8 @@ use crate::kernels::judge::surface;
 ///     Largest distance of the expected point from the tap's plane, as a share of the expected depth; above 0.
 /// normal_angle : float, default 25.0
 ///     Largest angle between normals in degrees, 0 to 180.
+/// out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
+///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
 /// Returns
 /// -------
@@ -63,7 +65,7 @@ use crate::kernels::judge::surface;
 #[pyfunction]
 #[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, depth=None, previous_depth=None, normal=None,
     previous_normal=None, ids=None, previous_ids=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01,
-    normal_angle=25.0))]
+    normal_angle=25.0, out=None))]
 #[pyo3(name = "reproject")]
 pub fn reproject_<'py>(
     py: Python<'py>,
@@ -81,6 +83,7 @@ pub fn reproject_<'py>(
     relative_depth: f32,
     plane_distance: f32,
     normal_angle: f32,
+    out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyArrayDyn<f32>>)> {
     let filter = match filter {
         "bilinear" => Filter::Bilinear,
@@ -94,73 +97,113 @@ pub fn reproject_<'py>(
             .into());
         }
     };
-    let motion = Input::<f32>::new(motion, "motion", MOTION)?;
     let several = history.is_instance_of::<PyList>() || history.is_instance_of::<PyTuple>();
-    let images: Vec<_> = match several {
-        true => history.try_iter()?.collect::<PyResult<_>>()?,
-        false => vec![history.clone()],
-    };
-    if images.is_empty() {
-        return Err(Error::value("history", "an image or several", "an empty list").into());
-    }
-    let named = |i: usize| {
-        if several {
-            format!("history[{i}]")
-        } else {
-            "history".into()
+    let ((values, coverage), out) = {
+        let motion = Input::<f32>::new(motion, "motion", MOTION)?;
+        let Size { height, width } = motion.size();
+        let images: Vec<_> = match several {
+            true => history.try_iter()?.collect::<PyResult<_>>()?,
+            false => vec![history.clone()],
+        };
+        if images.is_empty() {
+            return Err(Error::value("history", "an image or several", "an empty list").into());
         }
-    };
-    let images: Vec<_> = images
-        .iter()
-        .enumerate()
-        .map(|(i, image)| {
-            Input::<f32>::new(image, &named(i), Channels::Any)?.sized(&named(i), motion.size())
-        })
-        .collect::<PyResult<_>>()?;
-    let surface = SurfaceArgs::new(
-        &motion,
-        [depth, previous_depth],
-        [normal, previous_normal],
-        [ids, previous_ids],
-        previous_camera,
-        surface::Params {
-            relative_depth,
-            plane_distance,
-            normal_angle,
-        },
-    )?;
+        let named = |i: usize| {
+            if several {
+                format!("history[{i}]")
+            } else {
+                "history".into()
+            }
+        };
+        let images: Vec<_> = images
+            .iter()
+            .enumerate()
+            .map(|(i, image)| {
+                Input::<f32>::new(image, &named(i), Channels::Any)?.sized(&named(i), motion.size())
+            })
+            .collect::<PyResult<_>>()?;
+        let surface = SurfaceArgs::new(
+            &motion,
+            [depth, previous_depth],
+            [normal, previous_normal],
+            [ids, previous_ids],
+            previous_camera,
+            surface::Params {
+                relative_depth,
+                plane_distance,
+                normal_angle,
+            },
+        )?;
 
-    let data: Vec<Interleaved<f32>> = images.iter().map(Input::data).collect();
-    let axes: Vec<_> = images.iter().map(Input::has_channel_axis).collect();
-    let (motion, surface) = (motion.data(), surface.data());
-    let (values, coverage) = py.detach(|| {
-        let motion: Planes = motion.planes();
-        let motion = motion.view();
-        let planes: Vec<_> = data.into_iter().map(Interleaved::planes).collect();
-        let history: Vec<View> = planes.iter().map(Planes::view).collect();
-        let params = reproject::Params { filter, fallback };
-        let reprojected = surface.with(motion.size, |tests| {
-            reproject::reproject(&history, motion, tests, params)
+        let data: Vec<Interleaved<f32>> = images.iter().map(Input::data).collect();
+        let axes: Vec<_> = images.iter().map(Input::has_channel_axis).collect();
+        let (motion, surface) = (motion.data(), surface.data());
+        let [first, second] = parts(out.as_ref())?;
+        let values = if several {
+            listed(first, images.len())?
+        } else {
+            vec![first]
+        };
+        let values = values
+            .into_iter()
+            .zip(&images)
+            .map(|(out, image)| Out::given(out, image.shape()))
+            .collect::<PyResult<Vec<_>>>()?;
+        let out = (values, Out::given(second, &[height, width])?);
+        let carried = py.detach(|| {
+            let motion: Planes = motion.planes();
+            let motion = motion.view();
+            let planes: Vec<_> = data.into_iter().map(Interleaved::planes).collect();
+            let history: Vec<View> = planes.iter().map(Planes::view).collect();
+            let params = reproject::Params { filter, fallback };
+            let reprojected = surface.with(motion.size, |tests| {
+                reproject::reproject(&history, motion, tests, params)
+            });
+            let mut first = 0;
+            let values = history.iter().zip(axes).map(|(image, axis)| {
+                let channels = first..first + image.channels;
+                first = channels.end;
+                Outgoing::with_axis(reprojected.values.channels(channels).to_image(), axis)
+            });
+            (
+                values.collect::<Vec<_>>(),
+                Outgoing::new(reprojected.coverage),
+            )
         });
-        let mut first = 0;
-        let values = history.iter().zip(axes).map(|(image, axis)| {
-            let channels = first..first + image.channels;
-            first = channels.end;
-            Outgoing::with_axis(reprojected.values.channels(channels).to_image(), axis)
-        });
-        (
-            values.collect::<Vec<_>>(),
-            Outgoing::new(reprojected.coverage),
-        )
-    });
-    let mut values = values
+        (carried, out)
+    };
+    let arrays = values
         .into_iter()
-        .map(|image| image.array(py))
-        .collect::<PyResult<Vec<_>>>()?;
+        .zip(out.0)
+        .map(|(image, out)| image.array(py, out));
+    let mut values = arrays.collect::<PyResult<Vec<_>>>()?;
     let values = if several {
         PyList::new(py, values)?.into_any()
     } else {
         values.remove(0).into_any()
     };
-    Ok((values, coverage.array(py)?))
+    Ok((values, coverage.array(py, out.1)?))
+}
+
+/// The arrays of a list of outputs, as many as there are images.
+fn listed<'py>(
+    out: Option<Bound<'py, PyAny>>,
+    count: usize,
+) -> PyResult<Vec<Option<Bound<'py, PyAny>>>> {
+    let Some(out) = out else {
+        return Ok(vec![None; count]);
+    };
+    let arrays: Vec<_> = match out.is_instance_of::<PyList>() || out.is_instance_of::<PyTuple>() {
+        true => out.try_iter()?.collect::<PyResult<_>>()?,
+        false => vec![],
+    };
+    if arrays.len() != count {
+        return Err(Error::value(
+            "out",
+            format!("a list of {count} arrays for the values"),
+            arrays.len(),
+        )
+        .into());
+    }
+    Ok(arrays.into_iter().map(Some).collect())
 }

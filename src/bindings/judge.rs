@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, MOTION, Outgoing, Planes};
+use super::arrays::{COLOR, Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
 use crate::image::Size;
@@ -142,6 +142,8 @@ impl SurfaceData<'_> {
 ///     Largest distance of the expected point from the tap's plane, as a share of the expected depth; above 0.
 /// normal_angle : float, default 25.0
 ///     Largest angle between normals in degrees, 0 to 180.
+/// out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional
+///     Written and returned instead of new arrays. A part may be None.
 ///
 /// Returns
 /// -------
@@ -162,7 +164,7 @@ impl SurfaceData<'_> {
 /// tenth and the angle of 25° are customary values.
 #[pyfunction]
 #[pyo3(name = "consistency", signature = (motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None,
-    previous_ids=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0))]
+    previous_ids=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, out=None))]
 pub fn consistency_<'py>(
     py: Python<'py>,
     motion: &Bound<'py, PyAny>,
@@ -176,27 +178,37 @@ pub fn consistency_<'py>(
     relative_depth: f32,
     plane_distance: f32,
     normal_angle: f32,
+    out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<u8>>, Bound<'py, PyArrayDyn<f32>>)> {
-    let motion = Input::<f32>::new(motion, "motion", MOTION)?;
-    let surface = SurfaceArgs::new(
-        &motion,
-        [depth, previous_depth],
-        [normal, previous_normal],
-        [ids, previous_ids],
-        previous_camera,
-        surface::Params {
-            relative_depth,
-            plane_distance,
-            normal_angle,
-        },
-    )?;
-    let (motion, surface) = (motion.data(), surface.data());
-    let (rejection, confidence) = py.detach(|| {
-        let motion: Planes = motion.planes();
-        let motion = motion.view();
-        let (rejection, confidence) =
-            surface.with(motion.size, |tests| consistency::consistency(motion, tests));
-        (Outgoing::new(rejection), Outgoing::new(confidence))
-    });
-    Ok((rejection.array(py)?, confidence.array(py)?))
+    let ((rejection, confidence), out) = {
+        let motion = Input::<f32>::new(motion, "motion", MOTION)?;
+        let surface = SurfaceArgs::new(
+            &motion,
+            [depth, previous_depth],
+            [normal, previous_normal],
+            [ids, previous_ids],
+            previous_camera,
+            surface::Params {
+                relative_depth,
+                plane_distance,
+                normal_angle,
+            },
+        )?;
+        let Size { height, width } = motion.size();
+        let [first, second] = parts(out.as_ref())?;
+        let out = (
+            Out::given(first, &[height, width])?,
+            Out::given(second, &[height, width])?,
+        );
+        let (motion, surface) = (motion.data(), surface.data());
+        let judged = py.detach(|| {
+            let motion: Planes = motion.planes();
+            let motion = motion.view();
+            let (rejection, confidence) =
+                surface.with(motion.size, |tests| consistency::consistency(motion, tests));
+            (Outgoing::new(rejection), Outgoing::new(confidence))
+        });
+        (judged, out)
+    };
+    Ok((rejection.array(py, out.0)?, confidence.array(py, out.1)?))
 }

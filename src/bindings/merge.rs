@@ -3,7 +3,8 @@
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, Outgoing, Planes};
+use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, parts};
+use crate::image::Size;
 use crate::kernels::merge::accumulate;
 
 const MOMENTS: Channels = Channels::Of(&[2]);
@@ -58,6 +59,9 @@ impl Accumulated {
 /// warmup : bool, default True
 ///     Whether the share of the N-th sample is 1/N until that reaches `alpha`, so that the first ones are averaged
 ///     equally; otherwise it is `alpha` from the second sample on.
+/// out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
+///     Written and returned, as colour, moments and length, instead of new arrays; they may be inputs. A part may be
+///     None.
 ///
 /// Returns
 /// -------
@@ -77,7 +81,7 @@ impl Accumulated {
 /// Filtering*, section 4.2; the equal start as in Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing
 /// Techniques*.
 #[pyfunction]
-#[pyo3(signature = (color, history, history_moments, history_length, *, alpha=0.05, moments_alpha=0.2, warmup=true))]
+#[pyo3(signature = (color, history, history_moments, history_length, *, alpha=0.05, moments_alpha=0.2, warmup=true, out=None))]
 #[pyo3(name = "accumulate")]
 pub fn accumulate_<'py>(
     py: Python<'py>,
@@ -88,6 +92,7 @@ pub fn accumulate_<'py>(
     alpha: f32,
     moments_alpha: f32,
     warmup: bool,
+    out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Accumulated> {
     let params = accumulate::Params {
         alpha,
@@ -95,34 +100,44 @@ pub fn accumulate_<'py>(
         warmup,
     };
     params.check()?;
-    let color = Input::<f32>::new(color, "color", COLOR)?;
-    let size = color.size();
-    let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
-    let moments = Input::<f32>::new(history_moments, "history_moments", MOMENTS)?
-        .sized("history_moments", size)?;
-    let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
-        .sized("history_length", size)?;
-    let data = [color.data(), history.data(), moments.data(), length.data()];
-    let (color, moments, length, missing) = py.detach(|| {
-        let planes = data.map(Interleaved::planes);
-        let [color, h, m, n] = planes.each_ref().map(Planes::view);
-        let history = [
-            h.plane(0),
-            h.plane(1),
-            h.plane(2),
-            m.plane(0),
-            m.plane(1),
-            n.plane(0),
-        ];
-        let (merged, missing) = accumulate::accumulate(color, history, params);
-        let [color, moments, length] =
-            [0..3, 3..5, 5..6].map(|c| Outgoing::new(merged.channels(c).to_image()));
-        (color, moments, length, missing)
-    });
+    let ((color, moments, length, missing), out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
+        let moments = Input::<f32>::new(history_moments, "history_moments", MOMENTS)?
+            .sized("history_moments", size)?;
+        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
+            .sized("history_length", size)?;
+        let data = [color.data(), history.data(), moments.data(), length.data()];
+        let Size { height, width } = size;
+        let [first, second, third] = parts(out.as_ref())?;
+        let out = (
+            Out::given(first, &[height, width, 3])?,
+            Out::given(second, &[height, width, 2])?,
+            Out::given(third, &[height, width])?,
+        );
+        let merged = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [color, h, m, n] = planes.each_ref().map(Planes::view);
+            let history = [
+                h.plane(0),
+                h.plane(1),
+                h.plane(2),
+                m.plane(0),
+                m.plane(1),
+                n.plane(0),
+            ];
+            let (merged, missing) = accumulate::accumulate(color, history, params);
+            let [color, moments, length] =
+                [0..3, 3..5, 5..6].map(|c| Outgoing::new(merged.channels(c).to_image()));
+            (color, moments, length, missing)
+        });
+        (merged, out)
+    };
     Ok(Accumulated {
-        color: color.array(py)?.unbind(),
-        moments: moments.array(py)?.unbind(),
-        history_length: length.array(py)?.unbind(),
+        color: color.array(py, out.0)?.unbind(),
+        moments: moments.array(py, out.1)?.unbind(),
+        history_length: length.array(py, out.2)?.unbind(),
         missing,
     })
 }

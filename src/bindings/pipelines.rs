@@ -4,7 +4,7 @@ use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, MOTION, Number, Outgoing, Planes};
+use super::arrays::{COLOR, Channels, Input, Interleaved, MOTION, Number, Out, Outgoing, Planes};
 use super::camera::Camera;
 use crate::error::Error;
 use crate::image::View;
@@ -89,8 +89,9 @@ impl Output {
 ///     Largest distance from the history's plane, as a share of depth; above 0. For frames with these.
 /// normal_angle : float, default 25.0
 ///     Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
-/// min_length : float, default 4.0
-///     Samples from which the temporal variance is trusted; at least 1.
+/// min_length : float, default 3.5
+///     Samples from which the temporal variance is trusted; at least 1. Not a whole number by default, so that rounding
+///     of resampled lengths does not decide.
 /// feedback : bool, default False
 ///     Whether the filter's first pass, instead of its input, is the next frame's history: less noise in motion, more
 ///     bias.
@@ -114,12 +115,12 @@ pub struct SVGF {
 impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0,
-        sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, min_length=4.0,
+        sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, min_length=3.5,
         feedback=false))]
     fn new(
         alpha: f32,
         moments_alpha: f32,
-        iterations: u32,
+        iterations: i64,
         sigma_luminance: f32,
         sigma_normal: f32,
         sigma_depth: f32,
@@ -152,7 +153,7 @@ impl SVGF {
                 ..Default::default()
             },
             atrous: atrous::Params {
-                iterations,
+                iterations: atrous::Params::iterations(iterations)?,
                 sigma_luminance,
                 sigmas,
             },
@@ -221,13 +222,13 @@ impl SVGF {
         });
         let (images, rejection, used, missing) = output?;
         let [color, variance, history_length, confidence] =
-            images.map(|image| image.array(py).map(Bound::unbind));
+            images.map(|image| image.array(py, Out::new()).map(Bound::unbind));
         Ok(Output {
             color: color?,
             variance: variance?,
             history_length: history_length?,
             confidence: confidence?,
-            rejection: rejection.array(py)?.unbind(),
+            rejection: rejection.array(py, Out::new())?.unbind(),
             used: PyTuple::new(py, used)?.unbind(),
             missing,
         })

@@ -3,10 +3,10 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, Outgoing, Planes};
+use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
-use crate::image::Size;
+use crate::image::{Image, Size, View};
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::Surface;
 use crate::kernels::smooth::guide::{Guide, Sigmas};
@@ -96,12 +96,15 @@ impl GuideData<'_> {
 /// camera : Camera, optional
 ///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
 ///     `normal`.
-/// min_length : float, default 4.0
-///     Samples from which the temporal variance is trusted; at least 1.
+/// min_length : float, default 3.5
+///     Samples from which the temporal variance is trusted; at least 1. Not a whole number by default, so that rounding
+///     of resampled lengths does not decide.
 /// radius : int, default 3
 ///     The spatial window reaches so many pixels to each side, 0 to 16.
 /// sigma_normal, sigma_depth, sigma_plane : float
 ///     As in `atrous`.
+/// out : (H, W) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
@@ -119,8 +122,8 @@ impl GuideData<'_> {
 /// in `atrous` but for kernel and luminance, and multiplies the variance by min_length / N (Schied et al. 2017,
 /// *Spatiotemporal Variance-Guided Filtering*, section 4.2, and its implementation in Falcor).
 #[pyfunction]
-#[pyo3(signature = (moments, history_length, *, depth=None, normal=None, ids=None, camera=None, min_length=4.0,
-    radius=3, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01))]
+#[pyo3(signature = (moments, history_length, *, depth=None, normal=None, ids=None, camera=None, min_length=3.5,
+    radius=3, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
 #[pyo3(name = "estimate_variance")]
 pub fn estimate_variance_<'py>(
     py: Python<'py>,
@@ -131,10 +134,11 @@ pub fn estimate_variance_<'py>(
     ids: Option<&Bound<'py, PyAny>>,
     camera: Option<&Camera>,
     min_length: f32,
-    radius: usize,
+    radius: i64,
     sigma_normal: f32,
     sigma_depth: f32,
     sigma_plane: f32,
+    out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let sigmas = Sigmas {
         normal: sigma_normal,
@@ -143,27 +147,31 @@ pub fn estimate_variance_<'py>(
     };
     let params = variance::Params {
         min_length,
-        radius,
+        radius: variance::Params::radius(radius)?,
         sigmas,
     };
     params.check()?;
-    let moments = Input::<f32>::new(moments, "moments", Channels::Of(&[2]))?;
-    let size = moments.size();
-    let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
-        .sized("history_length", size)?;
-    let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
-    let (data, guide) = ([moments.data(), length.data()], guide.data());
-    let variance = py.detach(|| {
-        let planes = data.map(Interleaved::planes);
-        let [moments, length] = planes.each_ref().map(Planes::view);
-        Outgoing::new(variance::estimate_variance(
-            moments,
-            length,
-            &guide.guide(size),
-            params,
-        ))
-    });
-    variance.array(py)
+    let (variance, out) = {
+        let moments = Input::<f32>::new(moments, "moments", Channels::Of(&[2]))?;
+        let size = moments.size();
+        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
+            .sized("history_length", size)?;
+        let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
+        let out = Out::given(out, &[size.height, size.width])?;
+        let (data, guide) = ([moments.data(), length.data()], guide.data());
+        let variance = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [moments, length] = planes.each_ref().map(Planes::view);
+            Outgoing::new(variance::estimate_variance(
+                moments,
+                length,
+                &guide.guide(size),
+                params,
+            ))
+        });
+        (variance, out)
+    };
+    variance.array(py, out)
 }
 
 /// The edge-avoiding à-trous wavelet filter, guided by variance.
@@ -193,6 +201,8 @@ pub fn estimate_variance_<'py>(
 ///     Depth difference that counts as one, in multiples of what the slope explains; above 0. Not used with `camera`.
 /// sigma_plane : float, default 0.01
 ///     Plane distance that counts as one, as a share of depth; above 0. Used with `camera`.
+/// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
+///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
 /// Returns
 /// -------
@@ -219,7 +229,7 @@ pub fn estimate_variance_<'py>(
 /// Global Illumination Filtering*; Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4.3.
 #[pyfunction]
 #[pyo3(signature = (color, variance, *, depth=None, normal=None, ids=None, camera=None, iterations=5,
-    sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01))]
+    sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
 #[pyo3(name = "atrous")]
 pub fn atrous_<'py>(
     py: Python<'py>,
@@ -229,11 +239,12 @@ pub fn atrous_<'py>(
     normal: Option<&Bound<'py, PyAny>>,
     ids: Option<&Bound<'py, PyAny>>,
     camera: Option<&Camera>,
-    iterations: u32,
+    iterations: i64,
     sigma_luminance: f32,
     sigma_normal: f32,
     sigma_depth: f32,
     sigma_plane: f32,
+    out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
     let sigmas = Sigmas {
         normal: sigma_normal,
@@ -241,55 +252,67 @@ pub fn atrous_<'py>(
         plane: sigma_plane,
     };
     let params = atrous::Params {
-        iterations,
+        iterations: atrous::Params::iterations(iterations)?,
         sigma_luminance,
         sigmas,
     };
     params.check()?;
-    let color = Input::<f32>::new(color, "color", COLOR)?;
-    let size = color.size();
-    let variance =
-        Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
-    let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
-    let (data, guide) = ([color.data(), variance.data()], guide.data());
-    let (color, variance) = py.detach(|| {
-        let planes = data.map(Interleaved::planes);
-        let [color, variance] = planes.each_ref().map(Planes::view);
-        let filtered = atrous::atrous(color, variance, &guide.guide(size), params, false);
-        (
-            Outgoing::new(filtered.color),
-            Outgoing::new(filtered.variance),
-        )
-    });
-    Ok((color.array(py)?, variance.array(py)?))
+    let ((color, variance), out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let variance =
+            Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
+        let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
+        let [first, second] = parts(out.as_ref())?;
+        let out = (
+            Out::given(first, &[size.height, size.width, 3])?,
+            Out::given(second, &[size.height, size.width])?,
+        );
+        let (data, guide) = ([color.data(), variance.data()], guide.data());
+        let filtered = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [color, variance] = planes.each_ref().map(Planes::view);
+            let filtered = atrous::atrous(color, variance, &guide.guide(size), params, false);
+            (
+                Outgoing::new(filtered.color),
+                Outgoing::new(filtered.variance),
+            )
+        });
+        (filtered, out)
+    };
+    Ok((color.array(py, out.0)?, variance.array(py, out.1)?))
 }
 
-type Modulate =
-    fn(crate::image::View, crate::image::View, Option<crate::image::View>) -> crate::image::Image;
+type Modulate = fn(View, View, Option<View>) -> Image;
 
 fn modulate<'py>(
     py: Python<'py>,
     (name, image): (&str, &Bound<'py, PyAny>),
     albedo: &Bound<'py, PyAny>,
     emission: Option<&Bound<'py, PyAny>>,
+    out: Option<Bound<'py, PyAny>>,
     kernel: Modulate,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let image = Input::<f32>::new(image, name, COLOR)?;
-    let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?.sized("albedo", image.size())?;
-    let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
-    let (data, emission) = (
-        [image.data(), albedo.data()],
-        emission.as_ref().map(Input::data),
-    );
-    let result = py.detach(|| {
-        let (planes, emission) = (
-            data.map(Interleaved::planes),
-            emission.map(Interleaved::planes),
+    let (result, out) = {
+        let image = Input::<f32>::new(image, name, COLOR)?;
+        let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?.sized("albedo", image.size())?;
+        let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
+        let out = Out::given(out, image.shape())?;
+        let (data, emission) = (
+            [image.data(), albedo.data()],
+            emission.as_ref().map(Input::data),
         );
-        let [image, albedo] = planes.each_ref().map(Planes::view);
-        Outgoing::new(kernel(image, albedo, emission.as_ref().map(Planes::view)))
-    });
-    result.array(py)
+        let result = py.detach(|| {
+            let (planes, emission) = (
+                data.map(Interleaved::planes),
+                emission.map(Interleaved::planes),
+            );
+            let [image, albedo] = planes.each_ref().map(Planes::view);
+            Outgoing::new(kernel(image, albedo, emission.as_ref().map(Planes::view)))
+        });
+        (result, out)
+    };
+    result.array(py, out)
 }
 
 /// Light without texture: ``(color - emission) / max(albedo, 2**-10)``.
@@ -302,6 +325,8 @@ fn modulate<'py>(
 ///     Reflectance; not finite counts as 0.
 /// emission : (H, W, 3) array_like of float, optional
 ///     Light that the visible surface sends out itself; not finite counts as 0.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
@@ -318,18 +343,20 @@ fn modulate<'py>(
 /// a power of two; elsewhere it is right to the last places. After Schied et al. 2017, *Spatiotemporal Variance-Guided
 /// Filtering*, section 4; Falcor bounds at 0.001.
 #[pyfunction]
-#[pyo3(signature = (color, albedo, *, emission=None), name = "demodulate")]
+#[pyo3(signature = (color, albedo, *, emission=None, out=None), name = "demodulate")]
 pub fn demodulate_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
     albedo: &Bound<'py, PyAny>,
     emission: Option<&Bound<'py, PyAny>>,
+    out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     modulate(
         py,
         ("color", color),
         albedo,
         emission,
+        out,
         demodulate::demodulate,
     )
 }
@@ -344,6 +371,8 @@ pub fn demodulate_<'py>(
 ///     Reflectance; not finite counts as 0.
 /// emission : (H, W, 3) array_like of float, optional
 ///     Light that the visible surface sends out itself; not finite counts as 0.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
@@ -354,18 +383,20 @@ pub fn demodulate_<'py>(
 /// ValueError
 ///     On wrong shapes.
 #[pyfunction]
-#[pyo3(signature = (illumination, albedo, *, emission=None), name = "remodulate")]
+#[pyo3(signature = (illumination, albedo, *, emission=None, out=None), name = "remodulate")]
 pub fn remodulate_<'py>(
     py: Python<'py>,
     illumination: &Bound<'py, PyAny>,
     albedo: &Bound<'py, PyAny>,
     emission: Option<&Bound<'py, PyAny>>,
+    out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     modulate(
         py,
         ("illumination", illumination),
         albedo,
         emission,
+        out,
         demodulate::remodulate,
     )
 }

@@ -27,18 +27,30 @@ pub enum Geometry<'a> {
     Position(View<'a>),
 }
 
+/// What a pixel shows.
+enum Shown {
+    Point(DVec3),
+    Background,
+    Unknown,
+}
+
 impl Geometry<'_> {
-    /// The world-space point that a pixel shows, or `None` where it shows the background.
     #[inline(always)]
-    fn point(&self, camera: &Camera, centre: DVec2, i: usize) -> Option<DVec3> {
+    fn at(&self, camera: &Camera, centre: DVec2, i: usize) -> Shown {
         match self {
-            Self::Depth(depth) => {
-                let z = depth.plane(0)[i];
-                (z != f32::INFINITY).then(|| camera.unproject(centre, f64::from(z)))
-            }
+            Self::Depth(depth) => match depth.plane(0)[i] {
+                f32::INFINITY => Shown::Background,
+                z if z > 0.0 => Shown::Point(camera.unproject(centre, f64::from(z))),
+                _ => Shown::Unknown,
+            },
             Self::Position(position) => {
-                let point = DVec3::from_array([0, 1, 2].map(|c| f64::from(position.plane(c)[i])));
-                point.is_finite().then_some(point)
+                let point = [0, 1, 2].map(|c| f64::from(position.plane(c)[i]));
+                let point = DVec3::from_array(point);
+                if point.is_finite() {
+                    Shown::Point(point)
+                } else {
+                    Shown::Background
+                }
             }
         }
     }
@@ -130,10 +142,15 @@ impl Motion<'_> {
     #[inline(always)]
     fn pixel(&self, x: usize, y: usize, i: usize) -> Option<DVec3> {
         let centre = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-        let Some(point) = self.geometry.point(self.camera, centre, i) else {
-            let direction = self.camera.ray(centre);
-            let now = self.camera.project_direction(direction)?;
-            return Some((self.previous.project_direction(direction)? - now).extend(0.0));
+        let point = match self.geometry.at(self.camera, centre, i) {
+            Shown::Point(point) => point,
+            Shown::Background => {
+                let direction = self.camera.ray(centre);
+                let now = self.camera.project_direction(direction)?;
+                let before = self.previous.project_direction(direction)?;
+                return Some((before - now).extend(0.0));
+            }
+            Shown::Unknown => return None,
         };
         let transform = self.ids.and_then(|ids| self.transforms.of(ids.plane(0)[i]));
         let before = transform.map_or(point, |t| t.transform_point3(point));

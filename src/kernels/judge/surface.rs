@@ -146,7 +146,13 @@ impl<'a> Tests<'a> {
     /// What pixel `i` expects where it comes from: index-space position `from`, at the pixel's depth plus `change`.
     #[inline(always)]
     pub fn expected(&self, i: usize, from: Vec2, change: f32) -> Expected {
-        let depth = self.depth.map_or(0.0, |[now, _]| now[i] + change);
+        let depth = self.depth.map_or(0.0, |[now, _]| {
+            if now[i] > 0.0 {
+                now[i] + change
+            } else {
+                f32::NAN
+            }
+        });
         Expected {
             depth,
             point: self.rays.map_or(Vec3::ZERO, |rays| {

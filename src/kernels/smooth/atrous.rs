@@ -18,7 +18,7 @@ use std::ops::Range;
 
 use super::guide::{Guide, Run, SEGMENT, Sigmas, Tap};
 use super::variance::floored;
-use crate::error::{Error, Result, in_range};
+use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Image, Size, View};
 use crate::math::{LOG2_E, exp2_weight, luminance};
 use crate::rows::{self, Kernel};
@@ -43,10 +43,12 @@ impl Default for Params {
 }
 
 impl Params {
+    /// A number of passes.
+    pub fn iterations(value: i64) -> Result<u32> {
+        whole("iterations", value, "0 to 16 passes", |&n| n <= 16)
+    }
+
     pub fn check(&self) -> Result<()> {
-        if self.iterations > 16 {
-            return Err(Error::value("iterations", "0 to 16", self.iterations));
-        }
         in_range(
             "sigma_luminance",
             self.sigma_luminance,

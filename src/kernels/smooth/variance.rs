@@ -10,14 +10,15 @@
 use std::ops::Range;
 
 use super::guide::{Guide, Run, SEGMENT, Sigmas, Tap};
-use crate::error::{Error, Result, in_range};
+use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Image, Size, View};
 use crate::math::exp2_weight;
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// Samples from which the temporal variance is trusted; ≥ 1; 4.
+    /// Samples from which the temporal variance is trusted; ≥ 1; 3.5: not a whole number, so that rounding of
+    /// resampled lengths does not decide.
     pub min_length: f32,
     /// The window reaches so many pixels to each side; 0 to 16; 3.
     pub radius: usize,
@@ -27,7 +28,7 @@ pub struct Params {
 impl Default for Params {
     fn default() -> Self {
         Self {
-            min_length: 4.0,
+            min_length: 3.5,
             radius: 3,
             sigmas: Sigmas::default(),
         }
@@ -35,6 +36,11 @@ impl Default for Params {
 }
 
 impl Params {
+    /// A window's radius.
+    pub fn radius(value: i64) -> Result<usize> {
+        whole("radius", value, "0 to 16 pixels", |&n| n <= 16)
+    }
+
     pub fn check(&self) -> Result<()> {
         in_range(
             "min_length",
@@ -42,9 +48,6 @@ impl Params {
             "a number of samples, 1 or more",
             |v| v >= 1.0,
         )?;
-        if self.radius > 16 {
-            return Err(Error::value("radius", "0 to 16 pixels", self.radius));
-        }
         self.sigmas.check()
     }
 }

@@ -1,0 +1,224 @@
+"""The compiled half of `yester`; its public names are re-exported there."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Self, TypeAlias, final, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .frame import Frame
+
+_Floats: TypeAlias = NDArray[np.float32]
+_Doubles: TypeAlias = NDArray[np.float64]
+
+__all__ = [
+    "SVGF",
+    "Accumulated",
+    "Camera",
+    "Output",
+    "accumulate",
+    "atrous",
+    "canonical",
+    "consistency",
+    "demodulate",
+    "estimate_variance",
+    "motion_vectors",
+    "remodulate",
+    "reproject",
+]
+
+@final
+class Camera:
+    def __new__(cls, world_to_clip: ArrayLike, width: int, height: int) -> Self: ...
+    @staticmethod
+    def from_look_at(
+        origin: ArrayLike,
+        target: ArrayLike,
+        up: ArrayLike,
+        fov: float,
+        width: int,
+        height: int,
+        *,
+        fov_axis: Literal["x", "y"] = "x",
+        principal_point: ArrayLike | None = None,
+    ) -> Camera: ...
+    @staticmethod
+    def from_mitsuba(sensor: Any) -> Camera: ...
+    @property
+    def world_to_clip(self) -> _Doubles: ...
+    @property
+    def world_to_camera(self) -> _Doubles: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def position(self) -> _Doubles: ...
+    @property
+    def forward(self) -> _Doubles: ...
+    def project(self, points: ArrayLike) -> tuple[_Doubles, _Doubles]: ...
+    def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> _Doubles: ...
+    def rays(self, pixels: ArrayLike | None = None) -> tuple[_Doubles, _Doubles]: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    def __ne__(self, other: object, /) -> bool: ...
+    def __reduce__(self) -> tuple[type[Camera], tuple[_Doubles, int, int]]: ...
+
+@final
+class Accumulated:
+    @property
+    def color(self) -> _Floats: ...
+    @property
+    def moments(self) -> _Floats: ...
+    @property
+    def history_length(self) -> _Floats: ...
+    @property
+    def missing(self) -> int: ...
+
+@final
+class Output:
+    @property
+    def color(self) -> _Floats: ...
+    @property
+    def variance(self) -> _Floats: ...
+    @property
+    def history_length(self) -> _Floats: ...
+    @property
+    def confidence(self) -> _Floats: ...
+    @property
+    def rejection(self) -> NDArray[np.uint8]: ...
+    @property
+    def used(self) -> tuple[str, ...]: ...
+    @property
+    def missing(self) -> int: ...
+
+@final
+class SVGF:
+    def __new__(
+        cls,
+        *,
+        alpha: float = 0.05,
+        moments_alpha: float = 0.2,
+        iterations: int = 5,
+        sigma_luminance: float = 4.0,
+        sigma_normal: float = 128.0,
+        sigma_depth: float = 1.0,
+        sigma_plane: float = 0.01,
+        relative_depth: float = 0.1,
+        plane_distance: float = 0.01,
+        normal_angle: float = 25.0,
+        min_length: float = 3.5,
+        feedback: bool = False,
+    ) -> Self: ...
+    def step(self, frame: Frame) -> Output: ...
+    def reset(self) -> None: ...
+
+def canonical(value: ArrayLike | None, name: str, size: tuple[int, int] | None = None) -> NDArray[Any]: ...
+def motion_vectors(
+    geometry: ArrayLike,
+    camera: Camera,
+    previous_camera: Camera,
+    *,
+    ids: ArrayLike | None = None,
+    transforms: Mapping[int, ArrayLike] | None = None,
+    out: _Floats | None = None,
+) -> _Floats: ...
+@overload
+def reproject(
+    history: Sequence[_Floats],
+    motion: ArrayLike,
+    *,
+    filter: Literal["bilinear", "nearest"] = "bilinear",
+    fallback: bool = True,
+    depth: ArrayLike | None = None,
+    previous_depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    previous_normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    previous_ids: ArrayLike | None = None,
+    previous_camera: Camera | None = None,
+    relative_depth: float = 0.1,
+    plane_distance: float = 0.01,
+    normal_angle: float = 25.0,
+    out: tuple[Sequence[_Floats] | None, _Floats | None] | None = None,
+) -> tuple[list[_Floats], _Floats]: ...
+@overload
+def reproject(
+    history: ArrayLike,
+    motion: ArrayLike,
+    *,
+    filter: Literal["bilinear", "nearest"] = "bilinear",
+    fallback: bool = True,
+    depth: ArrayLike | None = None,
+    previous_depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    previous_normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    previous_ids: ArrayLike | None = None,
+    previous_camera: Camera | None = None,
+    relative_depth: float = 0.1,
+    plane_distance: float = 0.01,
+    normal_angle: float = 25.0,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
+def consistency(
+    motion: ArrayLike,
+    *,
+    depth: ArrayLike | None = None,
+    previous_depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    previous_normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    previous_ids: ArrayLike | None = None,
+    previous_camera: Camera | None = None,
+    relative_depth: float = 0.1,
+    plane_distance: float = 0.01,
+    normal_angle: float = 25.0,
+    out: tuple[NDArray[np.uint8] | None, _Floats | None] | None = None,
+) -> tuple[NDArray[np.uint8], _Floats]: ...
+def accumulate(
+    color: ArrayLike,
+    history: ArrayLike,
+    history_moments: ArrayLike,
+    history_length: ArrayLike,
+    *,
+    alpha: float = 0.05,
+    moments_alpha: float = 0.2,
+    warmup: bool = True,
+    out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
+) -> Accumulated: ...
+def estimate_variance(
+    moments: ArrayLike,
+    history_length: ArrayLike,
+    *,
+    depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    camera: Camera | None = None,
+    min_length: float = 3.5,
+    radius: int = 3,
+    sigma_normal: float = 128.0,
+    sigma_depth: float = 1.0,
+    sigma_plane: float = 0.01,
+    out: _Floats | None = None,
+) -> _Floats: ...
+def atrous(
+    color: ArrayLike,
+    variance: ArrayLike,
+    *,
+    depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    camera: Camera | None = None,
+    iterations: int = 5,
+    sigma_luminance: float = 4.0,
+    sigma_normal: float = 128.0,
+    sigma_depth: float = 1.0,
+    sigma_plane: float = 0.01,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
+def demodulate(
+    color: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
+) -> _Floats: ...
+def remodulate(
+    illumination: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
+) -> _Floats: ...
