@@ -1,4 +1,19 @@
 //! Yester: temporal reprojection and denoising of rendered frames.
+//!
+//! A frame flows through the kernels in the order of their folders:
+//!
+//! ```text
+//!   numpy ── bindings ──► planar views                          arrays are checked and taken apart, once
+//!   camera   motion_vectors                                     where was each pixel's surface?
+//!   fetch    reproject                                          history, brought here tap by tap
+//!   judge    consistency                                        taps that show another surface are refused
+//!   merge    accumulate                                         new samples join the history that is left
+//!   smooth   estimate_variance ► atrous                         what noise remains is averaged in space
+//!   numpy ◄─ bindings ─── planar images
+//! ```
+//!
+//! `demodulate` and `remodulate` take the texture off before and put it back after. [`pipelines`] are lists of these
+//! kernels that keep the history; [`rows`] runs them all, on every core and with the instructions that the CPU has.
 
 pub mod bindings;
 pub mod error;

@@ -48,6 +48,8 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
 
 def arrays(result) -> list[np.ndarray]:
     """All arrays of a result, in order."""
+    if isinstance(result, yester.Accumulated):
+        result = [result.color, result.moments, result.history_length]
     if isinstance(result, np.ndarray):
         return [result]
     return [array for part in result for array in arrays(part)] if isinstance(result, list | tuple) else []

@@ -69,7 +69,7 @@ def camera(rng: np.random.Generator, width: int, height: int, *, spread: float =
 
 
 def surfaces(rng: np.random.Generator, height: int, width: int) -> dict[str, np.ndarray]:
-    """depth, normal, ids of a random patchwork of tilted planes and background, one pixel in fifty broken."""
+    """depth, normal, ids of a random patchwork of tilted planes and background; one in fifty has no depth, or id."""
     cell = int(rng.integers(2, 9))
     coarse = rng.integers(0, 5, (height // cell + 1, width // cell + 1)).astype(np.uint32)
     ids = np.kron(coarse, np.ones((cell, cell), np.uint32))[:height, :width].copy()
@@ -79,6 +79,7 @@ def surfaces(rng: np.random.Generator, height: int, width: int) -> dict[str, np.
     normal = rng.normal(0, 1, (5, 3))[ids] + rng.normal(0, 0.1, (*ids.shape, 3))
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     depth[ids == 0], normal[ids == 0] = np.inf, 0
+    ids[rng.random(ids.shape) < 0.02] = 0
     broken = rng.random(ids.shape) < 0.02
     depth[broken] = rng.choice([np.nan, 0.0, -1.0, np.inf], int(broken.sum()))
     return {"depth": depth.astype(np.float32), "normal": normal.astype(np.float32), "ids": ids}
@@ -107,6 +108,7 @@ def motions(rng: np.random.Generator, height: int, width: int, channels: int = 2
     motion[..., 2] = rng.normal(0, 0.2, (height, width))
     motion[rng.random((height, width)) < 0.03] = np.nan
     motion[rng.random((height, width)) < 0.01, 0] = np.inf
+    motion[rng.random((height, width)) < 0.01, 2] = np.nan
     return motion[..., :channels].astype(np.float32)
 
 

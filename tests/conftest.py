@@ -3,9 +3,11 @@ import pytest
 import torch
 from hypothesis import HealthCheck, settings
 
-settings.register_profile("yester", deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+settings.register_profile(
+    "yester", deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+)
 settings.load_profile("yester")
-torch.set_num_threads(2)
+torch.set_num_threads(1)  # the images are small, and threads that wait for each other are slow on a busy machine
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

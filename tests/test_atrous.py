@@ -178,6 +178,17 @@ def test_background_is_one_surface():
             np.testing.assert_allclose(image, want, rtol=1e-5)
 
 
+def test_objects_may_be_counted_from_zero():
+    """Background is a surface of its own, not the object with id 0."""
+    color = np.ones((8, 16, 3), np.float32)
+    color[:, 8:] = 100
+    depth = np.full((8, 16), np.inf, np.float32)
+    depth[:, 8:] = 2
+    ids = np.zeros((8, 16), np.uint32)
+    got, _ = yester.atrous(color, np.full((8, 16), 1e6, np.float32), depth=depth, ids=ids)
+    np.testing.assert_allclose(got, color, rtol=1e-5)
+
+
 def test_broken_normals_count_as_zero():
     rng = np.random.default_rng(0)
     color, variance = inputs(rng, 12, 20)

@@ -14,11 +14,12 @@ from calls import arrays, calls
 
 
 def digest() -> str:
-    """One line per kernel: the hash of its results, on an image larger than any band of rows."""
+    """One line per kernel and size: the hash of its results, from less than a vector to more than a band of rows."""
     lines = []
-    for name, (function, given) in calls(131, 173).items():
-        data = b"".join(array.tobytes() for array in arrays(function(**given)))
-        lines.append(f"{name} {hashlib.sha256(data).hexdigest()}")
+    for size in ((1, 1), (5, 7), (9, 33), (131, 173)):
+        for name, (function, given) in calls(*size).items():
+            data = b"".join(array.tobytes() for array in arrays(function(**given)))
+            lines.append(f"{name} {size} {hashlib.sha256(data).hexdigest()}")
     rng = np.random.default_rng(0)
     svgf = yester.SVGF()
     for number in range(4):

@@ -21,6 +21,7 @@ def check(motion, **named):
     assert (~sure).sum() <= 1 + 0.005 * sure.size
     np.testing.assert_array_equal(rejection[sure], want.numpy()[sure])
     assert_close("consistency", confidence, want_confidence, where=sure)
+    assert not np.signbit(confidence).any()
     return rejection, confidence
 
 

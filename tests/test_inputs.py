@@ -65,7 +65,8 @@ def test_layouts_are_one(name, layout):
 @each_call
 def test_half_precision_is_its_value_in_single(name):
     _, given = CALLS[name]
-    halves = {k: v.astype(np.float16) for k, v in given.items() if isinstance(v, np.ndarray) and v.dtype == np.float32}
+    floats = {k: v for k, v in given.items() if isinstance(v, np.ndarray) and v.dtype == np.float32}
+    halves = {k: np.clip(v, -6e4, 6e4).astype(np.float16) for k, v in floats.items()}
     singles = {k: v.astype(np.float32) for k, v in halves.items()}
     for got, want in zip(arrays(call(name, **halves)), arrays(call(name, **singles)), strict=True):
         assert_same_bits(got, want)
@@ -105,7 +106,8 @@ def test_wrong_shapes(name, argument):
     if value.ndim == 3 and (argument != "history" or name == "accumulate"):
         wrong += [np.concatenate([value, value], -1), value[..., :1], value[..., :0]]
     for array in wrong:
-        refused(name, ValueError, argument, **{argument: array})
+        # A position with one axis less is a depth, of another size than the camera.
+        refused(name, ValueError, "geometry|camera" if argument == "geometry" else argument, **{argument: array})
 
 
 @each_image
@@ -122,7 +124,10 @@ def test_sizes_must_agree(name, argument):
 @pytest.mark.parametrize("cut", [np.s_[:0], np.s_[:, :0]], ids=["no rows", "no columns"])
 def test_empty(name, cut):
     given = CALLS[name][1]
-    refused(name, ValueError, "", **{k: v[cut] for k, v in given.items() if isinstance(v, np.ndarray)})
+    message = refused(
+        name, ValueError, "expected", **{k: v[cut] for k, v in given.items() if isinstance(v, np.ndarray)}
+    )
+    assert any(argument in message for argument in given)
 
 
 @each_image
@@ -151,8 +156,7 @@ def test_channels_first_motion_is_explained():
         with pytest.raises(ValueError, match="motion") as error:
             function(**change, motion=motion)
         assert "(2, 6, 9)" in str(error.value)
-        if name == "reproject":
-            assert "(6, 9, 2)" in str(error.value)
+        assert "(H, W, 2)" in str(error.value)
 
 
 @pytest.mark.parametrize("pair", ["depth", "normal", "ids"])
@@ -220,9 +224,10 @@ def test_parameters_of_another_type(name, argument):
     refused(name, TypeError, argument, **{argument: [1, 2]})
 
 
-def test_alpha_zero_is_a_running_mean_only():
-    call("accumulate", alpha=0.0)
-    refused("accumulate", ValueError, "alpha", alpha=0.0, warmup=False)
+@pytest.mark.parametrize("argument", ["alpha", "moments_alpha"])
+def test_alpha_zero_is_a_running_mean_only(argument):
+    call("accumulate", **{argument: 0.0})
+    refused("accumulate", ValueError, argument, **{argument: 0.0, "warmup": False})
 
 
 def test_unknown_arguments():

@@ -182,8 +182,19 @@ def test_fallback_is_the_mean_of_the_neighbours():
     motion = np.zeros((3, 3, 2), np.float32)
     for filter in ("nearest", "bilinear"):
         values, coverage = yester.reproject(history, motion, filter=filter)
-        assert values[1, 1] == 4
-        assert coverage[1, 1] == np.float32(8 / 9)
+        assert values[1, 1] == pytest.approx(4, rel=1e-6)
+        assert coverage[1, 1] == pytest.approx(8 / 9)
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.0099, False), (0.0101, True)])
+def test_a_hundredth_of_the_footprint_is_enough(share, kept):
+    history = np.float32([[np.nan, 5]])
+    motion = np.zeros((1, 2, 2), np.float32)
+    motion[0, 0, 0] = share
+    values, coverage = yester.reproject(history, motion, fallback=False)
+    assert (values[0, 0], coverage[0, 0]) == pytest.approx((5, share) if kept else (0, 0))
+    values, coverage = yester.reproject(history, motion)
+    assert (values[0, 0], coverage[0, 0]) == pytest.approx((5, share if kept else 1 / 9))
 
 
 def test_holes_never_spread():

@@ -35,7 +35,7 @@ def check(moments, length, **named):
     assert (sure | ~np.isfinite(moments).all(-1)).all()
     # A difference of second moments is as precise as they are.
     seen = np.where(np.isfinite(moments).all(-1), moments[..., 1], 0)
-    scale = 4 * np.maximum(seen, seen.max(initial=1e-30) * (length < named.get("min_length", 4.0)))
+    scale = 4 * np.maximum(seen, seen.max(initial=1e-30) * (length < named.get("min_length", 3.5)))
     assert_close("estimate_variance", got, want, scale=scale, where=sure)
     return got
 
@@ -45,7 +45,7 @@ def check(moments, length, **named):
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 36), st.integers(1, 36)),
     buffers=st.sets(st.sampled_from(["depth", "normal", "ids", "camera"])),
-    min_length=st.sampled_from([1.0, 4.0, 10.5]),
+    min_length=st.sampled_from([1.0, 3.5, 10.5]),
     radius=st.sampled_from([0, 1, 3, 5]),
     sigma_normal=st.sampled_from([0.0, 10.0, 128.0]),
     sigma_depth=st.sampled_from([0.5, 3.0]),
@@ -77,7 +77,7 @@ def test_short_history_asks_its_neighbours():
     """Without buffers all weigh the same: the variance of the 7x7, widened by how short the history is."""
     light = np.random.default_rng(0).exponential(1, (7, 7)).astype(np.float32)
     moments = np.stack([light, light**2], -1)
-    for length, factor in ((0, 4), (1, 4), (2, 2), (3, 4 / 3)):
+    for length, factor in ((0, 3.5), (1, 3.5), (2, 1.75), (3, 3.5 / 3)):
         got = yester.estimate_variance(moments, np.full((7, 7), length, np.float32))
         assert got[3, 3] == pytest.approx(light.var() * factor, rel=1e-5)
 

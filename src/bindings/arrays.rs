@@ -339,14 +339,14 @@ pub struct Out<'py, T: Element = f32>(Option<Bound<'py, PyArrayDyn<T>>>);
 
 impl<'py, T: Element> Out<'py, T> {
     /// A new array.
-    pub fn new() -> Self {
+    pub fn fresh() -> Self {
         Self(None)
     }
 
     /// Checks an `out=` argument before any work is done. It may be an input as well: it is written last.
     pub fn given(value: Option<Bound<'py, PyAny>>, shape: &[usize]) -> PyResult<Self> {
         let Some(value) = value else {
-            return Ok(Self::new());
+            return Ok(Self::fresh());
         };
         let expected = format!(
             "a writable {} array in C order of shape {}",

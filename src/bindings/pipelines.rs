@@ -222,13 +222,13 @@ impl SVGF {
         });
         let (images, rejection, used, missing) = output?;
         let [color, variance, history_length, confidence] =
-            images.map(|image| image.array(py, Out::new()).map(Bound::unbind));
+            images.map(|image| image.array(py, Out::fresh()).map(Bound::unbind));
         Ok(Output {
             color: color?,
             variance: variance?,
             history_length: history_length?,
             confidence: confidence?,
-            rejection: rejection.array(py, Out::new())?.unbind(),
+            rejection: rejection.array(py, Out::fresh())?.unbind(),
             used: PyTuple::new(py, used)?.unbind(),
             missing,
         })

@@ -53,7 +53,7 @@ def atrous(
                     continue
                 exponent, same = alike(dx, dy, step)  # (H, W)
                 brighter = (light - shift(light, x, y, 0)).abs() / scale  # (H, W)
-                exponent = exponent.to(light) + brighter.where(finite, 0)  # (H, W)
+                exponent = exponent + brighter.where(finite, 0)  # (H, W)
                 weight = KERNEL[abs(dx)] * KERNEL[abs(dy)] * torch.exp(-exponent)  # (H, W)
                 weight = weight.where(same & shift(finite, x, y, False) & (weight >= CUT), 0)  # (H, W)
                 colors += weight[..., None] * shift(clean, x, y, 0)  # (H, W, 3)

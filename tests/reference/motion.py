@@ -30,6 +30,8 @@ def motion_vectors(geometry: Tensor, camera, previous_camera, *, ids=None, trans
         background = ~geometry.isfinite().all(-1)  # (H, W)
         points = geometry.where(~background[..., None], 0)  # (H, W, 3)
     now, depth = project(camera, points)  # (H, W, 2), (H, W)
+    if geometry.ndim == 2:
+        depth = geometry  # (H, W): as given, or a depth of zero would depend on rounding
 
     moved = points  # (H, W, 3)
     for name, matrix in (transforms or {}).items():

@@ -6,6 +6,7 @@ from torch import Tensor
 from .projection import pixel_centres, rays
 
 CUT = 2.0**-64  # weights below this are none
+BACKGROUND, OUTSIDE = -1, -2  # beside the ids
 
 
 def shift(image: Tensor, dx: int, dy: int, fill) -> Tensor:
@@ -52,8 +53,9 @@ class Similarity:
         if ids is not None:
             self.kind = ids.to(torch.int64)  # (H, W)
         if depth is not None:
-            self.kind = self.kind.where(depth.isfinite() & (depth > 0), 0)  # (H, W)
-        self.surface = self.kind != 0 if depth is not None else torch.ones_like(self.kind, dtype=torch.bool)  # (H, W)
+            self.kind = self.kind.where(depth.isfinite() & (depth > 0), BACKGROUND)  # (H, W)
+        self.surface = self.kind != BACKGROUND  # (H, W)
+        self.none = like.new_zeros(())
         self.normal = self.depth = self.point = None
         if normal is not None:
             good = (normal.isfinite().all(-1) & self.surface)[..., None]  # (H, W, 1)
@@ -69,11 +71,11 @@ class Similarity:
     def __call__(self, dx: int, dy: int, step: int = 1) -> tuple[Tensor, Tensor]:
         """The exponent (H, W) for taps at step·(dx, dy), and whether they count at all (H, W)."""
         x, y = step * dx, step * dy
-        same = shift(self.kind, x, y, -1) == self.kind  # (H, W)
-        exponent = torch.zeros((), dtype=torch.float64)  # broadcasts to (H, W)
+        same = shift(self.kind, x, y, OUTSIDE) == self.kind  # (H, W)
+        exponent = self.none  # broadcasts to (H, W)
         if self.normal is not None:
             n = shift(self.normal, x, y, 0)  # (H, W, 3)
-            exponent = exponent.to(n) + self.sigma_normal * 0.5 * (self.normal - n).square().sum(-1)  # (H, W)
+            exponent = exponent + self.sigma_normal * 0.5 * (self.normal - n).square().sum(-1)  # (H, W)
         if self.depth is not None:
             if self.point is not None:
                 between = self.point - shift(self.point, x, y, 0)  # (H, W, 3)
@@ -82,5 +84,5 @@ class Similarity:
                 rise = self.slope[0] * abs(dx) + self.slope[1] * abs(dy)  # (H, W)
                 allowed = self.sigma_depth * step * rise + 1e-3 * self.depth  # (H, W)
                 far = (self.depth - shift(self.depth, x, y, 0)).abs() / allowed  # (H, W)
-            exponent = exponent.to(far) + far.where(self.surface, 0)  # (H, W)
+            exponent = exponent + far.where(self.surface, 0)  # (H, W)
         return exponent, same

@@ -40,8 +40,8 @@ class SVGF:
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
-        min_length=4.0,
-        feedback=True,
+        min_length=3.5,
+        feedback=False,
     ):
         self.blend = {"alpha": alpha, "moments_alpha": moments_alpha}
         self.sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}

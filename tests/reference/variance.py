@@ -5,7 +5,7 @@ from .similarity import CUT, Similarity, shift
 
 
 def estimate_variance(
-    moments: Tensor, history_length: Tensor, *, min_length=4.0, radius=3, margin=False, **similarity
+    moments: Tensor, history_length: Tensor, *, min_length=3.5, radius=3, margin=False, **similarity
 ) -> Tensor:
     """The variance of the luminance: over time where the history is long enough, else over similar neighbours.
 
@@ -35,7 +35,7 @@ def estimate_variance(
                 continue
             exponent, same = alike(dx, dy)  # (H, W)
             counts = same & shift(finite, dx, dy, False)  # (H, W)
-            weight = torch.exp(-exponent).where(counts, 0).to(moments)  # (H, W)
+            weight = torch.exp(-exponent).where(counts, 0)  # (H, W)
             weight = weight.where(weight >= CUT, 0)  # (H, W)
             total += weight[..., None] * shift(clean, dx, dy, 0)  # (H, W, 2)
             weights += weight  # (H, W)

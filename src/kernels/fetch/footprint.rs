@@ -43,7 +43,10 @@ impl<const N: usize> Taps<N> {
 
     #[inline(always)]
     pub fn weight(&self) -> f32 {
-        self.as_slice().iter().map(|&(_, weight)| weight).sum()
+        // Not `sum`, whose zero is negative.
+        self.as_slice()
+            .iter()
+            .fold(0.0, |sum, &(_, weight)| sum + weight)
     }
 }
 
@@ -80,10 +83,13 @@ impl<'a> Motion<'a> {
     #[inline(always)]
     pub fn origin(&self, x: usize, y: usize, tests: &Tests) -> Origin {
         let i = y * self.size.width + x;
-        let from = Vec2::new(x as f32 + self.x[i], y as f32 + self.y[i]);
+        let change = self.depth.map_or(0.0, |depth| depth[i]);
+        // Motion that is not finite in one of its channels leads nowhere.
+        let known = if change.is_finite() { 0.0 } else { f32::NAN };
+        let from = Vec2::new(x as f32 + self.x[i] + known, y as f32 + self.y[i]);
         Origin {
             from,
-            expected: tests.expected(i, from, self.depth.map_or(0.0, |depth| depth[i])),
+            expected: tests.expected(i, from, change),
         }
     }
 }

@@ -8,7 +8,7 @@
 //! - **depth**, by slope: |Z − Z′| / (σ·(|∂Z/∂x Δx| + |∂Z/∂y Δy|) + Z/1000), the difference as a multiple of what the
 //!   slope explains (Schied et al. 2017, equation 3). Slopes are one-sided differences, the smaller of both sides, so
 //!   that edges do not count as slopes.
-//! - **class**: the id, or 1 where there are no ids; 0 for background, which is one surface without depth or normal.
+//! - **class**: background is one surface, without depth or normal; every id is one, or all that is not background.
 
 use std::ops::Range;
 
@@ -266,7 +266,12 @@ impl<'a> Kernel for Classes<'a> {
         for y in rows {
             let class = class.row(0, y);
             match self.ids {
-                Some(ids) => class.copy_from_slice(ids.row(0, y)),
+                // Background is 0, and an object may be as well.
+                Some(ids) => {
+                    for (class, &id) in class.iter_mut().zip(ids.row(0, y)) {
+                        *class = id.saturating_add(1);
+                    }
+                }
                 None => class.fill(1),
             }
             if let Some(depth) = self.depth {

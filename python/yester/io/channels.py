@@ -1,0 +1,76 @@
+"""Who names what how: the channels of an EXR file and the buffers that they hold.
+
+A channel's name is its layer and, behind the last dot, its component. Our own files name layers after the buffers.
+Mitsuba names components after the kind of value (a depth is ``T``, an index ``I``) and leaves the layers to the user,
+so that only common names can be known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+#: The channels of each buffer in our files. The last one of motion is optional.
+CANONICAL: dict[str, tuple[str, ...]] = {
+    "color": ("R", "G", "B"),
+    "albedo": ("albedo.R", "albedo.G", "albedo.B"),
+    "normal": ("normal.X", "normal.Y", "normal.Z"),
+    "depth": ("depth.Z",),
+    "motion": ("motion.X", "motion.Y", "motion.Z"),
+    "ids": ("ids.I",),
+    "position": ("position.X", "position.Y", "position.Z"),
+    "emission": ("emission.R", "emission.G", "emission.B"),
+}
+
+#: Other names of the layers, as users of Mitsuba choose them; the first one that is found counts.
+_SYNONYMS: dict[str, tuple[str, ...]] = {
+    "albedo": ("alb",),
+    "normal": ("sh_normal", "nn", "ns", "n", "geo_normal", "ng"),
+    "depth": ("dd.y", "dd"),
+    "ids": ("shape_index", "si", "id"),
+    "position": ("pos", "p"),
+}
+
+#: What the absence of a buffer costs.
+COSTS: dict[str, str] = {
+    "color": "nothing to denoise",
+    "albedo": "textures are filtered together with the light, and blur",
+    "normal": "creases are told by depth alone, and blur where it is continuous",
+    "depth": "surfaces that come into view are told by normals and ids alone, which may leave ghosts",
+    "motion": "history is accumulated in place: only right for a still camera and a still scene",
+    "ids": "objects that touch may mix",
+    "position": "motion can only be computed from depth, as if pixel centres had been hit",
+    "emission": "lights that are seen directly are filtered with the rest, and blur",
+    "camera": "no motion from depth or position, and no test of history against the surface's plane",
+}
+
+
+def find(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """The channels of each buffer that can be recognised, in the buffer's order of components."""
+    names = set(names)
+    found = {}
+    for buffer, channels in CANONICAL.items():
+        components = [name.rpartition(".")[2] for name in channels]
+        candidates = [channels]
+        if buffer == "motion":
+            candidates.append(channels[:2])
+        for layer in _SYNONYMS.get(buffer, ()):
+            candidates.append(tuple(f"{layer}.{component}" for component in components))
+        if buffer == "depth":
+            candidates += [(f"{layer}.T",) for layer in (buffer, *_SYNONYMS[buffer])]
+            candidates += [(name,) for name in sorted(names) if name.endswith(".T")]
+        for candidate in candidates:
+            if names.issuperset(candidate):
+                found[buffer] = candidate
+                break
+    return found
+
+
+def missing(found: Iterable[str], *, camera: bool) -> dict[str, str]:
+    """What the absence of each buffer, or of the camera, costs when those in `found` are there."""
+    here = {*found, "camera"} if camera else {*found}
+    costs = {name: cost for name, cost in COSTS.items() if name not in here}
+    if "motion" in here:
+        costs.pop("position", None)
+    elif camera and here & {"depth", "position"}:
+        costs["motion"] = "computed from the cameras, for static objects"
+    return costs

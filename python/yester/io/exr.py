@@ -1,0 +1,466 @@
+"""Multichannel EXR files: our own layers, and those that Mitsuba writes.
+
+Cameras are kept in the standard attributes ``worldToCamera`` (to +X right, +Y up, +Z forward) and ``worldToNDC`` (to
+[0, 1] over the display window, y down), both as Imath has them: for row vectors, in single precision.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._core import Camera
+from ..frame import Frame
+from .channels import CANONICAL, find, missing
+
+Source = str | os.PathLike[str]
+
+_MAGIC = b"\x76\x2f\x31\x01"
+_HALVED = {"color", "albedo", "normal", "emission"}
+_HALF_MAX = float(np.finfo(np.float16).max)
+#: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
+_MIXED = 2**32 - 1
+#: worldToNDC to world_to_clip: [0, 1] to [-1, 1], and y up.
+_NDC_TO_CLIP = np.array([[2.0, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is known of an EXR file from its header.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    width, height : int
+        Size of the data window in pixels.
+    channels : dict of str to tuple of str
+        The buffers of a `Frame` that were recognised, and the channels that they are made of.
+    unrecognised : tuple of str
+        The other channels.
+    camera : Camera or None
+        From the attributes ``worldToCamera`` and ``worldToNDC``.
+    missing : dict of str to str
+        The buffers (and ``"camera"``) that are not in the file, and what their absence costs.
+    notes : dict of str to str
+        Buffers that are there but need a remark.
+    """
+
+    path: Path
+    width: int
+    height: int
+    channels: dict[str, tuple[str, ...]]
+    unrecognised: tuple[str, ...]
+    camera: Camera | None
+    missing: dict[str, str]
+    notes: dict[str, str]
+
+
+def read_exr(path: Source) -> Frame:
+    """Read one frame.
+
+    Parameters
+    ----------
+    path : path-like
+        An EXR file of float16, float32 or uint32 channels, with one part or several. Its data window is the image.
+
+    Returns
+    -------
+    Frame
+        Whatever is recognised, made canonical. In files of Mitsuba, pixels where nothing was hit get depth +inf and
+        position NaN, and depth is converted from a distance along the ray where the header has a camera (exactly if
+        positions are there as well); without one it stays as it is.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened; FileNotFoundError if it is not there.
+    ValueError
+        If it is not an EXR file, is truncated or corrupt, has no colour, or has an unusable camera.
+    ImportError
+        If the OpenEXR package is not installed.
+    """
+    path = Path(path)
+    header, planes = _merge(_parts(path))
+    found = find(planes)
+    if "color" not in found:
+        raise ValueError(f"{path}: no colour: expected channels R, G and B, got {', '.join(planes) or 'none'}")
+    camera = _camera(path, header)
+    try:
+        buffers = {buffer: np.stack([planes[name].pixels for name in names], -1) for buffer, names in found.items()}
+        for buffer in {"depth", "ids"} & buffers.keys():
+            buffers[buffer] = buffers[buffer][..., 0]
+        if "ids" in buffers:
+            buffers["ids"] = _whole(buffers["ids"])
+        if _by_mitsuba(header, found):
+            _mark_misses(buffers, camera, along_ray=_along_ray(found))
+        return Frame(**buffers, camera=camera)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> None:
+    """Write one frame, with the camera in the header.
+
+    The file appears when it is complete: it is written beside and then renamed.
+
+    Parameters
+    ----------
+    path : path-like
+        A file in an existing folder; overwritten if it exists.
+    frame : Frame or (H, W, 3) array_like of float
+        A frame, or just a colour.
+    half : bool, default False
+        Store colour, albedo, normal and emission as float16, clipped to its largest value, 65504. The others always
+        have 32 bits.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    ImportError
+        If the OpenEXR package is not installed.
+    """
+    path = Path(path)
+    frame = frame if isinstance(frame, Frame) else Frame(frame)
+    exr = _openexr()
+    header: dict[str, Any] = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    if frame.camera is not None:
+        to_ndc = np.linalg.inv(_NDC_TO_CLIP) @ frame.camera.world_to_clip
+        header["worldToCamera"] = frame.camera.world_to_camera.T.astype(np.float32)
+        header["worldToNDC"] = to_ndc.T.astype(np.float32)
+    channels = {}
+    for buffer, values in frame.buffers().items():
+        array: NDArray[Any] = values
+        if half and buffer in _HALVED:
+            array = np.where(np.isfinite(array), np.clip(array, -_HALF_MAX, _HALF_MAX), array).astype(np.float16)
+        for name, plane in zip(CANONICAL[buffer], np.moveaxis(np.atleast_3d(array), -1, 0), strict=False):
+            channels[name] = np.ascontiguousarray(plane)
+    with _beside(path) as temporary:
+        try:
+            exr.File(header, channels).write(str(temporary))
+        except RuntimeError as error:
+            raise OSError(f"{path}: cannot be written: {error}") from None
+
+
+def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
+    """The EXR files of a sequence.
+
+    Parameters
+    ----------
+    source : path-like or iterable of path-like
+        A folder (its ``*.exr``), a pattern such as ``shot/*.exr``, a file, or several of these in the order given.
+
+    Returns
+    -------
+    list of Path
+        Within a folder or pattern in natural order: ``frame2`` before ``frame10``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If something named without a pattern is not there.
+    ValueError
+        If a folder or pattern has no EXR file.
+    """
+    if not isinstance(source, str | os.PathLike):
+        paths = [path for item in source for path in sequence_paths(item)]
+        if not paths:
+            raise ValueError("source: expected at least one EXR file, got an empty list")
+        return paths
+    path = Path(source)
+    if path.is_dir():
+        found = [item for item in path.iterdir() if item.suffix.lower() == ".exr"]
+    elif path.exists():
+        return [path]
+    elif glob.has_magic(str(path)):
+        found = [Path(item) for item in glob.glob(str(path), recursive=True)]
+    else:
+        raise FileNotFoundError(f"{path}: no such file or folder")
+    if not found:
+        raise ValueError(f"{path}: no EXR files found")
+    return sorted(found, key=_natural)
+
+
+def read_sequence(source: Source | Iterable[Source]) -> Iterator[Frame]:
+    """Read the frames of a sequence one by one.
+
+    Parameters
+    ----------
+    source : path-like or iterable of path-like
+        As for `sequence_paths`, which is asked at once.
+
+    Yields
+    ------
+    Frame
+        Only one is in memory at a time.
+
+    Raises
+    ------
+    ValueError
+        As `sequence_paths` and `read_exr`; and when a frame of another size is met, naming its file.
+    """
+    paths = sequence_paths(source)
+
+    def frames() -> Iterator[Frame]:
+        size = None
+        for path in paths:
+            frame = read_exr(path)
+            if size not in (None, frame.shape):
+                raise ValueError(f"{path}: expected height and width {size} as in the frames before, got {frame.shape}")
+            size = frame.shape
+            yield frame
+
+    return frames()
+
+
+def write_sequence(
+    folder: Source, frames: Iterable[Frame | ArrayLike], *, names: Sequence[str] | None = None, half: bool = False
+) -> list[Path]:
+    """Write frames one by one as they arrive.
+
+    Parameters
+    ----------
+    folder : path-like
+        Made if it does not exist.
+    frames : iterable of Frame or (H, W, 3) array_like
+        May be a generator: only one frame is in memory at a time.
+    names : sequence of str, optional
+        The file names, one per frame, each another; by default ``frame_0000.exr`` and so on.
+    half : bool, default False
+        As for `write_exr`.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to, before the first frame is asked for.
+    ValueError
+        If two names are equal, or their number is not that of the frames.
+    """
+    folder = Path(folder)
+    if names is not None and len(set(names)) < len(names):
+        raise ValueError(f"names: expected each only once, got {sorted({n for n in names if names.count(n) > 1})}")
+    _openexr()
+    folder.mkdir(parents=True, exist_ok=True)
+    tempfile.TemporaryFile(dir=folder).close()
+    paths = []
+    for index, frame in enumerate(frames):
+        if names is not None and index == len(names):
+            raise ValueError(f"names: expected one per frame, got {len(names)} for more frames")
+        path = folder / (names[index] if names is not None else f"frame_{index:04}.exr")
+        write_exr(path, frame, half=half)
+        paths.append(path)
+    if names is not None and len(paths) < len(names):
+        raise ValueError(f"names: expected one per frame, got {len(names)} for {len(paths)} frames")
+    return paths
+
+
+def describe(path: Source) -> Description:
+    """Tell what an EXR file holds and what it lacks, from its header alone.
+
+    Parameters
+    ----------
+    path : path-like
+        An EXR file.
+
+    Returns
+    -------
+    Description
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        As `read_exr`, except that pixels are not looked at and colour may be absent.
+    """
+    path = Path(path)
+    header, planes = _merge(_parts(path, header_only=True))
+    found = find(planes)
+    camera = _camera(path, header)
+    known = {name for names in found.values() for name in names}
+    notes = {}
+    if _along_ray(found):
+        how = "along the ray from the near plane"
+        if camera is None:
+            notes["depth"] = f"distance {how}: kept as it is, for want of a camera in the header"
+        elif "position" in found:
+            notes["depth"] = f"distance {how}: replaced by that along the camera axis, from positions"
+        else:
+            notes["depth"] = f"distance {how}: converted along the camera axis, but for the near plane's distance"
+    height, width = _size(header)
+    return Description(
+        path=path,
+        width=width,
+        height=height,
+        channels=found,
+        unrecognised=tuple(name for name in planes if name not in known),
+        camera=camera,
+        missing=missing(found, camera=camera is not None),
+        notes=notes,
+    )
+
+
+def _openexr() -> Any:
+    try:
+        return import_module("OpenEXR")
+    except ImportError as error:
+        raise ImportError("EXR files need the OpenEXR package: pip install 'yester[exr]'") from error
+
+
+def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
+    """The parts of a file, all of them: OpenEXR prints why it cannot decode a part, and leaves it out."""
+    with path.open("rb") as file:
+        magic = file.read(len(_MAGIC))
+    if magic != _MAGIC:
+        raise ValueError(f"{path}: {'not an EXR file' if magic else 'an empty file'}")
+    exr = _openexr()
+    said = StringIO()
+    try:
+        parts: list[Any] = exr.File(str(path), header_only=True).parts
+        if not header_only:
+            expected = len(parts)
+            with redirect_stdout(said):
+                parts = exr.File(str(path), separate_channels=True).parts
+            if len(parts) < expected:
+                raise ValueError(said.getvalue().strip())
+    except Exception as error:
+        raise ValueError(f"{path}: truncated or corrupt: {error}") from None
+    if not parts:
+        raise ValueError(f"{path}: truncated or corrupt: no part")
+    return parts
+
+
+def _merge(parts: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The header of the first part with colour, and the channels of all parts that cover the same window."""
+    coloured = (part for part in parts if "color" in find(channel.name for channel in part.header["channels"]))
+    main = next(coloured, parts[0])
+    planes: dict[str, Any] = {}
+    for part in (main, *(part for part in parts if part is not main)):
+        if np.array_equal(part.header["dataWindow"], main.header["dataWindow"]):
+            # With the header alone there are no pixels, and no channels but those it lists.
+            for channel in part.channels.values() or part.header["channels"]:
+                name = channel.name if channel.name not in planes else f"{part.name()}.{channel.name}"
+                planes[name] = channel
+    return main.header, planes
+
+
+def _window(header: dict[str, Any], name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corner and size of a window, (x, y)."""
+    low, high = (np.asarray(corner, np.float64) for corner in header[name])
+    return low, high - low + 1
+
+
+def _size(header: dict[str, Any]) -> tuple[int, int]:
+    width, height = _window(header, "dataWindow")[1]
+    return int(height), int(width)
+
+
+def _whole(ids: NDArray[Any]) -> NDArray[Any]:
+    """Ids from whatever type they were stored in."""
+    if ids.dtype.kind == "u":
+        return ids
+    ids = ids.astype(np.float64)
+    whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= _MIXED)
+    return np.where(whole, ids, _MIXED).astype(np.uint32)
+
+
+def _along_ray(found: dict[str, tuple[str, ...]]) -> bool:
+    return "depth" in found and found["depth"][0].endswith(".T")
+
+
+def _by_mitsuba(header: dict[str, Any], found: dict[str, tuple[str, ...]]) -> bool:
+    return str(header.get("generatedBy", "")).startswith("Mitsuba") or _along_ray(found)
+
+
+def _mark_misses(buffers: dict[str, NDArray[Any]], camera: Camera | None, *, along_ray: bool) -> None:
+    """Mitsuba has zeros in every buffer where nothing was hit; depth, the ids or the position tell best, in turn."""
+    depth, position = buffers.get("depth"), buffers.get("position")
+    if along_ray and depth is not None:
+        miss = depth == 0
+        if camera is not None and position is not None:
+            depth = camera.project(position)[1]
+        elif camera is not None:
+            depth = depth * (camera.rays()[1] @ camera.forward)
+        buffers["depth"] = np.where(miss, np.inf, depth)
+    elif "ids" in buffers:
+        miss = buffers["ids"] == 0
+    elif position is not None:
+        miss = (position == 0).all(-1)
+    else:
+        return
+    if position is not None:
+        buffers["position"] = np.where(miss[..., None], np.nan, position)
+
+
+def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
+    """The camera that the header tells of, unless it is orthographic."""
+    if "worldToNDC" not in header:
+        return None
+    stored = [np.asarray(header[name], np.float64) for name in ("worldToNDC", "worldToCamera") if name in header]
+    if any(matrix.shape != (4, 4) or not np.isfinite(matrix).all() for matrix in stored):
+        raise ValueError(f"{path}: worldToNDC, worldToCamera: expected finite (4, 4) matrices")
+    if any(not row[:3].any() and row[3] for row in (stored[0][3], stored[0].T[3])):
+        return None
+    # Imath has row vectors; pbrt writes its matrices for column vectors into the same attributes.
+    to_ndc, *_ = min(([matrix.T for matrix in stored], stored), key=_implausibility)
+    # NDC spans the display window, the image is the data window.
+    (display, display_size), (data, data_size) = _window(header, "displayWindow"), _window(header, "dataWindow")
+    crop = np.eye(4)
+    crop[[0, 1], [0, 1]], crop[:2, 3] = display_size / data_size, (display - data) / data_size
+    height, width = _size(header)
+    try:
+        return Camera(_NDC_TO_CLIP @ crop @ to_ndc, width, height)
+    except ValueError as error:
+        raise ValueError(f"{path}: worldToNDC: {error}") from None
+
+
+def _implausibility(matrices: list[NDArray[np.float64]]) -> float:
+    """How far matrices for column vectors, worldToNDC and maybe worldToCamera, are from those of one camera.
+
+    The homogeneous coordinate of one is the depth of the other, and the middle of the view is on the screen.
+    """
+    to_ndc, *to_camera = matrices
+    length = np.linalg.norm(to_ndc[3, :3])
+    if length == 0:
+        return np.inf
+    axis = to_ndc[3] / length
+    ahead = to_ndc[[0, 1, 3], :3] @ axis[:3]
+    middle = np.abs(ahead[:2] / ahead[2] - 0.5).max()
+    return float(middle + sum(np.abs(matrix[2] - axis).max() for matrix in to_camera))
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """A temporary file that takes the place of `path` at the end, or goes away if anything interrupts."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.touch()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    try:
+        yield temporary
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """A key under which digits sort as numbers."""
+    return [(int(part), part) if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path))]

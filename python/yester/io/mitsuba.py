@@ -1,0 +1,332 @@
+"""Frames rendered by Mitsuba 3, with exact buffers and motion."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._core import Camera, motion_vectors
+from ..frame import Frame
+
+Matrix = NDArray[np.float64]
+
+_STILL = np.eye(4)
+_AOVS = "albedo:albedo,depth:depth,normal:sh_normal,position:position,ids:shape_index"
+
+
+def camera(sensor: Any) -> Camera:
+    """The camera of a Mitsuba sensor.
+
+    Parameters
+    ----------
+    sensor : mitsuba.Sensor
+        Of type ``perspective`` or ``thinlens`` (as if its aperture were a point), of any variant. The crop window of
+        its film is the image; principal point offsets are taken into account.
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    ValueError
+        If it is of another type.
+    """
+    kind = getattr(sensor, "class_name", lambda: type(sensor).__name__)()
+    if kind not in ("PerspectiveCamera", "ThinLensCamera"):
+        raise ValueError(f"sensor: expected a perspective or thinlens sensor, got {kind}")
+    parameters = _mitsuba().traverse(sensor)
+    film = sensor.film()
+    width, height = (int(side) for side in np.ravel(film.crop_size()))
+    # The offset is a fraction of the whole film, where the projection spans the crop window, [0, 1] with y down.
+    x, y = (
+        2 * _number(parameters, f"principal_point_offset_{axis}") * whole / crop
+        for axis, whole, crop in zip("xy", np.ravel(film.size()), (width, height), strict=True)
+    )
+    to_clip = np.array([[2, 0, 0, -1 - x], [0, -2, 0, 1 + y], [0, 0, 1, 0], [0, 0, 0, 1]])
+    to_uv = _matrix(sensor.projection_transform(), "sensor") @ np.linalg.inv(
+        _matrix(sensor.world_transform(), "sensor")
+    )
+    return Camera(to_clip @ to_uv, width, height)
+
+
+def render_sequence(
+    scene: Any,
+    cameras: Iterable[Camera | ArrayLike],
+    *,
+    spp: int = 1,
+    seed: int = 0,
+    transforms: Iterable[Mapping[str, ArrayLike]] | None = None,
+) -> Iterator[Frame]:
+    """Render frames with all their buffers, one by one.
+
+    Parameters
+    ----------
+    scene : dict, path-like or mitsuba.Scene
+        A dictionary, an XML file, or a loaded scene, which gets its poses back in the end. The scene's own integrator
+        makes the colour. Of its first sensor come the clip planes, the aperture and, for cameras given as matrices,
+        the field of view and the size.
+    cameras : iterable of Camera, or of (4, 4) array_like or mitsuba.ScalarTransform4f
+        One per frame: a camera, or just its pose, which takes the place of the first sensor's ``to_world``.
+    spp : int, default 1
+        Samples per pixel of colour, albedo and emission. The other buffers are always those of a single sample (with
+        1, the very one that made the colour), because a mean of ids or of positions means nothing.
+    seed : int, default 0
+        Frame i is rendered with ``seed + i``. Same seed, same bits.
+    transforms : iterable of mapping of str to (4, 4) array_like, optional
+        One per frame: by shape id, the matrix in world space that moves the shape from where the scene has it to where
+        it is in this frame. Shapes that are not named stand where the scene has them.
+
+    Yields
+    ------
+    Frame
+        With every buffer and the camera. Normals are the shading normals. `ids` count `scene.shapes()` from 1. Motion
+        is exact for the point that was hit, under the motion of camera and shapes; in the first frame it is zero.
+        `emission` is what the camera sees of lights and environment directly; it is None with volumetric integrators,
+        whose media would dim it.
+
+    Raises
+    ------
+    ValueError
+        If the scene has no sensor to go with a pose, a camera is one that Mitsuba has not (pixels that are not square,
+        a thin lens off its axis), cameras differ in size, a shape is unknown or cannot be moved, or there are more or
+        fewer transforms than cameras.
+    ImportError
+        If Mitsuba is not installed.
+
+    Notes
+    -----
+    The variant is the one that is set, else ``scalar_rgb``. Films have a box filter and 32 bits, samplers are
+    independent, whatever the scene says. Scenes given as a dictionary or file are loaded without merging shapes, so
+    that every shape keeps its id; load them with ``optimize=False`` if you do it yourself.
+    """
+    if spp < 1:
+        raise ValueError(f"spp: expected at least 1, got {spp}")
+    stage = _Stage(scene)
+    views = [stage.camera(view) for view in cameras]
+    if len({(view.height, view.width) for view in views}) > 1:
+        raise ValueError("cameras: expected all of the same size, got several")
+    shots = [_Shot(view, stage.sensor(view), {}) for view in views]
+    if transforms is not None:
+        poses = [stage.poses(named) for named in transforms]
+        if len(poses) != len(shots):
+            raise ValueError(f"transforms: expected one for each of {len(shots)} cameras, got {len(poses)}")
+        shots = [replace(shot, poses=pose) for shot, pose in zip(shots, poses, strict=True)]
+    return _frames(stage, shots, spp, seed)
+
+
+def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int) -> Iterator[Frame]:
+    try:
+        for index, shot in enumerate(shots):
+            stage.pose(shot.poses)
+            sensor = stage.mi.load_dict(shot.sensor)
+            smooth = stage.render(sensor, spp, seed + index)
+            sharp = smooth if spp == 1 else stage.render(sensor, 1, seed + index)
+            hit = sharp["depth.T"] > 0
+            position = np.where(hit[..., None], _pick(sharp, "position.", "XYZ"), np.float32(np.nan))
+            ids = stage.ids(sharp["ids.I"])
+            color = _pick(smooth, "", "RGB")
+            before = shots[max(index - 1, 0)]
+            back = {
+                stage.index[name]: before.poses.get(name, _STILL) @ np.linalg.inv(shot.poses.get(name, _STILL))
+                for name in before.poses.keys() | shot.poses.keys()
+                if not np.array_equal(before.poses.get(name, _STILL), shot.poses.get(name, _STILL))
+            }
+            yield Frame(
+                color,
+                albedo=_pick(smooth, "albedo.", "RGB"),
+                normal=_pick(sharp, "normal.", "XYZ"),
+                depth=np.where(hit, shot.camera.project(position)[1], np.inf),
+                motion=motion_vectors(position, shot.camera, before.camera, ids=ids, transforms=back),
+                ids=ids,
+                position=position,
+                # Less than what is seen only where the integrator hides lights.
+                emission=np.fmin(_pick(smooth, "emission.", "RGB"), color) if stage.emission else None,
+                camera=shot.camera,
+            )
+    finally:
+        stage.pose({})
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """What one frame is to show: the camera, the Mitsuba sensor made of it, and where shapes are."""
+
+    camera: Camera
+    sensor: dict[str, Any]
+    poses: dict[str, Matrix]
+
+
+class _Stage:
+    """A loaded scene: its shapes moved about, seen by one camera after the other."""
+
+    def __init__(self, scene: Any) -> None:
+        self.mi = mi = _mitsuba()
+        if not isinstance(scene, mi.Scene):
+            load = mi.load_dict if isinstance(scene, dict) else mi.load_file
+            # Loaded in parallel, the shapes come in any order; optimised, those of one material become one.
+            scene = load(scene if isinstance(scene, dict) else os.fspath(scene), parallel=False, optimize=False)
+            if not isinstance(scene, mi.Scene):
+                raise ValueError(f"scene: expected a scene, got {type(scene).__name__}")
+        self.scene = scene
+        self.scalar = mi.variant().startswith("scalar")
+        self.parameters = mi.traverse(scene)
+        self.index = {shape.id(): number for number, shape in enumerate(scene.shapes(), 1)}
+        self.movers: set[str] = set()
+        self.standing: dict[str, Any] = {}
+        self.intrinsics: tuple[Matrix, int, int] | None = None
+        self.lens: dict[str, Any] = {"type": "perspective"}
+        if scene.sensors():
+            sensor = scene.sensors()[0]
+            base = camera(sensor)
+            to_world = _matrix(sensor.world_transform(), "sensor")
+            self.intrinsics = base.world_to_clip @ to_world, base.width, base.height
+            known = mi.traverse(sensor)
+            if "aperture_radius" in known:
+                self.lens["type"] = "thinlens"
+            for name in ("near_clip", "far_clip", "aperture_radius", "focus_distance"):
+                if name in known:
+                    self.lens[name] = _number(known, name)
+        own = scene.integrator() or {"type": "path"}
+        self.emission = "Volumetric" not in (own["type"] if isinstance(own, dict) else own.class_name())
+        nested = {"color": own, "emission": {"type": "path", "max_depth": 1}}
+        try:
+            self.integrator = mi.load_dict({"type": "aov", "aovs": _AOVS, **nested})
+        except RuntimeError as error:
+            raise ValueError(f"scene: its integrator cannot be combined with other outputs: {error}") from None
+
+    def camera(self, view: Camera | ArrayLike) -> Camera:
+        if isinstance(view, Camera):
+            return view
+        if self.intrinsics is None:
+            raise ValueError("cameras: expected yester.Camera, as the scene has no sensor, got a matrix")
+        projection, width, height = self.intrinsics
+        return Camera(projection @ np.linalg.inv(_matrix(view, "cameras")), width, height)
+
+    def sensor(self, view: Camera) -> dict[str, Any]:
+        """The description of the Mitsuba sensor of a camera."""
+        to_camera = view.world_to_camera
+        projection = view.world_to_clip @ np.linalg.inv(to_camera)
+        (zoom, skew, right, _), (lean, tall, up, _) = projection[:2] / projection[3, 2]
+        if max(abs(tall * view.height / view.width - zoom), abs(skew), abs(lean)) > 1e-4 * zoom:
+            raise ValueError("cameras: expected square pixels, which Mitsuba's cameras have, got others")
+        offset = {"principal_point_offset_x": -right / 2, "principal_point_offset_y": up / 2}
+        if self.lens["type"] == "thinlens":
+            if max(abs(right), abs(up)) > 1e-4:
+                raise ValueError("cameras: expected the principal point of a thin lens in the centre of the image")
+            offset = {}
+        return {
+            **self.lens,
+            **offset,
+            "fov": math.degrees(2 * math.atan(1 / zoom)),
+            "fov_axis": "x",
+            # Mitsuba's x points left.
+            "to_world": self.mi.ScalarTransform4f(np.linalg.inv(np.diag([-1.0, 1, 1, 1]) @ to_camera)),
+            "film": {
+                "type": "hdrfilm",
+                "width": view.width,
+                "height": view.height,
+                "pixel_format": "rgb",
+                "component_format": "float32",
+                "rfilter": {"type": "box"},
+            },
+            "sampler": {"type": "independent"},
+        }
+
+    def poses(self, named: Mapping[str, ArrayLike]) -> dict[str, Matrix]:
+        """Checked matrices of shapes that can be moved."""
+        for name in named:
+            if name not in self.index:
+                known = ", ".join(filter(None, self.index))
+                raise ValueError(f"transforms: expected ids of shapes ({known}), got {name!r}")
+            kind = self.scene.shapes()[self.index[name] - 1].class_name()
+            # Vectorised variants tell what was instanced, not which instance.
+            if not self._keys(name) or (kind == "Instance" and not self.scalar):
+                raise ValueError(f"transforms: {name!r} is a shape that cannot be moved: {kind} in {self.mi.variant()}")
+        self.movers |= named.keys()
+        return {name: _matrix(pose, f"transforms[{name!r}]") for name, pose in named.items()}
+
+    def pose(self, poses: Mapping[str, Matrix]) -> None:
+        """Moves shapes from where the scene has them; those that are not named go back there."""
+        # All that ever move, every time and even to where they are: Mitsuba rounds otherwise what it has loaded.
+        for name in sorted(self.movers):
+            self._move(name, poses.get(name, _STILL))
+        if self.movers:
+            self.parameters.update()
+
+    def _keys(self, name: str) -> list[str]:
+        keys = (f"{name}.{key}" for key in ("to_world", "vertex_positions", "vertex_normals"))
+        return [key for key in keys if key in self.parameters]
+
+    def _move(self, name: str, pose: Matrix) -> None:
+        for key in self._keys(name):
+            value = self.parameters[key]
+            standing = self.standing.setdefault(key, type(value)(value))
+            if pose is _STILL:  # gives back what was there, to the bit
+                self.parameters[key] = standing
+            elif key.endswith("to_world"):
+                self.parameters[key] = self.mi.Transform4f(pose @ _matrix(standing, key))
+            else:
+                vectors = np.array(standing, np.float64).reshape(-1, 3)
+                if key.endswith("vertex_positions"):
+                    vectors = vectors @ pose[:3, :3].T + pose[:3, 3]
+                else:
+                    vectors = vectors @ np.linalg.inv(pose[:3, :3])
+                    vectors /= np.linalg.norm(vectors, axis=-1, keepdims=True)
+                self.parameters[key] = vectors.astype(np.float32).ravel()
+            self.parameters.set_dirty(key)
+
+    def render(self, sensor: Any, spp: int, seed: int) -> dict[str, NDArray[np.float32]]:
+        """The channels of the film by name."""
+        self.integrator.render(self.scene, sensor=sensor, seed=seed, spp=spp)
+        bitmap = sensor.film().bitmap()
+        pixels = np.array(bitmap)
+        return {field.name: pixels[..., index] for index, field in enumerate(bitmap.struct_())}
+
+    def ids(self, stored: NDArray[np.float32]) -> NDArray[np.uint32]:
+        """Shapes counted from 1: what scalar variants store; the others have handles that differ on every load."""
+        ids = stored.astype(np.uint32)
+        if self.scalar:
+            return ids
+        drjit = import_module("drjit")
+        handles = np.array(drjit.reinterpret_array(self.mi.UInt32, self.scene.shapes_dr()))
+        # What is neither background nor in the list is inside an instance.
+        table = np.arange(max(ids.max(), handles.max()) + 1, dtype=np.uint32) + np.uint32(len(handles))
+        table[0] = 0
+        table[handles] = np.arange(1, len(handles) + 1)
+        return table[ids]
+
+
+def _mitsuba() -> Any:
+    try:
+        mi: Any = import_module("mitsuba")
+    except ImportError as error:
+        raise ImportError("rendering needs Mitsuba: pip install 'yester[mitsuba]'") from error
+    if mi.variant() is None:
+        mi.set_variant("scalar_rgb")
+    return mi
+
+
+def _pick(channels: Mapping[str, NDArray[np.float32]], layer: str, components: str) -> NDArray[np.float32]:
+    return np.stack([channels[layer + component] for component in components], -1)
+
+
+def _number(parameters: Any, name: str) -> float:
+    """A parameter that is a number, or in vectorised variants an array of one; 0 if there is none."""
+    return float(np.ravel(parameters[name])[0]) if name in parameters else 0.0
+
+
+def _matrix(transform: Any, name: str) -> Matrix:
+    """An invertible (4, 4) matrix from an array or a Mitsuba transform, which vectorised variants make (4, 4, 1)."""
+    matrix = np.array(getattr(transform, "matrix", transform), np.float64)
+    matrix = matrix[..., 0] if matrix.shape == (4, 4, 1) else matrix
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix) == 0:
+        raise ValueError(f"{name}: expected an invertible (4, 4) matrix, got {matrix.tolist()}")
+    return matrix

@@ -1,0 +1,1 @@
+"""The measuring half: metrics, scenes and the demo. Nothing above imports it."""

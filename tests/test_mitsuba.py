@@ -1,0 +1,455 @@
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import mitsuba as mi
+import numpy as np
+import pytest
+import yester
+from compare import assert_same_bits
+from yester.io import mitsuba as door
+from yester.io.mitsuba import render_sequence
+
+if mi.variant() is None:
+    mi.set_variant("scalar_rgb")
+T = mi.ScalarTransform4f
+WIDTH, HEIGHT = 32, 24
+VIEW = T().look_at([0.5, 1, 5], [0, 0.5, 0], [0, 1, 0])
+RADIANCE = 3.0
+
+
+def sensor(kind="perspective", film=None, **named):
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, **(film or {})}
+    return {"type": kind, "fov": 40, "to_world": VIEW, "film": film, **named}
+
+
+def scene(poses=None, **named):
+    """A sphere, a cube, a rectangle that is a light, a disk and an instance, on a floor, under a sky."""
+    poses = {name: T(np.asarray(matrix)) for name, matrix in (poses or {}).items()}
+
+    def at(name, transform):
+        return poses.get(name, T()) @ transform
+
+    return {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 4},
+        "sensor": sensor(near_clip=0.5),
+        "sky": {"type": "constant", "radiance": 0.25},
+        "ball": {"type": "sphere", "to_world": at("ball", T().translate([0, 0.5, 0]).scale(0.5))},
+        "cube": {"type": "cube", "to_world": at("cube", T().translate([-1, 0.5, 0]).scale(0.3))},
+        "lamp": {
+            "type": "rectangle",
+            "to_world": at("lamp", T().translate([0, 1.4, 0]).rotate([1, 0, 0], 30)),
+            "emitter": {"type": "area", "radiance": RADIANCE},
+        },
+        "disk": {"type": "disk", "to_world": at("disk", T().translate([1.3, 0.5, 0]).scale(0.3))},
+        "group": {"type": "shapegroup", "part": {"type": "sphere", "radius": 0.25}},
+        "copy": {
+            "type": "instance",
+            "group": {"type": "ref", "id": "group"},
+            "to_world": at("copy", T().translate([1, 0.5, 1])),
+        },
+        "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(1.6)},
+        **named,
+    }
+
+
+SHAPES = ["ball", "cube", "lamp", "disk", "copy", "floor"]
+
+
+def flight(count):
+    return [T().look_at([0.5 + 0.1 * i, 1, 5 - 0.1 * i], [0.05 * i, 0.5, 0], [0, 1, 0]) for i in range(count)]
+
+
+def matrix(transform):
+    return np.array(transform.matrix, np.float64)
+
+
+def dance(count):
+    """Everything but the floor moves, in its own way; the disk only in the second half."""
+    for i in range(count):
+        poses = {
+            "ball": T().translate([0.05 * i, 0.02 * i, 0]),
+            "cube": T().translate([-1, 0.5, 0]).rotate([0, 1, 0.3], 12 * i).translate([1, -0.5, 0.04 * i]),
+            "lamp": T().rotate([0, 1, 0], 3 * i),
+            "copy": T().translate([0, 0.05 * i, 0]),
+        }
+        if i >= count / 2:
+            poses["disk"] = T().translate([0, 0.06, 0]).rotate([0, 0, 1], 5)
+        yield {name: matrix(pose) for name, pose in poses.items()}
+
+
+def cells():
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return np.stack([x, y], -1)
+
+
+def inside_pixels(pixels, where):
+    """Every sample was taken inside its pixel, and they spread over it."""
+    offset = (pixels - np.stack(np.mgrid[: pixels.shape[0], : pixels.shape[1]][::-1], -1))[where]
+    assert where.sum() > 50
+    assert offset.min() > -5e-3
+    assert offset.max() < 1 + 5e-3
+    assert np.abs(offset.mean(0) - 0.5).max() < 0.15
+
+
+def assert_same_frames(got, want):
+    for a, b in zip(got, want, strict=True):
+        assert a.buffers().keys() == b.buffers().keys()
+        assert a.camera == b.camera
+        for name, array in a.buffers().items():
+            assert_same_bits(array, b.buffers()[name])
+
+
+# Cameras
+
+CROP = {"width": 50, "height": 40, "crop_width": 32, "crop_height": 24, "crop_offset_x": 11, "crop_offset_y": 5}
+SENSORS = [
+    sensor(),
+    sensor(fov_axis="y"),
+    sensor(fov_axis="diagonal"),
+    sensor(fov_axis="larger", film={"width": 24, "height": 32}),
+    sensor(principal_point_offset_x=0.1, principal_point_offset_y=-0.07),
+    sensor(film=CROP),
+    sensor(film=CROP, principal_point_offset_x=0.1, principal_point_offset_y=-0.07),
+    sensor("thinlens", aperture_radius=0.05, focus_distance=4.0, film=CROP),
+]
+
+
+@pytest.mark.parametrize("description", SENSORS)
+def test_camera(description):
+    """Rays of the camera are those of Mitsuba, and what Mitsuba hits is projected where it was sampled."""
+    source = mi.load_dict(description)
+    camera = yester.Camera.from_mitsuba(source)
+    assert camera == door.camera(source)
+    assert [camera.width, camera.height] == list(source.film().crop_size())
+    size = np.array([camera.width, camera.height])
+    for place in np.random.default_rng(0).random((20, 2)):
+        ray, _ = source.sample_ray(0, 0, mi.Point2f(place), mi.Point2f(0.5))
+        origin, direction = camera.rays(place * size)
+        # A thousandth of a pixel.
+        assert np.abs(np.cross(direction, np.array(ray.d))).max() < 1e-3 * np.radians(20) / 32
+        assert np.linalg.norm(np.cross(direction, np.array(ray.o) - origin)) < 1e-5
+        pixel, depth = camera.project(np.array(ray.o + 7 * ray.d))
+        np.testing.assert_allclose(pixel, place * size, atol=0.02)
+        assert 0 < depth <= 7.1
+
+
+def test_vectorised_layout():
+    """llvm and cuda variants store every matrix as (4, 4, 1) and every number as an array."""
+    source = mi.load_dict(SENSORS[6])
+    known = mi.traverse(source)
+    parameters = {name: np.array([known[name]]) for name in known.keys() if "offset_" in name}  # noqa: SIM118
+    wide = SimpleNamespace(
+        class_name=source.class_name,
+        film=source.film,
+        world_transform=lambda: SimpleNamespace(matrix=matrix(source.world_transform())[..., None]),
+        projection_transform=lambda: SimpleNamespace(matrix=matrix(source.projection_transform())[..., None]),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mi, "traverse", lambda _: parameters)
+        got = door.camera(wide)
+    assert got == door.camera(source)
+
+
+def test_no_camera():
+    with pytest.raises(ValueError, match="sensor: expected a perspective or thinlens sensor, got OrthographicCamera"):
+        yester.Camera.from_mitsuba(mi.load_dict({"type": "orthographic", "film": {"type": "hdrfilm"}}))
+    with pytest.raises(ValueError, match="got int"):
+        door.camera(3)
+
+
+@pytest.mark.parametrize("lens", ["perspective", "thinlens"])
+def test_any_camera(lens):
+    """Cameras of every size, field of view and principal point, whatever the scene's own."""
+    point = None if lens == "thinlens" else (12.0, 15.0)
+    cameras = [
+        yester.Camera.from_look_at([1, 2, 4], [0, 0.3, 0], [0.1, 1, 0], 50, 40, 20, principal_point=point),
+        yester.Camera.from_look_at([-2, 1, 4], [0, 0.3, 0], [0, 1, 0], 30, 40, 20, fov_axis="y"),
+    ]
+    # Focused where the objects are, hits stay near their pixels.
+    extra = {"aperture_radius": 1e-4, "focus_distance": 4.0} if lens == "thinlens" else {}
+    for frame, camera in zip(render_sequence(scene(sensor=sensor(lens, **extra)), cameras), cameras, strict=True):
+        assert frame.camera == camera
+        assert frame.shape == (camera.height, camera.width)
+        inside_pixels(camera.project(frame.position)[0], frame.ids > 0)
+
+
+# Buffers
+
+
+def test_buffers():
+    (frame,) = render_sequence(scene(), [VIEW])
+    hit = frame.ids > 0
+    assert 0 < hit.sum() < hit.size
+    assert set(np.unique(frame.ids)) == {0, *range(1, 7)}
+    pixels, depth = frame.camera.project(frame.position)
+    inside_pixels(pixels, hit)
+    own = yester.Camera.from_mitsuba(mi.load_dict(sensor()))
+    np.testing.assert_allclose(frame.camera.world_to_clip[[0, 1, 3]], own.world_to_clip[[0, 1, 3]], atol=1e-5)
+    # z along the axis, not the distance, and not from the near plane
+    assert_same_bits(frame.depth[hit], depth[hit].astype(np.float32))
+    assert (frame.depth[~hit] == np.inf).all()
+    np.testing.assert_array_equal(np.isnan(frame.position).all(-1), ~hit)
+    np.testing.assert_allclose(np.linalg.norm(frame.normal, axis=-1), hit, atol=1e-5)
+    ball = frame.ids == 1 + SHAPES.index("ball")
+    np.testing.assert_allclose(frame.normal[ball], (frame.position[ball] - [0, 0.5, 0]) / 0.5, atol=1e-4)
+    np.testing.assert_allclose(frame.position[frame.ids == 1 + SHAPES.index("floor")][:, 1], 0, atol=1e-5)
+    # Lights are black unless they are given a material.
+    grey = hit & (frame.ids != 1 + SHAPES.index("lamp"))
+    np.testing.assert_array_equal(frame.albedo, np.where(grey, 0.5, 0)[..., None].repeat(3, -1))
+    assert_same_bits(frame.motion, np.zeros((HEIGHT, WIDTH, 3), np.float32))
+
+
+def test_emission():
+    """The sky and the lamp's front, exactly; what remains of the colour is light that fell on something."""
+    (frame,) = render_sequence(scene(), [VIEW])
+    lamp = frame.ids == 1 + SHAPES.index("lamp")
+    front = lamp & (((frame.camera.position - frame.position) * frame.normal).sum(-1) > 0)
+    assert front.any()
+    want = np.where(front, RADIANCE, np.where(frame.ids == 0, 0.25, 0))
+    np.testing.assert_array_equal(frame.emission, want[..., None].repeat(3, -1))
+    assert (frame.color >= frame.emission).all()
+    assert_same_bits(frame.color[frame.ids == 0], frame.emission[frame.ids == 0])
+
+
+def test_no_emission():
+    # Not with the path integrator: Mitsuba 3.9.1 ends the process when that is to hide lights.
+    (frame,) = render_sequence(scene(integrator={"type": "direct", "hide_emitters": True}), [VIEW])
+    assert frame.color.max() > 0
+    np.testing.assert_array_equal(frame.emission, 0)
+    (frame,) = render_sequence(scene(integrator={"type": "volpath"}), [VIEW])
+    assert frame.emission is None
+
+
+def test_samples():
+    """Colours are means over all samples, the rest belongs to one."""
+    one, many = (next(render_sequence(scene(), [VIEW], spp=spp, seed=5)) for spp in (1, 64))
+    for name in ("normal", "depth", "motion", "ids", "position"):
+        assert_same_bits(many.buffers()[name], one.buffers()[name])
+    assert abs(many.color.mean() - one.color.mean()) < 0.1 * many.color.mean()
+    floor = many.ids == 1 + SHAPES.index("floor")
+    assert many.color[floor].std() < 0.7 * one.color[floor].std()
+    assert len(np.unique(many.albedo)) > 2 == len(np.unique(one.albedo))
+    assert (many.color >= many.emission).all()
+
+
+def test_seeds():
+    first, again, other = (list(render_sequence(scene(), flight(2), seed=s)) for s in (3, 3, 4))
+    assert_same_frames(first, again)
+    assert (first[0].color != other[0].color).any()
+    still = list(render_sequence(scene(), [VIEW, VIEW], seed=3))
+    assert (still[0].color != still[1].color).any()
+    (late,) = render_sequence(scene(), [VIEW], seed=4)
+    assert_same_bits(still[1].color, late.color)
+
+
+# Motion
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_motion(step):
+    """Traced back: the ray of the previous camera along the motion meets the same point of the same shape.
+
+    The previous scene is built from nothing, with every shape where it was, and asked with Mitsuba's own rays.
+    """
+    poses, views = list(dance(4)), flight(4)
+    frames = list(render_sequence(scene(), views, transforms=poses))
+    then, now = frames[step - 1], frames[step]
+    former = mi.load_dict(
+        scene(poses[step - 1], sensor=sensor(near_clip=0.5, to_world=views[step - 1])), parallel=False, optimize=False
+    )
+    own = former.sensors()[0]
+    target = now.camera.project(now.position)[0] + now.motion[..., :2]
+    met = dict.fromkeys(SHAPES, 0)
+    for y, x in np.argwhere(now.ids > 0):
+        place = target[y, x] / [WIDTH, HEIGHT]
+        if not ((place > 0) & (place < 1)).all():
+            continue
+        name = SHAPES[now.ids[y, x] - 1]
+        here, back = (np.asarray(p.get(name, np.eye(4))) for p in (poses[step], poses[step - 1]))
+        point = back @ np.linalg.inv(here) @ [*now.position[y, x].astype(np.float64), 1]
+        ray, _ = own.sample_ray(0, 0, mi.Point2f(place), mi.Point2f(0.5))
+        hit = former.ray_intersect(mi.RayDifferential3f(ray))
+        reach = np.linalg.norm(point[:3] - np.array(ray.o))
+        if hit.t < reach - 0.02:
+            continue  # hidden then
+        pixel, depth = then.camera.project(point[:3])
+        np.testing.assert_allclose(target[y, x], pixel, atol=2e-3)
+        assert abs(now.depth[y, x] + now.motion[y, x, 2] - depth) < 1e-4
+        # Where a surface turns away from the eye, a thousandth of a pixel is far on it.
+        slant = abs(np.dot(np.array(hit.n), np.array(ray.d))) if hit.is_valid() else 0
+        if slant > 0.2:
+            assert hit.t == pytest.approx(reach, abs=2e-3)
+            met[name] += 1
+    assert min(met.values()) >= 3, met
+    assert sum(met.values()) > 0.75 * (now.ids > 0).sum()
+    # The sky turns with the camera: none of it is without motion.
+    assert np.isfinite(now.motion[now.ids == 0]).all()
+    np.testing.assert_array_equal(now.motion[now.ids == 0][:, 2], 0)
+
+
+def test_motion_by_the_buffers():
+    """Reprojected positions of the previous frame are those of this one, moved back, but for half a pixel."""
+    poses, views = list(dance(2)), flight(2)
+    then, now = render_sequence(scene(), views, transforms=poses)
+    moved = now.position.astype(np.float64)
+    for name, pose in poses[1].items():
+        back = poses[0].get(name, np.eye(4)) @ np.linalg.inv(pose)
+        here = now.ids == 1 + SHAPES.index(name)
+        moved[here] = moved[here] @ back[:3, :3].T + back[:3, 3]
+    target = np.nan_to_num(now.camera.project(now.position)[0] + now.motion[..., :2], nan=-1)
+    x, y = np.floor(target).astype(int).transpose(2, 0, 1)
+    inside = (x >= 0) & (y >= 0) & (x < WIDTH) & (y < HEIGHT) & (now.ids > 0)
+    x, y = x * inside, y * inside
+    same = inside & (then.ids[y, x] == now.ids)
+    # Two points of one pixel are near each other, up to the slant of the surface.
+    distance = np.linalg.norm(then.position[y, x] - moved, axis=-1)
+    footprint = 2 * np.tan(np.radians(20)) / WIDTH * now.depth
+    slant = np.abs((now.normal * (now.camera.position - now.position)).sum(-1)) / now.depth
+    checked = same & (slant > 0.3)
+    assert checked.sum() > 0.5 * inside.sum()
+    assert (distance < footprint * 1.5 / slant)[checked].mean() > 0.97
+
+
+def test_poses():
+    """A scene moved about renders like one that was built so, normals included; and it is put back in the end."""
+    loaded = mi.load_dict(scene(), parallel=False, optimize=False)
+    before = {name: np.array(getattr(v, "matrix", v)) for name, v in mi.traverse(loaded) if is_pose(name)}
+    assert len(before) >= len(SHAPES)
+    frames = list(render_sequence(loaded, flight(3), transforms=dance(3), seed=8))
+    poses = list(dance(3))
+    for index, (view, frame) in enumerate(zip(flight(3), frames, strict=True)):
+        (want,) = render_sequence(scene(poses[index]), [view], seed=8 + index)
+        agree = frame.ids == want.ids
+        assert agree.mean() > 0.99
+        for name in ("normal", "depth", "position", "albedo", "emission"):
+            a, b = frame.buffers()[name][agree], want.buffers()[name][agree]
+            np.testing.assert_allclose(a, b, atol=2e-3)
+        close = np.isclose(frame.color, want.color, atol=1e-2).all(-1)
+        assert close.mean() > 0.97
+    interrupted = render_sequence(loaded, flight(3), transforms=dance(3))
+    next(interrupted), next(interrupted)
+    interrupted.close()
+    after = mi.traverse(loaded)
+    for name, value in before.items():
+        np.testing.assert_array_equal(np.array(getattr(after[name], "matrix", after[name])), value)
+    assert_same_frames(render_sequence(loaded, flight(3), transforms=dance(3), seed=8), frames)
+
+
+def is_pose(name):
+    return name.endswith((".to_world", ".vertex_positions", ".vertex_normals"))
+
+
+def test_smooth_mesh(tmp_path):
+    """Normals that are not those of the faces turn with the mesh."""
+    mesh = mi.Mesh("bent", 3, 1, has_vertex_normals=True)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = [-1.0, -1, 0, 1, -1, 0, 0, 1, 0]
+    parameters["vertex_normals"] = [-0.6, 0, 0.8, 0.6, 0, 0.8, 0, 0.6, 0.8]
+    parameters["faces"] = [0, 1, 2]
+    parameters.update()
+    mesh.write_ply(str(tmp_path / "bent.ply"))
+    bent = {"type": "ply", "filename": str(tmp_path / "bent.ply")}
+    turn = T().rotate([0, 1, 0], 25)
+    stage = {"type": "scene", "sensor": sensor(), "bent": bent, "integrator": {"type": "path"}}
+    (got,) = render_sequence(stage, [VIEW], transforms=[{"bent": turn}])
+    (want,) = render_sequence({**stage, "bent": {**bent, "to_world": turn}}, [VIEW])
+    np.testing.assert_array_equal(got.ids, want.ids)
+    assert 0 < got.ids.sum() < got.ids.size
+    np.testing.assert_allclose(got.normal, want.normal, atol=1e-5)
+    assert np.ptp(got.normal[got.ids > 0], axis=0).min() > 0.1
+
+
+# Sources
+
+XML = """<scene version="3.0.0">
+  <integrator type="path"/>
+  <sensor type="perspective">
+    <float name="fov" value="40"/>
+    <transform name="to_world"><lookat origin="0, 1, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="24"/></film>
+  </sensor>
+  <bsdf type="diffuse" id="grey"/>
+  <shape type="cube" id="left">
+    <transform name="to_world"><translate x="-1.5"/></transform><ref id="grey"/>
+  </shape>
+  <shape type="cube" id="right">
+    <transform name="to_world"><translate x="1.5"/></transform><ref id="grey"/>
+  </shape>
+  <emitter type="constant"/>
+</scene>
+"""
+
+
+def test_sources(tmp_path):
+    """A file, its path as a string, and the scene loaded from it; shapes of one material stay apart."""
+    path = tmp_path / "scene.xml"
+    path.write_text(XML)
+    lift = [{}, {"left": T().translate([0, 0.2, 0])}]
+    views = [T().look_at([0, 1, 5], [0, 0, 0], [0, 1, 0])] * 2
+    loaded = mi.load_file(str(path), optimize=False, parallel=False)
+    first, *others = (list(render_sequence(s, views, transforms=lift)) for s in (path, str(path), loaded))
+    for other in others:
+        assert_same_frames(other, first)
+    frame = first[1]
+    assert set(np.unique(frame.ids)) == {0, 1, 2}
+    assert frame.shape == (HEIGHT, WIDTH)
+    assert frame.motion[frame.ids == 1][:, 1].min() > 0.5  # it was lower, and y points down
+    np.testing.assert_array_equal(frame.motion[frame.ids != 1], 0)
+
+
+def test_without_sensor_and_integrator():
+    bare = {"type": "scene", "ball": {"type": "sphere"}, "sky": {"type": "constant"}}
+    camera = yester.Camera.from_look_at([0, 1, 5], [0, 0, 0], [0, 1, 0], 40, WIDTH, HEIGHT)
+    (frame,) = render_sequence(bare, [camera])
+    inside_pixels(camera.project(frame.position)[0], frame.ids > 0)
+    assert frame.color[frame.ids > 0].mean() == pytest.approx(0.5, rel=0.1)
+    with pytest.raises(ValueError, match=r"cameras: expected yester\.Camera, as the scene has no sensor"):
+        render_sequence(bare, [VIEW])
+
+
+def test_default_variant():
+    code = "from yester.io.mitsuba import render_sequence as r; import mitsuba as m; list(r({'type': 'scene'}, []))"
+    code += "; assert m.variant() == 'scalar_rgb', m.variant()"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+# Bad input
+
+
+BROAD = yester.Camera.from_look_at([1, 2, 4], [0, 0, 0], [0, 1, 0], 50, 2 * WIDTH, HEIGHT)
+SQUEEZED = yester.Camera(np.eye(4)[[0, 1, 3, 2]], 20, 10)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ({"spp": 0}, "spp: expected at least 1, got 0"),
+        ({"transforms": [{}]}, "transforms: expected one for each of 2 cameras, got 1"),
+        ({"transforms": [{}, {"bal": np.eye(4)}]}, r"transforms: expected ids of shapes \(ball, cube, .*got 'bal'"),
+        ({"transforms": [{}, {"ball": np.eye(3)}]}, r"transforms\['ball'\]: expected an invertible \(4, 4\) matrix"),
+        ({"transforms": [{}, {"ball": np.full((4, 4), np.nan)}]}, r"transforms\['ball'\]: expected an invertible"),
+        ({"transforms": [{}, {"ball": np.zeros((4, 4))}]}, r"transforms\['ball'\]: expected an invertible"),
+        ({"cameras": [VIEW, BROAD]}, "cameras: expected all of the same size"),
+        ({"cameras": [VIEW, np.eye(3)]}, "cameras: expected an invertible"),
+        ({"cameras": [SQUEEZED]}, "cameras: expected square pixels"),
+        ({"scene": {"type": "sphere"}}, "scene: expected a scene"),
+        ({"scene": scene(integrator={"type": "ptracer"})}, "scene: its integrator cannot be combined"),
+        (
+            {"scene": scene(sensor=SENSORS[7])},
+            "cameras: expected the principal point of a thin lens in the centre",
+        ),
+    ],
+)
+def test_bad_input(arguments, complaint):
+    """Refused at the call, before the first frame."""
+    given = {"scene": scene(), "cameras": [VIEW, VIEW], **arguments}
+    with pytest.raises(ValueError, match=complaint):
+        render_sequence(**given)
+
+
+def test_without_mitsuba(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    with pytest.raises(ImportError, match=r"pip install 'yester\[mitsuba\]'"):
+        render_sequence(scene(), [VIEW])

@@ -1,0 +1,135 @@
+"""`out=`: the same bits in memory that the caller owns, which may be the input's."""
+
+import numpy as np
+import pytest
+import yester
+from calls import arrays, calls
+from compare import assert_same_bits
+
+CALLS = calls()
+# The inputs that results may replace, in the order of the results.
+IN_PLACE = {
+    "reproject": ("history", None),
+    "reproject(nearest)": ("history", None),
+    "accumulate": ("history", "history_moments", "history_length"),
+    "estimate_variance": ("history_length",),
+    "atrous": ("color", "variance"),
+    "atrous(slopes)": ("color", "variance"),
+    "demodulate": ("color",),
+    "remodulate": ("illumination",),
+    "motion_vectors(position)": ("geometry",),
+}
+each_call = pytest.mark.parametrize("name", CALLS)
+
+
+def results(name) -> list[np.ndarray]:
+    function, given = CALLS[name]
+    return arrays(function(**given))
+
+
+def put(name, parts, **change):
+    """Call with an array for a single result, and a tuple for several."""
+    function, given = CALLS[name]
+    return function(**{**given, **change}, out=parts[0] if len(parts) == 1 else tuple(parts))
+
+
+@each_call
+def test_results_are_the_given_arrays(name):
+    parts = [np.full_like(want, 7) for want in results(name)]
+    got = arrays(put(name, parts))
+    for part, array, want in zip(parts, got, results(name), strict=True):
+        assert array is part
+        assert_same_bits(part, want)
+
+
+@each_call
+def test_parts_may_be_left_out(name):
+    wants = results(name)
+    for only in range(len(wants)) if len(wants) > 1 else ():
+        parts = [np.empty_like(want) if i == only else None for i, want in enumerate(wants)]
+        got = arrays(put(name, parts))
+        assert got[only] is parts[only]
+        for array, want in zip(got, wants, strict=True):
+            assert_same_bits(array, want)
+
+
+@pytest.mark.parametrize("name", IN_PLACE)
+def test_in_place(name):
+    change = {argument: CALLS[name][1][argument].copy() for argument in IN_PLACE[name] if argument}
+    parts = [change.get(argument) for argument in IN_PLACE[name]]
+    for array, want in zip(arrays(put(name, parts, **change)), results(name), strict=True):
+        assert_same_bits(array, want)
+
+
+def test_lists_of_history():
+    function, given = CALLS["reproject"]
+    history = [given["history"], given["depth"], given["history"][..., :2].copy()]
+    wants, want_coverage = function(**{**given, "history": history})
+    parts, coverage = [np.empty_like(image) for image in history], np.empty_like(want_coverage)
+    got, got_coverage = function(**{**given, "history": history}, out=(parts, coverage))
+    assert got_coverage is coverage
+    assert_same_bits(coverage, want_coverage)
+    for array, part, want in zip(got, parts, wants, strict=True):
+        assert array is part
+        assert_same_bits(array, want)
+
+
+def broken(part):
+    """Arrays that will not do, by what is wrong with them."""
+    wide = np.zeros((*part.shape[:-1], 2 * part.shape[-1]), part.dtype)
+    frozen = np.zeros_like(part)
+    frozen.flags.writeable = False
+    return [
+        (part.astype(np.float64), TypeError),
+        (np.zeros(part.shape, np.int32), TypeError),
+        (part.tolist(), TypeError),
+        (np.zeros_like(part)[:-1], ValueError),
+        (np.zeros_like(part)[None], ValueError),
+        (wide[..., ::2], ValueError),
+        (np.zeros_like(part)[::-1], ValueError),
+        (np.zeros(part.shape, part.dtype, order="F"), ValueError),
+        (frozen, ValueError),
+    ]
+
+
+@each_call
+def test_what_does_not_do_is_refused_before_any_work(name):
+    wants = results(name)
+    for index, want in enumerate(wants):
+        for wrong, error in broken(want):
+            parts = [np.full_like(other, 7) for other in wants]
+            parts[index] = wrong
+            with pytest.raises(error, match="out"):
+                put(name, parts)
+            assert all((part == 7).all() for i, part in enumerate(parts) if i != index)
+
+
+@each_call
+def test_wrong_number_of_parts(name):
+    wants = results(name)
+    for parts in ([*wants, wants[0]], [wants[0]] if len(wants) > 1 else [wants[0], None]):
+        with pytest.raises((TypeError, ValueError), match="out"):
+            put(name, [part.copy() if part is not None else None for part in parts])
+
+
+def test_nothing_is_written_when_an_argument_is_wrong():
+    function, given = CALLS["atrous"]
+    out = tuple(np.full_like(given[name], 7) for name in ("color", "variance"))
+    for change in ({"iterations": 99}, {"depth": given["depth"][:-1]}):
+        with pytest.raises(ValueError, match=next(iter(change))):
+            function(**{**given, **change}, out=out)
+        assert all((part == 7).all() for part in out)
+
+
+def test_a_pipeline_of_memory_owned_by_the_caller():
+    """A sequence accumulated in place, frame by frame, equals the one in new arrays."""
+    rng = np.random.default_rng(0)
+    fresh = [np.zeros((8, 9, *channels), np.float32) for channels in ((3,), (2,), ())]
+    owned = tuple(image.copy() for image in fresh)
+    for _ in range(5):
+        color = rng.exponential(1, (8, 9, 3)).astype(np.float32)
+        result = yester.accumulate(color, *fresh)
+        fresh = [result.color, result.moments, result.history_length]
+        yester.accumulate(color, *owned, out=owned)
+    for got, want in zip(owned, fresh, strict=True):
+        assert_same_bits(got, want)
