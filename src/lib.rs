@@ -43,11 +43,13 @@ mod _core {
     #[pymodule_export]
     use bindings::pipelines::{Output, SVGF};
     #[pymodule_export]
+    use bindings::settings;
+    #[pymodule_export]
     use bindings::smooth::{atrous_, demodulate_, estimate_variance_, remodulate_};
 
     #[pymodule_init]
-    fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         rows::Settings::from_environment()?;
-        Ok(())
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

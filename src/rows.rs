@@ -164,6 +164,7 @@ impl Settings {
         Self::from_environment().expect("the environment is checked when the module is imported")
     }
 
+    /// The instruction set's name, as `YESTER_SIMD` has it.
     pub fn level_name(&self) -> &'static str {
         match self.level {
             #[cfg(target_arch = "x86_64")]

@@ -224,7 +224,7 @@ def test_no_emission():
 
 def test_samples():
     """Colours are means over all samples, the rest belongs to one."""
-    one, many = (next(render_sequence(scene(), [VIEW], spp=spp, seed=5)) for spp in (1, 64))
+    one, many = (next(render_sequence(scene(), [VIEW], spp=spp)) for spp in (1, 64))
     for name in ("normal", "depth", "motion", "ids", "position"):
         assert_same_bits(many.buffers()[name], one.buffers()[name])
     assert abs(many.color.mean() - one.color.mean()) < 0.1 * many.color.mean()
@@ -232,6 +232,19 @@ def test_samples():
     assert many.color[floor].std() < 0.7 * one.color[floor].std()
     assert len(np.unique(many.albedo)) > 2 == len(np.unique(one.albedo))
     assert (many.color >= many.emission).all()
+
+
+def test_colour_alone():
+    """For references: the same image, without the rest."""
+    for poses in (None, dance(2)):
+        full, alone = (
+            list(render_sequence(scene(), flight(2), spp=32, transforms=poses and dance(2), buffers=buffers))
+            for buffers in (True, False)
+        )
+        for a, b in zip(full, alone, strict=True):
+            assert set(b.buffers()) == {"color"}
+            assert b.camera == a.camera
+            assert np.abs(a.color - b.color).mean() < 0.1 * a.color.mean()
 
 
 def test_seeds():
@@ -435,7 +448,6 @@ SQUEEZED = yester.Camera(np.eye(4)[[0, 1, 3, 2]], 20, 10)
         ({"cameras": [VIEW, np.eye(3)]}, "cameras: expected an invertible"),
         ({"cameras": [SQUEEZED]}, "cameras: expected square pixels"),
         ({"scene": {"type": "sphere"}}, "scene: expected a scene"),
-        ({"scene": scene(integrator={"type": "ptracer"})}, "scene: its integrator cannot be combined"),
         (
             {"scene": scene(sensor=SENSORS[7])},
             "cameras: expected the principal point of a thin lens in the centre",

@@ -16,6 +16,7 @@ __all__ = [
     "Accumulated",
     "Camera",
     "Output",
+    "__version__",
     "accumulate",
     "atrous",
     "canonical",
@@ -25,7 +26,10 @@ __all__ = [
     "motion_vectors",
     "remodulate",
     "reproject",
+    "settings",
 ]
+
+__version__: str
 
 @final
 class Camera:
@@ -222,3 +226,4 @@ def demodulate(
 def remodulate(
     illumination: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
 ) -> _Floats: ...
+def settings() -> tuple[int, str]: ...

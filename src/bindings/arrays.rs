@@ -265,6 +265,19 @@ pub struct Interleaved<'a, T> {
 }
 
 impl<'a, T: Number> Interleaved<'a, T> {
+    /// The same numbers as an image of one channel, for kernels that treat all channels alike.
+    pub fn flat(self) -> View<'a, T> {
+        let Size { height, width } = self.size;
+        View::new(
+            Size {
+                height,
+                width: width * self.channels,
+            },
+            1,
+            self.data,
+        )
+    }
+
     pub fn planes(self) -> Planes<'a, T> {
         match self.channels {
             1 => Planes::Borrowed(View::new(self.size, 1, self.data)),
@@ -291,25 +304,27 @@ impl<T: Number> Planes<'_, T> {
 /// An image on its way to numpy.
 pub struct Outgoing<T = f32> {
     image: Image<T>,
-    channel_axis: bool,
+    shape: Vec<usize>,
 }
 
 impl<T: Element + Copy + Default + Send + Sync> Outgoing<T> {
     /// To be (H, W) for a single channel, (H, W, C) for several.
     pub fn new(image: Image<T>) -> Self {
         let channel_axis = image.channels > 1;
-        Self {
-            image,
-            channel_axis,
-        }
+        Self::with_axis(image, channel_axis)
     }
 
     /// To be with or without an axis for channels.
     pub fn with_axis(image: Image<T>, channel_axis: bool) -> Self {
-        Self {
-            image,
-            channel_axis,
-        }
+        let Size { height, width } = image.size;
+        let channels = channel_axis.then_some(image.channels);
+        let shape = [height, width].into_iter().chain(channels).collect();
+        Self { image, shape }
+    }
+
+    /// What was computed from [`Interleaved::flat`] images of this shape.
+    pub fn flat(image: Image<T>, shape: Vec<usize>) -> Self {
+        Self { image, shape }
     }
 
     /// Writes into the array that the caller gave, or into a new one.
@@ -319,13 +334,8 @@ impl<T: Element + Copy + Default + Send + Sync> Outgoing<T> {
         out: Out<'py, T>,
     ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         let Some(out) = out.0 else {
-            let Size { height, width } = self.image.size;
-            let channels = self.channel_axis.then_some(self.image.channels);
-            let shape: Vec<_> = [height, width].into_iter().chain(channels).collect();
-            return py
-                .detach(|| self.image.into_interleaved())
-                .into_pyarray(py)
-                .reshape(shape);
+            let data = py.detach(|| self.image.into_interleaved());
+            return data.into_pyarray(py).reshape(self.shape);
         };
         let mut array = out.try_readwrite()?;
         let slice = array.as_slice_mut()?;

@@ -8,3 +8,15 @@ pub mod judge;
 pub mod merge;
 pub mod pipelines;
 pub mod smooth;
+
+use pyo3::prelude::*;
+
+use crate::rows::Settings;
+
+/// The number of threads and the instruction set that kernels run with: what the machine has, lowered by
+/// `YESTER_THREADS` and `YESTER_SIMD`.
+#[pyfunction]
+pub fn settings() -> PyResult<(usize, &'static str)> {
+    let settings = Settings::from_environment()?;
+    Ok((settings.threads, settings.level_name()))
+}

@@ -298,18 +298,10 @@ fn modulate<'py>(
         let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?.sized("albedo", image.size())?;
         let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
         let out = Out::given(out, image.shape())?;
-        let (data, emission) = (
-            [image.data(), albedo.data()],
-            emission.as_ref().map(Input::data),
-        );
-        let result = py.detach(|| {
-            let (planes, emission) = (
-                data.map(Interleaved::planes),
-                emission.map(Interleaved::planes),
-            );
-            let [image, albedo] = planes.each_ref().map(Planes::view);
-            Outgoing::new(kernel(image, albedo, emission.as_ref().map(Planes::view)))
-        });
+        let shape = image.shape().to_vec();
+        let [image, albedo] = [&image, &albedo].map(|input| input.data().flat());
+        let emission = emission.as_ref().map(|input| input.data().flat());
+        let result = py.detach(|| Outgoing::flat(kernel(image, albedo, emission), shape));
         (result, out)
     };
     result.array(py, out)

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib import import_module
 from typing import Any
 
@@ -51,10 +52,8 @@ def camera(sensor: Any) -> Camera:
         for axis, whole, crop in zip("xy", np.ravel(film.size()), (width, height), strict=True)
     )
     to_clip = np.array([[2, 0, 0, -1 - x], [0, -2, 0, 1 + y], [0, 0, 1, 0], [0, 0, 0, 1]])
-    to_uv = _matrix(sensor.projection_transform(), "sensor") @ np.linalg.inv(
-        _matrix(sensor.world_transform(), "sensor")
-    )
-    return Camera(to_clip @ to_uv, width, height)
+    to_uv, to_world = (_matrix(t, "sensor") for t in (sensor.projection_transform(), sensor.world_transform()))
+    return Camera(to_clip @ to_uv @ np.linalg.inv(to_world), width, height)
 
 
 def render_sequence(
@@ -64,6 +63,7 @@ def render_sequence(
     spp: int = 1,
     seed: int = 0,
     transforms: Iterable[Mapping[str, ArrayLike]] | None = None,
+    buffers: bool = True,
 ) -> Iterator[Frame]:
     """Render frames with all their buffers, one by one.
 
@@ -76,13 +76,15 @@ def render_sequence(
     cameras : iterable of Camera, or of (4, 4) array_like or mitsuba.ScalarTransform4f
         One per frame: a camera, or just its pose, which takes the place of the first sensor's ``to_world``.
     spp : int, default 1
-        Samples per pixel of colour, albedo and emission. The other buffers are always those of a single sample (with
+        Samples per pixel of colour, albedo and emission. The other buffers are always those of the first sample (with
         1, the very one that made the colour), because a mean of ids or of positions means nothing.
     seed : int, default 0
-        Frame i is rendered with ``seed + i``. Same seed, same bits.
+        Not negative. Frame i is rendered as frame 0 would be with ``seed + i``. Same seed, same bits.
     transforms : iterable of mapping of str to (4, 4) array_like, optional
         One per frame: by shape id, the matrix in world space that moves the shape from where the scene has it to where
         it is in this frame. Shapes that are not named stand where the scene has them.
+    buffers : bool, default True
+        If False, frames have a colour and the camera only, and are rendered several times as fast: for references.
 
     Yields
     ------
@@ -119,20 +121,26 @@ def render_sequence(
         if len(poses) != len(shots):
             raise ValueError(f"transforms: expected one for each of {len(shots)} cameras, got {len(poses)}")
         shots = [replace(shot, poses=pose) for shot, pose in zip(shots, poses, strict=True)]
-    return _frames(stage, shots, spp, seed)
+    return _frames(stage, shots, spp, seed, buffers)
 
 
-def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int) -> Iterator[Frame]:
+def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: bool) -> Iterator[Frame]:
     try:
         for index, shot in enumerate(shots):
             stage.pose(shot.poses)
             sensor = stage.mi.load_dict(shot.sensor)
-            smooth = stage.render(sensor, spp, seed + index)
-            sharp = smooth if spp == 1 else stage.render(sensor, 1, seed + index)
-            hit = sharp["depth.T"] > 0
-            position = np.where(hit[..., None], _pick(sharp, "position.", "XYZ"), np.float32(np.nan))
-            ids = stage.ids(sharp["ids.I"])
-            color = _pick(smooth, "", "RGB")
+            if not buffers:
+                yield Frame(stage.render(stage.light, sensor, seed + index, spp)[""], camera=shot.camera)
+                continue
+            first = stage.sample(sensor, (seed + index) * spp)
+            total = {name: first[name].astype(np.float64) for name in ("color", "albedo", "emission")}
+            for number in range(1, spp):
+                another = stage.sample(sensor, (seed + index) * spp + number)
+                for name in total:
+                    total[name] += another[name]
+            hit = first["depth"][..., 0] > 0
+            position = np.where(hit[..., None], first["position"], np.float32(np.nan))
+            ids = stage.ids(first["ids"][..., 0])
             before = shots[max(index - 1, 0)]
             back = {
                 stage.index[name]: before.poses.get(name, _STILL) @ np.linalg.inv(shot.poses.get(name, _STILL))
@@ -140,15 +148,14 @@ def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int) -> Iterator[
                 if not np.array_equal(before.poses.get(name, _STILL), shot.poses.get(name, _STILL))
             }
             yield Frame(
-                color,
-                albedo=_pick(smooth, "albedo.", "RGB"),
-                normal=_pick(sharp, "normal.", "XYZ"),
+                total["color"] / spp,
+                albedo=total["albedo"] / spp,
+                normal=first["normal"],
                 depth=np.where(hit, shot.camera.project(position)[1], np.inf),
                 motion=motion_vectors(position, shot.camera, before.camera, ids=ids, transforms=back),
                 ids=ids,
                 position=position,
-                # Less than what is seen only where the integrator hides lights.
-                emission=np.fmin(_pick(smooth, "emission.", "RGB"), color) if stage.emission else None,
+                emission=total["emission"] / spp if stage.clear else None,
                 camera=shot.camera,
             )
     finally:
@@ -169,7 +176,9 @@ class _Stage:
 
     def __init__(self, scene: Any) -> None:
         self.mi = mi = _mitsuba()
-        if not isinstance(scene, mi.Scene):
+        self.drjit: Any = import_module("drjit")
+        self.foreign = isinstance(scene, mi.Scene)
+        if not self.foreign:
             load = mi.load_dict if isinstance(scene, dict) else mi.load_file
             # Loaded in parallel, the shapes come in any order; optimised, those of one material become one.
             scene = load(scene if isinstance(scene, dict) else os.fspath(scene), parallel=False, optimize=False)
@@ -177,8 +186,6 @@ class _Stage:
                 raise ValueError(f"scene: expected a scene, got {type(scene).__name__}")
         self.scene = scene
         self.scalar = mi.variant().startswith("scalar")
-        self.parameters = mi.traverse(scene)
-        self.index = {shape.id(): number for number, shape in enumerate(scene.shapes(), 1)}
         self.movers: set[str] = set()
         self.standing: dict[str, Any] = {}
         self.intrinsics: tuple[Matrix, int, int] | None = None
@@ -194,13 +201,18 @@ class _Stage:
             for name in ("near_clip", "far_clip", "aperture_radius", "focus_distance"):
                 if name in known:
                     self.lens[name] = _number(known, name)
-        own = scene.integrator() or {"type": "path"}
-        self.emission = "Volumetric" not in (own["type"] if isinstance(own, dict) else own.class_name())
-        nested = {"color": own, "emission": {"type": "path", "max_depth": 1}}
-        try:
-            self.integrator = mi.load_dict({"type": "aov", "aovs": _AOVS, **nested})
-        except RuntimeError as error:
-            raise ValueError(f"scene: its integrator cannot be combined with other outputs: {error}") from None
+        self.light = scene.integrator() or mi.load_dict({"type": "path"})
+        self.clear = "Volumetric" not in self.light.class_name()
+        self.emission = mi.load_dict({"type": "path", "max_depth": 1})
+        self.surface = mi.load_dict({"type": "aov", "aovs": _AOVS})
+
+    @cached_property
+    def parameters(self) -> Any:
+        return self.mi.traverse(self.scene)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        return {shape.id(): number for number, shape in enumerate(self.scene.shapes(), 1)}
 
     def camera(self, view: Camera | ArrayLike) -> Camera:
         if isinstance(view, Camera):
@@ -283,20 +295,39 @@ class _Stage:
                 self.parameters[key] = vectors.astype(np.float32).ravel()
             self.parameters.set_dirty(key)
 
-    def render(self, sensor: Any, spp: int, seed: int) -> dict[str, NDArray[np.float32]]:
-        """The channels of the film by name."""
-        self.integrator.render(self.scene, sensor=sensor, seed=seed, spp=spp)
+    def sample(self, sensor: Any, seed: int) -> dict[str, NDArray[np.float32]]:
+        """One sample per pixel, seen by all integrators: those that share a seed share their first random numbers.
+
+        (One ``aov`` integrator around the others would do as well, but calls each of them twice.)
+        """
+        light = self.render(self.light, sensor, seed)[""]
+        emission = self.render(self.emission, sensor, seed)[""]
+        threads = self.drjit.thread_count()
+        # In scalar variants, shapes that Python has once seen are counted under its lock, several times a sample: one
+        # thread is then three times as fast as two. Those who do not move shapes do not look at them.
+        if self.scalar and (self.foreign or self.movers):
+            self.drjit.set_thread_count(1)
+        try:
+            surface = self.render(self.surface, sensor, seed)
+        finally:
+            self.drjit.set_thread_count(threads)
+        # Less than that is seen only where the scene's own integrator hides lights.
+        return {**surface, "color": light, "emission": np.fmin(emission, light)}
+
+    def render(self, integrator: Any, sensor: Any, seed: int, spp: int = 1) -> dict[str, NDArray[np.float32]]:
+        """The layers of the film by name, (H, W, C); the unnamed one is colour."""
+        integrator.render(self.scene, sensor=sensor, seed=seed, spp=spp)
         bitmap = sensor.film().bitmap()
         pixels = np.array(bitmap)
-        return {field.name: pixels[..., index] for index, field in enumerate(bitmap.struct_())}
+        layers = [field.name.rpartition(".")[0] for field in bitmap.struct_()]
+        return {name: pixels[..., [name == layer for layer in layers]] for name in layers}
 
     def ids(self, stored: NDArray[np.float32]) -> NDArray[np.uint32]:
         """Shapes counted from 1: what scalar variants store; the others have handles that differ on every load."""
         ids = stored.astype(np.uint32)
         if self.scalar:
             return ids
-        drjit = import_module("drjit")
-        handles = np.array(drjit.reinterpret_array(self.mi.UInt32, self.scene.shapes_dr()))
+        handles = np.array(self.drjit.reinterpret_array(self.mi.UInt32, self.scene.shapes_dr()))
         # What is neither background nor in the list is inside an instance.
         table = np.arange(max(ids.max(), handles.max()) + 1, dtype=np.uint32) + np.uint32(len(handles))
         table[0] = 0
@@ -312,10 +343,6 @@ def _mitsuba() -> Any:
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
     return mi
-
-
-def _pick(channels: Mapping[str, NDArray[np.float32]], layer: str, components: str) -> NDArray[np.float32]:
-    return np.stack([channels[layer + component] for component in components], -1)
 
 
 def _number(parameters: Any, name: str) -> float:

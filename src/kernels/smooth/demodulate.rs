@@ -5,7 +5,7 @@
 //! The bound is a power of two, so that where albedo is black (emitters, background, metals) the round trip has the
 //! colour's own bits; elsewhere it is right to the last place or two. Falcor's SVGFPass bounds at 0.001.
 //!
-//! Inputs: colour or illumination (3), albedo (3), emission (3, optional). NaN or infinity in albedo or emission counts
+//! Inputs: colour or illumination, albedo, emission (optional), of the same channels. NaN or infinity in albedo or emission counts
 //! as 0, in colour it stays.
 
 use std::ops::Range;
@@ -44,7 +44,7 @@ pub fn remodulate(illumination: View, albedo: View, emission: Option<View>) -> I
 }
 
 fn modulate(kernel: Modulate) -> Image {
-    let mut out = Image::new(kernel.image.size, 3);
+    let mut out = Image::new(kernel.image.size, kernel.image.channels);
     rows::run(&kernel, kernel.image.size.height, out.bands());
     out
 }
@@ -55,7 +55,7 @@ impl<'a> Kernel for Modulate<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
         for y in rows {
-            for channel in 0..3 {
+            for channel in 0..self.image.channels {
                 let out = out.row(channel, y);
                 let image = self.image.row(channel, y);
                 let albedo = self.albedo.row(channel, y);
