@@ -201,6 +201,18 @@ def test_buffers():
     assert_same_bits(frame.motion, np.zeros((HEIGHT, WIDTH, 3), np.float32))
 
 
+def test_metals_are_not_demodulated():
+    """What Mitsuba gives as the albedo of gold changes with the view, from 0 to 6 and more."""
+    gold = {"type": "roughconductor", "material": "Au", "alpha": 0.2}
+    shapes = scene()
+    shapes["ball"]["bsdf"] = {"type": "twosided", "nested": gold}
+    (frame,) = render_sequence(shapes, [VIEW])
+    ball = frame.ids == 1 + SHAPES.index("ball")
+    assert ball.any()
+    assert (frame.albedo[ball] == 1).all()
+    assert set(np.unique(frame.albedo[~ball])) == {0, 0.5}
+
+
 def test_emission():
     """The sky and the lamp's front, exactly; what remains of the colour is light that fell on something."""
     (frame,) = render_sequence(scene(), [VIEW])

@@ -89,7 +89,8 @@ def render_sequence(
     Yields
     ------
     Frame
-        With every buffer and the camera. Normals are the shading normals. `ids` count `scene.shapes()` from 1. Motion
+        With every buffer and the camera. Albedo is 1 on surfaces without a diffuse part, such as metals, whose light is
+        not to be demodulated. Normals are the shading normals. `ids` count `scene.shapes()` from 1. Motion
         is exact for the point that was hit, under the motion of camera and shapes; in the first frame it is zero.
         `emission` is what the camera sees of lights and environment directly; it is None with volumetric integrators,
         whose media would dim it.
@@ -140,7 +141,7 @@ def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: boo
                     total[name] += another[name]
             hit = first["depth"][..., 0] > 0
             position = np.where(hit[..., None], first["position"], np.float32(np.nan))
-            ids = stage.ids(first["ids"][..., 0])
+            ids = first["ids"]
             before = shots[max(index - 1, 0)]
             back = {
                 stage.index[name]: before.poses.get(name, _STILL) @ np.linalg.inv(shot.poses.get(name, _STILL))
@@ -177,8 +178,7 @@ class _Stage:
     def __init__(self, scene: Any) -> None:
         self.mi = mi = _mitsuba()
         self.drjit: Any = import_module("drjit")
-        self.foreign = isinstance(scene, mi.Scene)
-        if not self.foreign:
+        if not isinstance(scene, mi.Scene):
             load = mi.load_dict if isinstance(scene, dict) else mi.load_file
             # Loaded in parallel, the shapes come in any order; optimised, those of one material become one.
             scene = load(scene if isinstance(scene, dict) else os.fspath(scene), parallel=False, optimize=False)
@@ -205,6 +205,10 @@ class _Stage:
         self.clear = "Volumetric" not in self.light.class_name()
         self.emission = mi.load_dict({"type": "path", "max_depth": 1})
         self.surface = mi.load_dict({"type": "aov", "aovs": _AOVS})
+        # By id, with places for background and for what is inside an instance.
+        bsdfs = [shape.bsdf() for shape in scene.shapes()]
+        mirrors = [bsdf is not None and not mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) for bsdf in bsdfs]
+        self.mirrors = np.array([False, *mirrors, False])
 
     @cached_property
     def parameters(self) -> Any:
@@ -304,15 +308,24 @@ class _Stage:
         emission = self.render(self.emission, sensor, seed)[""]
         threads = self.drjit.thread_count()
         # In scalar variants, shapes that Python has once seen are counted under its lock, several times a sample: one
-        # thread is then three times as fast as two. Those who do not move shapes do not look at them.
-        if self.scalar and (self.foreign or self.movers):
+        # thread is then three times as fast as two.
+        if self.scalar:
             self.drjit.set_thread_count(1)
         try:
             surface = self.render(self.surface, sensor, seed)
         finally:
             self.drjit.set_thread_count(threads)
-        # Less than that is seen only where the scene's own integrator hides lights.
-        return {**surface, "color": light, "emission": np.fmin(emission, light)}
+        ids = self.ids(surface["ids"][..., 0])
+        # What Mitsuba calls albedo is, without a diffuse part, the BSDF at one pair of directions, from 0 to anything.
+        mirror = self.mirrors[np.minimum(ids, len(self.mirrors) - 1), None]
+        return {
+            **surface,
+            "ids": ids,
+            "albedo": np.where(mirror, np.float32(1), surface["albedo"]),
+            "color": light,
+            # Less than what a path tracer sees only where the scene's own integrator hides lights.
+            "emission": np.fmin(emission, light),
+        }
 
     def render(self, integrator: Any, sensor: Any, seed: int, spp: int = 1) -> dict[str, NDArray[np.float32]]:
         """The layers of the film by name, (H, W, C); the unnamed one is colour."""
