@@ -35,46 +35,6 @@ class Sequence:
     cameras: list[Camera]
     transforms: list[dict[str, NDArray[np.float64]]]
 
-    def reference(self, index: int, spp: int, seed: int = 0) -> NDArray[np.float32]:
-        """Render the colour of one frame without its other buffers, which takes a fraction of the time.
-
-        Parameters
-        ----------
-        index : int
-            Of the frame.
-        spp : int
-            Samples per pixel.
-        seed : int, default 0
-            Another than those of the noisy frames, lest they share samples.
-
-        Returns
-        -------
-        (H, W, 3) ndarray of float32
-        """
-        import mitsuba as mi
-
-        camera = self.cameras[index]
-        scene = dict(self.scene)
-        for name, pose in self.transforms[index].items():
-            scene[name] = {**scene[name], "to_world": mi.ScalarTransform4f(pose.tolist()) @ scene[name]["to_world"]}
-        # Mitsuba's x points left.
-        to_world = np.linalg.inv(np.diag([-1, 1, 1, 1]) @ camera.world_to_camera)
-        scene["sensor"] = {
-            "type": "perspective",
-            "fov": _FOV,
-            "fov_axis": "y",
-            "to_world": mi.ScalarTransform4f(to_world.tolist()),
-            "film": {
-                "type": "hdrfilm",
-                "width": camera.width,
-                "height": camera.height,
-                "pixel_format": "rgb",
-                "component_format": "float32",
-                "rfilter": {"type": "box"},
-            },
-        }
-        return np.array(mi.render(mi.load_dict(scene), spp=spp, seed=seed), np.float32)
-
 
 def cornell_box(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Mitsuba's Cornell box, made harder: textures, a glossy ball, a cube that flies and turns, a camera that moves.
