@@ -297,6 +297,9 @@ def test_truncated(tmp_path, capfd, parts, share):
     path.write_bytes(whole[: max(5, int(share * len(whole)))])
     with pytest.raises(ValueError, match=r"a\.exr: truncated or corrupt: ."):
         io.read_exr(path)
+    if parts == 1:
+        with pytest.raises(ValueError, match=r"a\.exr: truncated or corrupt: ."):
+            io.describe(path)  # which reads no pixels
     assert capfd.readouterr().out == ""
 
 

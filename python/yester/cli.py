@@ -6,10 +6,12 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
+
+from . import __version__
+from ._core import settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,7 +60,9 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="yester", description="Temporal reprojection and denoising of rendered frames.")
-    parser.add_argument("--version", action="version", version=f"yester {version('yester')}")
+    threads, instructions = settings()
+    about = f"yester {__version__} ({threads} threads, {instructions})"
+    parser.add_argument("--version", action="version", version=about)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
     def command(run: Any, name: str, about: str) -> argparse.ArgumentParser:

@@ -7,8 +7,10 @@ Cameras are kept in the standard attributes ``worldToCamera`` (to +X right, +Y u
 from __future__ import annotations
 
 import glob
+import mmap
 import os
 import re
+import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -329,6 +331,8 @@ def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
         magic = file.read(len(_MAGIC))
     if magic != _MAGIC:
         raise ValueError(f"{path}: {'not an EXR file' if magic else 'an empty file'}")
+    if not _is_whole(path):
+        raise ValueError(f"{path}: truncated or corrupt: pixels are missing")
     exr = _openexr()
     said = StringIO()
     try:
@@ -344,6 +348,37 @@ def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
     if not parts:
         raise ValueError(f"{path}: truncated or corrupt: no part")
     return parts
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether every chunk that a file announces is in it, from its header and its table of offsets alone.
+
+    OpenEXR reads a header without noticing that the pixels behind it are missing. The layout is that of "OpenEXR File
+    Layout", openexr.com; the table ends where the first chunk begins.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        try:
+            tiled, several = bool(data[5] & 0x02), bool(data[5] & 0x10)
+            at = 8
+            while data[at]:  # a header
+                while data[at]:  # an attribute: name, type, size, value
+                    for _ in range(2):
+                        at = data.find(b"\0", at) + 1 or len(data)
+                    at += 4 + struct.unpack_from("<I", data, at)[0]
+                at += 1
+                if not several:
+                    break
+            at += several
+            first, last = len(data), 0
+            while at < first:
+                (chunk,) = struct.unpack_from("<Q", data, at)
+                first, last, at = min(first, chunk), max(last, chunk), at + 8
+            # A chunk is: the number of its part, if there are several; its coordinates; its size; its data. Where
+            # parts differ in kind, that the last chunk begins is all that is looked at.
+            size = 0 if several else 4 + struct.unpack_from("<I", data, last + (16 if tiled else 4))[0]
+            return first > 0 and last + (16 if tiled else 4) + size <= len(data)
+        except (IndexError, struct.error):
+            return False
 
 
 def _merge(parts: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -1,0 +1,180 @@
+"""The command line, run as people run it."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scene
+import yester
+from PIL import Image
+from yester.io import read_exr, write_exr
+
+PEAK = """
+import resource, sys
+from yester.cli import main
+code = main(sys.argv[1:])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+sys.exit(code)
+"""
+
+
+def run(*arguments, code=0, program=("-m", "yester")):
+    command = [sys.executable, "-W", "error", *program, *map(str, arguments)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert result.returncode == code, result.stderr
+    return result
+
+
+def refused(*arguments):
+    """One line on stderr, nothing else."""
+    result = run(*arguments, code=2)
+    assert result.stdout == ""
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("yester: error: ")
+    return line
+
+
+def noise(height=24, width=32, seed=0, **buffers):
+    return yester.Frame(np.random.default_rng(seed).exponential(1, (height, width, 3)), **buffers)
+
+
+@pytest.fixture
+def sequence(tmp_path):
+    """Twelve frames, named so that the order of letters is not theirs."""
+    folder = tmp_path / "noisy"
+    folder.mkdir()
+    for i in range(12):
+        write_exr(folder / f"shot{i + 1}.exr", noise(seed=i))
+    return folder
+
+
+def test_demo(tmp_path):
+    result = run("demo", "-o", tmp_path / "demo", "--frames", 4, "--size", "48x36")
+    noisy, denoised = (
+        [float(number) for number in re.findall(r"[\d.]+", line.partition(" dB")[0][20:] + line.partition(" dB")[2])]
+        for line in result.stdout.splitlines()[1:3]
+    )
+    assert denoised[0] > noisy[0] + 3
+    assert denoised[1] < noisy[1]
+    assert denoised[2] < noisy[2]
+    for kind in ("noisy", "denoised", "reference"):
+        frames = [read_exr(path) for path in sorted((tmp_path / "demo" / kind).iterdir())]
+        assert [(frame.height, frame.width) for frame in frames] == [(36, 48)] * 4
+        assert all(np.isfinite(frame.color).all() and frame.camera is not None for frame in frames)
+    with Image.open(tmp_path / "demo" / "contact_sheet.png") as sheet:
+        assert np.ptp(np.asarray(sheet)) == 255
+    with Image.open(tmp_path / "demo" / "side_by_side.webp") as film:
+        assert (film.n_frames, film.size) == (4, (96, 36))
+    for path in result.stdout.splitlines()[-5:]:
+        assert Path(path).exists()
+
+
+def test_demo_refuses_before_work_starts(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    assert "cannot be written" in refused("demo", "-o", tmp_path / "file" / "demo")
+    assert "--frames" in refused("demo", "-o", tmp_path / "demo", "--frames", 0)
+    assert "48by36" in refused("demo", "-o", tmp_path / "demo", "--size", "48by36")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+@pytest.mark.parametrize("how", ["folder", "pattern", "files"])
+def test_denoise_is_the_pipeline(sequence, tmp_path, how):
+    paths = [sequence / f"shot{i + 1}.exr" for i in range(12)]
+    given = {"folder": [sequence], "pattern": [sequence / "shot*.exr"], "files": paths}[how]
+    run("denoise", *given, "-o", tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {path.name for path in paths}
+    svgf = yester.SVGF()
+    for path in paths:
+        want = svgf.step(read_exr(path)).color
+        np.testing.assert_array_equal(read_exr(tmp_path / "out" / path.name).color, want)
+
+
+def test_denoise_options(sequence, tmp_path):
+    run("denoise", sequence, "-o", tmp_path / "out", "--alpha", 0.5, "--iterations", 2, "--feedback", "--half")
+    svgf = yester.SVGF(alpha=0.5, iterations=2, feedback=True)
+    for i in range(12):
+        want = svgf.step(read_exr(sequence / f"shot{i + 1}.exr")).color.astype(np.float16)
+        np.testing.assert_array_equal(read_exr(tmp_path / "out" / f"shot{i + 1}.exr").color, want)
+
+
+def test_denoise_improves_a_scene_in_motion(tmp_path):
+    (tmp_path / "noisy").mkdir()
+    rng = np.random.default_rng(0)
+    for i in range(10):
+        shot = scene.shoot(i, 64, 48)
+        noisy = scene.noisy(shot, rng)
+        write_exr(tmp_path / "noisy" / f"{i}.exr", yester.Frame(noisy, **shot.buffers()))
+    run("denoise", tmp_path / "noisy", "-o", tmp_path / "out")
+    denoised = read_exr(tmp_path / "out" / "9.exr").color
+    assert np.mean((denoised - shot.color) ** 2) < 0.1 * np.mean((noisy - shot.color) ** 2)
+
+
+def test_memory_does_not_grow_with_the_sequence(tmp_path):
+    """Eight frames' buffers more, of 10 MB each, would show."""
+    (tmp_path / "noisy").mkdir()
+    frame = noise(480, 640, albedo=np.ones((480, 640, 3)), normal=np.ones((480, 640, 3)), depth=np.ones((480, 640)))
+    write_exr(tmp_path / "noisy" / "0.exr", frame)
+    for i in range(1, 20):
+        os.link(tmp_path / "noisy" / "0.exr", tmp_path / "noisy" / f"{i}.exr")
+
+    def peak(pattern):
+        out = run("denoise", tmp_path / "noisy" / pattern, "-o", tmp_path / "out", program=("-c", PEAK)).stdout
+        return int(out.split()[-1]) / 1024
+
+    peak("?.exr")
+    assert peak("*.exr") < peak("?.exr") + 40
+
+
+def test_denoise_refuses_before_work_starts(sequence, tmp_path):
+    out = tmp_path / "out"
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").write_text("in the way")
+    assert "empty" in refused("denoise", tmp_path / "empty", "-o", out)
+    assert "nowhere" in refused("denoise", tmp_path / "nowhere", "-o", out)
+    assert "cannot be written" in refused("denoise", sequence, "-o", tmp_path / "file" / "out")
+    assert "overwrite" in refused("denoise", sequence, "-o", sequence)
+    assert "alpha" in refused("denoise", sequence, "-o", out, "--alpha", 2)
+    assert "iterations" in refused("denoise", sequence, "-o", out, "--iterations", 99)
+    write_exr(sequence / "shot13.exr", noise(width=40))
+    line = refused("denoise", sequence, "-o", out)
+    assert "shot13.exr: 40 x 24" in line
+    assert "32 x 24" in line
+    write_exr(sequence / "shot13.exr", noise(albedo=np.ones((24, 32, 3))))
+    assert "no albedo" in refused("denoise", sequence, "-o", out)
+    whole = (sequence / "shot12.exr").read_bytes()
+    (sequence / "shot13.exr").write_bytes(whole[: len(whole) // 2])
+    assert "shot13.exr" in refused("denoise", sequence, "-o", out)
+    (sequence / "shot13.exr").write_text("no image")
+    assert "shot13.exr" in refused("denoise", sequence, "-o", out)
+    assert not out.exists()
+
+
+def test_info(tmp_path):
+    camera = yester.Camera.from_look_at([0, 1, 5], [0, 1, 0], [0, 1, 0], 40, 32, 24)
+    write_exr(tmp_path / "frame.exr", noise(depth=np.ones((24, 32)), camera=camera))
+    text = run("info", tmp_path / "frame.exr").stdout
+    assert "32 x 24" in text
+    assert "depth.Z" in text
+    assert "at (0, 1, 5), looks along (0, 0, -1)" in text
+    missing = [line.split()[0] for line in text.partition("missing:")[2].splitlines() if line]
+    assert missing == ["albedo", "normal", "motion", "ids", "position", "emission"]
+    assert "none.exr" in refused("info", tmp_path / "none.exr")
+
+
+def test_version_and_usage():
+    assert run("--version").stdout.startswith(f"yester {yester.__version__} (")
+    assert "demo" in run("--help").stdout
+    refused()
+    refused("nonsense")
+
+
+def test_missing_extras_name_their_install_line(sequence, tmp_path):
+    """As on a machine where only the core is installed."""
+    bare = "import sys; sys.modules['OpenEXR'] = None; from yester.cli import main; sys.exit(main(sys.argv[1:]))"
+    result = run("denoise", sequence, "-o", tmp_path / "out", code=2, program=("-c", bare))
+    assert "pip install 'yester[exr]'" in result.stderr
+    assert not (tmp_path / "out").exists()
