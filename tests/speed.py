@@ -1,39 +1,62 @@
-"""Every kernel against its torch reference at 1920×1080, in turn in one run: ``python tests/speed.py``.
+"""Every kernel and SVGF against their torch references at 1920×1080: ``python tests/speed.py``.
 
-Prints the median over the runs, in ms. The references run in float32, with as many threads as the kernels.
+All in one run, in turn; prints the medians in ms. The references run in float32, with as many threads as the kernels.
 """
 
 import statistics
 import time
+from collections.abc import Callable
+from types import SimpleNamespace
 
+import numpy as np
 import reference
+import scene
 import torch
 import yester
 from calls import calls
 from compare import tensor
 
-RUNS = 5
+HEIGHT, WIDTH, RUNS = 1080, 1920, 5
 
 
-def milliseconds(function) -> float:
+def milliseconds(function: Callable) -> float:
     start = time.perf_counter()
     function()
     return 1000 * (time.perf_counter() - start)
 
 
-def main() -> None:
-    threads, simd = yester._core.settings()
-    torch.set_num_threads(threads)
-    print(f"{threads} threads, {simd}; medians of {RUNS}\n{'':<28}{'kernel':>10}{'torch':>10}{'ratio':>8}")
-    for name, (kernel, arguments) in calls(1080, 1920).items():
-        twin = getattr(reference, kernel.__name__)
+def compare(name: str, kernel: Callable, twin: Callable) -> None:
+    pairs = [(milliseconds(kernel), milliseconds(twin)) for _ in range(RUNS)]
+    ours, theirs = (statistics.median(times) for times in zip(*pairs, strict=True))
+    print(f"{name:<28}{ours:>10.1f}{theirs:>10.1f}{theirs / ours:>8.1f}", flush=True)
+
+
+def kernels() -> None:
+    for name, (kernel, arguments) in calls(HEIGHT, WIDTH).items():
         tensors = {key: tensor(value, torch.float32) for key, value in arguments.items()}
-        pairs = [
-            (milliseconds(lambda: kernel(**arguments)), milliseconds(lambda: twin(**tensors)))  # noqa: B023
-            for _ in range(RUNS)
-        ]
-        ours, theirs = (statistics.median(times) for times in zip(*pairs, strict=True))
-        print(f"{name:<28}{ours:>10.1f}{theirs:>10.1f}{theirs / ours:>8.1f}", flush=True)
+        twin = getattr(reference, kernel.__name__)
+        compare(name, lambda: kernel(**arguments), lambda: twin(**tensors))  # noqa: B023
+
+
+def svgf() -> None:
+    shot = scene.shoot(1, WIDTH, HEIGHT)
+    camera = scene.camera(0, WIDTH, HEIGHT)
+    buffers = shot.buffers()
+    buffers["motion"] = yester.motion_vectors(shot.position, shot.camera, camera)
+    buffers["color"] = scene.noisy(shot, np.random.default_rng(0))
+    frame, twin = yester.Frame(**buffers), SimpleNamespace(emission=None, **tensor(buffers, torch.float32))
+    ours, theirs = yester.SVGF(), reference.SVGF()
+    # The first step has no history to bring along.
+    ours.step(frame), theirs.step(twin)
+    compare("SVGF.step", lambda: ours.step(frame), lambda: theirs.step(twin))
+
+
+def main() -> None:
+    threads, instructions = yester._core.settings()
+    torch.set_num_threads(threads)
+    print(f"{threads} threads, {instructions}; medians of {RUNS}\n{'':<28}{'yester':>10}{'torch':>10}{'ratio':>8}")
+    kernels()
+    svgf()
 
 
 if __name__ == "__main__":
