@@ -2,8 +2,10 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -178,3 +180,22 @@ def test_missing_extras_name_their_install_line(sequence, tmp_path):
     result = run("denoise", sequence, "-o", tmp_path / "out", code=2, program=("-c", bare))
     assert "pip install 'yester[exr]'" in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupted_run_leaves_whole_files(sequence, tmp_path):
+    out = tmp_path / "out"
+    for i in range(12, 400):
+        os.link(sequence / "shot1.exr", sequence / f"shot{i + 1}.exr")
+    command = [sys.executable, "-m", "yester", "denoise", str(sequence), "-o", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while not (out.exists() and list(out.glob("*.exr"))):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "yester: interrupted"
+    written = list(out.iterdir())
+    assert 0 < len(written) < 400
+    for path in written:
+        assert path.suffix == ".exr"
+        assert read_exr(path).shape == (24, 32)
