@@ -30,6 +30,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         "motion_vectors(position)": (yester.motion_vectors, {"geometry": position, **cameras, **moved}),
         "reproject": (yester.reproject, {"history": history, "motion": motion, **tests}),
         "reproject(nearest)": (yester.reproject, {"history": length, "motion": motion, "filter": "nearest"}),
+        "reproject(catmull-rom)": (
+            yester.reproject,
+            {"history": history, "motion": motion, "filter": "catmull-rom", **tests},
+        ),
         "consistency": (yester.consistency, {"motion": motion, **tests}),
         "accumulate": (
             yester.accumulate,

@@ -399,6 +399,20 @@ pub fn parts<'py, const N: usize>(
     Ok(parts.map(|part| (!part.is_none()).then_some(part)))
 }
 
+/// The value of a mode's name; the error lists the names.
+pub fn choice<T: Copy>(argument: &str, name: &str, names: &[(&str, T)]) -> PyResult<T> {
+    let found = names.iter().find(|(known, _)| *known == name);
+    let Some(&(_, value)) = found else {
+        let known: Vec<_> = names
+            .iter()
+            .map(|(known, _)| format!("{known:?}"))
+            .collect();
+        let expected = format!("one of {}", known.join(", "));
+        return Err(Error::value(argument, expected, format!("{name:?}")).into());
+    };
+    Ok(value)
+}
+
 /// A small array argument of doubles, such as a matrix or a list of points.
 pub fn doubles<'py>(
     value: &Bound<'py, PyAny>,

@@ -7,7 +7,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntyp
 use pyo3::prelude::*;
 
 use super::arrays::{
-    self, Channels, Input, Interleaved, Out, Outgoing, Planes, matrix4, points, vector,
+    self, Channels, Input, Interleaved, Out, Outgoing, Planes, choice, matrix4, points, vector,
 };
 use crate::error::{Error, whole};
 use crate::image::Size;
@@ -86,15 +86,11 @@ impl Camera {
         fov_axis: &str,
         principal_point: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let axis = match fov_axis {
-            "x" => FovAxis::X,
-            "y" => FovAxis::Y,
-            other => {
-                return Err(
-                    Error::value("fov_axis", "\"x\" or \"y\"", format!("{other:?}")).into(),
-                );
-            }
-        };
+        let axis = choice(
+            "fov_axis",
+            fov_axis,
+            &[("x", FovAxis::X), ("y", FovAxis::Y)],
+        )?;
         let centre = principal_point
             .map(|p| vector::<2>(p, "principal_point"))
             .transpose()?;

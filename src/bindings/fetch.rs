@@ -4,7 +4,7 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 
-use super::arrays::{Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, parts};
+use super::arrays::{Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, choice, parts};
 use super::camera::Camera;
 use super::judge::SurfaceArgs;
 use crate::error::Error;
@@ -22,10 +22,14 @@ use crate::kernels::judge::surface;
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
 ///     Previous minus current position in pixels, x right, y down; the third channel, if given, previous minus current
 ///     depth. Where it is not finite there is no history.
-/// filter : {"bilinear", "nearest"}, default "bilinear"
-///     How history is read between pixel centres.
+/// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, default "bilinear"
+///     How history is read between pixel centres. The last three keep it sharp under repeated resampling: the cubic
+///     with 16 taps, the same without its corners (what five bilinear look-ups of a GPU give), and sinc(x) sinc(x/2).
+///     They serve where all their taps are valid, bilinear elsewhere.
 /// fallback : bool, default True
 ///     Whether the mean of the valid pixels of the 3×3 window stands in where less than 0.01 of the footprint is valid.
+/// dering : bool, default True
+///     Whether the wide filters are held to the range of the nearest 2×2 taps.
 /// depth, previous_depth : (H, W) array_like of float, optional
 ///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
 /// normal, previous_normal : (H, W, 3) array_like of float, optional
@@ -63,7 +67,7 @@ use crate::kernels::judge::surface;
 /// Filtering*, section 4.1, with every tap tested on its own. Without motion, the values are those of `history`,
 /// bit for bit.
 #[pyfunction]
-#[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, depth=None, previous_depth=None, normal=None,
+#[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, dering=true, depth=None, previous_depth=None, normal=None,
     previous_normal=None, ids=None, previous_ids=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01,
     normal_angle=25.0, out=None))]
 #[pyo3(name = "reproject")]
@@ -73,6 +77,7 @@ pub fn reproject_<'py>(
     motion: &Bound<'py, PyAny>,
     filter: &str,
     fallback: bool,
+    dering: bool,
     depth: Option<&Bound<'py, PyAny>>,
     previous_depth: Option<&Bound<'py, PyAny>>,
     normal: Option<&Bound<'py, PyAny>>,
@@ -85,18 +90,7 @@ pub fn reproject_<'py>(
     normal_angle: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyArrayDyn<f32>>)> {
-    let filter = match filter {
-        "bilinear" => Filter::Bilinear,
-        "nearest" => Filter::Nearest,
-        other => {
-            return Err(Error::value(
-                "filter",
-                "\"bilinear\" or \"nearest\"",
-                format!("{other:?}"),
-            )
-            .into());
-        }
-    };
+    let filter = choice("filter", filter, &Filter::NAMES)?;
     let several = history.is_instance_of::<PyList>() || history.is_instance_of::<PyTuple>();
     let ((values, coverage), out) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
@@ -155,7 +149,11 @@ pub fn reproject_<'py>(
             let motion = motion.view();
             let planes: Vec<_> = data.into_iter().map(Interleaved::planes).collect();
             let history: Vec<View> = planes.iter().map(Planes::view).collect();
-            let params = reproject::Params { filter, fallback };
+            let params = reproject::Params {
+                filter,
+                fallback,
+                dering,
+            };
             let reprojected = surface.with(motion.size, |tests| {
                 reproject::reproject(&history, motion, tests, params)
             });

@@ -226,6 +226,7 @@ impl Svgf {
         let params = reproject::Params {
             filter: Filter::Bilinear,
             fallback: true,
+            dering: true,
         };
         reproject(&[memory.history.view()], motion, tests, params)
     }

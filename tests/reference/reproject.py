@@ -4,17 +4,32 @@ from torch import Tensor
 from .surface import Footprint, SurfaceTests
 
 
-def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, margin=False, **surface):
+def catmull_rom(x: Tensor) -> Tensor:
+    x = x.abs()  # (P,)
+    near, far = 1.5 * x**3 - 2.5 * x**2 + 1, -0.5 * x**3 + 2.5 * x**2 - 4 * x + 2  # (P,)
+    return torch.where(x < 1, near, torch.where(x < 2, far, 0))
+
+
+def lanczos2(x: Tensor) -> Tensor:
+    return torch.where(x.abs() < 2, torch.sinc(x) * torch.sinc(x / 2), 0)  # (P,)
+
+
+KERNELS = {"catmull-rom": catmull_rom, "catmull-rom-5": catmull_rom, "lanczos-2": lanczos2}
+
+
+def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, dering=True, margin=False, **surface):
     """Fetch history along motion, from the taps that show the same surface.
 
     S = Σ w·valid; where S ≥ 0.01 the value is Σ w·valid·h / S, else the mean of the valid taps among 3x3, else 0.
-    Source: Schied et al. 2017, section 4.1; Falcor's SVGF pass.
+    The wide filters replace that where every tap of a weight other than zero is valid; coverage is 1 there.
+    Sources: Schied et al. 2017, section 4.1; Falcor's SVGF pass; Keys 1981 (a = -1/2); Duchon 1979 (Lanczos).
 
     Parameters
     ----------
     history : (H, W, C) or (H, W), or a list of such
     motion : (H, W, 2) or (H, W, 3)
-    filter : "nearest" or "bilinear"
+    filter : "nearest", "bilinear", "catmull-rom", "catmull-rom-5" (without the corners) or "lanczos-2"
+    dering : hold the wide filters to the range of the bilinear taps
     margin : also return how near (H, W) the nearest decision was to turning out otherwise
     **surface : see `surface.SurfaceTests`
 
@@ -42,7 +57,7 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, marg
             valid = valid & (slack >= 0)  # (N,)
         return valid & looking, stack[tap]
 
-    pixel = torch.arange(height * width, device=motion.device)  # (P,)
+    pixel = everyone = torch.arange(height * width, device=motion.device)  # (P,)
     total = torch.zeros_like(stack)  # (P, C)
     share = torch.zeros_like(stack[:, 0])  # (P,)
     if filter == "nearest":
@@ -71,6 +86,38 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, marg
                 count += valid  # (N,)
         out[pixel] = torch.where(count[:, None] > 0, total / count[:, None], 0)  # (N, C)
         coverage[pixel] = count / 9  # (N,)
+
+    if filter in KERNELS:
+        kernel = KERNELS[filter]
+        x0, y0 = footprint.x.floor(), footprint.y.floor()  # (P,)
+        fx, fy = (footprint.x - x0).to(stack.dtype), (footprint.y - y0).to(stack.dtype)  # (P,)
+        wide = footprint.moving.clone()  # (P,)
+        total, weights = torch.zeros_like(out), torch.zeros_like(share)  # (P, C), (P,)
+        low, high = torch.full_like(out, torch.inf), torch.full_like(out, -torch.inf)  # (P, C)
+        for dy in (-1, 0, 1, 2):
+            for dx in (-1, 0, 1, 2):
+                if filter == "catmull-rom-5" and dx in (-1, 2) and dy in (-1, 2):
+                    continue
+                weight = kernel(fx - dx) * kernel(fy - dy)  # (P,)
+                # Exactly zero at whole distances, where sin(k·π) is not.
+                weight = weight.where(((fx != 0) | (dx == 0)) & ((fy != 0) | (dy == 0)), 0)  # (P,)
+                counts = weight != 0  # (P,)
+                valid, values = look(
+                    everyone,
+                    footprint._index(x0, footprint.width) + dx,
+                    footprint._index(y0, footprint.height) + dy,
+                    counts,
+                )  # (P,), (P, C)
+                wide = wide & (valid | ~counts)  # (P,)
+                total, weights = total + values * weight[:, None], weights + weight  # (P, C), (P,)
+                inner = counts & (dx in (0, 1)) & (dy in (0, 1))  # (P,)
+                low = torch.where(inner[:, None], low.minimum(values), low)  # (P, C)
+                high = torch.where(inner[:, None], high.maximum(values), high)  # (P, C)
+        total = total / weights[:, None]  # (P, C)
+        if dering:
+            total = total.clamp(low, high)  # (P, C)
+        out = torch.where(wide[:, None], total, out)  # (P, C)
+        coverage = torch.where(wide, 1, coverage)  # (P,)
 
     split = out.split([image.numel() // (height * width) for image in images], -1)  # each (P, c)
     values = [part.reshape(image.shape) for part, image in zip(split, images, strict=True)]

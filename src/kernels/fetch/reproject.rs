@@ -6,12 +6,16 @@
 //! valid pixels of the 3×3 window takes over, with their share as coverage (Schied et al. 2017, *Spatiotemporal
 //! Variance-Guided Filtering*, section 4.1). Where these fail as well, value and coverage are 0.
 //!
+//! The wide filters (Catmull-Rom, Lanczos) keep history sharp under repeated resampling. They serve where every one of
+//! their taps is valid, bilinear elsewhere; dering holds them to the range of the 2×2 taps, beyond which their negative
+//! lobes would ring.
+//!
 //! Inputs: any number of planes of history, motion (H, W, 2 or 3). Outputs: the planes, coverage in [0, 1], and the
 //! mask of the tests that taps of the 2×2 footprint fail.
 
 use std::ops::Range;
 
-use super::footprint::{Filter, MIN_COVERAGE, Motion, Taps, footprint, window};
+use super::footprint::{Filter, MIN_COVERAGE, Motion, Taps, footprint, wide, window};
 use crate::image::{BandMut, Image, View};
 use crate::kernels::judge::surface::Tests;
 use crate::rows::{self, Kernel};
@@ -22,6 +26,8 @@ pub struct Params {
     pub filter: Filter,
     /// Whether the 3×3 window stands in for an inconsistent footprint; true.
     pub fallback: bool,
+    /// Whether wide filters are held to the range of the nearest 2×2 taps; true.
+    pub dering: bool,
 }
 
 struct Reproject<'a> {
@@ -82,7 +88,18 @@ impl Reproject<'_> {
         let origin = self.motion.origin(x, y, &self.tests);
         let size = self.motion.size();
         let finite = |i: usize| self.history.iter().all(|plane| plane[i].is_finite());
-        let (taps, failed) = footprint(size, &origin, &self.tests, self.params.filter, finite);
+        let filter = self.params.filter;
+        let (taps, failed) = footprint(size, &origin, &self.tests, filter, finite);
+        if let Filter::Wide(kernel) = filter
+            && failed == 0
+            && let Some(wide) = wide(size, &origin, &self.tests, kernel, finite)
+        {
+            self.mean(&wide, x, y, values);
+            if self.params.dering {
+                self.hold(&taps, x, y, values);
+            }
+            return (1.0, failed);
+        }
         if taps.weight() >= MIN_COVERAGE {
             return (self.mean(&taps, x, y, values), failed);
         }
@@ -112,5 +129,20 @@ impl Reproject<'_> {
             }
         }
         weight.min(1.0)
+    }
+
+    /// Holds the values to the range of the taps.
+    #[inline(always)]
+    fn hold(&self, taps: &Taps<4>, x: usize, y: usize, values: &mut BandMut) {
+        for (channel, plane) in self.history.iter().enumerate() {
+            let [low, high] = taps
+                .as_slice()
+                .iter()
+                .fold([f32::MAX, f32::MIN], |[low, high], &(i, _)| {
+                    [low.min(plane[i]), high.max(plane[i])]
+                });
+            let value = &mut values.row(channel, y)[x];
+            *value = value.clamp(low, high);
+        }
     }
 }
