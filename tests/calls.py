@@ -28,6 +28,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     return {
         "motion_vectors(depth)": (yester.motion_vectors, {"geometry": now["depth"], **cameras, **moved}),
         "motion_vectors(position)": (yester.motion_vectors, {"geometry": position, **cameras, **moved}),
+        "dilate_motion": (yester.dilate_motion, {"motion": motion, "depth": now["depth"]}),
         "reproject": (yester.reproject, {"history": history, "motion": motion, **tests}),
         "reproject(nearest)": (yester.reproject, {"history": length, "motion": motion, "filter": "nearest"}),
         "reproject(catmull-rom)": (

@@ -22,6 +22,7 @@ __all__ = [
     "canonical",
     "consistency",
     "demodulate",
+    "dilate_motion",
     "estimate_variance",
     "motion_vectors",
     "remodulate",
@@ -124,6 +125,14 @@ def motion_vectors(
     *,
     ids: ArrayLike | None = None,
     transforms: Mapping[int, ArrayLike] | None = None,
+    out: _Floats | None = None,
+) -> _Floats: ...
+def dilate_motion(
+    motion: ArrayLike,
+    depth: ArrayLike | None = None,
+    *,
+    choose: Literal["nearest", "longest"] = "nearest",
+    window: Literal["3x3", "cross"] = "3x3",
     out: _Floats | None = None,
 ) -> _Floats: ...
 @overload

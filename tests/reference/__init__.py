@@ -8,6 +8,7 @@ from .accumulate import Accumulated, accumulate, luminance
 from .atrous import atrous
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
+from .dilate import dilate_motion
 from .motion import motion_vectors
 from .projection import project, rays, unproject
 from .reproject import reproject
@@ -22,6 +23,7 @@ __all__ = [
     "atrous",
     "consistency",
     "demodulate",
+    "dilate_motion",
     "estimate_variance",
     "luminance",
     "motion_vectors",

@@ -1,0 +1,36 @@
+import torch
+from torch import Tensor
+
+
+def dilate_motion(motion: Tensor, depth: Tensor | None = None, *, choose="nearest", window="3x3") -> Tensor:
+    """The motion of the nearest surface, or the longest, among a pixel and its neighbours.
+
+    Source: Karis 2014, High Quality Temporal Supersampling.
+
+    Parameters
+    ----------
+    motion : (H, W, 2) or (H, W, 3)
+    depth : (H, W)
+    choose : "nearest" or "longest"
+    window : "3x3" or "cross"
+
+    Returns
+    -------
+    motion : like motion
+    """
+    known = motion.isfinite().all(-1)  # (H, W)
+    if choose == "nearest":
+        rank = torch.where(depth > 0, depth, torch.inf)  # (H, W)
+    else:
+        rank = -(motion[..., 0].float() ** 2 + motion[..., 1].float() ** 2)  # (H, W), rounded as it decides
+    offsets = [(0, 0)] + [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if window == "3x3" or dx == 0 or dy == 0]
+    height, width = known.shape
+    rows, columns = torch.arange(height)[:, None], torch.arange(width)[None]  # (H, 1), (1, W)
+    best, best_rank, best_known = motion, rank, known
+    for dx, dy in offsets:
+        y, x = (rows + dy).clamp(0, height - 1), (columns + dx).clamp(0, width - 1)  # (H, 1), (1, W)
+        inside = (rows + dy == y) & (columns + dx == x)  # (H, W)
+        better = inside & known[y, x] & (~best_known | (rank[y, x] < best_rank))  # (H, W)
+        best = torch.where(better[..., None], motion[y, x], best)  # (H, W, 2|3)
+        best_rank, best_known = torch.where(better, rank[y, x], best_rank), best_known | better  # (H, W)
+    return best
