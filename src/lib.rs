@@ -37,7 +37,7 @@ mod _core {
     #[pymodule_export]
     use bindings::fetch::reproject_;
     #[pymodule_export]
-    use bindings::judge::consistency_;
+    use bindings::judge::{clip_history_, consistency_};
     #[pymodule_export]
     use bindings::merge::{Accumulated, accumulate_};
     #[pymodule_export]

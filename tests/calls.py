@@ -36,6 +36,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             {"history": history, "motion": motion, "filter": "catmull-rom", **tests},
         ),
         "consistency": (yester.consistency, {"motion": motion, **tests}),
+        "clip_history": (yester.clip_history, {"history": history, "color": color}),
         "accumulate": (
             yester.accumulate,
             {"color": color, "history": history, "history_moments": moments, "history_length": length},

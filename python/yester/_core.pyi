@@ -20,6 +20,7 @@ __all__ = [
     "accumulate",
     "atrous",
     "canonical",
+    "clip_history",
     "consistency",
     "demodulate",
     "dilate_motion",
@@ -190,6 +191,17 @@ def consistency(
     normal_angle: float = 25.0,
     out: tuple[NDArray[np.uint8] | None, _Floats | None] | None = None,
 ) -> tuple[NDArray[np.uint8], _Floats]: ...
+def clip_history(
+    history: ArrayLike,
+    color: ArrayLike,
+    *,
+    box: Literal["variance", "minmax", "rounded", "intersection"] = "variance",
+    gamma: float = 1.0,
+    window: Literal["3x3", "5x5"] = "3x3",
+    space: Literal["ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"] = "ycocg",
+    response: Literal["center", "clamp", "current", "ellipsoid"] = "center",
+    out: _Floats | None = None,
+) -> _Floats: ...
 def accumulate(
     color: ArrayLike,
     history: ArrayLike,

@@ -3,12 +3,15 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, parts};
+use super::arrays::{
+    COLOR, Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, choice, parts,
+};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::consistency;
+use crate::kernels::judge::neighborhood;
 use crate::kernels::judge::surface::{self, Surface, Tests, check_plane_test};
 
 /// A buffer of the current and of the previous frame.
@@ -211,4 +214,81 @@ pub fn consistency_<'py>(
         (judged, out)
     };
     Ok((rejection.array(py, out.0)?, confidence.array(py, out.1)?))
+}
+
+/// History held to the colours that the current frame has around each pixel.
+///
+/// Parameters
+/// ----------
+/// history : (H, W, 3) array_like of float
+///     Reprojected colour, linear. Missing pixels stay as they are.
+/// color : (H, W, 3) array_like of float
+///     The current frame. Missing pixels do not count; where a neighbourhood has no others, history stays.
+/// box : {"variance", "minmax", "rounded", "intersection"}, default "variance"
+///     What bounds the neighbourhood's colours: their mean ± `gamma` standard deviations; their range; the mean of the
+///     ranges of the square and of the cross in it; range and variance box at once.
+/// gamma : float, default 1.0
+///     Half the side of the variance box in standard deviations; from 0.
+/// window : {"3x3", "5x5"}, default "3x3"
+///     The neighbourhood.
+/// space : {"ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"}, default "ycocg"
+///     Where the box is a box. The last two apply c / (1 + max(r, g, b)) first, so that one bright pixel does not open
+///     the box to everything.
+/// response : {"center", "clamp", "current", "ellipsoid"}, default "center"
+///     How a colour outside is brought in: along the line to the box's centre; each channel by itself; along the line to
+///     the current colour, itself clamped into the box; or to the ellipsoid with half-axes gamma · deviation · (1.7, 1,
+///     1) in YCoCg, (1, 1, 1) in RGB, which needs `box` "variance".
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// history : (H, W, 3) float32
+///     A colour inside its box keeps its bits.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, an unknown mode (the error lists the modes), or `gamma` out of range.
+///
+/// Notes
+/// -----
+/// Lottes 2011 (range), Karis 2014, *High Quality Temporal Supersampling* (rounded range, YCoCg), Salvi 2016, *An
+/// Excursion in Temporal Supersampling* (variance), Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*
+/// (centre), AMD FSR 3.1 (ellipsoid).
+#[pyfunction]
+#[pyo3(name = "clip_history", signature = (history, color, *, r#box="variance", gamma=1.0, window="3x3", space="ycocg",
+    response="center", out=None))]
+pub fn clip_history_<'py>(
+    py: Python<'py>,
+    history: &Bound<'py, PyAny>,
+    color: &Bound<'py, PyAny>,
+    r#box: &str,
+    gamma: f32,
+    window: &str,
+    space: &str,
+    response: &str,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = neighborhood::Params {
+        bounds: choice("box", r#box, &neighborhood::Params::BOUNDS)?,
+        gamma,
+        radius: choice("window", window, &neighborhood::Params::WINDOWS)?,
+        space: choice("space", space, &neighborhood::Params::SPACES)?,
+        response: choice("response", response, &neighborhood::Params::RESPONSES)?,
+    };
+    params.check()?;
+    let (clipped, out) = {
+        let history = Input::<f32>::new(history, "history", COLOR)?;
+        let color = Input::<f32>::new(color, "color", COLOR)?.sized("color", history.size())?;
+        let out = Out::given(out, history.shape())?;
+        let data = [history.data(), color.data()];
+        let clipped = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [history, color] = planes.each_ref().map(Planes::view);
+            Outgoing::new(neighborhood::clip_history(history, color, params))
+        });
+        (clipped, out)
+    };
+    clipped.array(py, out)
 }

@@ -10,6 +10,7 @@ from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .dilate import dilate_motion
 from .motion import motion_vectors
+from .neighborhood import clip_history
 from .projection import project, rays, unproject
 from .reproject import reproject
 from .svgf import SVGF, Output
@@ -21,6 +22,7 @@ __all__ = [
     "Output",
     "accumulate",
     "atrous",
+    "clip_history",
     "consistency",
     "demodulate",
     "dilate_motion",

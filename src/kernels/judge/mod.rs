@@ -1,4 +1,5 @@
 //! How far is history trusted?
 
 pub mod consistency;
+pub mod neighborhood;
 pub mod surface;

@@ -1,0 +1,99 @@
+import torch
+from torch import Tensor
+
+TO_YCOCG = [[0.25, 0.5, 0.25], [0.5, 0, -0.5], [-0.25, 0.5, -0.25]]
+TO_RGB = [[1, 1, -1], [1, 0, 1], [1, -1, -1]]
+
+
+def clip_history(
+    history: Tensor,
+    color: Tensor,
+    *,
+    box="variance",
+    gamma=1.0,
+    window="3x3",
+    space="ycocg",
+    response="center",
+) -> Tensor:
+    """Hold history to the colours of each pixel's neighbourhood.
+
+    Sources: Karis 2014; Salvi 2016; Playdead 2016; Lottes 2016 (tone mapping); FSR 3.1 (ellipsoid).
+
+    Parameters
+    ----------
+    history, color : (H, W, 3)
+    box : "minmax", "rounded", "variance" or "intersection"
+    gamma : half the side of the variance box in standard deviations
+    window : "3x3" or "5x5"
+    space : "rgb", "ycocg", "tonemapped-rgb" or "tonemapped-ycocg"
+    response : "clamp", "center", "current" or "ellipsoid"
+
+    Returns
+    -------
+    history : (H, W, 3)
+    """
+    radius = {"3x3": 1, "5x5": 2}[window]
+    present = color.isfinite().all(-1)  # (H, W)
+    own = to_space(color.where(present[..., None], 0), space)  # (H, W, 3)
+    taps, counts, in_cross = [], [], []
+    height, width = present.shape
+    rows, columns = torch.arange(height)[:, None], torch.arange(width)[None]  # (H, 1), (1, W)
+    for dy in range(-radius, radius + 1):
+        for dx in range(-radius, radius + 1):
+            y, x = (rows + dy).clamp(0, height - 1), (columns + dx).clamp(0, width - 1)  # (H, 1), (1, W)
+            taps.append(own[y, x])  # (H, W, 3)
+            counts.append((rows + dy == y) & (columns + dx == x) & present[y, x])  # (H, W)
+            in_cross.append(dx == 0 or dy == 0)
+    taps, counts = torch.stack(taps), torch.stack(counts)[..., None]  # (T, H, W, 3), (T, H, W, 1)
+    crossed = counts & torch.tensor(in_cross)[:, None, None, None]  # (T, H, W, 1)
+    number = counts.sum(0)  # (H, W, 1)
+    mean = taps.where(counts, 0).sum(0) / number  # (H, W, 3)
+    deviation = (((taps - mean) ** 2).where(counts, 0).sum(0) / number).sqrt()  # (H, W, 3)
+
+    def extent(among: Tensor) -> tuple[Tensor, Tensor]:
+        return taps.where(among, torch.inf).amin(0), taps.where(among, -torch.inf).amax(0)  # (H, W, 3) each
+
+    low, high = extent(counts)  # (H, W, 3)
+    if box == "rounded":
+        cross_low, cross_high = extent(crossed & counts)  # (H, W, 3)
+        some = crossed.any(0)  # (H, W, 1)
+        low = torch.where(some, (low + cross_low) / 2, low)  # (H, W, 3)
+        high = torch.where(some, (high + cross_high) / 2, high)  # (H, W, 3)
+    elif box in ("variance", "intersection"):
+        below, above = mean - gamma * deviation, mean + gamma * deviation  # (H, W, 3)
+        low, high = (below, above) if box == "variance" else (low.maximum(below), high.minimum(above))
+
+    old = to_space(history, space)  # (H, W, 3)
+    held = old.maximum(low).minimum(high)  # (H, W, 3)
+    middle = (low + high) / 2  # (H, W, 3)
+    if response == "clamp":
+        new = held
+    elif response == "center":
+        new = middle + (old - middle) / share(old - middle, (high - low) / 2).amax(-1, keepdim=True).clamp(min=1)
+    elif response == "current":
+        target = torch.where(present[..., None], own.maximum(low).minimum(high), middle)  # (H, W, 3)
+        t = torch.where(held == old, 0, (held - old) / (target - old)).amax(-1, keepdim=True)  # (H, W, 1)
+        new = old + t * (target - old)  # (H, W, 3)
+    else:
+        axes = torch.tensor([1.7, 1, 1] if "ycocg" in space else [1.0, 1, 1], dtype=old.dtype)  # (3,)
+        length = share(old - mean, gamma * deviation * axes).norm(dim=-1, keepdim=True)  # (H, W, 1)
+        new = mean + (old - mean) / length.clamp(min=1)  # (H, W, 3)
+    stays = (number == 0) | ~history.isfinite().all(-1, keepdim=True)  # (H, W, 1)
+    return history.where(stays, to_rgb(new, space))
+
+
+def share(distance: Tensor, half: Tensor) -> Tensor:
+    return torch.where(distance == 0, 0, distance.abs() / half)  # (H, W, 3)
+
+
+def to_space(rgb: Tensor, space: str) -> Tensor:
+    if "tonemapped" in space:
+        rgb = rgb / (1 + rgb.amax(-1, keepdim=True).clamp(min=0))  # (H, W, 3)
+    return rgb @ rgb.new_tensor(TO_YCOCG).T if "ycocg" in space else rgb
+
+
+def to_rgb(color: Tensor, space: str) -> Tensor:
+    rgb = color @ color.new_tensor(TO_RGB).T if "ycocg" in space else color  # (H, W, 3)
+    if "tonemapped" in space:
+        rgb = rgb / (1 - rgb.amax(-1, keepdim=True).clamp(min=0)).clamp(min=1e-6)  # (H, W, 3)
+    return rgb
