@@ -33,7 +33,7 @@ mod _core {
     #[pymodule_export]
     use bindings::arrays::canonical;
     #[pymodule_export]
-    use bindings::camera::{Camera, dilate_motion, motion_vectors};
+    use bindings::camera::{Camera, dilate_motion, jitter_, motion_vectors};
     #[pymodule_export]
     use bindings::fetch::reproject_;
     #[pymodule_export]

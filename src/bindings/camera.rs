@@ -13,6 +13,7 @@ use super::arrays::{
 use crate::error::{Error, whole};
 use crate::image::Size;
 use crate::kernels::camera::dilate::{self, Choice, Window};
+use crate::kernels::camera::jitter::{self, Sequence};
 use crate::kernels::camera::motion::{self, Geometry, Transforms};
 use crate::kernels::camera::pinhole::{self, FovAxis, Rows4};
 
@@ -278,6 +279,33 @@ impl Camera {
         Ok((self.position(py), shaped(py, rays, &outer, Some(3))?))
     }
 
+    /// This camera with its image shifted by part of a pixel.
+    ///
+    /// Parameters
+    /// ----------
+    /// offset : (2,) array_like of float
+    ///     In pixels, x right, y down, such as `jitter` gives: the new camera's pixel centres see what this one sees
+    ///     `offset` beside them, so that points appear at their old pixels minus `offset`.
+    ///
+    /// Returns
+    /// -------
+    /// Camera
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If `offset` is not finite.
+    ///
+    /// Notes
+    /// -----
+    /// Frames and motion vectors want cameras without jitter; this one is for the renderer.
+    fn jittered(&self, offset: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let offset = DVec2::from(vector::<2>(offset, "offset")?);
+        Ok(Self {
+            inner: self.inner.jittered(offset)?,
+        })
+    }
+
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py>> {
         let this = slf.get();
         Ok((
@@ -310,6 +338,49 @@ fn shaped<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let shape: Vec<_> = outer.iter().copied().chain(last).collect();
     data.into_pyarray(py).reshape(shape)
+}
+
+/// Where in their pixels frames take their samples.
+///
+/// Parameters
+/// ----------
+/// count : int
+///     Number of phases, at least 1.
+/// sequence : {"halton", "r2", "rotated-grid", "blue-noise"}, default "halton"
+///     Halton's in bases 2 and 3; Roberts' R2; one point in each row and column of a `count` x `count` grid, as far
+///     apart as a lattice can be, from left to right (for 4, those of rotated-grid multisampling); the same points in an
+///     order whose every beginning is spread out.
+///
+/// Returns
+/// -------
+/// offsets : (count, 2) float64
+///     From the pixel's centre, x right, y down, in pixels from -0.5 to 0.5. For `Camera.jittered`.
+///
+/// Raises
+/// ------
+/// ValueError
+///     If `count` is below 1 or above 65536, or the sequence is unknown.
+///
+/// Notes
+/// -----
+/// The beginning of "halton" and "r2" does not depend on `count`; that of the others does. Halton 1964; Roberts 2018,
+/// *The Unreasonable Effectiveness of Quasirandom Sequences*.
+#[pyfunction]
+#[pyo3(name = "jitter", signature = (count, *, sequence="halton"))]
+pub fn jitter_<'py>(
+    py: Python<'py>,
+    count: i64,
+    sequence: &str,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let sequence = choice("sequence", sequence, &Sequence::NAMES)?;
+    let range = |&n: &usize| (1..=65536).contains(&n);
+    let count = whole("count", count, "1 to 65536 phases", range)?;
+    let offsets = py.detach(|| jitter::jitter(count, sequence));
+    offsets
+        .as_flattened()
+        .to_vec()
+        .into_pyarray(py)
+        .reshape([count, 2])
 }
 
 /// Where each pixel's surface was in the previous frame.

@@ -9,6 +9,7 @@ from .atrous import atrous
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .dilate import dilate_motion
+from .jitter import jitter
 from .motion import motion_vectors
 from .neighborhood import clip_history
 from .projection import project, rays, unproject
@@ -27,6 +28,7 @@ __all__ = [
     "demodulate",
     "dilate_motion",
     "estimate_variance",
+    "jitter",
     "luminance",
     "motion_vectors",
     "project",

@@ -1,5 +1,6 @@
 //! Where was this point?
 
 pub mod dilate;
+pub mod jitter;
 pub mod motion;
 pub mod pinhole;

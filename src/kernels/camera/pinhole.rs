@@ -145,6 +145,20 @@ impl Camera {
         )
     }
 
+    /// The camera whose pixel centres see what this one sees `offset` pixels beside them.
+    pub fn jittered(&self, offset: DVec2) -> Result<Self> {
+        if !offset.is_finite() {
+            return Err(Error::value("offset", "finite pixels", offset));
+        }
+        let mut matrix = self.world_to_clip;
+        let shift = 2.0 * offset / DVec2::new(self.size.width as f64, self.size.height as f64);
+        for column in 0..4 {
+            matrix[0][column] -= shift.x * matrix[3][column];
+            matrix[1][column] += shift.y * matrix[3][column];
+        }
+        Self::new(matrix, self.size)
+    }
+
     /// The pixel and depth of a world point; the pixel means nothing unless depth > 0.
     #[inline(always)]
     pub fn project(&self, point: DVec3) -> (DVec2, f64) {
