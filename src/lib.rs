@@ -39,7 +39,7 @@ mod _core {
     #[pymodule_export]
     use bindings::judge::{clip_history_, consistency_};
     #[pymodule_export]
-    use bindings::merge::{Accumulated, accumulate_};
+    use bindings::merge::{Accumulated, accumulate_, resolve_};
     #[pymodule_export]
     use bindings::pipelines::{Output, SVGF};
     #[pymodule_export]

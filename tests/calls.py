@@ -41,6 +41,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.accumulate,
             {"color": color, "history": history, "history_moments": moments, "history_length": length},
         ),
+        "resolve": (yester.resolve, {"samples": [color, history], "offsets": yester.jitter(2).tolist()}),
         "estimate_variance": (
             yester.estimate_variance,
             {"moments": moments, "history_length": length, **surface},

@@ -124,9 +124,10 @@ def test_sizes_must_agree(name, argument):
 @pytest.mark.parametrize("cut", [np.s_[:0], np.s_[:, :0]], ids=["no rows", "no columns"])
 def test_empty(name, cut):
     given = CALLS[name][1]
-    message = refused(
-        name, ValueError, "expected", **{k: v[cut] for k, v in given.items() if isinstance(v, np.ndarray)}
-    )
+    images = {k: v[cut] for k, v in given.items() if isinstance(v, np.ndarray)}
+    if name == "resolve":
+        images["samples"] = [image[cut] for image in given["samples"]]
+    message = refused(name, ValueError, "expected", **images)
     assert any(argument in message for argument in given)
 
 

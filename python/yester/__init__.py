@@ -19,6 +19,7 @@ from ._core import (
     motion_vectors,
     remodulate,
     reproject,
+    resolve,
 )
 from .frame import Frame
 
@@ -55,4 +56,5 @@ __all__ = [
     "motion_vectors",
     "remodulate",
     "reproject",
+    "resolve",
 ]

@@ -29,6 +29,7 @@ __all__ = [
     "motion_vectors",
     "remodulate",
     "reproject",
+    "resolve",
     "settings",
 ]
 
@@ -216,6 +217,13 @@ def accumulate(
     warmup: bool = True,
     out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
 ) -> Accumulated: ...
+def resolve(
+    samples: NDArray[Any] | Sequence[ArrayLike],
+    offsets: ArrayLike,
+    *,
+    filter: Literal["blackman-harris", "box", "tent", "mitchell"] = "blackman-harris",
+    out: _Floats | None = None,
+) -> _Floats: ...
 def estimate_variance(
     moments: ArrayLike,
     history_length: ArrayLike,

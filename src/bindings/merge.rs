@@ -3,9 +3,12 @@
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, parts};
+use super::arrays::{
+    COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, choice, parts, points,
+};
+use crate::error::Error;
 use crate::image::Size;
-use crate::kernels::merge::accumulate;
+use crate::kernels::merge::{accumulate, resolve};
 
 const MOMENTS: Channels = Channels::Of(&[2]);
 
@@ -140,4 +143,95 @@ pub fn accumulate_<'py>(
         history_length: length.array(py, out.2)?.unbind(),
         missing,
     })
+}
+
+/// Jittered samples of several frames, reconstructed to one image.
+///
+/// Parameters
+/// ----------
+/// samples : sequence of (H, W) or (H, W, C) array_like of float
+///     One image per frame, all of one shape; a (N, H, W, C) array will do. Pixels with NaN or infinity are missing.
+/// offsets : (N, 2) array_like of float
+///     Where each frame's samples lie, from their pixels' centres, x right, y down, in pixels from -0.5 to 0.5: what
+///     `jitter` gives.
+/// filter : {"blackman-harris", "box", "tent", "mitchell"}, default "blackman-harris"
+///     How samples count by their distance: the Blackman-Harris window 3.3 pixels wide, the pixel's own samples equally,
+///     1 - \|d\|, or Mitchell and Netravali's cubic with B = C = 1/3.
+/// out : float32 array like one of the samples, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// image : float32 array like one of the samples
+///     The supersampling sum Σwᵢcᵢ / Σwᵢ; NaN where no sample counts.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, an unknown filter, or offsets beyond half a pixel.
+///
+/// Notes
+/// -----
+/// For a still camera and scene: the reference that temporal antialiasing strives for. Karis 2014, *High Quality
+/// Temporal Supersampling*; Mitchell and Netravali 1988, *Reconstruction Filters in Computer Graphics*.
+#[pyfunction]
+#[pyo3(name = "resolve", signature = (samples, offsets, *, filter="blackman-harris", out=None))]
+pub fn resolve_<'py>(
+    py: Python<'py>,
+    samples: &Bound<'py, PyAny>,
+    offsets: &Bound<'py, PyAny>,
+    filter: &str,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let filter = choice("filter", filter, &resolve::Filter::NAMES)?;
+    let (offsets, outer) = points::<2>(offsets, "offsets")?;
+    if outer.len() != 1 {
+        let got = format!("{} axes", outer.len() + 1);
+        return Err(Error::value("offsets", "shape (N, 2)", got).into());
+    }
+    if let Some(far) = offsets
+        .iter()
+        .find(|offset| !offset.iter().all(|d| d.abs() <= 0.5))
+    {
+        return Err(Error::value("offsets", "pixels from -0.5 to 0.5", format!("{far:?}")).into());
+    }
+    let (image, out) = {
+        let images: Vec<_> = samples.try_iter()?.collect::<PyResult<_>>()?;
+        if images.is_empty() || images.len() != offsets.len() {
+            let expected = format!(
+                "as many images as offsets, {}, and at least one",
+                offsets.len()
+            );
+            return Err(Error::value("samples", expected, images.len()).into());
+        }
+        let images: Vec<_> = images
+            .iter()
+            .enumerate()
+            .map(|(i, image)| Input::<f32>::new(image, &format!("samples[{i}]"), Channels::Any))
+            .collect::<PyResult<_>>()?;
+        let shape = images[0].shape();
+        if let Some(i) = images.iter().position(|image| image.shape() != shape) {
+            let name = format!("samples[{i}]");
+            let [expected, got] = [shape, images[i].shape()].map(|shape| format!("{shape:?}"));
+            return Err(
+                Error::value(&name, format!("the shape of the first, {expected}"), got).into(),
+            );
+        }
+        let out = Out::given(out, shape)?;
+        let (size, channels, axis) = (
+            images[0].size(),
+            images[0].channels(),
+            images[0].has_channel_axis(),
+        );
+        let data: Vec<Interleaved<f32>> = images.iter().map(Input::data).collect();
+        let image = py.detach(|| {
+            let mut resolve = resolve::Resolve::new(size, channels, filter);
+            for (samples, offset) in data.into_iter().zip(offsets) {
+                resolve.add(samples.planes().view(), offset);
+            }
+            Outgoing::with_axis(resolve.finish(), axis)
+        });
+        (image, out)
+    };
+    image.array(py, out)
 }

@@ -14,6 +14,7 @@ from .motion import motion_vectors
 from .neighborhood import clip_history
 from .projection import project, rays, unproject
 from .reproject import reproject
+from .resolve import resolve
 from .svgf import SVGF, Output
 from .variance import estimate_variance
 
@@ -35,5 +36,6 @@ __all__ = [
     "rays",
     "remodulate",
     "reproject",
+    "resolve",
     "unproject",
 ]

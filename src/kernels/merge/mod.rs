@@ -1,3 +1,4 @@
 //! Combine in time.
 
 pub mod accumulate;
+pub mod resolve;
