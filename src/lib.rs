@@ -4,10 +4,10 @@
 //!
 //! ```text
 //!   numpy ── bindings ──► planar views                          arrays are checked and taken apart, once
-//!   camera   motion_vectors                                     where was each pixel's surface?
+//!   camera   jitter ► motion_vectors ► dilate_motion            where was each pixel's surface?
 //!   fetch    reproject                                          history, brought here tap by tap
-//!   judge    consistency                                        taps that show another surface are refused
-//!   merge    accumulate                                         new samples join the history that is left
+//!   judge    consistency, clip_history                          what shows another surface or light is refused
+//!   merge    accumulate, resolve                                new samples join the history that is left
 //!   smooth   estimate_variance ► atrous                         what noise remains is averaged in space
 //!   numpy ◄─ bindings ─── planar images
 //! ```
