@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import BAND, SIZES, TAILS, assert_close, tensor
+from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_reproject import surface
@@ -85,3 +85,21 @@ def test_outside_is_only_outside():
     np.testing.assert_array_equal(confidence, [[0.75, 0, 0, 0.75]])
     rejection, _ = yester.consistency(motion, ids=ids, previous_ids=ids + 1)
     np.testing.assert_array_equal(rejection, [[9, 1, 1, 9]])
+
+
+def test_only_the_direction_of_normals_counts():
+    """In the angle and in the distance from the plane, on either side."""
+    rng = np.random.default_rng(11)
+    now = compare.surfaces(rng, 40, 50)
+    before = compare.previous(rng, now, turn=0.1)
+    # Planes a few shares of their depth apart, so that the distance decides.
+    before["previous_depth"] = (now["depth"] * rng.uniform(0.98, 1.02, now["depth"].shape)).astype(np.float32)
+    motion = np.zeros((40, 50, 3), np.float32)
+    named = {**now, **before, "previous_camera": compare.camera(rng, 50, 40)}
+    want = yester.consistency(motion, **named)
+    assert 0.1 < (want[0] & yester.Rejection.DEPTH > 0).mean() < 0.9
+    for name in ("normal", "previous_normal"):
+        for scale in (0.25, 4):
+            got = yester.consistency(motion, **{**named, name: named[name] * np.float32(scale)})
+            for a, b in zip(got, want, strict=True):
+                assert_same_bits(a, b)
