@@ -14,8 +14,7 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Size, View};
-use crate::kernels::smooth::guide::{Run, Tap};
+use crate::image::{BandMut, Image, Run, Size, Tap, View};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

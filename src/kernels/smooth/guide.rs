@@ -13,7 +13,7 @@
 use std::ops::Range;
 
 use crate::error::{Result, in_range};
-use crate::image::{BandMut, Image, Size, View};
+use crate::image::{BandMut, Image, Run, Size, Tap, View};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::judge::surface::Surface;
 use crate::math::LOG2_E;
@@ -128,64 +128,6 @@ impl Guide {
         }
         if let Some(class) = &self.class {
             separate(exponents, here.rows(class), there.rows(class));
-        }
-    }
-}
-
-/// Consecutive pixels of one row.
-#[derive(Clone, Copy)]
-pub struct Run {
-    pub y: usize,
-    pub x: usize,
-    pub len: usize,
-}
-
-impl Run {
-    /// The run's pixels in the first `N` channels of an image.
-    #[inline(always)]
-    pub fn rows<T, const N: usize>(self, image: &Image<T>) -> [&[T]; N]
-    where
-        T: Copy + Default + Send + Sync,
-    {
-        image
-            .view()
-            .rows(self.y)
-            .map(|row| &row[self.x..][..self.len])
-    }
-}
-
-/// An offset between pixels: `step` times (dx, dy).
-#[derive(Clone, Copy)]
-pub struct Tap {
-    pub dx: isize,
-    pub dy: isize,
-    pub step: usize,
-}
-
-impl Tap {
-    /// The part of a run whose taps lie inside the image.
-    #[inline(always)]
-    pub fn inside(self, run: Run, size: Size) -> Option<Run> {
-        let (shift_x, shift_y) = (self.dx * self.step as isize, self.dy * self.step as isize);
-        let y = run.y as isize + shift_y;
-        let start = (run.x as isize).max(-shift_x);
-        let end = ((run.x + run.len) as isize).min(size.width as isize - shift_x);
-        let inside = y >= 0 && y < size.height as isize && start < end;
-        inside.then(|| Run {
-            y: run.y,
-            x: start as usize,
-            len: (end - start) as usize,
-        })
-    }
-
-    /// The pixels that the taps of a run inside are.
-    #[inline(always)]
-    pub fn of(self, run: Run) -> Run {
-        let shift = |v: usize, d: isize| v.wrapping_add_signed(d * self.step as isize);
-        Run {
-            y: shift(run.y, self.dy),
-            x: shift(run.x, self.dx),
-            len: run.len,
         }
     }
 }
