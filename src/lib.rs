@@ -33,19 +33,23 @@ mod _core {
     #[pymodule_export]
     use bindings::arrays::canonical;
     #[pymodule_export]
-    use bindings::camera::{Camera, dilate_motion, jitter_, motion_vectors};
+    use bindings::camera::{Camera, dilate_motion, jitter_, motion_vectors, virtual_motion_};
     #[pymodule_export]
     use bindings::fetch::reproject_;
     #[pymodule_export]
-    use bindings::judge::{clip_history_, consistency_};
+    use bindings::judge::{
+        anti_lag_, blend_factor_, clip_history_, consistency_, prediction_gain, temporal_gradient,
+    };
     #[pymodule_export]
-    use bindings::merge::{Accumulated, accumulate_, resolve_};
+    use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};
     #[pymodule_export]
     use bindings::pipelines::{Output, SVGF};
     #[pymodule_export]
     use bindings::settings;
     #[pymodule_export]
-    use bindings::smooth::{atrous_, demodulate_, estimate_variance_, remodulate_};
+    use bindings::smooth::{
+        atrous_, demodulate_, estimate_variance_, fix_history_, remodulate_, suppress_fireflies_,
+    };
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

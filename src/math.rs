@@ -8,6 +8,13 @@ pub fn luminance(r: f32, g: f32, b: f32) -> f32 {
     LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b
 }
 
+/// Held to [0, 1]; NaN becomes 0, which `clamp` would keep.
+#[allow(clippy::manual_clamp)]
+#[inline(always)]
+pub fn saturate(x: f32) -> f32 {
+    x.max(0.0).min(1.0)
+}
+
 pub const LOG2_E: f32 = std::f32::consts::LOG2_E;
 
 /// Weights below 2^-64 count as zero: they cannot be seen beside a centre weight of one, and their products

@@ -9,17 +9,25 @@ from ._core import (
     Output,
     __version__,
     accumulate,
+    anti_lag,
     atrous,
+    blend,
+    blend_factor,
     clip_history,
     consistency,
     demodulate,
     dilate_motion,
     estimate_variance,
+    fix_history,
     jitter,
     motion_vectors,
+    prediction_gain,
     remodulate,
     reproject,
     resolve,
+    suppress_fireflies,
+    temporal_gradient,
+    virtual_motion,
 )
 from .frame import Frame
 
@@ -35,6 +43,10 @@ class Rejection(_IntFlag):
     """It has another orientation."""
     ID = 8
     """It is another object."""
+    VELOCITY = 16
+    """It has come too fast."""
+    LUMINANCE = 32
+    """It has another brightness."""
 
 
 __all__ = [
@@ -46,15 +58,23 @@ __all__ = [
     "Rejection",
     "__version__",
     "accumulate",
+    "anti_lag",
     "atrous",
+    "blend",
+    "blend_factor",
     "clip_history",
     "consistency",
     "demodulate",
     "dilate_motion",
     "estimate_variance",
+    "fix_history",
     "jitter",
     "motion_vectors",
+    "prediction_gain",
     "remodulate",
     "reproject",
     "resolve",
+    "suppress_fireflies",
+    "temporal_gradient",
+    "virtual_motion",
 ]

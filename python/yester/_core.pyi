@@ -10,6 +10,7 @@ from .frame import Frame
 
 _Floats: TypeAlias = NDArray[np.float32]
 _Doubles: TypeAlias = NDArray[np.float64]
+_Threshold: TypeAlias = float | tuple[float, float]
 
 __all__ = [
     "SVGF",
@@ -18,19 +19,27 @@ __all__ = [
     "Output",
     "__version__",
     "accumulate",
+    "anti_lag",
     "atrous",
+    "blend",
+    "blend_factor",
     "canonical",
     "clip_history",
     "consistency",
     "demodulate",
     "dilate_motion",
     "estimate_variance",
+    "fix_history",
     "jitter",
     "motion_vectors",
+    "prediction_gain",
     "remodulate",
     "reproject",
     "resolve",
     "settings",
+    "suppress_fireflies",
+    "temporal_gradient",
+    "virtual_motion",
 ]
 
 __version__: str
@@ -112,9 +121,9 @@ class SVGF:
         sigma_normal: float = 128.0,
         sigma_depth: float = 1.0,
         sigma_plane: float = 0.01,
-        relative_depth: float = 0.1,
-        plane_distance: float = 0.01,
-        normal_angle: float = 25.0,
+        relative_depth: _Threshold = 0.1,
+        plane_distance: _Threshold = 0.01,
+        normal_angle: _Threshold = 25.0,
         min_length: float = 3.5,
         feedback: bool = False,
     ) -> Self: ...
@@ -130,6 +139,14 @@ def motion_vectors(
     *,
     ids: ArrayLike | None = None,
     transforms: Mapping[int, ArrayLike] | None = None,
+    out: _Floats | None = None,
+) -> _Floats: ...
+def virtual_motion(
+    geometry: ArrayLike,
+    hit_distance: ArrayLike,
+    camera: Camera,
+    previous_camera: Camera,
+    *,
     out: _Floats | None = None,
 ) -> _Floats: ...
 def dilate_motion(
@@ -154,10 +171,16 @@ def reproject(
     previous_normal: ArrayLike | None = None,
     ids: ArrayLike | None = None,
     previous_ids: ArrayLike | None = None,
+    object_normal: ArrayLike | None = None,
+    previous_object_normal: ArrayLike | None = None,
+    color: ArrayLike | None = None,
+    previous_color: ArrayLike | None = None,
     previous_camera: Camera | None = None,
-    relative_depth: float = 0.1,
-    plane_distance: float = 0.01,
-    normal_angle: float = 25.0,
+    relative_depth: _Threshold = 0.1,
+    plane_distance: _Threshold = 0.01,
+    normal_angle: _Threshold = 25.0,
+    relative_luminance: _Threshold = 0.5,
+    speed: _Threshold | None = None,
     out: tuple[Sequence[_Floats] | None, _Floats | None] | None = None,
 ) -> tuple[list[_Floats], _Floats]: ...
 @overload
@@ -174,10 +197,16 @@ def reproject(
     previous_normal: ArrayLike | None = None,
     ids: ArrayLike | None = None,
     previous_ids: ArrayLike | None = None,
+    object_normal: ArrayLike | None = None,
+    previous_object_normal: ArrayLike | None = None,
+    color: ArrayLike | None = None,
+    previous_color: ArrayLike | None = None,
     previous_camera: Camera | None = None,
-    relative_depth: float = 0.1,
-    plane_distance: float = 0.01,
-    normal_angle: float = 25.0,
+    relative_depth: _Threshold = 0.1,
+    plane_distance: _Threshold = 0.01,
+    normal_angle: _Threshold = 25.0,
+    relative_luminance: _Threshold = 0.5,
+    speed: _Threshold | None = None,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 def consistency(
@@ -189,21 +218,65 @@ def consistency(
     previous_normal: ArrayLike | None = None,
     ids: ArrayLike | None = None,
     previous_ids: ArrayLike | None = None,
+    object_normal: ArrayLike | None = None,
+    previous_object_normal: ArrayLike | None = None,
+    color: ArrayLike | None = None,
+    previous_color: ArrayLike | None = None,
     previous_camera: Camera | None = None,
-    relative_depth: float = 0.1,
-    plane_distance: float = 0.01,
-    normal_angle: float = 25.0,
+    relative_depth: _Threshold = 0.1,
+    plane_distance: _Threshold = 0.01,
+    normal_angle: _Threshold = 25.0,
+    relative_luminance: _Threshold = 0.5,
+    speed: _Threshold | None = None,
     out: tuple[NDArray[np.uint8] | None, _Floats | None] | None = None,
 ) -> tuple[NDArray[np.uint8], _Floats]: ...
 def clip_history(
     history: ArrayLike,
     color: ArrayLike,
     *,
-    box: Literal["variance", "minmax", "rounded", "intersection"] = "variance",
+    box: Literal["variance", "minmax", "rounded", "intersection", "hull", "chroma-hull"] = "variance",
     gamma: float = 1.0,
     window: Literal["3x3", "5x5"] = "3x3",
     space: Literal["ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"] = "ycocg",
     response: Literal["center", "clamp", "current", "ellipsoid"] = "center",
+    out: _Floats | None = None,
+) -> _Floats: ...
+def blend_factor(
+    confidence: ArrayLike,
+    motion: ArrayLike | None = None,
+    *,
+    alpha: float = 0.05,
+    fast_alpha: float = 0.2,
+    speed: _Threshold = (2.0, 16.0),
+    out: _Floats | None = None,
+) -> _Floats: ...
+def anti_lag(
+    history_length: ArrayLike,
+    history: ArrayLike,
+    clipped: ArrayLike,
+    *,
+    strength: float = 1.0,
+    out: _Floats | None = None,
+) -> _Floats: ...
+def temporal_gradient(
+    color: ArrayLike, previous: ArrayLike, *, noise: float = 3.0, passes: int = 3, out: _Floats | None = None
+) -> _Floats: ...
+def prediction_gain(
+    candidate: ArrayLike,
+    base: ArrayLike,
+    color: ArrayLike,
+    *,
+    ids: ArrayLike | None = None,
+    radius: int = 3,
+    out: _Floats | None = None,
+) -> _Floats: ...
+def blend(
+    color: ArrayLike,
+    history: ArrayLike,
+    alpha: float | ArrayLike = 0.05,
+    *,
+    weighting: Literal["none", "tone", "luminance"] = "none",
+    flicker: float = 1.0,
     out: _Floats | None = None,
 ) -> _Floats: ...
 def accumulate(
@@ -212,6 +285,7 @@ def accumulate(
     history_moments: ArrayLike,
     history_length: ArrayLike,
     *,
+    gradient: ArrayLike | None = None,
     alpha: float = 0.05,
     moments_alpha: float = 0.2,
     warmup: bool = True,
@@ -254,6 +328,29 @@ def atrous(
     sigma_plane: float = 0.01,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
+def suppress_fireflies(
+    color: ArrayLike,
+    *,
+    threshold: float = 2.0,
+    radius: int = 4,
+    redistribute: bool = True,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
+def fix_history(
+    color: ArrayLike,
+    history_length: ArrayLike,
+    *,
+    depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    camera: Camera | None = None,
+    max_length: float = 3.0,
+    stride: float = 14.0,
+    sigma_normal: float = 128.0,
+    sigma_depth: float = 1.0,
+    sigma_plane: float = 0.01,
+    out: _Floats | None = None,
+) -> _Floats: ...
 def demodulate(
     color: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
 ) -> _Floats: ...

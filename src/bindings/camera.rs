@@ -16,6 +16,7 @@ use crate::kernels::camera::dilate::{self, Choice, Window};
 use crate::kernels::camera::jitter::{self, Sequence};
 use crate::kernels::camera::motion::{self, Geometry, Transforms};
 use crate::kernels::camera::pinhole::{self, FovAxis, Rows4};
+use crate::kernels::camera::virtual_motion;
 
 /// A pinhole camera: where world points appear in the image, and the rays of its pixels.
 ///
@@ -452,11 +453,7 @@ pub fn motion_vectors<'py>(
         let (camera, previous) = (&camera.inner, &previous_camera.inner);
         let motion = py.detach(|| {
             let (geometry, ids) = (geometry.planes(), ids.map(Interleaved::planes));
-            let geometry = if positions {
-                Geometry::Position(geometry.view())
-            } else {
-                Geometry::Depth(geometry.view())
-            };
+            let geometry = Geometry::of(geometry.view(), positions);
             let ids = ids.as_ref().map(Planes::view);
             Outgoing::new(motion::motion_vectors(
                 geometry,
@@ -464,6 +461,74 @@ pub fn motion_vectors<'py>(
                 previous,
                 ids,
                 &transforms,
+            ))
+        });
+        (motion, out)
+    };
+    motion.array(py, out)
+}
+
+/// Where each pixel's reflection was in the previous frame.
+///
+/// Parameters
+/// ----------
+/// geometry : (H, W) or (H, W, 3) array_like of float
+///     Depth or world-space position of the reflecting surfaces, as for `motion_vectors`.
+/// hit_distance : (H, W) array_like of float
+///     From the surface to what it reflects, in scene units; +inf for the environment.
+/// camera, previous_camera : Camera
+///     Of the current and the previous frame, without jitter, both of the image's size.
+/// out : (H, W, 2) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// motion : (H, W, 2) float32
+///     Previous position of the virtual image minus current position of the pixel, x right, y down. With a distance of 0
+///     the surface's own motion. NaN where the distance is NaN or negative or the virtual image was not in front of the
+///     previous camera; background moves with the camera's rotation, whatever its distance.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On a wrong shape or a camera of another size.
+///
+/// Notes
+/// -----
+/// The image in a flat mirror lies on the continued view ray, as far behind the surface as the reflected object is from
+/// it: ``X + hit_distance (X - C)/|X - C|``. For mirrors that stand still; after the virtual motion of NRD's ReBLUR and
+/// ReLAX. History that is fetched along it should be tested by id and normal only: the pixel from which it comes shows
+/// another point of the mirror.
+#[pyfunction]
+#[pyo3(name = "virtual_motion", signature = (geometry, hit_distance, camera, previous_camera, *, out=None))]
+pub fn virtual_motion_<'py>(
+    py: Python<'py>,
+    geometry: &Bound<'py, PyAny>,
+    hit_distance: &Bound<'py, PyAny>,
+    camera: &Camera,
+    previous_camera: &Camera,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let (motion, out) = {
+        let geometry = Input::<f32>::new(geometry, "geometry", Channels::OneOr3)?;
+        let size = geometry.size();
+        for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
+            check_size(name, camera, size)?;
+        }
+        let distance = Input::<f32>::new(hit_distance, "hit_distance", Channels::One)?
+            .sized("hit_distance", size)?;
+        let out = Out::given(out, &[size.height, size.width, 2])?;
+        let (positions, geometry) = (geometry.channels() == 3, geometry.data());
+        let distance = distance.data();
+        let (camera, previous) = (&camera.inner, &previous_camera.inner);
+        let motion = py.detach(|| {
+            let (geometry, distance) = (geometry.planes(), distance.planes());
+            let geometry = Geometry::of(geometry.view(), positions);
+            Outgoing::new(virtual_motion::virtual_motion(
+                geometry,
+                distance.view(),
+                camera,
+                previous,
             ))
         });
         (motion, out)

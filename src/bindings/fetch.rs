@@ -6,12 +6,12 @@ use pyo3::types::{PyList, PyTuple};
 
 use super::arrays::{Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, choice, parts};
 use super::camera::Camera;
-use super::judge::SurfaceArgs;
+use super::judge::{Bounds, SurfaceArgs};
 use crate::error::Error;
 use crate::image::{Size, View};
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject;
-use crate::kernels::judge::surface;
+use crate::kernels::judge::surface::{self, Threshold};
 
 /// History carried to the current frame along motion vectors.
 ///
@@ -36,14 +36,24 @@ use crate::kernels::judge::surface;
 ///     World space; only directions count.
 /// ids, previous_ids : (H, W) array_like of int, optional
 ///     Must be equal.
+/// object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
+///     In the space of the object, which does not turn with it: their directions are compared instead of those of
+///     `normal`.
+/// color, previous_color : (H, W, 3) array_like of float, optional
+///     Whose luminance is compared. Missing samples pass.
 /// previous_camera : Camera, optional
 ///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
-/// relative_depth : float, default 0.1
-///     Largest \|previous - expected\| / expected depth; above 0.
-/// plane_distance : float, default 0.01
+/// relative_depth : float or (float, float), default 0.1
+///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp: full
+///     trust up to the first, none beyond the second, linear between.
+/// plane_distance : float or (float, float), default 0.01
 ///     Largest distance of the expected point from the tap's plane, as a share of the expected depth; above 0.
-/// normal_angle : float, default 25.0
-///     Largest angle between normals in degrees, 0 to 180.
+/// normal_angle : float or (float, float), default 25.0
+///     Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
+/// relative_luminance : float or (float, float), default 0.5
+///     Largest \|l - l'\| / max(\|l\|, \|l'\|); from 0.
+/// speed : float or (float, float), optional
+///     Longest motion in pixels; from 0. By default any.
 /// out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -52,8 +62,8 @@ use crate::kernels::judge::surface;
 /// values : float32 array like `history`, or list of such
 ///     The weighted mean of the valid taps; 0 where there is none.
 /// coverage : (H, W) float32
-///     The share of the footprint that is valid, 0 to 1: of the filter's weights, or, where the fallback stood in, of
-///     the 3×3 window's pixels. 0 where there is no history.
+///     The share of the footprint that is valid, 0 to 1: of the 2×2 weights times their trust, or, where the fallback
+///     stood in, of the 3×3 window's pixels. 0 where there is no history.
 ///
 /// Raises
 /// ------
@@ -63,13 +73,20 @@ use crate::kernels::judge::surface;
 /// Notes
 /// -----
 /// A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
-/// tests that `consistency` describes. The scheme is that of Schied et al. 2017, *Spatiotemporal Variance-Guided
+/// tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of Schied et al. 2017, *Spatiotemporal Variance-Guided
 /// Filtering*, section 4.1, with every tap tested on its own. Without motion, the values are those of `history`,
 /// bit for bit.
 #[pyfunction]
 #[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, dering=true, depth=None, previous_depth=None, normal=None,
-    previous_normal=None, ids=None, previous_ids=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01,
-    normal_angle=25.0, out=None))]
+    previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, color=None,
+    previous_color=None, previous_camera=None, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
+    normal_angle=Bounds::Hard(25.0), relative_luminance=Bounds::Hard(0.5), speed=None, out=None))]
+#[pyo3(
+    text_signature = "(history, motion, *, filter='bilinear', fallback=True, dering=True, depth=None, previous_depth=None, \
+    normal=None, previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, \
+    color=None, previous_color=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, \
+    normal_angle=25.0, relative_luminance=0.5, speed=None, out=None)"
+)]
 #[pyo3(name = "reproject")]
 pub fn reproject_<'py>(
     py: Python<'py>,
@@ -84,10 +101,16 @@ pub fn reproject_<'py>(
     previous_normal: Option<&Bound<'py, PyAny>>,
     ids: Option<&Bound<'py, PyAny>>,
     previous_ids: Option<&Bound<'py, PyAny>>,
+    object_normal: Option<&Bound<'py, PyAny>>,
+    previous_object_normal: Option<&Bound<'py, PyAny>>,
+    color: Option<&Bound<'py, PyAny>>,
+    previous_color: Option<&Bound<'py, PyAny>>,
     previous_camera: Option<&Camera>,
-    relative_depth: f32,
-    plane_distance: f32,
-    normal_angle: f32,
+    relative_depth: Bounds,
+    plane_distance: Bounds,
+    normal_angle: Bounds,
+    relative_luminance: Bounds,
+    speed: Option<Bounds>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyArrayDyn<f32>>)> {
     let filter = choice("filter", filter, &Filter::NAMES)?;
@@ -121,11 +144,15 @@ pub fn reproject_<'py>(
             [depth, previous_depth],
             [normal, previous_normal],
             [ids, previous_ids],
+            [object_normal, previous_object_normal],
+            [color, previous_color],
             previous_camera,
             surface::Params {
-                relative_depth,
-                plane_distance,
-                normal_angle,
+                relative_depth: relative_depth.into(),
+                plane_distance: plane_distance.into(),
+                normal_angle: normal_angle.into(),
+                relative_luminance: relative_luminance.into(),
+                speed: speed.map(Threshold::from),
             },
         )?;
 

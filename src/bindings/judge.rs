@@ -1,18 +1,54 @@
 //! The kernels of the judge folder, and the arguments of the surface tests, which `reproject` shares.
 
 use numpy::PyArrayDyn;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use super::arrays::{
-    COLOR, Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, choice, parts,
+    COLOR, Channels, Input, Interleaved, MOTION, Number, Out, Outgoing, Planes, choice, parts,
 };
 use super::camera::{Camera, check_size};
-use crate::error::Error;
-use crate::image::Size;
+use crate::error::{Error, whole};
+use crate::image::{Size, View};
 use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::consistency;
-use crate::kernels::judge::neighborhood;
-use crate::kernels::judge::surface::{self, Surface, Tests, check_plane_test};
+use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
+use crate::kernels::judge::{
+    anti_lag, blend_factor, consistency, gradient, neighborhood, prediction,
+};
+
+/// A threshold: a number, or the differences up to which trust is full and beyond which there is none.
+#[derive(Clone, Copy)]
+pub enum Bounds {
+    Hard(f32),
+    Soft(f32, f32),
+}
+
+impl FromPyObject<'_, '_> for Bounds {
+    type Error = PyErr;
+
+    fn extract(value: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        if let Ok(at) = value.extract() {
+            Ok(Self::Hard(at))
+        } else if let Ok((full, none)) = value.extract() {
+            Ok(Self::Soft(full, none))
+        } else {
+            let text = format!(
+                "expected a number or a pair of numbers, got {}",
+                value.repr()?
+            );
+            Err(PyTypeError::new_err(text))
+        }
+    }
+}
+
+impl From<Bounds> for Threshold {
+    fn from(bounds: Bounds) -> Self {
+        match bounds {
+            Bounds::Hard(at) => Self::hard(at),
+            Bounds::Soft(full, none) => Self { full, none },
+        }
+    }
+}
 
 /// A buffer of the current and of the previous frame.
 type Pair<T> = Option<[T; 2]>;
@@ -22,6 +58,8 @@ pub struct SurfaceArgs<'py> {
     depth: Pair<Input<'py>>,
     normal: Pair<Input<'py>>,
     ids: Pair<Input<'py, u32>>,
+    object_normal: Pair<Input<'py>>,
+    color: Pair<Input<'py>>,
     camera: Option<pinhole::Camera>,
     params: surface::Params,
 }
@@ -34,6 +72,8 @@ impl<'py> SurfaceArgs<'py> {
         depth: [Arg<'_, 'py>; 2],
         normal: [Arg<'_, 'py>; 2],
         ids: [Arg<'_, 'py>; 2],
+        object_normal: [Arg<'_, 'py>; 2],
+        color: [Arg<'_, 'py>; 2],
         camera: Option<&Camera>,
         params: surface::Params,
     ) -> PyResult<Self> {
@@ -43,13 +83,19 @@ impl<'py> SurfaceArgs<'py> {
             check_size("previous_camera", camera, size)?;
             check_plane_test(depth[0].is_some(), normal[0].is_some(), motion.channels())?;
         }
+        let vectors =
+            |v: &Bound<'py, PyAny>, name: &str| Input::new(v, name, COLOR)?.sized(name, size);
         Ok(Self {
             depth: pair(depth, ["depth", "previous_depth"], |v, name| {
                 Input::new(v, name, Channels::One)?.sized(name, size)
             })?,
-            normal: pair(normal, ["normal", "previous_normal"], |v, name| {
-                Input::new(v, name, COLOR)?.sized(name, size)
-            })?,
+            normal: pair(normal, ["normal", "previous_normal"], vectors)?,
+            object_normal: pair(
+                object_normal,
+                ["object_normal", "previous_object_normal"],
+                vectors,
+            )?,
+            color: pair(color, ["color", "previous_color"], vectors)?,
             ids: pair(ids, ["ids", "previous_ids"], |v, name| {
                 Input::new(v, name, Channels::One)?.sized(name, size)
             })?,
@@ -59,19 +105,15 @@ impl<'py> SurfaceArgs<'py> {
     }
 
     pub fn data(&self) -> SurfaceData<'_> {
+        fn data<'a, T: Number>(pair: &'a Pair<Input<'_, T>>) -> Pair<Interleaved<'a, T>> {
+            pair.as_ref().map(|pair| pair.each_ref().map(Input::data))
+        }
         SurfaceData {
-            depth: self
-                .depth
-                .as_ref()
-                .map(|pair| pair.each_ref().map(Input::data)),
-            normal: self
-                .normal
-                .as_ref()
-                .map(|pair| pair.each_ref().map(Input::data)),
-            ids: self
-                .ids
-                .as_ref()
-                .map(|pair| pair.each_ref().map(Input::data)),
+            depth: data(&self.depth),
+            normal: data(&self.normal),
+            ids: data(&self.ids),
+            object_normal: data(&self.object_normal),
+            color: data(&self.color),
             rays: self.camera.as_ref().map(pinhole::Camera::rays),
             params: self.params,
         }
@@ -98,6 +140,8 @@ pub struct SurfaceData<'a> {
     depth: Pair<Interleaved<'a, f32>>,
     normal: Pair<Interleaved<'a, f32>>,
     ids: Pair<Interleaved<'a, u32>>,
+    object_normal: Pair<Interleaved<'a, f32>>,
+    color: Pair<Interleaved<'a, f32>>,
     rays: Option<Rays>,
     params: surface::Params,
 }
@@ -105,13 +149,19 @@ pub struct SurfaceData<'a> {
 impl SurfaceData<'_> {
     /// Calls `f` with the tests.
     pub fn with<R>(self, size: Size, f: impl FnOnce(Tests) -> R) -> R {
-        let depth = self.depth.map(|pair| pair.map(Interleaved::planes));
-        let normal = self.normal.map(|pair| pair.map(Interleaved::planes));
+        fn view<'a, T: Number>(pair: &'a Pair<Planes<'_, T>>, i: usize) -> Option<View<'a, T>> {
+            pair.as_ref().map(|pair| pair[i].view())
+        }
+        let [depth, normal, object_normal, color] =
+            [self.depth, self.normal, self.object_normal, self.color]
+                .map(|pair| pair.map(|pair| pair.map(Interleaved::planes)));
         let ids = self.ids.map(|pair| pair.map(Interleaved::planes));
         let surface = |i: usize| Surface {
-            depth: depth.as_ref().map(|pair| pair[i].view()),
-            normal: normal.as_ref().map(|pair| pair[i].view()),
-            ids: ids.as_ref().map(|pair| pair[i].view()),
+            depth: view(&depth, i),
+            normal: view(&normal, i),
+            ids: view(&ids, i),
+            object_normal: view(&object_normal, i),
+            color: view(&color, i),
         };
         f(Tests::new(
             size,
@@ -137,23 +187,33 @@ impl SurfaceData<'_> {
 ///     World space; only directions count.
 /// ids, previous_ids : (H, W) array_like of int, optional
 ///     Must be equal.
+/// object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
+///     In the space of the object, which does not turn with it: their directions are compared instead of those of
+///     `normal`.
+/// color, previous_color : (H, W, 3) array_like of float, optional
+///     Whose luminance is compared. Missing samples pass.
 /// previous_camera : Camera, optional
 ///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
-/// relative_depth : float, default 0.1
-///     Largest \|previous - expected\| / expected depth; above 0.
-/// plane_distance : float, default 0.01
+/// relative_depth : float or (float, float), default 0.1
+///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp: full
+///     trust up to the first, none beyond the second, linear between.
+/// plane_distance : float or (float, float), default 0.01
 ///     Largest distance of the expected point from the tap's plane, as a share of the expected depth; above 0.
-/// normal_angle : float, default 25.0
-///     Largest angle between normals in degrees, 0 to 180.
+/// normal_angle : float or (float, float), default 25.0
+///     Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
+/// relative_luminance : float or (float, float), default 0.5
+///     Largest \|l - l'\| / max(\|l\|, \|l'\|); from 0.
+/// speed : float or (float, float), optional
+///     Longest motion in pixels; from 0. By default any.
 /// out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays. A part may be None.
 ///
 /// Returns
 /// -------
 /// rejection : (H, W) uint8
-///     Bits of `Rejection`: every test that some tap of the footprint fails. 0 where all taps pass.
+///     Bits of `Rejection`: every test in which some tap of the footprint has no trust. 0 where all have some.
 /// confidence : (H, W) float32
-///     The share of the footprint's weight whose taps pass all tests, 0 to 1.
+///     The footprint's weight times its trust, summed: with hard thresholds the share whose taps pass all tests. 0 to 1.
 ///
 /// Raises
 /// ------
@@ -167,7 +227,15 @@ impl SurfaceData<'_> {
 /// tenth and the angle of 25° are customary values.
 #[pyfunction]
 #[pyo3(name = "consistency", signature = (motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None,
-    previous_ids=None, previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, out=None))]
+    previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None,
+    previous_camera=None, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
+    normal_angle=Bounds::Hard(25.0), relative_luminance=Bounds::Hard(0.5), speed=None, out=None))]
+#[pyo3(
+    text_signature = "(motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None, \
+    previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None, \
+    previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, relative_luminance=0.5, \
+    speed=None, out=None)"
+)]
 pub fn consistency_<'py>(
     py: Python<'py>,
     motion: &Bound<'py, PyAny>,
@@ -177,10 +245,16 @@ pub fn consistency_<'py>(
     previous_normal: Option<&Bound<'py, PyAny>>,
     ids: Option<&Bound<'py, PyAny>>,
     previous_ids: Option<&Bound<'py, PyAny>>,
+    object_normal: Option<&Bound<'py, PyAny>>,
+    previous_object_normal: Option<&Bound<'py, PyAny>>,
+    color: Option<&Bound<'py, PyAny>>,
+    previous_color: Option<&Bound<'py, PyAny>>,
     previous_camera: Option<&Camera>,
-    relative_depth: f32,
-    plane_distance: f32,
-    normal_angle: f32,
+    relative_depth: Bounds,
+    plane_distance: Bounds,
+    normal_angle: Bounds,
+    relative_luminance: Bounds,
+    speed: Option<Bounds>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<u8>>, Bound<'py, PyArrayDyn<f32>>)> {
     let ((rejection, confidence), out) = {
@@ -190,11 +264,15 @@ pub fn consistency_<'py>(
             [depth, previous_depth],
             [normal, previous_normal],
             [ids, previous_ids],
+            [object_normal, previous_object_normal],
+            [color, previous_color],
             previous_camera,
             surface::Params {
-                relative_depth,
-                plane_distance,
-                normal_angle,
+                relative_depth: relative_depth.into(),
+                plane_distance: plane_distance.into(),
+                normal_angle: normal_angle.into(),
+                relative_luminance: relative_luminance.into(),
+                speed: speed.map(Threshold::from),
             },
         )?;
         let Size { height, width } = motion.size();
@@ -224,9 +302,11 @@ pub fn consistency_<'py>(
 ///     Reprojected colour, linear. Missing pixels stay as they are.
 /// color : (H, W, 3) array_like of float
 ///     The current frame. Missing pixels do not count; where a neighbourhood has no others, history stays.
-/// box : {"variance", "minmax", "rounded", "intersection"}, default "variance"
+/// box : {"variance", "minmax", "rounded", "intersection", "hull", "chroma-hull"}, default "variance"
 ///     What bounds the neighbourhood's colours: their mean ± `gamma` standard deviations; their range; the mean of the
-///     ranges of the square and of the cross in it; range and variance box at once.
+///     ranges of the square and of the cross in it; range and variance box at once; their convex hull, as a polytope of 13
+///     slabs (a 26-DOP, which contains the exact hull); the exact convex hull of their chrominances, with the range of Y.
+///     The hulls need `response` "current", the last also a `space` with chrominances.
 /// gamma : float, default 1.0
 ///     Half the side of the variance box in standard deviations; from 0.
 /// window : {"3x3", "5x5"}, default "3x3"
@@ -291,4 +371,254 @@ pub fn clip_history_<'py>(
         (clipped, out)
     };
     clipped.array(py, out)
+}
+
+/// The share of the new sample, from the confidence in history and from speed.
+///
+/// Parameters
+/// ----------
+/// confidence : (H, W) array_like of float
+///     0 to 1, as `consistency` or the coverage of `reproject` gives it; clamped, NaN counts as 0.
+/// motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+///     In pixels. Where it is not finite the share is 1.
+/// alpha : float, default 0.05
+///     Share under full confidence and slow motion, 0 to 1.
+/// fast_alpha : float, default 0.2
+///     Share under full confidence and fast motion, 0 to 1; counts where it is more than `alpha`.
+/// speed : float or (float, float), default (2, 16)
+///     Pixels up to which motion is slow, and from which it is fast.
+/// out : (H, W) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// alpha : (H, W) float32
+///     ``lerp(a, 1, 1 - confidence)`` with ``a = lerp(alpha, max(alpha, fast_alpha), clamp((|motion| - s0)/(s1 - s0)))``.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or shares out of range.
+#[pyfunction]
+#[pyo3(name = "blend_factor", signature = (confidence, motion=None, *, alpha=0.05, fast_alpha=0.2,
+    speed=Bounds::Soft(2.0, 16.0), out=None))]
+#[pyo3(
+    text_signature = "(confidence, motion=None, *, alpha=0.05, fast_alpha=0.2, speed=(2.0, 16.0), out=None)"
+)]
+pub fn blend_factor_<'py>(
+    py: Python<'py>,
+    confidence: &Bound<'py, PyAny>,
+    motion: Option<&Bound<'py, PyAny>>,
+    alpha: f32,
+    fast_alpha: f32,
+    speed: Bounds,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = blend_factor::Params {
+        alpha,
+        fast_alpha,
+        speed: speed.into(),
+    };
+    params.check()?;
+    let (factor, out) = {
+        let confidence = Input::<f32>::new(confidence, "confidence", Channels::One)?;
+        let motion = Input::<f32>::optional(motion, "motion", MOTION, confidence.size())?;
+        let out = Out::given(out, confidence.shape())?;
+        let (confidence, motion) = (confidence.data(), motion.as_ref().map(Input::data));
+        let factor = py.detach(|| {
+            let (confidence, motion) = (confidence.planes(), motion.map(Interleaved::planes));
+            let motion = motion.as_ref().map(Planes::view);
+            Outgoing::new(blend_factor::blend_factor(
+                confidence.view(),
+                motion,
+                params,
+            ))
+        });
+        (factor, out)
+    };
+    factor.array(py, out)
+}
+
+/// Histories shortened by how far clipping has moved them.
+///
+/// Parameters
+/// ----------
+/// history_length : (H, W) array_like of float
+///     Samples so far.
+/// history, clipped : (H, W, 3) array_like of float
+///     Colour before and after `clip_history`.
+/// strength : float, default 1.0
+///     From 0, which leaves lengths as they are.
+/// out : (H, W) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// history_length : (H, W) float32
+///     ``N / (1 + strength d N)`` with d = \|l - l'\| / max(\|l\|, \|l'\|) of the luminances; d is 0 where both are black or one
+///     is missing.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or a strength out of range.
+///
+/// Notes
+/// -----
+/// To be used with a fast history: ``clip_history(slow, fast, window="5x5")`` holds the slow average to what the last few
+/// frames have seen, and where that moved it, this lets new samples in. After NRD's ReBLUR and ReLAX.
+#[pyfunction]
+#[pyo3(name = "anti_lag", signature = (history_length, history, clipped, *, strength=1.0, out=None))]
+pub fn anti_lag_<'py>(
+    py: Python<'py>,
+    history_length: &Bound<'py, PyAny>,
+    history: &Bound<'py, PyAny>,
+    clipped: &Bound<'py, PyAny>,
+    strength: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    anti_lag::check(strength)?;
+    let (length, out) = {
+        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?;
+        let size = length.size();
+        let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
+        let clipped = Input::<f32>::new(clipped, "clipped", COLOR)?.sized("clipped", size)?;
+        let out = Out::given(out, length.shape())?;
+        let data = [length.data(), history.data(), clipped.data()];
+        let length = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [length, history, clipped] = planes.each_ref().map(Planes::view);
+            Outgoing::new(anti_lag::anti_lag(length, history, clipped, strength))
+        });
+        (length, out)
+    };
+    length.array(py, out)
+}
+
+/// How far the light has changed, beyond what noise explains.
+///
+/// Parameters
+/// ----------
+/// color, previous : (H, W, 3) array_like of float
+///     Two looks at the same pixels. For the exact gradient the previous frame and its `Frame.replay`, rendered with the
+///     same random numbers, and ``noise=0``; for an estimate the new frame and the reprojected history. Light without
+///     texture, if there is albedo. Missing pixels do not count.
+/// noise : float, default 3.0
+///     Standard errors of the local mean that count as noise; from 0.
+/// passes : int, default 3
+///     Passes of the blur, 0 to 8; so many reach 2^passes - 1 pixels to each side.
+/// out : (H, W) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// gradient : (H, W) float32
+///     0 (the same light, or nothing known) to 1 (all of it has come or gone).
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range.
+///
+/// Notes
+/// -----
+/// With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩ over {1, 2, 1}/4 kernels at steps of 1,
+/// 2, 4, …, and the standard error s of ⟨δ⟩: ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. Schied, Peters and Dachsbacher 2018,
+/// *Gradient Estimation for Real-Time Adaptive Temporal Filtering*, where z = 0 and gradients are exact. `accumulate`
+/// takes the result.
+#[pyfunction]
+#[pyo3(signature = (color, previous, *, noise=3.0, passes=3, out=None))]
+pub fn temporal_gradient<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    previous: &Bound<'py, PyAny>,
+    noise: f32,
+    passes: i64,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = gradient::Params {
+        noise,
+        passes: gradient::Params::passes(passes)?,
+    };
+    params.check()?;
+    let (gradient, out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let previous = Input::<f32>::new(previous, "previous", COLOR)?.sized("previous", size)?;
+        let out = Out::given(out, &[size.height, size.width])?;
+        let data = [color.data(), previous.data()];
+        let gradient = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [color, previous] = planes.each_ref().map(Planes::view);
+            Outgoing::new(gradient::temporal_gradient(color, previous, params))
+        });
+        (gradient, out)
+    };
+    gradient.array(py, out)
+}
+
+/// How much better one history predicts the new sample than another, without a reference.
+///
+/// Parameters
+/// ----------
+/// candidate, base : (H, W, 3) array_like of float
+///     Two predictions of `color`, neither of which has seen it.
+/// color : (H, W, 3) array_like of float
+///     The new, noisy samples. What is missing in one of the three does not count.
+/// ids : (H, W) array_like of int, optional
+///     Only pixels of the same id are averaged.
+/// radius : int, default 3
+///     The window reaches so many pixels to each side, 0 to 16.
+/// out : (H, W) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// gain : (H, W) float32
+///     The mean over the window of ``Σ (k - h)(k + h - 2c) / (Σ h² + 0.01)``, sums over channels: an unbiased estimate of
+///     the difference of relative squared errors, negative where `candidate` is better. 0 where nothing is known.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or a radius out of range.
+///
+/// Notes
+/// -----
+/// ``(k - c)² - (h - c)²`` is linear in c, so that c's noise averages out; compared after a tone curve or a clamp it would
+/// not.
+#[pyfunction]
+#[pyo3(signature = (candidate, base, color, *, ids=None, radius=3, out=None))]
+pub fn prediction_gain<'py>(
+    py: Python<'py>,
+    candidate: &Bound<'py, PyAny>,
+    base: &Bound<'py, PyAny>,
+    color: &Bound<'py, PyAny>,
+    ids: Option<&Bound<'py, PyAny>>,
+    radius: i64,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let radius = whole("radius", radius, "0 to 16 pixels", |&n: &usize| n <= 16)?;
+    let (gain, out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let candidate =
+            Input::<f32>::new(candidate, "candidate", COLOR)?.sized("candidate", size)?;
+        let base = Input::<f32>::new(base, "base", COLOR)?.sized("base", size)?;
+        let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
+        let out = Out::given(out, &[size.height, size.width])?;
+        let data = [candidate.data(), base.data(), color.data()];
+        let ids = ids.as_ref().map(Input::data);
+        let gain = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [candidate, base, color] = planes.each_ref().map(Planes::view);
+            let ids = ids.map(Interleaved::planes);
+            let ids = ids.as_ref().map(Planes::view);
+            Outgoing::new(prediction::prediction_gain(
+                candidate, base, color, ids, radius,
+            ))
+        });
+        (gain, out)
+    };
+    gain.array(py, out)
 }

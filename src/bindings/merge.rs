@@ -6,9 +6,9 @@ use pyo3::prelude::*;
 use super::arrays::{
     COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, choice, parts, points,
 };
-use crate::error::Error;
+use crate::error::{Error, in_range};
 use crate::image::Size;
-use crate::kernels::merge::{accumulate, resolve};
+use crate::kernels::merge::{accumulate, blend, resolve};
 
 const MOMENTS: Channels = Channels::Of(&[2]);
 
@@ -55,6 +55,8 @@ impl Accumulated {
 ///     Reprojected means of luminance and of its square.
 /// history_length : (H, W) array_like of float
 ///     Reprojected number of samples, fractions included; 0 where there is no history.
+/// gradient : (H, W) array_like of float, optional
+///     How much the light has changed, 0 to 1, as `temporal_gradient` returns it; NaN counts as 0.
 /// alpha : float, default 0.05
 ///     Least share of the new sample, 0 to 1. 0 averages without end.
 /// moments_alpha : float, default 0.2
@@ -82,9 +84,11 @@ impl Accumulated {
 /// With N = min(`history_length` + 1, 1/alpha) and l the Rec. 709 luminance: ``color = h + (c - h)/N`` and
 /// ``moments = m + max(moments_alpha, 1/N) * ((l, l*l) - m)``. Schied et al. 2017, *Spatiotemporal Variance-Guided
 /// Filtering*, section 4.2; the equal start as in Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing
-/// Techniques*.
+/// Techniques*. A `gradient` g first shortens the history to ``N (1 - g)**10`` and then moves both shares towards 1:
+/// ``a + g (1 - a)`` (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal
+/// Filtering*; the exponent as in Q2RTX).
 #[pyfunction]
-#[pyo3(signature = (color, history, history_moments, history_length, *, alpha=0.05, moments_alpha=0.2, warmup=true, out=None))]
+#[pyo3(signature = (color, history, history_moments, history_length, *, gradient=None, alpha=0.05, moments_alpha=0.2, warmup=true, out=None))]
 #[pyo3(name = "accumulate")]
 pub fn accumulate_<'py>(
     py: Python<'py>,
@@ -92,6 +96,7 @@ pub fn accumulate_<'py>(
     history: &Bound<'py, PyAny>,
     history_moments: &Bound<'py, PyAny>,
     history_length: &Bound<'py, PyAny>,
+    gradient: Option<&Bound<'py, PyAny>>,
     alpha: f32,
     moments_alpha: f32,
     warmup: bool,
@@ -111,7 +116,9 @@ pub fn accumulate_<'py>(
             .sized("history_moments", size)?;
         let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
             .sized("history_length", size)?;
+        let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
         let data = [color.data(), history.data(), moments.data(), length.data()];
+        let gradient = gradient.as_ref().map(Input::data);
         let Size { height, width } = size;
         let [first, second, third] = parts(out.as_ref())?;
         let out = (
@@ -130,7 +137,9 @@ pub fn accumulate_<'py>(
                 m.plane(1),
                 n.plane(0),
             ];
-            let (merged, missing) = accumulate::accumulate(color, history, params);
+            let gradient = gradient.map(Interleaved::planes);
+            let gradient = gradient.as_ref().map(Planes::view);
+            let (merged, missing) = accumulate::accumulate(color, history, gradient, params);
             let [color, moments, length] =
                 [0..3, 3..5, 5..6].map(|c| Outgoing::new(merged.channels(c).to_image()));
             (color, moments, length, missing)
@@ -234,4 +243,101 @@ pub fn resolve_<'py>(
         (image, out)
     };
     image.array(py, out)
+}
+
+/// The blend of history and new sample.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     The new samples, linear.
+/// history : (H, W, 3) array_like of float
+///     Reprojected and, as a rule, clipped.
+/// alpha : float or (H, W) array_like of float, default 0.05
+///     Share of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` gives it. Maps are clamped, and 1
+///     where they are NaN.
+/// weighting : {"none", "tone", "luminance"}, default "none"
+///     "tone" weights both sides by 1/(1 + luminance) as well; "luminance" raises alpha up to fourfold where luminances
+///     differ.
+/// flicker : float, default 1.0
+///     What is left of alpha, 0 to 1, where history lies on the border of the luminances of the 3×3 pixels around; 1 does
+///     without.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// blended : (H, W, 3) float32
+///     Where the sample is missing, history; where history is, the sample; NaN where both are.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, an unknown weighting (the error lists them), or shares out of range.
+///
+/// Notes
+/// -----
+/// "tone" and `flicker`: Karis 2014, *High Quality Temporal Supersampling*. "luminance": ``lerp(4 alpha, alpha, (1 - d)²)``
+/// with ``d = |l - l'| / max(l, l', 0.2)``, Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*. With
+/// ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the range, in half ranges,
+/// alpha becomes ``alpha (k + alpha (1 - k))``.
+#[pyfunction]
+#[pyo3(signature = (color, history, alpha=None, *, weighting="none", flicker=1.0, out=None))]
+#[pyo3(text_signature = "(color, history, alpha=0.05, *, weighting='none', flicker=1.0, out=None)")]
+#[pyo3(name = "blend")]
+pub fn blend_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    history: &Bound<'py, PyAny>,
+    alpha: Option<&Bound<'py, PyAny>>,
+    weighting: &str,
+    flicker: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = blend::Params {
+        weighting: choice("weighting", weighting, &blend::Params::WEIGHTINGS)?,
+        flicker,
+    };
+    params.check()?;
+    let (blended, out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
+        // An array of one pixel would pass for a number.
+        let is_image = |alpha: &Bound<PyAny>| {
+            let axes = alpha
+                .getattr("ndim")
+                .and_then(|axes| axes.extract::<usize>());
+            axes.is_ok_and(|axes| axes > 0)
+        };
+        let constant = match alpha {
+            None => Some(0.05),
+            Some(alpha) if is_image(alpha) => None,
+            Some(alpha) => alpha.extract::<f32>().ok(),
+        };
+        let map = match constant {
+            Some(share) => {
+                in_range("alpha", share, "a share from 0 to 1", |v| {
+                    (0.0..=1.0).contains(&v)
+                })?;
+                None
+            }
+            None => Input::<f32>::optional(alpha, "alpha", Channels::One, size)?,
+        };
+        let out = Out::given(out, color.shape())?;
+        let data = [color.data(), history.data()];
+        let map = map.as_ref().map(Input::data);
+        let blended = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [color, history] = planes.each_ref().map(Planes::view);
+            let map = map.map(Interleaved::planes);
+            let alpha = match &map {
+                Some(map) => blend::Alpha::Map(map.view()),
+                None => blend::Alpha::Constant(constant.unwrap_or_default()),
+            };
+            Outgoing::new(blend::blend(color, history, alpha, params))
+        });
+        (blended, out)
+    };
+    blended.array(py, out)
 }

@@ -6,6 +6,7 @@ use pyo3::types::PyTuple;
 
 use super::arrays::{COLOR, Channels, Input, Interleaved, MOTION, Number, Out, Outgoing, Planes};
 use super::camera::Camera;
+use super::judge::Bounds;
 use crate::error::Error;
 use crate::image::View;
 use crate::kernels::camera::pinhole;
@@ -82,12 +83,12 @@ impl Output {
 ///     camera or normals.
 /// sigma_plane : float, default 0.01
 ///     Plane distance that counts as one, as a share of depth; above 0. For frames with camera, depth and normals.
-/// relative_depth : float, default 0.1
+/// relative_depth : float or (float, float), default 0.1
 ///     Largest relative difference from the expected depth that history may have; above 0. For frames without camera,
 ///     normals or motion of 3 channels.
-/// plane_distance : float, default 0.01
+/// plane_distance : float or (float, float), default 0.01
 ///     Largest distance from the history's plane, as a share of depth; above 0. For frames with these.
-/// normal_angle : float, default 25.0
+/// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
 /// min_length : float, default 3.5
 ///     Samples from which the temporal variance is trusted; at least 1. Not a whole number by default, so that rounding
@@ -115,8 +116,13 @@ pub struct SVGF {
 impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0,
-        sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, min_length=3.5,
-        feedback=false))]
+        sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
+        normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false))]
+    #[pyo3(
+        text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0, \
+        sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, min_length=3.5, \
+        feedback=False)"
+    )]
     fn new(
         alpha: f32,
         moments_alpha: f32,
@@ -125,9 +131,9 @@ impl SVGF {
         sigma_normal: f32,
         sigma_depth: f32,
         sigma_plane: f32,
-        relative_depth: f32,
-        plane_distance: f32,
-        normal_angle: f32,
+        relative_depth: Bounds,
+        plane_distance: Bounds,
+        normal_angle: Bounds,
         min_length: f32,
         feedback: bool,
     ) -> PyResult<Self> {
@@ -138,9 +144,10 @@ impl SVGF {
         };
         let params = Params {
             surface: surface::Params {
-                relative_depth,
-                plane_distance,
-                normal_angle,
+                relative_depth: relative_depth.into(),
+                plane_distance: plane_distance.into(),
+                normal_angle: normal_angle.into(),
+                ..Default::default()
             },
             accumulate: accumulate::Params {
                 alpha,
@@ -196,6 +203,8 @@ impl SVGF {
                 depth,
                 normal,
                 ids: view(&ids),
+                object_normal: None,
+                color: None,
             };
             let color = color.expect("every frame has colour");
             let output = self.inner.step(&svgf::Frame {

@@ -10,7 +10,7 @@ use crate::image::{Image, Size, View};
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::Surface;
 use crate::kernels::smooth::guide::{Guide, Sigmas};
-use crate::kernels::smooth::{atrous, demodulate, variance};
+use crate::kernels::smooth::{atrous, demodulate, fireflies, history_fix, variance};
 
 /// The guide's checked arguments.
 struct GuideArgs<'py> {
@@ -74,6 +74,7 @@ impl GuideData<'_> {
             depth: depth.as_ref().map(Planes::view),
             normal: normal.as_ref().map(Planes::view),
             ids: ids.as_ref().map(Planes::view),
+            ..Default::default()
         };
         Guide::new(size, surface, self.rays)
     }
@@ -281,6 +282,159 @@ pub fn atrous_<'py>(
         (filtered, out)
     };
     Ok((color.array(py, out.0)?, variance.array(py, out.1)?))
+}
+
+/// Samples far brighter than all around them held down, and their light spread.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     Linear; light without texture, if there is albedo. Missing pixels stay as they are.
+/// threshold : float, default 2.0
+///     A pixel may be brighter than the mean of those around it by so many of their standard deviations; from 0.
+/// radius : int, default 4
+///     The window reaches so many pixels to each side, 1 to 16.
+/// redistribute : bool, default True
+///     Whether what exceeds the limit is given to the pixels of the window that are below theirs, so that the image does
+///     not darken.
+/// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
+///     Written and returned instead of new arrays; they may be inputs. A part may be None.
+///
+/// Returns
+/// -------
+/// color : (H, W, 3) float32
+/// removed : (H, W) float32
+///     Luminance that was taken from each pixel and that nobody got.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range.
+///
+/// Notes
+/// -----
+/// With mean m and standard deviation s of luminance in the window without its centre, the limit is ``m + threshold s``
+/// (NRD's anti-firefly: 9×9 pixels, 2 deviations). What exceeds it is shared among the window's pixels in proportion to
+/// what each lacks to its own limit, and up to that; several fireflies in one window may add up to more.
+#[pyfunction]
+#[pyo3(name = "suppress_fireflies", signature = (color, *, threshold=2.0, radius=4, redistribute=true, out=None))]
+pub fn suppress_fireflies_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    threshold: f32,
+    radius: i64,
+    redistribute: bool,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+    let params = fireflies::Params {
+        threshold,
+        radius: fireflies::Params::radius(radius)?,
+        redistribute,
+    };
+    params.check()?;
+    let ((held, removed), out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let Size { height, width } = color.size();
+        let [first, second] = parts(out.as_ref())?;
+        let out = (
+            Out::given(first, &[height, width, 3])?,
+            Out::given(second, &[height, width])?,
+        );
+        let color = color.data();
+        let held = py.detach(|| {
+            let (held, removed) = fireflies::suppress_fireflies(color.planes().view(), params);
+            (Outgoing::new(held), Outgoing::new(removed))
+        });
+        (held, out)
+    };
+    Ok((held.array(py, out.0)?, removed.array(py, out.1)?))
+}
+
+/// Pixels that have just come into view, averaged over their surface.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     Accumulated light. Missing pixels lend nothing and are filled.
+/// history_length : (H, W) array_like of float
+///     Samples so far.
+/// depth : (H, W) array_like of float, optional
+///     View-space z; +inf, NaN or not above 0 is background.
+/// normal : (H, W, 3) array_like of float, optional
+///     World space, unit length.
+/// ids : (H, W) array_like of int, optional
+///     Pixels of different ids do not mix.
+/// camera : Camera, optional
+///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     `normal`.
+/// max_length : float, default 3.0
+///     Pixels with fewer samples are fixed; from 0.
+/// stride : float, default 14.0
+///     Pixels between the taps of a pixel without samples, 1 to 64; with N samples, stride/(1 + N), but at least 1.
+/// sigma_normal, sigma_depth, sigma_plane : float
+///     As in `atrous`.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// color : (H, W, 3) float32
+///     Fixed pixels are the mean of 5×5 taps, weighted by likeness and by the taps' samples; the others keep their bits.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range.
+///
+/// Notes
+/// -----
+/// After the history fix of NRD's ReBLUR and ReLAX.
+#[pyfunction]
+#[pyo3(signature = (color, history_length, *, depth=None, normal=None, ids=None, camera=None, max_length=3.0,
+    stride=14.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
+#[pyo3(name = "fix_history")]
+pub fn fix_history_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    history_length: &Bound<'py, PyAny>,
+    depth: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    camera: Option<&Camera>,
+    max_length: f32,
+    stride: f32,
+    sigma_normal: f32,
+    sigma_depth: f32,
+    sigma_plane: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = history_fix::Params {
+        max_length,
+        stride,
+        sigmas: Sigmas {
+            normal: sigma_normal,
+            depth: sigma_depth,
+            plane: sigma_plane,
+        },
+    };
+    params.check()?;
+    let (fixed, out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
+            .sized("history_length", size)?;
+        let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
+        let out = Out::given(out, color.shape())?;
+        let (data, guide) = ([color.data(), length.data()], guide.data());
+        let fixed = py.detach(|| {
+            let planes = data.map(Interleaved::planes);
+            let [color, length] = planes.each_ref().map(Planes::view);
+            let guide = guide.guide(size);
+            Outgoing::new(history_fix::fix_history(color, length, &guide, params))
+        });
+        (fixed, out)
+    };
+    fixed.array(py, out)
 }
 
 type Modulate = fn(View, View, Option<View>) -> Image;

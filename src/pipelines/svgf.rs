@@ -92,6 +92,7 @@ impl Memory {
             depth: self.depth.as_ref().map(Image::view),
             normal: self.normal.as_ref().map(Image::view),
             ids: self.ids.as_ref().map(Image::view),
+            ..Default::default()
         }
     }
 }
@@ -139,7 +140,7 @@ impl Svgf {
             },
         };
         let history = std::array::from_fn(|channel| values.plane(channel));
-        let (mut history, missing) = accumulate(color, history, self.params.accumulate);
+        let (mut history, missing) = accumulate(color, history, None, self.params.accumulate);
 
         let guide = Guide::new(size, frame.surface, frame.camera.as_ref().map(Camera::rays));
         let [color, moments, length] =

@@ -4,3 +4,4 @@ pub mod dilate;
 pub mod jitter;
 pub mod motion;
 pub mod pinhole;
+pub mod virtual_motion;

@@ -28,15 +28,23 @@ pub enum Geometry<'a> {
 }
 
 /// What a pixel shows.
-enum Shown {
+pub enum Shown {
     Point(DVec3),
     Background,
     Unknown,
 }
 
-impl Geometry<'_> {
+impl<'a> Geometry<'a> {
+    pub fn of(view: View<'a>, positions: bool) -> Self {
+        if positions {
+            Self::Position(view)
+        } else {
+            Self::Depth(view)
+        }
+    }
+
     #[inline(always)]
-    fn at(&self, camera: &Camera, centre: DVec2, i: usize) -> Shown {
+    pub fn at(&self, camera: &Camera, centre: DVec2, i: usize) -> Shown {
         match self {
             Self::Depth(depth) => match depth.plane(0)[i] {
                 f32::INFINITY => Shown::Background,

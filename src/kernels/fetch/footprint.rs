@@ -146,9 +146,10 @@ impl<'a> Motion<'a> {
         // Motion that is not finite in one of its channels leads nowhere.
         let known = if change.is_finite() { 0.0 } else { f32::NAN };
         let from = Vec2::new(x as f32 + self.x[i] + known, y as f32 + self.y[i]);
+        let motion = Vec2::new(self.x[i], self.y[i]);
         Origin {
             from,
-            expected: tests.expected(i, from, change),
+            expected: tests.expected(i, from, motion, change),
         }
     }
 }
@@ -185,12 +186,10 @@ pub fn footprint(
         (1, 1, f.x * f.y),
     ] {
         if weight > 0.0 {
-            let failures = judge(size, origin, tests, left + dx, top + dy);
-            failed |= failures.err().unwrap_or(0);
-            if let Ok(index) = failures
-                && usable(index)
-            {
-                taps.push(index, weight);
+            match judge(size, origin, tests, left + dx, top + dy) {
+                Ok((index, trust)) if usable(index) => taps.push(index, weight * trust),
+                Ok(_) => {}
+                Err(failures) => failed |= failures,
             }
         }
     }
@@ -218,8 +217,9 @@ pub fn wide(
         for (column, wx) in columns.into_iter().enumerate() {
             let weight = wx * wy;
             if weight != 0.0 && kernel.has(column, row) {
-                let index = judge(size, origin, tests, left + column as i32, top + row as i32);
-                taps.push(index.ok().filter(|&index| usable(index))?, weight);
+                let tap = judge(size, origin, tests, left + column as i32, top + row as i32);
+                let (index, _) = tap.ok().filter(|&(index, _)| usable(index))?;
+                taps.push(index, weight);
             }
         }
     }
@@ -242,7 +242,7 @@ pub fn window(
     let centre = (origin.from + 0.5).floor();
     for dy in -1..=1 {
         for dx in -1..=1 {
-            if let Ok(index) = judge(
+            if let Ok((index, trust)) = judge(
                 size,
                 origin,
                 tests,
@@ -250,7 +250,7 @@ pub fn window(
                 centre.y as i32 + dy,
             ) && usable(index)
             {
-                taps.push(index, 1.0 / 9.0);
+                taps.push(index, trust / 9.0);
             }
         }
     }
@@ -266,15 +266,15 @@ fn reaches(size: Size, from: Vec2) -> bool {
         && from.y < size.height as f32 + 1.0
 }
 
-/// The index of pixel (x, y), or the bits of the tests that it fails.
+/// The index of pixel (x, y) and the trust in it, or the bits of the tests that leave none.
 #[inline(always)]
-fn judge(size: Size, origin: &Origin, tests: &Tests, x: i32, y: i32) -> Result<usize, u8> {
+fn judge(size: Size, origin: &Origin, tests: &Tests, x: i32, y: i32) -> Result<(usize, f32), u8> {
     if x < 0 || y < 0 || x >= size.width as i32 || y >= size.height as i32 {
         return Err(rejection::OUTSIDE);
     }
     let (x, y) = (x as usize, y as usize);
-    match tests.failures(&origin.expected, x, y) {
-        0 => Ok(y * size.width + x),
-        failures => Err(failures),
+    match tests.judge(&origin.expected, x, y) {
+        (trust, 0) => Ok((y * size.width + x, trust)),
+        (_, failures) => Err(failures),
     }
 }

@@ -98,7 +98,7 @@ impl Reproject<'_> {
             if self.params.dering {
                 self.hold(&taps, x, y, values);
             }
-            return (1.0, failed);
+            return (taps.weight().min(1.0), failed);
         }
         if taps.weight() >= MIN_COVERAGE {
             return (self.mean(&taps, x, y, values), failed);

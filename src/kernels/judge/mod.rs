@@ -1,5 +1,10 @@
 //! How far is history trusted?
 
+pub mod anti_lag;
+pub mod blend_factor;
 pub mod consistency;
+pub mod gradient;
+pub mod hull;
 pub mod neighborhood;
+pub mod prediction;
 pub mod surface;

@@ -4,7 +4,9 @@
 //! outside is brought to it.
 //! - **box**: the range of the neighbourhood; the mean of the ranges of the square and of the cross, which is rounder
 //!   (Karis 2014, *High Quality Temporal Supersampling*); mean ± γ standard deviations (Salvi 2016, *An Excursion in
-//!   Temporal Supersampling*); or the intersection of the first and the last.
+//!   Temporal Supersampling*); or the intersection of the first and the last. Instead of a box, the convex hull, for the
+//!   response "current" alone: exact in chrominance, with the range of Y; or of the whole colour, as a polytope of thirteen
+//!   slabs (see [`super::hull`]).
 //! - **space**: RGB, YCoCg, or either after c / (1 + max(r, g, b)), which keeps single bright pixels from opening the box
 //!   (Lottes 2016, *Optimized Reversible Tonemapper for Resolve*).
 //! - **response**: each channel clamped; clipped on the way to the box's centre (Playdead 2016, *Temporal Reprojection
@@ -17,6 +19,7 @@
 
 use std::ops::Range;
 
+use super::hull::{Hull, Polygon, Polytope, enter};
 use crate::error::{Error, Result, in_range};
 use crate::image::{BandMut, Image, View};
 use crate::rows::{self, Kernel};
@@ -27,6 +30,8 @@ pub enum Bounds {
     Rounded,
     Variance,
     Intersection,
+    Hull,
+    ChromaHull,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,11 +65,13 @@ pub struct Params {
 }
 
 impl Params {
-    pub const BOUNDS: [(&str, Bounds); 4] = [
+    pub const BOUNDS: [(&str, Bounds); 6] = [
         ("minmax", Bounds::MinMax),
         ("rounded", Bounds::Rounded),
         ("variance", Bounds::Variance),
         ("intersection", Bounds::Intersection),
+        ("hull", Bounds::Hull),
+        ("chroma-hull", Bounds::ChromaHull),
     ];
     pub const SPACES: [(&str, Space); 4] = [
         ("rgb", Space::Rgb),
@@ -84,12 +91,20 @@ impl Params {
         in_range("gamma", self.gamma, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
         })?;
+        let needs =
+            |argument: &str, expected: &str| Err(Error::value(argument, expected, "another"));
         if self.response == Response::Ellipsoid && self.bounds != Bounds::Variance {
-            return Err(Error::value(
-                "response=\"ellipsoid\"",
-                "box=\"variance\"",
-                "another box",
-            ));
+            return needs("box", "\"variance\" for response \"ellipsoid\"");
+        }
+        let hull = matches!(self.bounds, Bounds::Hull | Bounds::ChromaHull);
+        if hull && self.response != Response::Current {
+            return needs("response", "\"current\" for a hull as box");
+        }
+        if self.bounds == Bounds::ChromaHull && !self.space.has_chrominance() {
+            return needs(
+                "space",
+                "\"ycocg\" or \"tonemapped-ycocg\" for box \"chroma-hull\"",
+            );
         }
         Ok(())
     }
@@ -118,12 +133,13 @@ impl Space {
         }
     }
 
+    fn has_chrominance(self) -> bool {
+        matches!(self, Self::YCoCg | Self::ToneMappedYCoCg)
+    }
+
     /// Half-axes of the ellipsoid relative to the standard deviations.
     fn axes(self) -> Color {
-        match self {
-            Self::Rgb | Self::ToneMappedRgb => [1.0, 1.0, 1.0],
-            Self::YCoCg | Self::ToneMappedYCoCg => [1.7, 1.0, 1.0],
-        }
+        [if self.has_chrominance() { 1.7 } else { 1.0 }, 1.0, 1.0]
     }
 }
 
@@ -250,13 +266,24 @@ impl Clip<'_> {
     /// Where a history colour goes, in the space of the box; `None` where it stays.
     #[inline(always)]
     fn clipped(&self, rgb: Color, x: usize, y: usize) -> Option<Color> {
+        let mut taps = [[0.0; 3]; 25];
+        let (taps, cross) = self.neighbors(x, y, &mut taps);
+        if taps.is_empty() {
+            return None;
+        }
+        let color = self.params.space.of(rgb);
+        let own = self.at(y * self.color.size.width + x);
+        match self.params.bounds {
+            Bounds::Hull => return into_hull(&Polytope::of(taps), color, own, taps),
+            Bounds::ChromaHull => return into_hull(&Polygon::of(taps), color, own, taps),
+            _ => {}
+        }
         let Statistics {
             mean,
             deviation,
             low,
             high,
-        } = self.statistics(x, y)?;
-        let color = self.params.space.of(rgb);
+        } = self.statistics(taps, cross);
         if self.params.response == Response::Ellipsoid {
             let axes = self.params.space.axes();
             let half = [0, 1, 2].map(|c| self.params.gamma * deviation[c] * axes[c]);
@@ -277,7 +304,6 @@ impl Clip<'_> {
                 held([0, 1, 2].map(|c| center[c] + (color[c] - center[c]) / most))
             }
             Response::Current => {
-                let own = self.at(y * self.color.size.width + x);
                 let target = if own[0].is_nan() { center } else { held(own) };
                 let entry = |c: usize| {
                     let bound = if color[c] < low[c] { low[c] } else { high[c] };
@@ -295,13 +321,17 @@ impl Clip<'_> {
         })
     }
 
-    /// Of the neighbours that are inside and present; `None` if there are none.
+    /// The neighbours that are inside and present, written to `taps`, and the extent of the cross among them.
     #[inline(always)]
-    fn statistics(&self, x: usize, y: usize) -> Option<Statistics> {
+    fn neighbors<'t>(
+        &self,
+        x: usize,
+        y: usize,
+        taps: &'t mut [Color; 25],
+    ) -> (&'t [Color], Extent) {
         let (size, radius) = (self.color.size, self.params.radius);
-        let mut taps = [[0.0; 3]; 25];
         let mut count = 0;
-        let (mut square, mut cross) = (Extent::EMPTY, Extent::EMPTY);
+        let mut cross = Extent::EMPTY;
         for dy in -radius..=radius {
             for dx in -radius..=radius {
                 let (x, y) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
@@ -310,7 +340,6 @@ impl Clip<'_> {
                     if !color[0].is_nan() {
                         taps[count] = color;
                         count += 1;
-                        square.include(color);
                         if dx == 0 || dy == 0 {
                             cross.include(color);
                         }
@@ -318,12 +347,15 @@ impl Clip<'_> {
                 }
             }
         }
-        if count == 0 {
-            return None;
-        }
-        let taps = &taps[..count];
-        let share = 1.0 / count as f32;
-        let mean = [0, 1, 2].map(|c| taps.iter().fold(0.0, |sum, tap| sum + tap[c]) * share);
+        (&taps[..count], cross)
+    }
+
+    #[inline(always)]
+    fn statistics(&self, taps: &[Color], cross: Extent) -> Statistics {
+        let mut square = Extent::EMPTY;
+        taps.iter().for_each(|&tap| square.include(tap));
+        let mean = mean(taps);
+        let share = 1.0 / taps.len() as f32;
         // From the mean, not from the mean of squares, which would cancel.
         let deviation = [0, 1, 2].map(|c| {
             let squares = taps.iter().fold(0.0, |sum, tap| {
@@ -333,7 +365,8 @@ impl Clip<'_> {
         });
         let by = |sign: f32| [0, 1, 2].map(|c| mean[c] + sign * self.params.gamma * deviation[c]);
         let (low, high) = match self.params.bounds {
-            Bounds::MinMax => (square.low, square.high),
+            // A hull needs no box.
+            Bounds::MinMax | Bounds::Hull | Bounds::ChromaHull => (square.low, square.high),
             // Where all of the cross is missing, the square is all there is.
             Bounds::Rounded if cross.low[0] > cross.high[0] => (square.low, square.high),
             Bounds::Rounded => {
@@ -349,13 +382,25 @@ impl Clip<'_> {
                 )
             }
         };
-        Some(Statistics {
+        Statistics {
             mean,
             deviation,
             low,
             high,
-        })
+        }
     }
+}
+
+#[inline(always)]
+fn mean(taps: &[Color]) -> Color {
+    let share = 1.0 / taps.len() as f32;
+    [0, 1, 2].map(|c| taps.iter().fold(0.0, |sum, tap| sum + tap[c]) * share)
+}
+
+/// On the way to the pixel's own colour, which is one of the taps, or to their mean where it is missing.
+#[inline(always)]
+fn into_hull(hull: &impl Hull, color: Color, own: Color, taps: &[Color]) -> Option<Color> {
+    enter(hull, color, if own[0].is_nan() { mean(taps) } else { own })
 }
 
 struct Statistics {

@@ -4,16 +4,19 @@
 //!   N ← min(N + 1, 1/α),  a = 1/N,  c ← h + a (c − h),  (m₁, m₂) ← m + max(αₘ, 1/N) ((l, l²) − m).
 //! So the first samples are averaged equally, until 1/N reaches α; without warm-up a = α and αₘ from the second sample
 //! on (Schied et al. 2017, section 4.2; Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing Techniques*).
-//! A pixel without history starts at N = 1. A sample with NaN or infinity is missing: history is kept as it is, and
+//! Where a temporal gradient λ says that the light has changed, history is shortened before and its share falls:
+//!   N ← N (1 − λ)¹⁰,  a ← lerp(a, 1, λ)
+//! (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*; the exponent
+//! as in Q2RTX). A pixel without history starts at N = 1. A sample with NaN or infinity is missing: history is kept as it is, and
 //! where there is none, colour and moments are NaN and N = 0, the mark of a pixel that nobody has seen.
 //!
-//! Inputs: colour (3), history: colour (3), moments (2), length (1). Outputs: the same, and the number of missing samples.
+//! Inputs: colour (3), history: colour (3), moments (2), length (1), λ (1) in [0, 1], optional. Outputs: the same, and the number of missing samples.
 
 use std::ops::Range;
 
 use crate::error::{Error, Result, in_range};
 use crate::image::{BandMut, Image, View};
-use crate::math::luminance;
+use crate::math::{luminance, saturate};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -64,18 +67,25 @@ pub const CHANNELS: usize = 6;
 struct Accumulate<'a> {
     color: View<'a>,
     history: [&'a [f32]; CHANNELS],
+    gradient: Option<View<'a>>,
     params: Params,
 }
 
 /// The history image (of [`CHANNELS`]) with the new samples merged in, and the number of missing samples. The planes of
 /// `history` are those of a history image in order.
-pub fn accumulate(color: View, history: [&[f32]; CHANNELS], params: Params) -> (Image, usize) {
+pub fn accumulate(
+    color: View,
+    history: [&[f32]; CHANNELS],
+    gradient: Option<View>,
+    params: Params,
+) -> (Image, usize) {
     let size = color.size;
     let mut merged = Image::new(size, CHANNELS);
     let mut missing = vec![0; rows::bands(size.height).count()];
     let kernel = Accumulate {
         color,
         history,
+        gradient,
         params,
     };
     rows::run(&kernel, size.height, merged.bands().zip(missing.iter_mut()));
@@ -92,7 +102,15 @@ impl<'a> Kernel for Accumulate<'a> {
             let color = self.color.rows(y);
             *missing += count_missing(color);
             let history = self.history.map(|plane| &plane[y * width..][..width]);
-            merge(self.params, color, history, merged.rows(y));
+            let out = merged.rows(y);
+            match self.gradient {
+                None => merge(self.params, color, history, |_| 0.0, out),
+                Some(gradient) => {
+                    let gradient = &gradient.row(0, y)[..width];
+                    let change = |x: usize| saturate(gradient[x]);
+                    merge(self.params, color, history, change, out);
+                }
+            }
         }
     }
 }
@@ -113,10 +131,18 @@ fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
 }
 
 #[inline(always)]
+fn tenth_power(x: f32) -> f32 {
+    let square = x * x;
+    let fourth = square * square;
+    fourth * fourth * square
+}
+
+#[inline(always)]
 fn merge(
     params: Params,
     color: [&[f32]; 3],
     history: [&[f32]; CHANNELS],
+    change: impl Fn(usize) -> f32,
     out: [&mut [f32]; CHANNELS],
 ) {
     let longest = 1.0 / params.alpha;
@@ -133,7 +159,12 @@ fn merge(
             & h2[x].is_finite()
             & hn[x].is_finite()
             & (hn[x] > 0.0);
-        let before = if remembered { hn[x] } else { 0.0 };
+        let change = change(x);
+        let before = if remembered {
+            hn[x] * tenth_power(1.0 - change)
+        } else {
+            0.0
+        };
         let counted = before + 1.0;
         let counted = if counted < longest { counted } else { longest };
         let inverse = 1.0 / counted;
@@ -149,6 +180,7 @@ fn merge(
         } else {
             (params.alpha, params.moments_alpha)
         };
+        let (a, am) = (a + change * (1.0 - a), am + change * (1.0 - am));
         let l = luminance(c[0], c[1], c[2]);
         let mixed = |history: f32, new: f32, share: f32| {
             let merged = if remembered {

@@ -1,4 +1,5 @@
 //! Combine in time.
 
 pub mod accumulate;
+pub mod blend;
 pub mod resolve;

@@ -69,7 +69,9 @@ enum Depth {
 impl Guide {
     /// Planes are compared where rays, depth and normals are given, slopes where only depth is.
     pub fn new(size: Size, surface: Surface, rays: Option<Rays>) -> Self {
-        let Surface { depth, normal, ids } = surface;
+        let Surface {
+            depth, normal, ids, ..
+        } = surface;
         let class = (depth.is_some() || ids.is_some()).then(|| {
             let mut class = Image::new(size, 1);
             rows::run(&Classes { depth, ids }, size.height, class.bands());

@@ -2,5 +2,7 @@
 
 pub mod atrous;
 pub mod demodulate;
+pub mod fireflies;
 pub mod guide;
+pub mod history_fix;
 pub mod variance;

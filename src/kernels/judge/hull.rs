@@ -1,0 +1,233 @@
+//! Convex hulls of a few colours, and where a segment enters them.
+//!
+//! - [`Polygon`]: the exact hull of chrominances, with the range of the first coordinate. Points are float32, products
+//!   of their differences are taken in float64, so that collinear points are found to be. A hull of two points is their
+//!   segment, of one the point.
+//! - [`Polytope`]: the smallest intersection of slabs along thirteen directions (a 26-DOP: axes and diagonals of the cube)
+//!   that holds the colours. It contains their exact hull, and needs no more than minima and maxima.
+
+type Color = [f32; 3];
+
+/// Where a segment enters: the share t of the way from `outside` to `inside`, from the signed distances of both ends.
+#[inline(always)]
+fn crossing(outside: f64, inside: f64) -> f64 {
+    // The end inside is so by construction; rounding may say otherwise.
+    outside / (outside - inside.max(0.0))
+}
+
+/// Bounds whose inside is where every signed distance is at least 0.
+pub trait Hull {
+    /// The largest share of the way from `color` to `target` at which a bound is crossed; 0 inside.
+    fn entry(&self, color: Color, target: Color) -> f64;
+}
+
+/// The colour on the way to a target inside where it enters the hull; `None` where it is inside.
+#[inline(always)]
+pub fn enter(hull: &impl Hull, color: Color, target: Color) -> Option<Color> {
+    let t = hull.entry(color, target) as f32;
+    (t > 0.0).then(|| [0, 1, 2].map(|c| color[c] + t * (target[c] - color[c])))
+}
+
+pub struct Polygon {
+    /// Corners in order, of the second and third coordinate.
+    corners: [[f64; 2]; 26],
+    count: usize,
+    low: f32,
+    high: f32,
+}
+
+impl Polygon {
+    #[inline(always)]
+    pub fn of(colors: &[Color]) -> Self {
+        let mut points = [[0.0; 2]; 25];
+        let points = &mut points[..colors.len()];
+        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        for (point, color) in points.iter_mut().zip(colors) {
+            *point = [f64::from(color[1]), f64::from(color[2])];
+            (low, high) = (low.min(color[0]), high.max(color[0]));
+        }
+        // A handful, of which no two orders differ in the result.
+        for i in 1..points.len() {
+            for j in (1..=i).rev() {
+                let [a, b] = [points[j - 1], points[j]];
+                if (a[0], a[1]) > (b[0], b[1]) {
+                    points.swap(j - 1, j);
+                }
+            }
+        }
+        // The lower chain from left to right, the upper one back (Andrew 1979).
+        let mut hull = Self {
+            corners: [[0.0; 2]; 26],
+            count: 0,
+            low,
+            high,
+        };
+        for &point in points.iter() {
+            hull.push(point, 0);
+        }
+        let start = hull.count.saturating_sub(1);
+        for &point in points.iter().rev() {
+            hull.push(point, start);
+        }
+        // The first corner stands at the end again.
+        if hull.count > 1 {
+            hull.count -= 1;
+        }
+        hull
+    }
+
+    /// Adds a corner to the chain from `start` on, without those before it that it makes superfluous.
+    #[inline(always)]
+    fn push(&mut self, point: [f64; 2], start: usize) {
+        if self.count > 0 && self.corners[self.count - 1] == point {
+            return;
+        }
+        while self.count >= start + 2 {
+            let [a, b] = [self.corners[self.count - 2], self.corners[self.count - 1]];
+            if cross(a, b, point) > 0.0 {
+                break;
+            }
+            self.count -= 1;
+        }
+        self.corners[self.count] = point;
+        self.count += 1;
+    }
+}
+
+/// Positive where c lies to the left of the line from a to b.
+#[inline(always)]
+fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// Positive where c lies beyond a in the direction of b.
+#[inline(always)]
+fn ahead(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+    (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1])
+}
+
+impl Hull for Polygon {
+    #[inline(always)]
+    fn entry(&self, color: Color, target: Color) -> f64 {
+        let [from, to] = [color, target].map(|c| [f64::from(c[1]), f64::from(c[2])]);
+        let mut t = 0.0_f64;
+        let mut bound = |outside: f64, inside: f64| {
+            if outside < 0.0 {
+                t = t.max(crossing(outside, inside));
+            }
+        };
+        for (sign, limit) in [(1.0, self.low), (-1.0, self.high)] {
+            let distance = |c: Color| sign * (f64::from(c[0]) - f64::from(limit));
+            bound(distance(color), distance(target));
+        }
+        let corners = &self.corners[..self.count];
+        match *corners {
+            [point] => {
+                if from != point {
+                    t = 1.0;
+                }
+            }
+            [a, b] => {
+                for (a, b) in [(a, b), (b, a)] {
+                    bound(cross(a, b, from), cross(a, b, to));
+                    bound(ahead(a, b, from), ahead(a, b, to));
+                }
+            }
+            _ => {
+                for i in 0..corners.len() {
+                    let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
+                    bound(cross(a, b, from), cross(a, b, to));
+                }
+            }
+        }
+        t
+    }
+}
+
+/// Along the axes first.
+const DIRECTIONS: [[f32; 3]; 13] = [
+    [1.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0],
+    [0.0, 0.0, 1.0],
+    [1.0, 1.0, 0.0],
+    [1.0, -1.0, 0.0],
+    [1.0, 0.0, 1.0],
+    [1.0, 0.0, -1.0],
+    [0.0, 1.0, 1.0],
+    [0.0, 1.0, -1.0],
+    [1.0, 1.0, 1.0],
+    [1.0, 1.0, -1.0],
+    [1.0, -1.0, 1.0],
+    [1.0, -1.0, -1.0],
+];
+
+pub struct Polytope {
+    slabs: [[f32; 2]; 13],
+}
+
+#[inline(always)]
+fn along(direction: [f32; 3], color: Color) -> f32 {
+    direction[0] * color[0] + direction[1] * color[1] + direction[2] * color[2]
+}
+
+impl Polytope {
+    #[inline(always)]
+    pub fn of(colors: &[Color]) -> Self {
+        let slabs = DIRECTIONS.map(|direction| {
+            colors
+                .iter()
+                .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &color| {
+                    let at = along(direction, color);
+                    [low.min(at), high.max(at)]
+                })
+        });
+        Self { slabs }
+    }
+}
+
+impl Hull for Polytope {
+    #[inline(always)]
+    fn entry(&self, color: Color, target: Color) -> f64 {
+        let mut t = 0.0_f64;
+        for (direction, [low, high]) in DIRECTIONS.into_iter().zip(self.slabs) {
+            let [from, to] = [color, target].map(|color| along(direction, color));
+            for (outside, inside) in [(from - low, to - low), (high - from, high - to)] {
+                if outside < 0.0 {
+                    t = t.max(crossing(f64::from(outside), f64::from(inside)));
+                }
+            }
+        }
+        t
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn color() -> impl Strategy<Value = Color> {
+        prop::array::uniform3(-3_i8..=3).prop_map(|c| c.map(f32::from))
+    }
+
+    proptest! {
+        /// On small whole numbers, where collinear points are common and nothing is rounded.
+        #[test]
+        fn colors_are_inside_their_hulls(colors in prop::collection::vec(color(), 1..25), target in 0_usize..25) {
+            let target = colors[target % colors.len()];
+            for &color in &colors {
+                prop_assert_eq!(enter(&Polygon::of(&colors), color, target), None);
+                prop_assert_eq!(enter(&Polytope::of(&colors), color, target), None);
+            }
+        }
+
+        #[test]
+        fn few_points_are_their_segment(a in color(), b in color(), far in color()) {
+            let hull = Polygon::of(&[a, b, a, b]);
+            let entered = enter(&hull, far, a).unwrap_or(far);
+            let [a, b, p] = [a, b, entered].map(|c| [f64::from(c[1]), f64::from(c[2])]);
+            prop_assert!(cross(a, b, p).abs() < 1e-5);
+            prop_assert!(a == b || (-1e-5..=1.0 + 1e-5).contains(&(ahead(a, b, p) / ahead(a, b, b))));
+        }
+    }
+}
