@@ -43,7 +43,7 @@ mod _core {
     #[pymodule_export]
     use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};
     #[pymodule_export]
-    use bindings::pipelines::{Output, SVGF};
+    use bindings::pipelines::{Output, SVGF, TAA};
     #[pymodule_export]
     use bindings::settings;
     #[pymodule_export]

@@ -4,6 +4,7 @@ from enum import IntFlag as _IntFlag
 
 from ._core import (
     SVGF,
+    TAA,
     Accumulated,
     Camera,
     Output,
@@ -51,6 +52,7 @@ class Rejection(_IntFlag):
 
 __all__ = [
     "SVGF",
+    "TAA",
     "Accumulated",
     "Camera",
     "Frame",

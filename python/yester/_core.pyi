@@ -11,9 +11,15 @@ from .frame import Frame
 _Floats: TypeAlias = NDArray[np.float32]
 _Doubles: TypeAlias = NDArray[np.float64]
 _Threshold: TypeAlias = float | tuple[float, float]
+_Filter: TypeAlias = Literal["bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"]
+_Box: TypeAlias = Literal["variance", "minmax", "rounded", "intersection", "hull", "chroma-hull"]
+_Space: TypeAlias = Literal["ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"]
+_Response: TypeAlias = Literal["center", "clamp", "current", "ellipsoid"]
+_Weighting: TypeAlias = Literal["none", "tone", "luminance"]
 
 __all__ = [
     "SVGF",
+    "TAA",
     "Accumulated",
     "Camera",
     "Output",
@@ -97,7 +103,7 @@ class Output:
     @property
     def color(self) -> _Floats: ...
     @property
-    def variance(self) -> _Floats: ...
+    def variance(self) -> _Floats | None: ...
     @property
     def history_length(self) -> _Floats: ...
     @property
@@ -126,6 +132,32 @@ class SVGF:
         normal_angle: _Threshold = 25.0,
         min_length: float = 3.5,
         feedback: bool = False,
+        gradient: Literal["replay", "estimate", "none"] = "replay",
+        fireflies: bool = False,
+        reflections: Sequence[float] = (),
+        antialias: bool = True,
+    ) -> Self: ...
+    def step(self, frame: Frame) -> Output: ...
+    def reset(self) -> None: ...
+
+@final
+class TAA:
+    def __new__(
+        cls,
+        preset: Literal["best", "seed", "karis", "filament"] = "best",
+        *,
+        alpha: float | None = None,
+        fast_alpha: float | None = None,
+        speed: _Threshold | None = None,
+        dilate: Literal["3x3", "cross", "none"] | None = None,
+        filter: _Filter | None = None,
+        box: _Box | None = None,
+        gamma: float | None = None,
+        window: Literal["3x3", "5x5"] | None = None,
+        space: _Space | None = None,
+        response: _Response | None = None,
+        weighting: _Weighting | None = None,
+        flicker: float | None = None,
     ) -> Self: ...
     def step(self, frame: Frame) -> Output: ...
     def reset(self) -> None: ...
@@ -162,7 +194,7 @@ def reproject(
     history: Sequence[_Floats],
     motion: ArrayLike,
     *,
-    filter: Literal["bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"] = "bilinear",
+    filter: _Filter = "bilinear",
     fallback: bool = True,
     dering: bool = True,
     depth: ArrayLike | None = None,
@@ -188,7 +220,7 @@ def reproject(
     history: ArrayLike,
     motion: ArrayLike,
     *,
-    filter: Literal["bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"] = "bilinear",
+    filter: _Filter = "bilinear",
     fallback: bool = True,
     dering: bool = True,
     depth: ArrayLike | None = None,
@@ -234,11 +266,11 @@ def clip_history(
     history: ArrayLike,
     color: ArrayLike,
     *,
-    box: Literal["variance", "minmax", "rounded", "intersection", "hull", "chroma-hull"] = "variance",
+    box: _Box = "variance",
     gamma: float = 1.0,
     window: Literal["3x3", "5x5"] = "3x3",
-    space: Literal["ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"] = "ycocg",
-    response: Literal["center", "clamp", "current", "ellipsoid"] = "center",
+    space: _Space = "ycocg",
+    response: _Response = "center",
     out: _Floats | None = None,
 ) -> _Floats: ...
 def blend_factor(
@@ -275,7 +307,7 @@ def blend(
     history: ArrayLike,
     alpha: float | ArrayLike = 0.05,
     *,
-    weighting: Literal["none", "tone", "luminance"] = "none",
+    weighting: _Weighting = "none",
     flicker: float = 1.0,
     out: _Floats | None = None,
 ) -> _Floats: ...

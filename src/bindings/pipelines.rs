@@ -4,17 +4,22 @@ use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, MOTION, Number, Out, Outgoing, Planes};
+use super::arrays::{
+    COLOR, Channels, Input, Interleaved, MOTION, Number, Out, Outgoing, Planes, choice,
+};
 use super::camera::Camera;
 use super::judge::Bounds;
 use crate::error::Error;
 use crate::image::View;
 use crate::kernels::camera::pinhole;
+use crate::kernels::fetch::footprint::Filter;
+use crate::kernels::judge::neighborhood;
 use crate::kernels::judge::surface::{self, Surface};
-use crate::kernels::merge::accumulate;
+use crate::kernels::merge::{accumulate, blend};
 use crate::kernels::smooth::guide::Sigmas;
-use crate::kernels::smooth::{atrous, variance};
-use crate::pipelines::svgf::{self, Params};
+use crate::kernels::smooth::{atrous, fireflies, variance};
+use crate::pipelines::svgf::Gradient;
+use crate::pipelines::{frame, svgf, taa};
 
 /// One denoised frame and what the denoiser knows of it.
 ///
@@ -22,8 +27,8 @@ use crate::pipelines::svgf::{self, Params};
 /// ----------
 /// color : (H, W, 3) float32
 ///     Linear; finite everywhere.
-/// variance : (H, W) float32
-///     Estimated variance of the filtered luminance, before albedo is put back.
+/// variance : (H, W) float32 or None
+///     Estimated variance of the filtered luminance, before albedo is put back; None from pipelines without an estimate.
 /// history_length : (H, W) float32
 ///     Samples that went into each pixel, up to 1/alpha.
 /// confidence : (H, W) float32
@@ -32,18 +37,34 @@ use crate::pipelines::svgf::{self, Params};
 ///     Bits of `Rejection`: the tests that taps of the 2×2 footprint failed.
 /// used : tuple of str
 ///     What took part: of "motion", "camera" (motion computed from cameras), "albedo", "emission", "normal", "depth",
-///     "plane" (depth compared by plane distance) and "ids".
+///     "plane" (depth compared by plane distance), "ids", "replay" and "jitter".
 /// missing : int
 ///     Pixels whose sample was not finite.
 #[pyclass(frozen, get_all, module = "yester")]
 pub struct Output {
     color: Py<PyArrayDyn<f32>>,
-    variance: Py<PyArrayDyn<f32>>,
+    variance: Option<Py<PyArrayDyn<f32>>>,
     history_length: Py<PyArrayDyn<f32>>,
     confidence: Py<PyArrayDyn<f32>>,
     rejection: Py<PyArrayDyn<u8>>,
     used: Py<PyTuple>,
     missing: usize,
+}
+
+impl Output {
+    fn new(py: Python<'_>, output: frame::Output) -> PyResult<Self> {
+        let array = |image| Ok::<_, PyErr>(Outgoing::new(image).array(py, Out::fresh())?.unbind());
+        let rejection = Outgoing::new(output.rejection).array(py, Out::fresh())?;
+        Ok(Self {
+            color: array(output.color)?,
+            variance: output.variance.map(array).transpose()?,
+            history_length: array(output.history_length)?,
+            confidence: array(output.confidence)?,
+            rejection: rejection.unbind(),
+            used: PyTuple::new(py, output.used)?.unbind(),
+            missing: output.missing,
+        })
+    }
 }
 
 #[pymethods]
@@ -96,6 +117,18 @@ impl Output {
 /// feedback : bool, default False
 ///     Whether the filter's first pass, instead of its input, is the next frame's history: less noise in motion, more
 ///     bias.
+/// gradient : {"replay", "estimate", "none"}, default "replay"
+///     Where changes of light are known from, which shorten history: the frames' `replay`, where they have one; the new
+///     samples compared with history, as far as noise lets see; or nothing.
+/// fireflies : bool, default False
+///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
+/// reflections : sequence of float, default ()
+///     Distances behind the surface, in multiples of its depth, +inf included, at which history is looked for as well:
+///     where one of them predicts the new samples better than the surface itself, it takes its place. For glossy scenes;
+///     (0.25, 0.5, 1, 2, 4, inf) covers most. Frames with a `hit_distance` are tried at that one alone. Needs cameras, and
+///     depth.
+/// antialias : bool, default True
+///     Whether a stage of temporal antialiasing, `TAA` with preset "best", follows.
 ///
 /// Raises
 /// ------
@@ -105,8 +138,9 @@ impl Output {
 /// Notes
 /// -----
 /// Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
-/// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`, `motion_vectors`,
-/// `reproject` (with `consistency`), `accumulate`, `estimate_variance`, `atrous`, `remodulate`.
+/// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
+/// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
+/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `remodulate`, and those of `TAA`.
 #[pyclass(module = "yester")]
 pub struct SVGF {
     inner: svgf::Svgf,
@@ -117,11 +151,12 @@ impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0,
         sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
-        normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false))]
+        normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false, gradient="replay", fireflies=false,
+        reflections=vec![], antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0, \
         sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, min_length=3.5, \
-        feedback=False)"
+        feedback=False, gradient='replay', fireflies=False, reflections=(), antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -136,13 +171,17 @@ impl SVGF {
         normal_angle: Bounds,
         min_length: f32,
         feedback: bool,
+        gradient: &str,
+        fireflies: bool,
+        reflections: Vec<f32>,
+        antialias: bool,
     ) -> PyResult<Self> {
         let sigmas = Sigmas {
             normal: sigma_normal,
             depth: sigma_depth,
             plane: sigma_plane,
         };
-        let params = Params {
+        let params = svgf::Params {
             surface: surface::Params {
                 relative_depth: relative_depth.into(),
                 plane_distance: plane_distance.into(),
@@ -165,6 +204,10 @@ impl SVGF {
                 sigmas,
             },
             feedback,
+            gradient: choice("gradient", gradient, &Gradient::NAMES)?,
+            fireflies: fireflies.then(fireflies::Params::default),
+            reflections,
+            antialias: antialias.then_some(taa::Params::BEST),
         };
         Ok(Self {
             inner: svgf::Svgf::new(params)?,
@@ -188,59 +231,140 @@ impl SVGF {
     ///     If the size changes, or albedo appears or vanishes, without `reset` in between.
     fn step<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
-        let floats = frame
-            .floats
-            .each_ref()
-            .map(|buffer| buffer.as_ref().map(Input::data));
-        let ids = frame.ids.as_ref().map(Input::data);
-        let camera = frame.camera;
-        let output = py.detach(|| -> crate::error::Result<_> {
-            let floats = floats.map(|buffer| buffer.map(Interleaved::planes));
-            let ids = ids.map(Interleaved::planes);
-            let [color, albedo, emission, normal, position, depth, motion] =
-                floats.each_ref().map(view);
-            let surface = Surface {
-                depth,
-                normal,
-                ids: view(&ids),
-                object_normal: None,
-                color: None,
-            };
-            let color = color.expect("every frame has colour");
-            let output = self.inner.step(&svgf::Frame {
-                color,
-                albedo,
-                emission,
-                surface,
-                position,
-                motion,
-                camera,
-            })?;
-            let images = [
-                output.color,
-                output.variance,
-                output.history_length,
-                output.confidence,
-            ];
-            Ok((
-                images.map(Outgoing::new),
-                Outgoing::new(output.rejection),
-                output.used,
-                output.missing,
-            ))
-        });
-        let (images, rejection, used, missing) = output?;
-        let [color, variance, history_length, confidence] =
-            images.map(|image| image.array(py, Out::fresh()).map(Bound::unbind));
-        Ok(Output {
-            color: color?,
-            variance: variance?,
-            history_length: history_length?,
-            confidence: confidence?,
-            rejection: rejection.array(py, Out::fresh())?.unbind(),
-            used: PyTuple::new(py, used)?.unbind(),
-            missing,
+        let output = frame.with(py, |frame| self.inner.step(frame))?;
+        Output::new(py, output)
+    }
+
+    /// Forgets the sequence; the next frame is a first one.
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+}
+
+/// Temporal antialiasing of a sequence of frames.
+///
+/// Carries the colours of former frames along the motion, holds them to the colours that the new frame has around each
+/// pixel, and blends. For frames without noise to speak of, with samples that differ in place from frame to frame; what
+/// noise there is makes neighbourhoods wide and histories doubtful. No surface is told from another, so that edges are
+/// antialiased, and all buffers but colour may be absent: without motion, it is computed from the cameras if both frames
+/// have one and depth or position is known, and otherwise history stays in place.
+///
+/// Parameters
+/// ----------
+/// preset : {"best", "seed", "karis", "filament"}, default "best"
+///     Where the other parameters come from that are not given: our own measurements; the textbook equation (range of
+///     the 3×3 pixels, clamped, 5 % of the new sample); Karis 2014, *High Quality Temporal Supersampling*; the defaults of
+///     Google's Filament.
+/// alpha : float, optional
+///     Least share of the new sample, 0 to 1.
+/// fast_alpha : float, optional
+///     The same for fast motion.
+/// speed : float or (float, float), optional
+///     Pixels up to which motion is slow, and from which it is fast.
+/// dilate : {"3x3", "cross", "none"}, optional
+///     Which pixels may lend their motion, as in `dilate_motion`: the nearest one where there is depth, else the longest.
+/// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
+///     As in `reproject`.
+/// box, gamma, window, space, response : optional
+///     As in `clip_history`.
+/// weighting, flicker : optional
+///     As in `blend`.
+///
+/// Raises
+/// ------
+/// ValueError
+///     If a parameter is out of range, or a mode unknown (the error lists the modes).
+///
+/// Notes
+/// -----
+/// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
+/// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without tests or fallback,
+/// `blend_factor`, `clip_history`, `blend`. The share of the N-th sample of a pixel is at least 1/N.
+#[pyclass(module = "yester")]
+pub struct TAA {
+    inner: taa::Taa,
+}
+
+#[pymethods]
+impl TAA {
+    #[new]
+    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, filter=None, r#box=None,
+        gamma=None, window=None, space=None, response=None, weighting=None, flicker=None))]
+    fn new(
+        preset: &str,
+        alpha: Option<f32>,
+        fast_alpha: Option<f32>,
+        speed: Option<Bounds>,
+        dilate: Option<&str>,
+        filter: Option<&str>,
+        r#box: Option<&str>,
+        gamma: Option<f32>,
+        window: Option<&str>,
+        space: Option<&str>,
+        response: Option<&str>,
+        weighting: Option<&str>,
+        flicker: Option<f32>,
+    ) -> PyResult<Self> {
+        /// The mode that is named, or the preset's.
+        fn or<T: Copy>(
+            name: Option<&str>,
+            argument: &str,
+            names: &[(&str, T)],
+            preset: T,
+        ) -> PyResult<T> {
+            name.map_or(Ok(preset), |name| choice(argument, name, names))
+        }
+        let mut params = choice("preset", preset, &taa::Params::PRESETS)?;
+        params.dilate = or(dilate, "dilate", &taa::Params::DILATIONS, params.dilate)?;
+        params.filter = or(filter, "filter", &Filter::NAMES, params.filter)?;
+        let factor = &mut params.blend_factor;
+        factor.alpha = alpha.unwrap_or(factor.alpha);
+        factor.fast_alpha = fast_alpha.unwrap_or(factor.fast_alpha);
+        factor.speed = speed.map_or(factor.speed, Into::into);
+        let clip = &mut params.clip;
+        clip.bounds = or(r#box, "box", &neighborhood::Params::BOUNDS, clip.bounds)?;
+        clip.gamma = gamma.unwrap_or(clip.gamma);
+        clip.radius = or(
+            window,
+            "window",
+            &neighborhood::Params::WINDOWS,
+            clip.radius,
+        )?;
+        clip.space = or(space, "space", &neighborhood::Params::SPACES, clip.space)?;
+        clip.response = or(
+            response,
+            "response",
+            &neighborhood::Params::RESPONSES,
+            clip.response,
+        )?;
+        let weightings = &blend::Params::WEIGHTINGS;
+        params.blend.weighting = or(weighting, "weighting", weightings, params.blend.weighting)?;
+        params.blend.flicker = flicker.unwrap_or(params.blend.flicker);
+        Ok(Self {
+            inner: taa::Taa::new(params)?,
         })
+    }
+
+    /// Antialiases the next frame of the sequence.
+    ///
+    /// Parameters
+    /// ----------
+    /// frame : Frame
+    ///     Of the same size as those before.
+    ///
+    /// Returns
+    /// -------
+    /// Output
+    ///     Without a variance.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the size changes without `reset` in between.
+    fn step<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<Output> {
+        let frame = FrameArgs::new(frame)?;
+        let output = frame.with(py, |frame| self.inner.step(frame))?;
+        Output::new(py, output)
     }
 
     /// Forgets the sequence; the next frame is a first one.
@@ -251,20 +375,24 @@ impl SVGF {
 
 /// The buffers of a `yester.Frame`, which has checked them; borrowing them costs nothing.
 struct FrameArgs<'py> {
-    floats: [Option<Input<'py>>; 7],
+    floats: [Option<Input<'py>>; 10],
     ids: Option<Input<'py, u32>>,
     camera: Option<pinhole::Camera>,
+    jitter: Option<[f64; 2]>,
 }
 
 impl<'py> FrameArgs<'py> {
-    const FLOATS: [(&'static str, Channels); 7] = [
+    const FLOATS: [(&'static str, Channels); 10] = [
         ("color", COLOR),
         ("albedo", COLOR),
         ("emission", COLOR),
         ("normal", COLOR),
+        ("object_normal", COLOR),
         ("position", COLOR),
         ("depth", Channels::One),
         ("motion", MOTION),
+        ("replay", COLOR),
+        ("hit_distance", Channels::One),
     ];
 
     fn new(frame: &Bound<'py, PyAny>) -> PyResult<Self> {
@@ -274,7 +402,7 @@ impl<'py> FrameArgs<'py> {
                 Error::wrong_type("frame", "a yester.Frame", frame.get_type().name()?).into(),
             );
         }
-        let mut floats = [const { None }; 7];
+        let mut floats = [const { None }; 10];
         for (buffer, (name, channels)) in floats.iter_mut().zip(Self::FLOATS) {
             *buffer = read(frame, name, channels)?;
         }
@@ -283,7 +411,57 @@ impl<'py> FrameArgs<'py> {
             floats,
             ids: read(frame, "ids", Channels::One)?,
             camera: camera.map(|camera| camera.inner),
+            jitter: frame.getattr("jitter")?.extract()?,
         })
+    }
+
+    /// Calls `step` without the interpreter.
+    fn with<R: Send>(
+        &self,
+        py: Python<'_>,
+        step: impl FnOnce(&frame::Frame) -> crate::error::Result<R> + Send,
+    ) -> PyResult<R> {
+        let floats = self
+            .floats
+            .each_ref()
+            .map(|buffer| buffer.as_ref().map(Input::data));
+        let ids = self.ids.as_ref().map(Input::data);
+        let (camera, jitter) = (self.camera, self.jitter);
+        let result = py.detach(|| {
+            let floats = floats.map(|buffer| buffer.map(Interleaved::planes));
+            let ids = ids.map(Interleaved::planes);
+            let [
+                color,
+                albedo,
+                emission,
+                normal,
+                object_normal,
+                position,
+                depth,
+                motion,
+                replay,
+                hit_distance,
+            ] = floats.each_ref().map(view);
+            step(&frame::Frame {
+                color: color.expect("every frame has colour"),
+                albedo,
+                emission,
+                surface: Surface {
+                    depth,
+                    normal,
+                    ids: view(&ids),
+                    object_normal,
+                    color: None,
+                },
+                position,
+                motion,
+                replay,
+                hit_distance,
+                camera,
+                jitter,
+            })
+        });
+        Ok(result?)
     }
 }
 

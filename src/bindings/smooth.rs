@@ -273,7 +273,7 @@ pub fn atrous_<'py>(
         let filtered = py.detach(|| {
             let planes = data.map(Interleaved::planes);
             let [color, variance] = planes.each_ref().map(Planes::view);
-            let filtered = atrous::atrous(color, variance, &guide.guide(size), params, false);
+            let filtered = atrous::atrous(color, variance, &guide.guide(size), params, [None; 2]);
             (
                 Outgoing::new(filtered.color),
                 Outgoing::new(filtered.variance),

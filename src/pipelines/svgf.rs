@@ -1,23 +1,47 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
-//!   demodulate → (motion from cameras) → reproject → accumulate → estimate variance → à-trous → remodulate
+//!   demodulate → (suppress fireflies) → (motion from cameras) → reproject → (temporal gradient) → accumulate
+//!     → estimate variance → à-trous → remodulate → (antialias)
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
-use crate::error::{Error, Result};
-use crate::image::{Image, Size, View};
-use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
+use super::frame::{Frame, Output, blacken_missing, check_size};
+use super::reflections::{self, forget_uncovered};
+use super::taa::{self, antialias};
+use crate::error::{Error, Result, in_range};
+use crate::image::{Image, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
+use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::smooth::atrous::{self, Filtered, atrous};
 use crate::kernels::smooth::demodulate::{demodulate, remodulate};
+use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, estimate_variance};
 
-#[derive(Clone, Copy, Debug, Default)]
+/// Where the temporal gradient comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Gradient {
+    None,
+    /// From the frames' replays, where they have one.
+    #[default]
+    Replay,
+    /// From the new samples and the history, within what noise lets see.
+    Estimate,
+}
+
+impl Gradient {
+    pub const NAMES: [(&str, Self); 3] = [
+        ("replay", Self::Replay),
+        ("estimate", Self::Estimate),
+        ("none", Self::None),
+    ];
+}
+
+#[derive(Clone, Debug, Default)]
 pub struct Params {
     pub surface: surface::Params,
     pub accumulate: accumulate::Params,
@@ -25,6 +49,12 @@ pub struct Params {
     pub atrous: atrous::Params,
     /// Whether the first pass of the filter, instead of its input, is the next frame's history.
     pub feedback: bool,
+    pub gradient: Gradient,
+    pub fireflies: Option<fireflies::Params>,
+    /// Distances behind the surface at which reflections are looked for, in units of depth; above 0, +inf included.
+    pub reflections: Vec<f32>,
+    /// The output stage.
+    pub antialias: Option<taa::Params>,
 }
 
 impl Params {
@@ -39,48 +69,25 @@ impl Params {
         self.surface.check()?;
         self.accumulate.check()?;
         self.variance.check()?;
-        self.atrous.check()
+        self.atrous.check()?;
+        for &distance in &self.reflections {
+            in_range("reflections", distance, "distances above 0", |v| v > 0.0)?;
+        }
+        Ok(())
     }
-}
-
-/// One frame's buffers.
-pub struct Frame<'a> {
-    pub color: View<'a>,
-    pub albedo: Option<View<'a>>,
-    pub emission: Option<View<'a>>,
-    pub surface: Surface<'a>,
-    pub position: Option<View<'a>>,
-    pub motion: Option<View<'a>>,
-    pub camera: Option<Camera>,
-}
-
-impl Frame<'_> {
-    fn geometry(&self) -> Option<Geometry<'_>> {
-        self.position
-            .map(Geometry::Position)
-            .or(self.surface.depth.map(Geometry::Depth))
-    }
-}
-
-/// What a step returns.
-pub struct Output {
-    pub color: Image,
-    pub variance: Image,
-    pub history_length: Image,
-    pub confidence: Image,
-    pub rejection: Image<u8>,
-    /// Names of the buffers that took part.
-    pub used: Vec<&'static str>,
-    /// Samples that were not finite.
-    pub missing: usize,
 }
 
 /// What one frame leaves to the next.
 struct Memory {
     /// As [`accumulate`] has it.
     history: Image,
+    /// As it came, for its replay.
+    color: Option<Image>,
+    reflections: Option<reflections::Memory>,
+    antialiased: Option<Image>,
     depth: Option<Image>,
     normal: Option<Image>,
+    object_normal: Option<Image>,
     ids: Option<Image<u32>>,
     camera: Option<Camera>,
     demodulated: bool,
@@ -92,9 +99,18 @@ impl Memory {
             depth: self.depth.as_ref().map(Image::view),
             normal: self.normal.as_ref().map(Image::view),
             ids: self.ids.as_ref().map(Image::view),
-            ..Default::default()
+            object_normal: self.object_normal.as_ref().map(Image::view),
+            color: None,
         }
     }
+}
+
+/// What the memory knows of the current frame's pixels.
+struct Recalled {
+    /// Beginning with the channels of the history image.
+    history: Reprojected,
+    gradient: Option<Image>,
+    reflections: Option<reflections::Next>,
 }
 
 pub struct Svgf {
@@ -117,46 +133,48 @@ impl Svgf {
     }
 
     pub fn step(&mut self, frame: &Frame) -> Result<Output> {
-        if let Some(memory) = &self.memory {
+        let memory = self.memory.as_ref();
+        if let Some(memory) = memory {
             check_continues(memory, frame)?;
         }
         let size = frame.color.size;
+        let params = &self.params;
         let mut used = vec![];
 
         let illumination = frame
             .albedo
             .map(|albedo| demodulate(frame.color, albedo, frame.emission));
-        let color = illumination.as_ref().map_or(frame.color, Image::view);
-        let Reprojected {
-            values,
-            coverage,
-            rejection,
-        } = match &self.memory {
-            Some(memory) => self.recall(memory, frame, &mut used),
-            None => Reprojected {
-                values: Image::new(size, accumulate::CHANNELS),
-                coverage: Image::new(size, 1),
-                rejection: Image::new(size, 1),
+        let sample = illumination.as_ref().map_or(frame.color, Image::view);
+        let held = params
+            .fireflies
+            .map(|fireflies| suppress_fireflies(sample, fireflies).0);
+        let color = held.as_ref().map_or(sample, Image::view);
+
+        let camera = memory.and_then(|memory| memory.camera.as_ref());
+        let motion = frame.motion(camera, &mut used);
+        let recalled = match memory {
+            Some(memory) => recall(params, memory, frame, motion.view(), [sample, color]),
+            None => Recalled {
+                history: Reprojected::nothing(size, accumulate::CHANNELS),
+                gradient: None,
+                reflections: None,
             },
         };
-        let history = std::array::from_fn(|channel| values.plane(channel));
-        let (mut history, missing) = accumulate(color, history, None, self.params.accumulate);
+        let history = std::array::from_fn(|channel| recalled.history.values.plane(channel));
+        let gradient = recalled.gradient.as_ref().map(Image::view);
+        let (mut history, missing) = accumulate(color, history, gradient, params.accumulate);
 
         let guide = Guide::new(size, frame.surface, frame.camera.as_ref().map(Camera::rays));
         let [color, moments, length] =
             [0..3, 3..5, 5..6].map(|channels| history.channels(channels));
-        let variance = estimate_variance(moments, length, &guide, self.params.variance);
+        let variance = estimate_variance(moments, length, &guide, params.variance);
+        let reflects = !params.reflections.is_empty();
+        let keep = [params.feedback.then_some(1), reflects.then_some(2)];
         let Filtered {
             mut color,
             variance,
-            first,
-        } = atrous(
-            color,
-            variance.view(),
-            &guide,
-            self.params.atrous,
-            self.params.feedback,
-        );
+            kept: [first, second],
+        } = atrous(color, variance.view(), &guide, params.atrous, keep);
 
         let history_length = length.to_image();
         if let Some(first) = first {
@@ -165,83 +183,130 @@ impl Svgf {
         if let Some(albedo) = frame.albedo {
             color = remodulate(color.view(), albedo, frame.emission);
         }
-        // Where nobody has seen anything, nor has a neighbour.
-        color
-            .data_mut()
-            .iter_mut()
-            .filter(|v| !v.is_finite())
-            .for_each(|v| *v = 0.0);
+        let antialiased = params.antialias.as_ref().map(|params| {
+            let before = memory.and_then(|memory| memory.antialiased.as_ref());
+            let depth = frame.surface.depth;
+            antialias(params, before, color.view(), motion.view(), depth).history
+        });
+        if let Some(antialiased) = &antialiased {
+            color = antialiased.channels(0..3).to_image();
+        }
+        blacken_missing(&mut color);
 
         used.extend(list_used(frame, &guide));
+        if gradient.is_some() && params.gradient == Gradient::Replay {
+            used.push("replay");
+        }
+        let candidates = params.reflections.len();
         self.memory = Some(Memory {
             history,
+            color: (params.gradient == Gradient::Replay).then(|| frame.color.to_image()),
+            reflections: second
+                .map(|light| reflections::Memory::new(light, recalled.reflections, candidates)),
+            antialiased,
             depth: frame.surface.depth.map(|v| v.to_image()),
             normal: frame.surface.normal.map(|v| v.to_image()),
+            object_normal: frame.surface.object_normal.map(|v| v.to_image()),
             ids: frame.surface.ids.map(|v| v.to_image()),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
         });
         Ok(Output {
             color,
-            variance,
+            variance: Some(variance),
             history_length,
-            confidence: coverage,
-            rejection,
+            confidence: recalled.history.coverage,
+            rejection: recalled.history.rejection,
             used,
             missing,
         })
     }
+}
 
-    /// What the memory knows of the current frame's pixels.
-    fn recall(&self, memory: &Memory, frame: &Frame, used: &mut Vec<&'static str>) -> Reprojected {
-        let size = frame.color.size;
-        let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
-        let computed;
-        let motion = match (frame.motion, cameras, frame.geometry()) {
-            (Some(motion), ..) => {
-                used.push("motion");
-                motion
-            }
-            (None, Some((camera, previous)), Some(geometry)) => {
-                used.push("camera");
-                computed = motion_vectors(geometry, camera, previous, None, &Transforms::default());
-                computed.view()
-            }
-            _ => {
-                computed = Image::new(size, 2);
-                computed.view()
-            }
-        };
-        let rays = memory
-            .camera
-            .as_ref()
-            .filter(|_| motion.channels == 3)
-            .map(Camera::rays);
-        let tests = Tests::new(
-            size,
-            frame.surface,
-            memory.surface(),
-            rays,
-            &self.params.surface,
-        );
-        let params = reproject::Params {
-            filter: Filter::Bilinear,
-            fallback: true,
-            dering: true,
-        };
-        reproject(&[memory.history.view()], motion, tests, params)
+/// The light of the new frame comes as it was sampled, and without fireflies.
+fn recall(
+    params: &Params,
+    memory: &Memory,
+    frame: &Frame,
+    motion: View,
+    [sample, color]: [View; 2],
+) -> Recalled {
+    let rays = memory
+        .camera
+        .as_ref()
+        .filter(|_| motion.channels == 3)
+        .map(Camera::rays);
+    let tests = Tests::new(
+        motion.size,
+        frame.surface,
+        memory.surface(),
+        rays,
+        &params.surface,
+    );
+    let replayed = frame
+        .replay
+        .zip(memory.color.as_ref())
+        .map(|(replay, before)| {
+            let exact = gradient::Params {
+                noise: 0.0,
+                ..Default::default()
+            };
+            temporal_gradient(replay, before.view(), exact)
+        });
+    let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
+    let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
+
+    let mut planes = vec![memory.history.view()];
+    if let Some(reflections) = reflections {
+        planes.extend([reflections.light.view(), reflections.scores.view()]);
+    }
+    planes.extend(replayed.as_ref().map(Image::view));
+    let bilinear = reproject::Params {
+        filter: Filter::Bilinear,
+        fallback: true,
+        dering: true,
+    };
+    let mut history = reproject(&planes, motion, tests, bilinear);
+
+    let gradient = match params.gradient {
+        Gradient::None => None,
+        Gradient::Replay => replayed.map(|_| {
+            let last = history.values.channels - 1;
+            history.values.channels(last..last + 1).to_image()
+        }),
+        Gradient::Estimate => {
+            let mut known = history.values.channels(0..3).to_image();
+            forget_uncovered(&mut known, &history.coverage);
+            Some(temporal_gradient(
+                color,
+                known.view(),
+                gradient::Params::default(),
+            ))
+        }
+    };
+    let reflections = reflections
+        .zip(cameras)
+        .and_then(|(reflections, (now, before))| {
+            reflections::choose(
+                reflections,
+                memory.history.view(),
+                &params.reflections,
+                frame,
+                [now, before],
+                memory.surface(),
+                sample,
+                &mut history,
+            )
+        });
+    Recalled {
+        history,
+        gradient,
+        reflections,
     }
 }
 
 fn check_continues(memory: &Memory, frame: &Frame) -> Result<()> {
-    let text = |Size { height, width }: Size| format!("height {height} and width {width}");
-    if memory.history.size != frame.color.size {
-        let expected = format!(
-            "{}, as in earlier frames (or reset() before)",
-            text(memory.history.size)
-        );
-        return Err(Error::value("frame", expected, text(frame.color.size)));
-    }
+    check_size(memory.history.size, frame.color.size)?;
     if memory.demodulated != frame.albedo.is_some() {
         let [before, now] = [memory.demodulated, frame.albedo.is_some()]
             .map(|has| if has { "given" } else { "absent" });

@@ -16,7 +16,7 @@
 use std::ops::Range;
 
 use super::footprint::{Filter, MIN_COVERAGE, Motion, Taps, footprint, wide, window};
-use crate::image::{BandMut, Image, View};
+use crate::image::{BandMut, Image, Size, View};
 use crate::kernels::judge::surface::Tests;
 use crate::rows::{self, Kernel};
 
@@ -43,6 +43,17 @@ pub struct Reprojected {
     pub values: Image,
     pub coverage: Image,
     pub rejection: Image<u8>,
+}
+
+impl Reprojected {
+    /// What the first frame knows of those before.
+    pub fn nothing(size: Size, channels: usize) -> Self {
+        Self {
+            values: Image::new(size, channels),
+            coverage: Image::new(size, 1),
+            rejection: Image::new(size, 1),
+        }
+    }
 }
 
 pub fn reproject(history: &[View], motion: View, tests: Tests, params: Params) -> Reprojected {

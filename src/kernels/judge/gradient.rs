@@ -27,6 +27,15 @@ pub struct Params {
     pub passes: u32,
 }
 
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            noise: 3.0,
+            passes: 3,
+        }
+    }
+}
+
 impl Params {
     pub fn passes(value: i64) -> Result<u32> {
         whole("passes", value, "0 to 8 passes", |&n| n <= 8)

@@ -71,22 +71,23 @@ const LOG2_KERNEL: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
 pub struct Filtered {
     pub color: Image,
     pub variance: Image,
-    /// The colour after the first pass, where it was asked for.
-    pub first: Option<Image>,
+    /// The colour after the passes that were asked for.
+    pub kept: [Option<Image>; 2],
 }
 
+/// `keep` names passes, counted from 1, after which the colour is wanted as well.
 pub fn atrous(
     color: View,
     variance: View,
     guide: &Guide,
     params: Params,
-    keep_first: bool,
+    keep: [Option<u32>; 2],
 ) -> Filtered {
     let size = color.size;
     let mut image = Image::new(size, CHANNELS);
     rows::run(&Load { color, variance }, size.height, image.bands());
     let mut filtered = Image::new(size, CHANNELS);
-    let mut first = None;
+    let mut kept = [None, None];
     for iteration in 0..params.iterations {
         let pass = Pass {
             image: &image,
@@ -96,15 +97,23 @@ pub fn atrous(
         };
         rows::run(&pass, size.height, filtered.bands());
         std::mem::swap(&mut image, &mut filtered);
-        if iteration == 0 && keep_first {
-            first = Some(unload(&image).0);
+        for (kept, pass) in kept.iter_mut().zip(keep) {
+            if pass == Some(iteration + 1) {
+                *kept = Some(unload(&image).0);
+            }
         }
     }
     let (color, variance) = unload(&image);
+    // A filter that ends before is kept as it ended.
+    for (kept, pass) in kept.iter_mut().zip(keep) {
+        if pass.is_some_and(|pass| pass > params.iterations) {
+            *kept = Some(color.clone());
+        }
+    }
     Filtered {
         color,
         variance,
-        first,
+        kept,
     }
 }
 

@@ -1,0 +1,297 @@
+//! Reflections: histories fetched along virtual motion, where they predict the new samples better than the surface's own.
+//!
+//! What a glossy surface shows moves like a point behind it (see [`crate::kernels::camera::virtual_motion`]), at a distance
+//! that renderers seldom tell. So a few are tried. Each is a prediction of the new sample that has not seen it, and
+//! `prediction_gain` compares it with the prediction of the surface's own motion, without bias; averaged over frames,
+//! the best one wins where it is better than the surface by a margin. What is compared is lightly filtered light.
+//!
+//! A candidate costs a gather and a window. Tiles where none has won lately stop asking, except in every eighth frame, and
+//! are passed over by the gathers.
+
+use std::ops::Range;
+
+use super::frame::Frame;
+use crate::image::{BandMut, Image, Size, View};
+use crate::kernels::camera::pinhole::Camera;
+use crate::kernels::camera::virtual_motion::virtual_motion;
+use crate::kernels::fetch::footprint::Filter;
+use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
+use crate::kernels::judge::prediction::prediction_gain;
+use crate::kernels::judge::surface::{self, Surface, Tests};
+use crate::rows::{self, Kernel};
+
+/// A candidate's average gain has to be below this to win, in units of relative squared error.
+const MARGIN: f32 = -0.02;
+/// Share of a new gain in the average.
+const SHARE: f32 = 0.3;
+/// Pixels to each side of the window of a gain.
+const RADIUS: usize = 3;
+/// Side of the tiles that ask or do not, and how often those that do not are asked all the same.
+const TILE: usize = 16;
+const PERIOD: usize = 8;
+
+/// What one frame leaves to the next.
+pub struct Memory {
+    /// Lightly filtered light, as the next frame's prediction.
+    pub light: Image,
+    /// Average gain of each candidate.
+    pub scores: Image,
+    asking: Tiles,
+    age: usize,
+}
+
+impl Memory {
+    pub fn new(light: Image, next: Option<Next>, candidates: usize) -> Self {
+        let size = light.size;
+        let next = next.unwrap_or_else(|| Next {
+            scores: Image::new(size, candidates),
+            asking: Tiles::none(size),
+            age: 0,
+        });
+        Self {
+            light,
+            scores: next.scores,
+            asking: next.asking,
+            age: next.age,
+        }
+    }
+}
+
+/// The part of the memory that choosing renews.
+pub struct Next {
+    scores: Image,
+    asking: Tiles,
+    age: usize,
+}
+
+/// Replaces history by that of the best candidate, where one wins.
+///
+/// `values` holds what [`reproject`] fetched along the surface's motion: the history image, then the light, then the
+/// scores; of these, the history is replaced.
+pub fn choose(
+    memory: &Memory,
+    history: View,
+    distances: &[f32],
+    frame: &Frame,
+    cameras: [&Camera; 2],
+    before: Surface,
+    color: View,
+    base: &mut Reprojected,
+) -> Option<Next> {
+    let geometry = frame.geometry()?;
+    let sources: Vec<_> = match (frame.hit_distance, frame.surface.depth) {
+        (Some(known), _) => vec![Source::Known(known)],
+        (None, Some(depth)) => distances
+            .iter()
+            .map(|&multiple| Source::Depths(depth, multiple))
+            .collect(),
+        (None, None) => return None,
+    };
+    let size = color.size;
+    let asking = if memory.age.is_multiple_of(PERIOD) {
+        None
+    } else {
+        Some(&memory.asking)
+    };
+    // Elsewhere on the mirror: depth says nothing about what it shows.
+    let [now, before] = [frame.surface, before].map(|surface| Surface {
+        depth: None,
+        color: None,
+        ..surface
+    });
+    let tests = Tests::new(size, now, before, None, &surface::Params::default());
+    let channels = history.channels;
+    let mut light = base.values.channels(channels..channels + 3).to_image();
+    forget_uncovered(&mut light, &base.coverage);
+    let old = base
+        .values
+        .channels(channels + 3..channels + 3 + distances.len())
+        .to_image();
+    let mut scores = Image::new(size, distances.len());
+    let mut best = Image::new(size, 1);
+    best.data_mut().fill(MARGIN);
+    for (k, source) in sources.into_iter().enumerate() {
+        let mut hits = Image::new(size, 1);
+        let kernel = Hits { source, asking };
+        rows::run(&kernel, size.height, hits.bands());
+        let motion = virtual_motion(geometry, hits.view(), cameras[0], cameras[1]);
+        let params = reproject::Params {
+            filter: Filter::Bilinear,
+            fallback: false,
+            dering: true,
+        };
+        let mut candidate = reproject(
+            &[memory.light.view(), history],
+            motion.view(),
+            tests,
+            params,
+        );
+        forget_uncovered(&mut candidate.values, &candidate.coverage);
+        let gain = prediction_gain(
+            candidate.values.channels(0..3),
+            light.view(),
+            color,
+            frame.surface.ids,
+            RADIUS,
+        );
+        let kernel = Take {
+            gain: gain.view(),
+            old: old.channels(k..k + 1),
+            candidate: &candidate,
+            channels,
+        };
+        let mut score = Image::new(size, 1);
+        let outs = base.values.bands().zip(base.coverage.bands());
+        let outs = outs.zip(best.bands().zip(score.bands()));
+        rows::run(&kernel, size.height, outs);
+        scores.set_channels(k, score.view());
+    }
+    Some(Next {
+        asking: Tiles::around(best.view()),
+        scores,
+        age: memory.age + 1,
+    })
+}
+
+/// NaN where nothing was fetched, which 0 would pretend to be.
+pub fn forget_uncovered(values: &mut Image, coverage: &Image) {
+    let channels = values.channels;
+    let kernel = Forget { coverage, channels };
+    rows::run(&kernel, coverage.size.height, values.bands());
+}
+
+struct Forget<'a> {
+    coverage: &'a Image,
+    channels: usize,
+}
+
+impl<'a> Kernel for Forget<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut values: BandMut<'a>) {
+        for y in rows {
+            let coverage = self.coverage.view().row(0, y);
+            for channel in 0..self.channels {
+                for (value, &coverage) in values.row(channel, y).iter_mut().zip(coverage) {
+                    *value = if coverage > 0.0 { *value } else { f32::NAN };
+                }
+            }
+        }
+    }
+}
+
+/// Where distances to what is reflected come from.
+#[derive(Clone, Copy)]
+enum Source<'a> {
+    Known(View<'a>),
+    /// So many times the depth.
+    Depths(View<'a>, f32),
+}
+
+/// The distance to what is reflected; NaN where nobody asks.
+struct Hits<'a> {
+    source: Source<'a>,
+    asking: Option<&'a Tiles>,
+}
+
+impl<'a> Kernel for Hits<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut hits: BandMut<'a>) {
+        for y in rows {
+            let hits = hits.row(0, y);
+            match self.source {
+                Source::Known(distance) => hits.copy_from_slice(distance.row(0, y)),
+                Source::Depths(depth, multiple) => {
+                    for (hit, &z) in hits.iter_mut().zip(depth.row(0, y)) {
+                        *hit = z * multiple;
+                    }
+                }
+            }
+            if let Some(tiles) = self.asking {
+                for (x, hit) in hits.iter_mut().enumerate() {
+                    *hit = if tiles.at(x, y) { *hit } else { f32::NAN };
+                }
+            }
+        }
+    }
+}
+
+/// Averages the score, and takes the candidate's history where it is the best so far.
+struct Take<'a> {
+    gain: View<'a>,
+    old: View<'a>,
+    candidate: &'a Reprojected,
+    channels: usize,
+}
+
+impl<'a> Kernel for Take<'a> {
+    type Out = ((BandMut<'a>, BandMut<'a>), (BandMut<'a>, BandMut<'a>));
+
+    #[inline(always)]
+    fn rows(
+        &self,
+        rows: Range<usize>,
+        ((mut values, mut coverage), (mut best, mut score)): Self::Out,
+    ) {
+        for y in rows {
+            let (gain, old) = (self.gain.row(0, y), self.old.row(0, y));
+            let fetched = self.candidate.coverage.view().row(0, y);
+            let (coverage, best, score) = (coverage.row(0, y), best.row(0, y), score.row(0, y));
+            for x in 0..gain.len() {
+                score[x] = old[x] + SHARE * (gain[x] - old[x]);
+                if score[x] < best[x] && fetched[x] > 0.0 {
+                    best[x] = score[x];
+                    coverage[x] = fetched[x];
+                    for channel in 0..self.channels {
+                        // Light comes first in the candidate.
+                        let value = self.candidate.values.view().row(channel + 3, y)[x];
+                        values.row(channel, y)[x] = value;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Tiles of the image, on or off.
+pub struct Tiles {
+    columns: usize,
+    on: Vec<bool>,
+}
+
+impl Tiles {
+    fn none(size: Size) -> Self {
+        let columns = size.width.div_ceil(TILE);
+        Self {
+            columns,
+            on: vec![false; columns * size.height.div_ceil(TILE)],
+        }
+    }
+
+    /// Those in which, or beside which, a candidate has won.
+    fn around(best: View) -> Self {
+        let mut tiles = Self::none(best.size);
+        let rows = tiles.on.len() / tiles.columns;
+        for y in 0..best.size.height {
+            for (x, &best) in best.row(0, y).iter().enumerate() {
+                if best < MARGIN {
+                    let (column, row) = (x / TILE, y / TILE);
+                    for row in row.saturating_sub(1)..(row + 2).min(rows) {
+                        for column in column.saturating_sub(1)..(column + 2).min(tiles.columns) {
+                            tiles.on[row * tiles.columns + column] = true;
+                        }
+                    }
+                }
+            }
+        }
+        tiles
+    }
+
+    #[inline(always)]
+    fn at(&self, x: usize, y: usize) -> bool {
+        self.on[y / TILE * self.columns + x / TILE]
+    }
+}
