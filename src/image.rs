@@ -261,6 +261,65 @@ impl Tap {
     }
 }
 
+/// Square parts of an image, on or off.
+pub struct Tiles {
+    columns: usize,
+    rows: usize,
+    on: Vec<bool>,
+}
+
+impl Tiles {
+    const SIDE: usize = 16;
+
+    /// All off.
+    pub fn new(size: Size) -> Self {
+        let (columns, rows) = (
+            size.width.div_ceil(Self::SIDE),
+            size.height.div_ceil(Self::SIDE),
+        );
+        Self {
+            columns,
+            rows,
+            on: vec![false; columns * rows],
+        }
+    }
+
+    #[inline(always)]
+    pub fn at(&self, x: usize, y: usize) -> bool {
+        self.on[y / Self::SIDE * self.columns + x / Self::SIDE]
+    }
+
+    /// The tile of pixel (x, y) and the eight around it.
+    pub fn switch_on_around(&mut self, x: usize, y: usize) {
+        let (column, row) = (x / Self::SIDE, y / Self::SIDE);
+        for row in row.saturating_sub(1)..(row + 2).min(self.rows) {
+            for column in column.saturating_sub(1)..(column + 2).min(self.columns) {
+                self.on[row * self.columns + column] = true;
+            }
+        }
+    }
+
+    /// The parts of a row that lie in tiles which are on, or within `reach` rows of one.
+    #[inline(always)]
+    pub fn runs(&self, row: Run, reach: usize) -> impl Iterator<Item = Run> {
+        let last = (self.rows * Self::SIDE).saturating_sub(1);
+        let near = [
+            row.y.saturating_sub(reach),
+            row.y,
+            (row.y + reach).min(last),
+        ];
+        (0..self.columns).filter_map(move |column| {
+            let x = column * Self::SIDE;
+            let on = near.iter().any(|&y| self.at(x, y));
+            on.then(|| Run {
+                y: row.y,
+                x,
+                len: Self::SIDE.min(row.len - x),
+            })
+        })
+    }
+}
+
 struct Deinterleave<'a, T> {
     interleaved: &'a [T],
     channels: usize,

@@ -18,7 +18,9 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     light = np.nan_to_num(color[..., 1], nan=1, posinf=1, neginf=1)
     moments = np.stack([light, light**2 * 1.5], -1)
     motion = compare.motions(rng, height, width, 3)
-    tests = {**now, **before, "previous_camera": previous_camera}
+    turned = {"object_normal": now["normal"], "previous_object_normal": before["previous_normal"]}
+    lit = {"color": color, "previous_color": history, "relative_luminance": (0.2, 0.9), "speed": (1, 9)}
+    tests = {**now, **before, **turned, "previous_camera": previous_camera}
     surface = {**now, "camera": camera}
     albedo = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
     emission = rng.exponential(0.1, (height, width, 3)).astype(np.float32)
@@ -28,6 +30,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     return {
         "motion_vectors(depth)": (yester.motion_vectors, {"geometry": now["depth"], **cameras, **moved}),
         "motion_vectors(position)": (yester.motion_vectors, {"geometry": position, **cameras, **moved}),
+        "virtual_motion": (
+            yester.virtual_motion,
+            {"geometry": position, "hit_distance": np.abs(light) * 3, **cameras},
+        ),
         "dilate_motion": (yester.dilate_motion, {"motion": motion, "depth": now["depth"]}),
         "reproject": (yester.reproject, {"history": history, "motion": motion, **tests}),
         "reproject(nearest)": (yester.reproject, {"history": length, "motion": motion, "filter": "nearest"}),
@@ -36,10 +42,37 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             {"history": history, "motion": motion, "filter": "catmull-rom", **tests},
         ),
         "consistency": (yester.consistency, {"motion": motion, **tests}),
+        "consistency(soft)": (yester.consistency, {"motion": motion, **tests, **lit, "normal_angle": (10, 40)}),
+        "blend_factor": (yester.blend_factor, {"confidence": length / 9, "motion": motion}),
         "clip_history": (yester.clip_history, {"history": history, "color": color}),
+        "clip_history(hull)": (
+            yester.clip_history,
+            {"history": history, "color": color, "box": "hull", "response": "current"},
+        ),
+        "clip_history(chroma-hull)": (
+            yester.clip_history,
+            {"history": history, "color": color, "box": "chroma-hull", "response": "current"},
+        ),
+        "anti_lag": (yester.anti_lag, {"history_length": length, "history": history, "clipped": color}),
+        "temporal_gradient": (yester.temporal_gradient, {"color": color, "previous": history}),
+        "prediction_gain": (
+            yester.prediction_gain,
+            {"candidate": history, "base": color[::-1], "color": color, "ids": now["ids"]},
+        ),
+        "blend": (yester.blend, {"color": color, "history": history, "alpha": length / 9, "flicker": 0.5}),
         "accumulate": (
             yester.accumulate,
             {"color": color, "history": history, "history_moments": moments, "history_length": length},
+        ),
+        "accumulate(gradient)": (
+            yester.accumulate,
+            {
+                "color": color,
+                "history": history,
+                "history_moments": moments,
+                "history_length": length,
+                "gradient": length / 9,
+            },
         ),
         "resolve": (yester.resolve, {"samples": [color, history], "offsets": yester.jitter(2).tolist()}),
         "estimate_variance": (
@@ -48,6 +81,8 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "atrous": (yester.atrous, {"color": color, "variance": light**2, **surface}),
         "atrous(slopes)": (yester.atrous, {"color": color, "variance": light**2, **now}),
+        "suppress_fireflies": (yester.suppress_fireflies, {"color": color}),
+        "fix_history": (yester.fix_history, {"color": color, "history_length": length, **surface}),
         "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
         "remodulate": (yester.remodulate, {"illumination": color, "albedo": albedo, "emission": emission}),
     }

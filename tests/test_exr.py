@@ -13,17 +13,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from yester import io
 
-BUFFERS = ("albedo", "normal", "depth", "motion", "ids", "position", "emission")
+COMMON = ("albedo", "normal", "depth", "motion", "ids", "position", "emission")
+BUFFERS = (*COMMON, "object_normal", "replay", "hit_distance")
 
 
 def buffers(rng, height, width, *, motion=3):
     """One of each kind, with everything that is not a number in it."""
-    arrays = {
-        name: compare.colors(rng, height, width) for name in ("color", "albedo", "normal", "position", "emission")
-    }
+    names = ("color", "albedo", "normal", "position", "emission", "object_normal", "replay")
+    arrays = {name: compare.colors(rng, height, width) for name in names}
     arrays["color"] *= 1e5  # beyond float16
     arrays["motion"] = compare.motions(rng, height, width, motion)
     arrays["depth"] = compare.surfaces(rng, height, width)["depth"]
+    arrays["hit_distance"] = np.where(rng.random((height, width)) < 0.1, np.inf, arrays["depth"]).astype(np.float32)
     arrays["ids"] = rng.integers(0, 2**32, (height, width)).astype(np.uint32)
     return arrays
 
@@ -53,7 +54,7 @@ def test_round_trip(tmp_path_factory, height, width, motion, half, names):
     assert back.buffers().keys() == frame.buffers().keys()
     for name, got in back.buffers().items():
         want = arrays[name]
-        if half and name in ("color", "albedo", "normal", "emission"):
+        if half and name in ("color", "albedo", "normal", "emission", "object_normal", "replay"):
             limited = np.where(np.isfinite(want), np.clip(want, -65504, 65504), want)
             want = limited.astype(np.float16).astype(np.float32)
         assert_same_bits(got, want)
@@ -472,4 +473,4 @@ def test_describe(tmp_path):
     io.write_exr(path, arrays["color"])
     missing = io.describe(path).missing
     assert missing["motion"].startswith("history is accumulated in place")
-    assert set(missing) == {*BUFFERS, "camera"}
+    assert set(missing) == {*COMMON, "camera"}

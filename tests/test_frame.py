@@ -12,6 +12,8 @@ def buffers(height=4, width=6):
     rng = np.random.default_rng(0)
     vector = lambda: rng.normal(0, 1, (height, width, 3)).astype(np.float32)  # noqa: E731
     named = {name: vector() for name in ("color", "albedo", "normal", "position", "emission")}
+    named |= {"object_normal": vector(), "replay": vector()}
+    named["hit_distance"] = rng.exponential(1, (height, width)).astype(np.float32)
     named |= compare.surfaces(rng, height, width) | {"motion": compare.motions(rng, height, width)}
     return named
 
@@ -21,6 +23,7 @@ def test_keeps_what_is_canonical():
     given = buffers()
     frame = yester.Frame(**given, camera=camera(0, 6, 4))
     order = ["color", "albedo", "normal", "depth", "motion", "ids", "position", "emission"]
+    order += ["object_normal", "replay", "hit_distance"]
     assert list(frame.buffers()) == order
     for name, buffer in frame.buffers().items():
         np.testing.assert_array_equal(buffer, given[name])
@@ -33,7 +36,7 @@ def test_keeps_what_is_canonical():
 def test_everything_but_colour_is_optional():
     frame = yester.Frame(buffers()["color"])
     assert list(frame.buffers()) == ["color"]
-    assert frame.depth is frame.camera is None
+    assert frame.depth is frame.camera is frame.jitter is None
     for name, buffer in buffers().items():
         assert set(yester.Frame(**{"color": buffers()["color"], name: buffer}).buffers()) == {"color", name}
     motion = compare.motions(np.random.default_rng(0), 4, 6, 3)
@@ -84,9 +87,10 @@ def test_read_only():
 
 
 def test_pickles():
-    frame = yester.Frame(**buffers(), camera=camera(0, 6, 4))
+    frame = yester.Frame(**buffers(), camera=camera(0, 6, 4), jitter=(0.25, -0.5))
     again = pickle.loads(pickle.dumps(frame))
     assert again.camera == frame.camera
+    assert again.jitter == frame.jitter
     for (name, got), (want_name, want) in zip(again.buffers().items(), frame.buffers().items(), strict=True):
         assert name == want_name
         np.testing.assert_array_equal(got, want)
@@ -123,6 +127,24 @@ def test_bad_camera():
         yester.Frame(buffers()["color"], camera=camera(0, 5, 4))
     with pytest.raises(TypeError, match="camera"):
         yester.Frame(buffers()["color"], camera=np.eye(4))
+
+
+def test_jitter():
+    for jitter in yester.jitter(8):
+        got = yester.Frame(buffers()["color"], jitter=jitter).jitter
+        assert got == tuple(jitter)
+        assert [type(value) for value in got] == [float, float]
+    frame = yester.Frame(buffers()["color"], jitter=[-0.5, 0.5])
+    assert frame.jitter == (-0.5, 0.5)
+    assert repr(frame) == "Frame(6x4: color, jitter)"
+
+
+@pytest.mark.parametrize("jitter", [0.1, (0.1, 0.2, 0.3), np.zeros((1, 2)), (0, 0.51), (-8, 0), (np.nan, 0)])
+def test_bad_jitter(jitter):
+    with pytest.raises(ValueError, match="jitter: expected"):
+        yester.Frame(buffers()["color"], jitter=jitter)
+    with pytest.raises(TypeError, match="jitter: expected floats"):
+        yester.Frame(buffers()["color"], jitter=["left", "up"])
 
 
 def test_channels_first_is_explained():

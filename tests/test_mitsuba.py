@@ -386,6 +386,142 @@ def test_smooth_mesh(tmp_path):
     assert np.ptp(got.normal[got.ids > 0], axis=0).min() > 0.1
 
 
+def test_object_normals():
+    """They do not turn: a shape's normals are those that the scene gives it, and the others' are in the world."""
+    views = [VIEW] * 3
+    frames = list(render_sequence(scene(), views, transforms=dance(3)))
+    for frame, poses in zip(frames, dance(3), strict=True):
+        want = frame.normal.astype(np.float64)
+        for name, pose in poses.items():
+            here = frame.ids == 1 + SHAPES.index(name)
+            assert here.any()
+            want[here] = want[here] @ pose[:3, :3]
+        want /= np.maximum(np.linalg.norm(want, axis=-1, keepdims=True), 1e-9)  # the cube's turns are a little skewed
+        np.testing.assert_allclose(frame.object_normal, want, atol=1e-5)
+        cube = frame.object_normal[frame.ids == 1 + SHAPES.index("cube")]
+        np.testing.assert_allclose(np.abs(cube).max(-1), 1, atol=1e-5)  # its faces are along the axes
+        others = ~np.isin(frame.ids, [1 + SHAPES.index(name) for name in poses])
+        assert_same_bits(frame.object_normal[others], frame.normal[others])
+    assert np.abs(frames[2].normal - frames[2].object_normal).max() > 0.1
+    squashed = {"cube": T().scale([1, 0.6, 1]).rotate([1, 0, 0.5], 25)}
+    (frame,) = render_sequence(scene(), [VIEW], transforms=[squashed])
+    cube = frame.ids == 1 + SHAPES.index("cube")
+    np.testing.assert_allclose(np.abs(frame.object_normal[cube]).max(-1), 1, atol=1e-5)
+    assert np.abs(frame.normal[cube]).max() < 0.99
+    (still,) = render_sequence(scene(), [VIEW])
+    assert still.object_normal is None
+
+
+# What changes besides
+
+LAMP, SKY = "lamp.emitter.radiance.value", "sky.radiance.value"
+
+
+def test_parameters():
+    """Each frame is that of a scene built with its values; in the end all is as it was."""
+    picture = np.random.default_rng(0).random((4, 4, 3)).astype(np.float32)
+    bitmap = {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True}
+
+    def built(radiance=RADIANCE, sky=0.25, alpha=0.3):
+        plan = scene(sky={"type": "constant", "radiance": {"type": "rgb", "value": sky}})
+        plan["lamp"]["emitter"]["radiance"] = {"type": "rgb", "value": radiance}
+        plan["ball"]["bsdf"] = {"type": "roughconductor", "alpha": alpha}
+        plan["disk"]["bsdf"] = {"type": "diffuse", "reflectance": bitmap}
+        return plan
+
+    loaded = mi.load_dict(built(), parallel=False, optimize=False)
+    names = [LAMP, SKY, "ball.bsdf.alpha.value", "disk.bsdf.reflectance.data"]
+    names = [name if name in mi.traverse(loaded) else name.removesuffix(".value") for name in names]
+    before = {name: np.array(mi.traverse(loaded)[name]) for name in names}
+    values = [{}, {LAMP: 0, SKY: [0.1, 0.2, 0.3]}, {names[2]: 0.05}, {names[3]: np.ones((4, 4, 3))}, {}]
+    views = [VIEW] * len(values)
+    frames = list(render_sequence(loaded, views, parameters=values, seed=5))
+    for name, value in before.items():
+        np.testing.assert_array_equal(np.array(mi.traverse(loaded)[name]), value)
+    plans = [built(), built(radiance=0, sky=[0.1, 0.2, 0.3]), built(alpha=0.05), built(), built()]
+    for index, (plan, frame) in enumerate(zip(plans, frames, strict=True)):
+        (want,) = render_sequence(plan, [VIEW], seed=5 + index)
+        assert_same_bits(frame.ids, want.ids)
+        if index == 3:  # the picture is white
+            disk = frame.ids == 1 + SHAPES.index("disk")
+            assert (frame.albedo[disk] == 1).all()
+        else:
+            np.testing.assert_allclose(frame.color, want.color, rtol=1e-4, atol=1e-5)
+            np.testing.assert_allclose(frame.emission, want.emission, rtol=1e-6)
+    interrupted = render_sequence(loaded, views, parameters=values)
+    next(interrupted), next(interrupted)
+    interrupted.close()
+    for name, value in before.items():
+        np.testing.assert_array_equal(np.array(mi.traverse(loaded)[name]), value)
+    assert_same_frames(render_sequence(loaded, views, parameters=values, seed=5), frames)
+
+
+# The previous frame once more
+
+
+@pytest.mark.parametrize("spp", [1, 3])
+def test_replay_of_a_still_scene(spp):
+    """Bit for bit the previous frame, however the camera moves."""
+    first, *frames = render_sequence(scene(), flight(4), spp=spp, gradient=True)
+    assert first.replay is None
+    for before, frame in zip([first, *frames], frames, strict=False):
+        assert_same_bits(frame.replay, before.color)
+        assert (frame.color != before.color).any()
+    plain = list(render_sequence(scene(), flight(4), spp=spp))
+    assert all(frame.replay is None for frame in plain)
+    for a, b in zip(plain, [first, *frames], strict=True):
+        assert_same_bits(a.color, b.color)
+
+
+def test_replay_of_a_switched_light():
+    """Where its light fell, the replay is darker by just that; where it did not, and before, it has the old bits."""
+    values = [{}, {}, {LAMP: 0}, {LAMP: 0}]
+    frames = list(render_sequence(scene(), flight(4), parameters=values, gradient=True))
+    for index in (1, 3):
+        assert_same_bits(frames[index].replay, frames[index - 1].color)
+    before, replay = frames[1].color, frames[2].replay
+    assert np.isfinite(replay).all()
+    changed = (replay != before).any(-1)
+    assert 0.3 < changed.mean() < 1
+    assert (replay <= before).all()
+    np.testing.assert_array_equal(changed[frames[1].ids == 0], False)
+    (dark,) = render_sequence(scene(), flight(4)[1:2], seed=1, parameters=[{LAMP: 0}])
+    assert_same_bits(replay, dark.color)
+
+
+def test_replay_of_moving_shapes():
+    """Missing where one was or is; what they shade is there, and what they do not keeps its bits."""
+    lift = [{"ball": T().translate([0.2 * i, 0, 0])} for i in (0, 0, 1, 2)]
+    frames = list(render_sequence(scene(), [VIEW] * 4, transforms=lift, gradient=True))
+    assert_same_bits(frames[1].replay, frames[0].color)
+    for index in (2, 3):
+        then, now = frames[index - 1], frames[index]
+        # The samples are those of the frame before, so where the ball is now is known but for its edge.
+        ball = [frame.ids == 1 + SHAPES.index("ball") for frame in (then, now)]
+        gone = np.isnan(now.replay)
+        np.testing.assert_array_equal(gone.any(-1), gone.all(-1))
+        gone = gone[..., 0]
+        assert gone[ball[0]].all()
+        assert gone[ball[1]].mean() > 0.8
+        assert gone[~(ball[0] | ball[1])].mean() < 0.05
+        kept = (now.replay == then.color).all(-1)
+        assert kept[then.ids == 0][~gone[then.ids == 0]].all()
+        assert 0.2 < kept[~gone].mean() < 1
+
+
+def test_replay_of_a_bent_mesh():
+    """What parameters move is missing as well; a push too small to see is not."""
+    cube = mi.load_dict(scene(), parallel=False, optimize=False).shapes()[SHAPES.index("cube")]
+    corners = np.array(mi.traverse(cube)["vertex_positions"])
+    values = [{"cube.vertex_positions": corners + push} for push in (0, 0.02, 0.02 + 1e-6)]
+    _, pushed, same = render_sequence(scene(), [VIEW] * 3, parameters=values, gradient=True)
+    inside = pushed.ids == 1 + SHAPES.index("cube")
+    gone = np.isnan(pushed.replay[..., 0])
+    assert gone[inside].mean() > 0.8
+    assert gone[~inside].mean() < 0.05
+    assert np.isnan(same.replay).mean() < 0.01
+
+
 # Sources
 
 XML = """<scene version="3.0.0">
@@ -456,6 +592,18 @@ SQUEEZED = yester.Camera(np.eye(4)[[0, 1, 3, 2]], 20, 10)
         ({"transforms": [{}, {"ball": np.eye(3)}]}, r"transforms\['ball'\]: expected an invertible \(4, 4\) matrix"),
         ({"transforms": [{}, {"ball": np.full((4, 4), np.nan)}]}, r"transforms\['ball'\]: expected an invertible"),
         ({"transforms": [{}, {"ball": np.zeros((4, 4))}]}, r"transforms\['ball'\]: expected an invertible"),
+        ({"parameters": [{}]}, "parameters: expected one for each of 2 cameras, got 1"),
+        (
+            {"parameters": [{}, {"lamp.emiter.radiance": 1}]},
+            r"parameters: expected names that .* has \(lamp\.emitter\.radiance\.value, .*got 'lamp\.emiter\.radiance'",
+        ),
+        ({"parameters": [{}, {"?": 1}]}, r"parameters: expected names that mitsuba\.traverse\(scene\) has, got '\?'"),
+        ({"parameters": [{}, {LAMP: [1, 2]}]}, r"parameters\['lamp\.emitter.*: expected Color3f, got \[1, 2\]"),
+        (
+            {"parameters": [{}, {"ball.to_world": T()}], "transforms": [{"ball": T()}, {}]},
+            r"parameters: 'ball\.to_world' is what transforms change",
+        ),
+        ({"gradient": True, "buffers": False}, "gradient: expected False without buffers"),
         ({"cameras": [VIEW, BROAD]}, "cameras: expected all of the same size"),
         ({"cameras": [VIEW, np.eye(3)]}, "cameras: expected an invertible"),
         ({"cameras": [SQUEEZED]}, "cameras: expected square pixels"),

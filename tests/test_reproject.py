@@ -8,31 +8,57 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 WIDE = ["catmull-rom", "catmull-rom-5", "lanczos-2"]
-PAIRS = {name: (name, f"previous_{name}") for name in ("depth", "normal", "ids")}
+TESTS = ["depth", "normal", "ids", "plane", "object_normal", "color"]
+# The hard and the soft thresholds that are compared. None is where whole-pixel motion, or a 90° turn, lies exactly.
+THRESHOLDS = {
+    "relative_depth": [0.01, 0.1, 0.5, (0.02, 0.11), (0.05, 0.5)],
+    "plane_distance": [0.01, 0.2, (0.01, 0.2), (0.05, 0.1)],
+    "normal_angle": [0.5, 25.0, 90.0, 179.0, (0.0, 30.0), (10.0, 25.0), (25.0, 180.0)],
+    "relative_luminance": [0.3, 0.5, (0.0, 1.0), (0.2, 0.7), (0.1, 3.0)],
+    "speed": [None, None, 1.3, 7.9, (0.0, 3.3), (0.7, 2.9)],
+}
+# Narrower ramps, for the properties.
+PAIRS = {
+    "relative_depth": (0.02, 0.1),
+    "plane_distance": (0.01, 0.2),
+    "normal_angle": (5.0, 25.0),
+    "relative_luminance": (0.1, 0.6),
+    "speed": (0.5, 1.5),
+}
+thresholds = {name: st.sampled_from(values) for name, values in THRESHOLDS.items()}
 
 
 def surface(rng, height, width, names) -> dict:
     """The buffers of the named tests; "plane" stands for depth, normal and the previous camera."""
     now = compare.surfaces(rng, height, width)
     buffers = now | compare.previous(rng, now)
+    turned = compare.previous(rng, now)["previous_normal"]
+    buffers |= {"object_normal": now["normal"], "previous_object_normal": turned}
+    color = compare.colors(rng, height, width)
+    again = color * rng.choice([0.25, 0.6, 0.9, 1.0, 1.7], (height, width, 1))
+    buffers |= {"color": color, "previous_color": again.astype(np.float32)}
     names = set(names) | ({"depth", "normal"} if "plane" in names else set())
-    found = {key: buffers[key] for name in sorted(names - {"plane"}) for key in PAIRS[name]}
+    found = {key: buffers[key] for name in sorted(names - {"plane"}) for key in (name, f"previous_{name}")}
     return found | ({"previous_camera": compare.camera(rng, width, height)} if "plane" in names else {})
 
 
 def check(history, motion, **named) -> np.ndarray:
     """Compare with the reference; return the coverage."""
     values, coverage = yester.reproject(history, motion, **named)
-    wants, want_coverage, margin = reference.reproject(
+    wants, want_coverage, margin, steepness = reference.reproject(
         tensor(history), tensor(motion), margin=True, **{k: tensor(v) for k, v in named.items()}
     )
     sure = margin.numpy() > BAND
     decisions = 4 if named.get("filter") in WIDE else 1  # 16 taps instead of 4
     assert (~sure).sum() <= decisions * (1 + 0.005 * sure.size)
+    # What ramps add to the weights of 1e-5, and what that is of their sum.
+    extra = 0.1 * BAND / 1e-5 * steepness.numpy()
+    part = np.where(coverage > 0, extra / np.maximum(coverage, 1e-30), 0)
     for value, want in zip(*((values, wants) if isinstance(history, list) else ([values], [wants])), strict=True):
         assert value.dtype == np.float32
-        assert_close("reproject", value, want, where=sure)
-    assert_close("reproject coverage", coverage, want_coverage, where=sure)
+        size = float(want.square().mean().sqrt()) * (1 + part)
+        assert_close("reproject", value, want, where=sure, scale=size if want.ndim == 2 else size[..., None])
+    assert_close("reproject coverage", coverage, want_coverage, where=sure, scale=1 + extra)
     return coverage
 
 
@@ -45,10 +71,8 @@ def check(history, motion, **named) -> np.ndarray:
     filter=st.sampled_from(["nearest", "bilinear", "catmull-rom", "catmull-rom-5", "lanczos-2"]),
     fallback=st.booleans(),
     dering=st.booleans(),
-    tests=st.sets(st.sampled_from(["depth", "normal", "ids", "plane"])),
-    relative_depth=st.sampled_from([0.01, 0.1, 0.5]),
-    plane_distance=st.sampled_from([0.01, 0.2]),
-    normal_angle=st.sampled_from([0.5, 25.0, 90.0, 179.0]),
+    tests=st.sets(st.sampled_from(TESTS)),
+    **thresholds,
 )
 def test_reference(seed, size, channels, motion, filter, fallback, dering, tests, **thresholds):
     rng = np.random.default_rng(seed)

@@ -132,8 +132,8 @@ class SVGF:
         normal_angle: _Threshold = 25.0,
         min_length: float = 3.5,
         feedback: bool = False,
-        gradient: Literal["replay", "estimate", "none"] = "replay",
-        fireflies: bool = False,
+        gradient: bool = True,
+        fireflies: bool = True,
         reflections: Sequence[float] = (),
         antialias: bool = True,
     ) -> Self: ...

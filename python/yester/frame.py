@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ._core import Camera, canonical
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
 #: The buffers of a frame in canonical order.
-BUFFERS = ("color", "albedo", "normal", "depth", "motion", "ids", "position", "emission")
+BUFFERS = (
+    *("color", "albedo", "normal", "depth", "motion", "ids", "position", "emission"),
+    *("object_normal", "replay", "hit_distance"),
+)
 
 
 class Frame:
@@ -39,18 +39,29 @@ class Frame:
         World space; not finite where nothing was hit.
     emission : (H, W, 3) array_like of float, optional
         Light that the visible surface sends out itself: the part of `color` that carries no noise.
+    object_normal : (H, W, 3) array_like of float, optional
+        Normals in the space of the object, which do not turn with it; zeros where nothing was hit.
+    replay : (H, W, 3) array_like of float, optional
+        The previous frame once more: its camera and its random numbers, but this frame's scene. What has changed since
+        is light. NaN where another surface shows.
+    hit_distance : (H, W) array_like of float, optional
+        Distance from the surface to what it reflects, +inf for the environment.
     camera : Camera, optional
         The camera of this frame, without jitter, of the same size.
+    jitter : (2,) array_like of float, optional
+        Offset of this frame's samples from their pixel centres, in pixels from -0.5 to 0.5, x right, y down: what
+        `yester.jitter` gives. Kept as a tuple.
 
     Raises
     ------
     TypeError
         If an array has elements of another kind, or `camera` is something else.
     ValueError
-        If an array or the camera has another shape than the above, or another size than `color`.
+        If an array or the camera has another shape than the above, or another size than `color`; if `jitter` leaves the
+        pixel.
     """
 
-    __slots__ = (*BUFFERS, "camera")
+    __slots__ = (*BUFFERS, "camera", "jitter")
 
     color: NDArray[np.float32]
     albedo: NDArray[np.float32] | None
@@ -60,7 +71,11 @@ class Frame:
     ids: NDArray[np.uint32] | None
     position: NDArray[np.float32] | None
     emission: NDArray[np.float32] | None
+    object_normal: NDArray[np.float32] | None
+    replay: NDArray[np.float32] | None
+    hit_distance: NDArray[np.float32] | None
     camera: Camera | None
+    jitter: tuple[float, float] | None
 
     def __init__(
         self,
@@ -73,7 +88,11 @@ class Frame:
         ids: ArrayLike | None = None,
         position: ArrayLike | None = None,
         emission: ArrayLike | None = None,
+        object_normal: ArrayLike | None = None,
+        replay: ArrayLike | None = None,
+        hit_distance: ArrayLike | None = None,
         camera: Camera | None = None,
+        jitter: ArrayLike | None = None,
     ) -> None:
         given = dict(
             color=color,
@@ -84,6 +103,9 @@ class Frame:
             ids=ids,
             position=position,
             emission=emission,
+            object_normal=object_normal,
+            replay=replay,
+            hit_distance=hit_distance,
         )
         size = None
         for name, value in given.items():
@@ -97,15 +119,16 @@ class Frame:
         if camera is not None and (camera.height, camera.width) != size:
             raise ValueError(f"camera: expected height and width {size}, got {(camera.height, camera.width)}")
         object.__setattr__(self, "camera", camera)
+        object.__setattr__(self, "jitter", None if jitter is None else _offset(jitter))
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{name}: a Frame is read-only; make a new one")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restore, (self.buffers(), self.camera)
+        return _restore, (self.buffers(), self.camera, self.jitter)
 
     def __repr__(self) -> str:
-        names = [*self.buffers(), *(["camera"] if self.camera else [])]
+        names = [*self.buffers(), *(name for name in ("camera", "jitter") if getattr(self, name) is not None)]
         return f"Frame({self.width}x{self.height}: {', '.join(names)})"
 
     @property
@@ -128,5 +151,17 @@ class Frame:
         return {name: array for name in BUFFERS if (array := getattr(self, name)) is not None}
 
 
-def _restore(buffers: dict[str, ArrayLike], camera: Camera | None) -> Frame:
-    return Frame(**buffers, camera=camera)
+def _restore(buffers: dict[str, ArrayLike], camera: Camera | None, jitter: ArrayLike | None) -> Frame:
+    return Frame(**buffers, camera=camera, jitter=jitter)
+
+
+def _offset(jitter: ArrayLike) -> tuple[float, float]:
+    """Of a sample from its pixel's centre."""
+    offset = np.asarray(jitter)
+    if offset.dtype.kind not in "fiu":
+        raise TypeError(f"jitter: expected floats, got {offset.dtype}")
+    if offset.shape != (2,):
+        raise ValueError(f"jitter: expected shape (2,), got {offset.shape}")
+    if not (np.abs(offset) <= 0.5).all():
+        raise ValueError(f"jitter: expected offsets from -0.5 to 0.5, got {offset.tolist()}")
+    return float(offset[0]), float(offset[1])

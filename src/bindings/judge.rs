@@ -615,7 +615,7 @@ pub fn prediction_gain<'py>(
             let ids = ids.map(Interleaved::planes);
             let ids = ids.as_ref().map(Planes::view);
             Outgoing::new(prediction::prediction_gain(
-                candidate, base, color, ids, radius,
+                candidate, base, color, ids, radius, None,
             ))
         });
         (gain, out)

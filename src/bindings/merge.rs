@@ -1,6 +1,6 @@
 //! The kernels of the merge folder.
 
-use numpy::{PyArrayDyn, PyArrayMethods};
+use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
 
 use super::arrays::{
@@ -308,7 +308,7 @@ pub fn blend_<'py>(
             let axes = alpha
                 .getattr("ndim")
                 .and_then(|axes| axes.extract::<usize>());
-            axes.is_ok_and(|axes| axes > 0)
+            alpha.is_instance_of::<PyUntypedArray>() || axes.is_ok_and(|axes| axes > 0)
         };
         let constant = match alpha {
             None => Some(0.05),

@@ -18,7 +18,6 @@ use crate::kernels::judge::surface::{self, Surface};
 use crate::kernels::merge::{accumulate, blend};
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
-use crate::pipelines::svgf::Gradient;
 use crate::pipelines::{frame, svgf, taa};
 
 /// One denoised frame and what the denoiser knows of it.
@@ -117,10 +116,10 @@ impl Output {
 /// feedback : bool, default False
 ///     Whether the filter's first pass, instead of its input, is the next frame's history: less noise in motion, more
 ///     bias.
-/// gradient : {"replay", "estimate", "none"}, default "replay"
-///     Where changes of light are known from, which shorten history: the frames' `replay`, where they have one; the new
-///     samples compared with history, as far as noise lets see; or nothing.
-/// fireflies : bool, default False
+/// gradient : bool, default True
+///     Whether changes of light shorten history. They are known exactly from frames that have a `replay`, and for others
+///     estimated from the new samples and history, as far as noise lets see.
+/// fireflies : bool, default True
 ///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
 /// reflections : sequence of float, default ()
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which history is looked for as well:
@@ -151,12 +150,12 @@ impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0,
         sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
-        normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false, gradient="replay", fireflies=false,
+        normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false, gradient=true, fireflies=true,
         reflections=vec![], antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0, \
         sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, min_length=3.5, \
-        feedback=False, gradient='replay', fireflies=False, reflections=(), antialias=True)"
+        feedback=False, gradient=True, fireflies=True, reflections=(), antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -171,7 +170,7 @@ impl SVGF {
         normal_angle: Bounds,
         min_length: f32,
         feedback: bool,
-        gradient: &str,
+        gradient: bool,
         fireflies: bool,
         reflections: Vec<f32>,
         antialias: bool,
@@ -204,7 +203,7 @@ impl SVGF {
                 sigmas,
             },
             feedback,
-            gradient: choice("gradient", gradient, &Gradient::NAMES)?,
+            gradient,
             fireflies: fireflies.then(fireflies::Params::default),
             reflections,
             antialias: antialias.then_some(taa::Params::BEST),

@@ -315,7 +315,8 @@ pub fn atrous_<'py>(
 /// -----
 /// With mean m and standard deviation s of luminance in the window without its centre, the limit is ``m + threshold s``
 /// (NRD's anti-firefly: 9×9 pixels, 2 deviations). What exceeds it is shared among the window's pixels in proportion to
-/// what each lacks to its own limit, and up to that; several fireflies in one window may add up to more.
+/// what each lacks to its own limit, and up to that; these limits are those of the image that the first ones leave.
+/// Several fireflies in one window may add up to more.
 #[pyfunction]
 #[pyo3(name = "suppress_fireflies", signature = (color, *, threshold=2.0, radius=4, redistribute=true, out=None))]
 pub fn suppress_fireflies_<'py>(

@@ -11,7 +11,7 @@
 use std::ops::Range;
 
 use super::frame::Frame;
-use crate::image::{BandMut, Image, Size, View};
+use crate::image::{BandMut, Image, Tiles, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::camera::virtual_motion::virtual_motion;
 use crate::kernels::fetch::footprint::Filter;
@@ -26,8 +26,7 @@ const MARGIN: f32 = -0.02;
 const SHARE: f32 = 0.3;
 /// Pixels to each side of the window of a gain.
 const RADIUS: usize = 3;
-/// Side of the tiles that ask or do not, and how often those that do not are asked all the same.
-const TILE: usize = 16;
+/// How often tiles that do not ask are asked all the same.
 const PERIOD: usize = 8;
 
 /// What one frame leaves to the next.
@@ -45,7 +44,7 @@ impl Memory {
         let size = light.size;
         let next = next.unwrap_or_else(|| Next {
             scores: Image::new(size, candidates),
-            asking: Tiles::none(size),
+            asking: Tiles::new(size),
             age: 0,
         });
         Self {
@@ -133,12 +132,14 @@ pub fn choose(
             color,
             frame.surface.ids,
             RADIUS,
+            asking,
         );
         let kernel = Take {
             gain: gain.view(),
             old: old.channels(k..k + 1),
             candidate: &candidate,
             channels,
+            asking,
         };
         let mut score = Image::new(size, 1);
         let outs = base.values.bands().zip(base.coverage.bands());
@@ -147,7 +148,7 @@ pub fn choose(
         scores.set_channels(k, score.view());
     }
     Some(Next {
-        asking: Tiles::around(best.view()),
+        asking: around_winners(best.view()),
         scores,
         age: memory.age + 1,
     })
@@ -219,12 +220,13 @@ impl<'a> Kernel for Hits<'a> {
     }
 }
 
-/// Averages the score, and takes the candidate's history where it is the best so far.
+/// Averages the score, which starts anew where nobody asks, and takes the candidate's history where it is the best so far.
 struct Take<'a> {
     gain: View<'a>,
     old: View<'a>,
     candidate: &'a Reprojected,
     channels: usize,
+    asking: Option<&'a Tiles>,
 }
 
 impl<'a> Kernel for Take<'a> {
@@ -241,7 +243,12 @@ impl<'a> Kernel for Take<'a> {
             let fetched = self.candidate.coverage.view().row(0, y);
             let (coverage, best, score) = (coverage.row(0, y), best.row(0, y), score.row(0, y));
             for x in 0..gain.len() {
-                score[x] = old[x] + SHARE * (gain[x] - old[x]);
+                let asked = self.asking.is_none_or(|tiles| tiles.at(x, y));
+                score[x] = if asked {
+                    old[x] + SHARE * (gain[x] - old[x])
+                } else {
+                    0.0
+                };
                 if score[x] < best[x] && fetched[x] > 0.0 {
                     best[x] = score[x];
                     coverage[x] = fetched[x];
@@ -256,42 +263,15 @@ impl<'a> Kernel for Take<'a> {
     }
 }
 
-/// Tiles of the image, on or off.
-pub struct Tiles {
-    columns: usize,
-    on: Vec<bool>,
-}
-
-impl Tiles {
-    fn none(size: Size) -> Self {
-        let columns = size.width.div_ceil(TILE);
-        Self {
-            columns,
-            on: vec![false; columns * size.height.div_ceil(TILE)],
-        }
-    }
-
-    /// Those in which, or beside which, a candidate has won.
-    fn around(best: View) -> Self {
-        let mut tiles = Self::none(best.size);
-        let rows = tiles.on.len() / tiles.columns;
-        for y in 0..best.size.height {
-            for (x, &best) in best.row(0, y).iter().enumerate() {
-                if best < MARGIN {
-                    let (column, row) = (x / TILE, y / TILE);
-                    for row in row.saturating_sub(1)..(row + 2).min(rows) {
-                        for column in column.saturating_sub(1)..(column + 2).min(tiles.columns) {
-                            tiles.on[row * tiles.columns + column] = true;
-                        }
-                    }
-                }
+/// The tiles in which, or beside which, a candidate has won.
+fn around_winners(best: View) -> Tiles {
+    let mut tiles = Tiles::new(best.size);
+    for y in 0..best.size.height {
+        for (x, &best) in best.row(0, y).iter().enumerate() {
+            if best < MARGIN {
+                tiles.switch_on_around(x, y);
             }
         }
-        tiles
     }
-
-    #[inline(always)]
-    fn at(&self, x: usize, y: usize) -> bool {
-        self.on[y / TILE * self.columns + x / TILE]
-    }
+    tiles
 }

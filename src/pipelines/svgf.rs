@@ -22,25 +22,6 @@ use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, estimate_variance};
 
-/// Where the temporal gradient comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Gradient {
-    None,
-    /// From the frames' replays, where they have one.
-    #[default]
-    Replay,
-    /// From the new samples and the history, within what noise lets see.
-    Estimate,
-}
-
-impl Gradient {
-    pub const NAMES: [(&str, Self); 3] = [
-        ("replay", Self::Replay),
-        ("estimate", Self::Estimate),
-        ("none", Self::None),
-    ];
-}
-
 #[derive(Clone, Debug, Default)]
 pub struct Params {
     pub surface: surface::Params,
@@ -49,7 +30,8 @@ pub struct Params {
     pub atrous: atrous::Params,
     /// Whether the first pass of the filter, instead of its input, is the next frame's history.
     pub feedback: bool,
-    pub gradient: Gradient,
+    /// Whether changes of light shorten history: known from the frames' replays, estimated where they have none.
+    pub gradient: bool,
     pub fireflies: Option<fireflies::Params>,
     /// Distances behind the surface at which reflections are looked for, in units of depth; above 0, +inf included.
     pub reflections: Vec<f32>,
@@ -194,13 +176,13 @@ impl Svgf {
         blacken_missing(&mut color);
 
         used.extend(list_used(frame, &guide));
-        if gradient.is_some() && params.gradient == Gradient::Replay {
+        if params.gradient && frame.replay.is_some() {
             used.push("replay");
         }
         let candidates = params.reflections.len();
         self.memory = Some(Memory {
             history,
-            color: (params.gradient == Gradient::Replay).then(|| frame.color.to_image()),
+            color: params.gradient.then(|| frame.color.to_image()),
             reflections: second
                 .map(|light| reflections::Memory::new(light, recalled.reflections, candidates)),
             antialiased,
@@ -243,16 +225,15 @@ fn recall(
         rays,
         &params.surface,
     );
-    let replayed = frame
-        .replay
-        .zip(memory.color.as_ref())
-        .map(|(replay, before)| {
-            let exact = gradient::Params {
-                noise: 0.0,
-                ..Default::default()
-            };
-            temporal_gradient(replay, before.view(), exact)
-        });
+    let before = memory.color.as_ref();
+    let replayed = frame.replay.zip(before).map(|(replay, before)| {
+        // The same random numbers make the same noise.
+        let exact = gradient::Params {
+            noise: 0.0,
+            ..Default::default()
+        };
+        temporal_gradient(replay, before.view(), exact)
+    });
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
 
@@ -268,22 +249,17 @@ fn recall(
     };
     let mut history = reproject(&planes, motion, tests, bilinear);
 
-    let gradient = match params.gradient {
-        Gradient::None => None,
-        Gradient::Replay => replayed.map(|_| {
+    let gradient = params.gradient.then(|| match replayed {
+        Some(_) => {
             let last = history.values.channels - 1;
             history.values.channels(last..last + 1).to_image()
-        }),
-        Gradient::Estimate => {
+        }
+        None => {
             let mut known = history.values.channels(0..3).to_image();
             forget_uncovered(&mut known, &history.coverage);
-            Some(temporal_gradient(
-                color,
-                known.view(),
-                gradient::Params::default(),
-            ))
+            temporal_gradient(color, known.view(), gradient::Params::default())
         }
-    };
+    });
     let reflections = reflections
         .zip(cameras)
         .and_then(|(reflections, (now, before))| {

@@ -123,10 +123,14 @@ impl Params {
             space: Space::ToneMappedYCoCg,
             response: Response::Center,
         },
+        // What stands still may be averaged for longer than what is resampled every time.
         blend_factor: blend_factor::Params {
-            alpha: 0.2,
-            fast_alpha: 0.2,
-            ..Self::SEED.blend_factor
+            alpha: 0.1,
+            fast_alpha: 0.3,
+            speed: Threshold {
+                full: 0.0,
+                none: 1.0,
+            },
         },
         blend: blend::Params {
             weighting: Weighting::None,

@@ -5,37 +5,53 @@ over pixels. A camera is anything with ``world_to_clip``, ``width`` and ``height
 """
 
 from .accumulate import Accumulated, accumulate, luminance
+from .anti_lag import anti_lag
 from .atrous import atrous
+from .blend import blend
+from .blend_factor import blend_factor
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .dilate import dilate_motion
+from .fireflies import suppress_fireflies
+from .gradient import temporal_gradient
+from .history_fix import fix_history
 from .jitter import jitter
 from .motion import motion_vectors
 from .neighborhood import clip_history
+from .prediction import prediction_gain
 from .projection import project, rays, unproject
 from .reproject import reproject
 from .resolve import resolve
 from .svgf import SVGF, Output
 from .variance import estimate_variance
+from .virtual_motion import virtual_motion
 
 __all__ = [
     "SVGF",
     "Accumulated",
     "Output",
     "accumulate",
+    "anti_lag",
     "atrous",
+    "blend",
+    "blend_factor",
     "clip_history",
     "consistency",
     "demodulate",
     "dilate_motion",
     "estimate_variance",
+    "fix_history",
     "jitter",
     "luminance",
     "motion_vectors",
+    "prediction_gain",
     "project",
     "rays",
     "remodulate",
     "reproject",
     "resolve",
+    "suppress_fireflies",
+    "temporal_gradient",
     "unproject",
+    "virtual_motion",
 ]

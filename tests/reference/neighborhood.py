@@ -1,3 +1,5 @@
+import itertools
+
 import torch
 from torch import Tensor
 
@@ -14,19 +16,24 @@ def clip_history(
     window="3x3",
     space="ycocg",
     response="center",
-) -> Tensor:
+    margin=False,
+) -> Tensor | tuple[Tensor, Tensor]:
     """Hold history to the colours of each pixel's neighbourhood.
+
+    The hulls are cut out by sides: "hull" by slabs along 13 directions (26-DOP, Klosowski et al. 1998), "chroma-hull"
+    by the range of Y and the half-planes through pairs of (Co, Cg) that have all others on one side.
 
     Sources: Karis 2014; Salvi 2016; Playdead 2016; Lottes 2016 (tone mapping); FSR 3.1 (ellipsoid).
 
     Parameters
     ----------
     history, color : (H, W, 3)
-    box : "minmax", "rounded", "variance" or "intersection"
+    box : "minmax", "rounded", "variance", "intersection", or with response "current" "hull" and "chroma-hull"
     gamma : half the side of the variance box in standard deviations
     window : "3x3" or "5x5"
     space : "rgb", "ycocg", "tonemapped-rgb" or "tonemapped-ycocg"
     response : "clamp", "center", "current" or "ellipsoid"
+    margin : also return how many times (H, W) hulls may multiply roundings: many where a way grazes their sides
 
     Returns
     -------
@@ -47,6 +54,7 @@ def clip_history(
     taps, counts = torch.stack(taps), torch.stack(counts)[..., None]  # (T, H, W, 3), (T, H, W, 1)
     crossed = counts & torch.tensor(in_cross)[:, None, None, None]  # (T, H, W, 1)
     number = counts.sum(0)  # (H, W, 1)
+    grazing = torch.ones_like(own[..., 0])  # (H, W)
     mean = taps.where(counts, 0).sum(0) / number  # (H, W, 3)
     deviation = (((taps - mean) ** 2).where(counts, 0).sum(0) / number).sqrt()  # (H, W, 3)
 
@@ -66,7 +74,12 @@ def clip_history(
     old = to_space(history, space)  # (H, W, 3)
     held = old.maximum(low).minimum(high)  # (H, W, 3)
     middle = (low + high) / 2  # (H, W, 3)
-    if response == "clamp":
+    if "hull" in box:
+        target = torch.where(present[..., None], own, mean)  # (H, W, 3)
+        beyond = (slabs if box == "hull" else half_planes)(torch.stack([old, target]), taps, counts)  # (K, 2, H, W)
+        t, grazing = enter(beyond, (target - old).norm(dim=-1))  # (H, W), (H, W)
+        new = old + t[..., None] * (target - old)  # (H, W, 3)
+    elif response == "clamp":
         new = held
     elif response == "center":
         new = middle + (old - middle) / share(old - middle, (high - low) / 2).amax(-1, keepdim=True).clamp(min=1)
@@ -79,7 +92,54 @@ def clip_history(
         length = share(old - mean, gamma * deviation * axes).norm(dim=-1, keepdim=True)  # (H, W, 1)
         new = mean + (old - mean) / length.clamp(min=1)  # (H, W, 3)
     stays = (number == 0) | ~history.isfinite().all(-1, keepdim=True)  # (H, W, 1)
-    return history.where(stays, to_rgb(new, space))
+    result = history.where(stays, to_rgb(new, space))  # (H, W, 3)
+    return (result, grazing) if margin else result
+
+
+def slabs(points: Tensor, taps: Tensor, counts: Tensor) -> Tensor:
+    """How far (26, N, H, W) points (N, H, W, 3) lie beyond the taps (T, H, W, 3) that count, along 13 directions."""
+    directions = [d for d in itertools.product((-1, 0, 1), repeat=3) if d != (0, 0, 0)]  # and back
+    return torch.stack([_beyond(points, taps, counts, taps.new_tensor(d)) for d in directions])
+
+
+def half_planes(points: Tensor, taps: Tensor, counts: Tensor) -> Tensor:
+    """How far (K, N, H, W) points (N, H, W, 3) lie beyond the range of Y, and beyond the convex hull in (Co, Cg).
+
+    Each pair of taps with all others on its left is an edge; the ranges of Co and Cg are the ends of segments.
+    """
+    found = [_beyond(points, taps, counts, sign * axis) for sign in (-1, 1) for axis in torch.eye(3).to(taps)]
+    chroma, places = taps[..., 1:].where(counts, torch.nan), points[..., 1:]  # (T, H, W, 2), (N, H, W, 2)
+    for start in chroma:
+        edges = chroma - start  # (T, H, W, 2)
+        lengths = edges.norm(dim=-1).where(edges.any(-1), torch.nan)  # (T, H, W): no edges between equals
+        left = _cross(edges[:, None], edges) / lengths[:, None]  # (T, T, H, W)
+        rounding = 1e-13 * chroma.nan_to_num(0).abs().amax((0, -1))  # (H, W)
+        whole = ((left >= -rounding) | ~counts[..., 0]).all(1)  # (T, H, W)
+        right = _cross(places - start, edges[:, None]) / lengths[:, None]  # (T, N, H, W)
+        found += list(right.where(whole[:, None], -torch.inf))  # T of (N, H, W)
+    return torch.stack(found)
+
+
+def _beyond(points: Tensor, taps: Tensor, counts: Tensor, direction: Tensor) -> Tensor:
+    """(N, H, W), along a direction (3,)."""
+    most = (taps @ direction).where(counts[..., 0], -torch.inf).amax(0)  # (H, W)
+    return (points @ direction - most) / direction.norm()  # (N, H, W)
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]  # (...)
+
+
+def enter(beyond: Tensor, way: Tensor) -> tuple[Tensor, Tensor]:
+    """Where (H, W) from 0 to 1 a way from outside to a target comes inside, and how steeply it does not (H, W).
+
+    The way is (H, W) long, and starts and ends so far beyond each side: (K, 2, H, W).
+    """
+    start, end = beyond.unbind(1)  # (K, H, W), (K, H, W)
+    descent = start - end.clamp(max=0)  # (K, H, W)
+    t = torch.where(start > 0, start / descent, 0).amax(0)  # (H, W)
+    grazing = torch.where(start > -1e-6, way / descent.abs(), 0).amax(0)  # (H, W)
+    return t.where(t.isfinite(), 0), grazing.nan_to_num(1).clamp(1, 1e6)
 
 
 def share(distance: Tensor, half: Tensor) -> Tensor:

@@ -20,8 +20,8 @@ KERNELS = {"catmull-rom": catmull_rom, "catmull-rom-5": catmull_rom, "lanczos-2"
 def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, dering=True, margin=False, **surface):
     """Fetch history along motion, from the taps that show the same surface.
 
-    S = Σ w·valid; where S ≥ 0.01 the value is Σ w·valid·h / S, else the mean of the valid taps among 3x3, else 0.
-    The wide filters replace that where every tap of a weight other than zero is valid; coverage is 1 there.
+    S = Σ w·trust; where S ≥ 0.01 the value is Σ w·trust·h / S, else the same among 3x3 with w = 1/9, else 0. The wide
+    filters replace the value, with their own weights, where every tap of a weight other than zero has some trust.
     Sources: Schied et al. 2017, section 4.1; Falcor's SVGF pass; Keys 1981 (a = -1/2); Duchon 1979 (Lanczos).
 
     Parameters
@@ -30,7 +30,8 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
     motion : (H, W, 2) or (H, W, 3)
     filter : "nearest", "bilinear", "catmull-rom", "catmull-rom-5" (without the corners) or "lanczos-2"
     dering : hold the wide filters to the range of the bilinear taps
-    margin : also return how near (H, W) the nearest decision was to turning out otherwise
+    margin : also return how near (H, W) the nearest decision was to turning out otherwise, and how many times (H, W)
+        ramps multiply roundings
     **surface : see `surface.SurfaceTests`
 
     Returns
@@ -46,16 +47,19 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
     footprint = Footprint(motion)
     tests = SurfaceTests(motion, footprint, **surface)
     nearest = torch.full((height * width,), torch.inf, dtype=stack.dtype, device=stack.device)  # (P,)
+    steepness = torch.zeros_like(nearest)  # (P,)
 
     def look(pixel: Tensor, x: Tensor, y: Tensor, looking: Tensor) -> tuple[Tensor, Tensor]:
-        """Whether taps (N,) are valid, and their values (N, C)."""
+        """The trust (N,) in taps, and their values (N, C)."""
         tap, inside = footprint.flat(x, y)  # (N,)
-        valid = inside & finite[tap]  # (N,)
-        for slack in tests.slacks(pixel, x, y).values():
+        trust = (looking & inside & finite[tap]).to(stack.dtype)  # (N,)
+        for test in tests(pixel, x, y).values():
             if margin:
-                nearest[pixel] = torch.where(valid & looking, nearest[pixel].minimum(slack.abs()), nearest[pixel])
-            valid = valid & (slack >= 0)  # (N,)
-        return valid & looking, stack[tap]
+                counts = trust > 0  # (N,)
+                nearest[pixel] = torch.where(counts, nearest[pixel].minimum(test.slack.abs()), nearest[pixel])
+                steepness[pixel] = torch.where(counts, steepness[pixel].maximum(test.steepness), steepness[pixel])
+            trust = trust * test.trust  # (N,)
+        return trust, stack[tap]
 
     pixel = everyone = torch.arange(height * width, device=motion.device)  # (P,)
     total = torch.zeros_like(stack)  # (P, C)
@@ -65,15 +69,16 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
     else:
         taps = list(footprint.bilinear())
     for x, y, weight in taps:
-        valid, values = look(pixel, x, y, weight > 0)  # (P,), (P, C)
-        total += values * (weight * valid)[:, None]  # (P, C)
-        share += weight * valid  # (P,)
+        trust, values = look(pixel, x, y, weight > 0)  # (P,), (P, C)
+        total += values * (weight * trust)[:, None]  # (P, C)
+        share += weight * trust  # (P,)
+    share = share.clamp(max=1)  # (P,)
     if margin:
-        nearest = nearest.minimum((share - 0.01).abs())  # (P,)
+        nearest = nearest.minimum((share - 0.01).abs() / steepness.clamp(min=1))  # (P,)
 
     good = share >= 0.01  # (P,)
     out = torch.where(good[:, None], total / share[:, None], 0)  # (P, C)
-    coverage = torch.where(good, share.clamp(max=1), 0)  # (P,)
+    coverage = torch.where(good, share, 0)  # (P,)
     if fallback:
         (pixel,) = (~good & footprint.moving).nonzero(as_tuple=True)  # (N,)
         x, y = (centre[pixel] for centre in footprint.nearest())  # (N,)
@@ -81,9 +86,9 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
         count = torch.zeros_like(share[pixel])  # (N,)
         for dy in (-1, 0, 1):
             for dx in (-1, 0, 1):
-                valid, values = look(pixel, x + dx, y + dy, torch.ones_like(x, dtype=torch.bool))  # (N,), (N, C)
-                total += values * valid[:, None]  # (N, C)
-                count += valid  # (N,)
+                trust, values = look(pixel, x + dx, y + dy, torch.ones_like(x, dtype=torch.bool))  # (N,), (N, C)
+                total += values * trust[:, None]  # (N, C)
+                count += trust  # (N,)
         out[pixel] = torch.where(count[:, None] > 0, total / count[:, None], 0)  # (N, C)
         coverage[pixel] = count / 9  # (N,)
 
@@ -102,13 +107,13 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
                 # Exactly zero at whole distances, where sin(k·π) is not.
                 weight = weight.where(((fx != 0) | (dx == 0)) & ((fy != 0) | (dy == 0)), 0)  # (P,)
                 counts = weight != 0  # (P,)
-                valid, values = look(
+                trust, values = look(
                     everyone,
                     footprint._index(x0, footprint.width) + dx,
                     footprint._index(y0, footprint.height) + dy,
                     counts,
                 )  # (P,), (P, C)
-                wide = wide & (valid | ~counts)  # (P,)
+                wide = wide & ((trust > 0) | ~counts)  # (P,)
                 total, weights = total + values * weight[:, None], weights + weight  # (P, C), (P,)
                 inner = counts & (dx in (0, 1)) & (dy in (0, 1))  # (P,)
                 low = torch.where(inner[:, None], low.minimum(values), low)  # (P, C)
@@ -117,9 +122,10 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
         if dering:
             total = total.clamp(low, high)  # (P, C)
         out = torch.where(wide[:, None], total, out)  # (P, C)
-        coverage = torch.where(wide, 1, coverage)  # (P,)
+        coverage = torch.where(wide, share, coverage)  # (P,)
 
     split = out.split([image.numel() // (height * width) for image in images], -1)  # each (P, c)
     values = [part.reshape(image.shape) for part, image in zip(split, images, strict=True)]
-    result = (values if isinstance(history, list | tuple) else values[0], coverage.reshape(height, width))
-    return (*result, nearest.reshape(height, width)) if margin else result
+    planes = [coverage, *([nearest, steepness] if margin else [])]  # each (P,)
+    values = values if isinstance(history, list | tuple) else values[0]
+    return (values, *(plane.reshape(height, width) for plane in planes))

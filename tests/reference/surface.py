@@ -1,17 +1,40 @@
 """The tests by which a pixel of the previous frame counts as the same surface; shared by reproject and consistency.
 
-Each test yields a slack: how far inside its threshold a tap lies, relative to the numbers compared. Negative or NaN
-means rejected; a slack near zero is where another precision may decide otherwise.
+A threshold is a number or a pair (full, none) between which trust falls linearly from one to zero.
 """
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from .accumulate import luminance
 from .projection import rays
 
-OUTSIDE, DEPTH, NORMAL, ID = 1, 2, 4, 8
+OUTSIDE, DEPTH, NORMAL, ID, VELOCITY, LUMINANCE = 1, 2, 4, 8, 16, 32
+NEAR = 1e-5  # of a ramp: where roundings may lie on it
+
+
+class Trust(NamedTuple):
+    """What a test thinks of taps (N,), and how precisely another precision would think the same."""
+
+    trust: Tensor  # 0 to 1
+    slack: Tensor  # how far inside the threshold, relative to the numbers compared; near zero others may reject
+    steepness: Tensor  # how many times the ramp multiplies roundings relative to the numbers compared; 0 beside it
+
+
+def bounds(threshold) -> tuple[float, float]:
+    full, none = threshold if isinstance(threshold, list | tuple) else (threshold, threshold)
+    return full, none
+
+
+def ramp(value: Tensor, full: Tensor, none: Tensor, size: Tensor) -> Trust:
+    """1 for values (N,) up to full, 0 unless up to none, linear between; computed from numbers of a size (N,)."""
+    between = torch.where(value < none, (none - value) / (none - full), 0)  # (N,)
+    slack = ((none - value) / size).nan_to_num(-torch.inf, torch.inf, -torch.inf)  # (N,)
+    near = (full < none) & (value >= full - NEAR * size) & (value <= none + NEAR * size)  # (N,)
+    return Trust(torch.where(value <= full, 1, between), slack, torch.where(near, size / (none - full), 0))
 
 
 class Footprint:
@@ -50,7 +73,7 @@ class Footprint:
 
 
 class SurfaceTests:
-    """Depth, normal and id tests of the taps of a footprint."""
+    """The tests of the taps of a footprint: speed, depth, normal, id and luminance."""
 
     def __init__(
         self,
@@ -63,44 +86,77 @@ class SurfaceTests:
         previous_normal=None,
         ids=None,
         previous_ids=None,
+        object_normal=None,
+        previous_object_normal=None,
+        color=None,
+        previous_color=None,
         previous_camera=None,
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
+        relative_luminance=0.5,
+        speed=None,
     ):
         self.footprint, self.camera = footprint, previous_camera
-        self.relative_depth, self.plane_distance = relative_depth, plane_distance
-        self.cosine = math.cos(math.radians(normal_angle))
+        self.relative_depth, self.plane_distance = bounds(relative_depth), bounds(plane_distance)
+        self.cosine = [-math.cos(math.radians(angle)) for angle in bounds(normal_angle)]
+        self.relative_luminance = bounds(relative_luminance)
         flat = motion.reshape(-1, motion.shape[-1])  # (P, 2|3)
+        self.speed = None if speed is None else bounds(speed)
+        self.length = flat[:, :2].where(footprint.moving[:, None], 0).norm(dim=-1)  # (P,)
         self.mz = flat[:, 2] if flat.shape[1] == 3 else torch.zeros_like(flat[:, 0])  # (P,)
         self.z, self.previous_z = self._flat(depth), self._flat(previous_depth)  # (P,)
-        self.n, self.previous_n = self._flat(normal, 3), self._flat(previous_normal, 3)  # (P, 3)
+        self.previous_n = self._flat(previous_normal, 3)  # (P, 3)
+        turned = (normal, previous_normal) if object_normal is None else (object_normal, previous_object_normal)
+        self.turned = [self._flat(buffer, 3) for buffer in turned]  # 2 of (P, 3)
         self.ids, self.previous_ids = self._flat(ids), self._flat(previous_ids)  # (P,)
+        self.colors = [self._flat(buffer, 3) for buffer in (color, previous_color)]  # 2 of (P, 3)
 
     @staticmethod
     def _flat(buffer, *channels):
         return None if buffer is None else buffer.reshape(-1, *channels)
 
-    def slacks(self, pixel: Tensor, x: Tensor, y: Tensor) -> dict[int, Tensor]:
-        """By rejection bit, the slack (N,) of the tap in column x (N,), row y (N,) seen from pixel (N,)."""
+    def __call__(self, pixel: Tensor, x: Tensor, y: Tensor) -> dict[int, Trust]:
+        """By rejection bit, the trust (N,) in the tap in column x (N,), row y (N,) seen from pixel (N,)."""
         tap, _ = self.footprint.flat(x, y)  # (N,)
         found = {}
+        if self.speed is not None:
+            full, none = self.length.new_tensor(self.speed)  # (), ()
+            length = self.length[pixel]  # (N,)
+            found[VELOCITY] = ramp(length, full, none, length.maximum(none))
         if self.ids is not None:
-            found[ID] = torch.where(self.ids[pixel] == self.previous_ids[tap], torch.inf, -torch.inf)  # (N,)
-        if self.n is not None:
-            n, m = self.n[pixel], self.previous_n[tap]  # (N, 3)
-            length = ((n * n).sum(-1) * (m * m).sum(-1)).sqrt()  # (N,)
-            cosine = (n * m).sum(-1) / length  # (N,)
-            found[NORMAL] = torch.where(length == 0, torch.inf, cosine - self.cosine)  # (N,)
+            differs = (self.ids[pixel] != self.previous_ids[tap]).to(self.length)  # (N,)
+            found[ID] = ramp(differs, *differs.new_tensor([0.5, 0.5, 1]))
+        if self.turned[0] is not None:
+            found[NORMAL] = self._normal(self.turned[0][pixel], self.turned[1][tap])
         if self.z is not None:
-            found[DEPTH] = self._depth(pixel, tap, x, y)  # (N,)
-        return {bit: slack.nan_to_num(-torch.inf, torch.inf, -torch.inf) for bit, slack in found.items()}
+            found[DEPTH] = self._depth(pixel, tap, x, y)
+        if self.colors[0] is not None:
+            found[LUMINANCE] = self._luminance(self.colors[0][pixel], self.colors[1][tap])
+        return found
 
-    def _depth(self, pixel: Tensor, tap: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    def _normal(self, n: Tensor, m: Tensor) -> Trust:
+        """Of directions (N, 3)."""
+        length = ((n * n).sum(-1) * (m * m).sum(-1)).sqrt()  # (N,)
+        value = torch.where(length == 0, -torch.inf, -(n * m).sum(-1) / length)  # (N,)
+        return ramp(value, *value.new_tensor([*self.cosine, 1]))
+
+    def _luminance(self, color: Tensor, there: Tensor) -> Trust:
+        """Of colours (N, 3)."""
+        missing = ~(color.isfinite() & there.isfinite()).all(-1)  # (N,)
+        light, before = luminance(color), luminance(there)  # (N,), (N,)
+        most = torch.maximum(light.abs(), before.abs())  # (N,)
+        equal = missing | (most == 0)  # (N,)
+        value = torch.where(equal, -torch.inf, (light - before).abs() / most)  # (N,)
+        size = torch.where(equal, 1, (luminance(color.abs()) + luminance(there.abs())) / most)  # (N,)
+        return ramp(value, *value.new_tensor(self.relative_luminance), size)
+
+    def _depth(self, pixel: Tensor, tap: Tensor, x: Tensor, y: Tensor) -> Trust:
         z, there = self.z[pixel], self.previous_z[tap]  # (N,)
         expected = z + self.mz[pixel]  # (N,)
         size = torch.maximum(z, expected)  # (N,)
-        slack = (self.relative_depth * expected - (there - expected).abs()) / size  # (N,)
+        value = (there - expected).abs()  # (N,)
+        limits = z.new_tensor(self.relative_depth)  # (2,)
         if self.camera is not None:
             here = torch.stack([self.footprint.x[pixel], self.footprint.y[pixel]], -1).to(z.dtype) + 0.5  # (N, 2)
             _, ray = rays(self.camera, here)  # (N, 3)
@@ -108,9 +164,12 @@ class SurfaceTests:
             between = expected[:, None] * ray - there[:, None] * tap_ray  # (N, 3)
             n = self.previous_n[tap]  # (N, 3)
             length = n.norm(dim=-1)  # (N,)
-            distance = (between * n).sum(-1).abs() / length  # (N,)
-            extent = size * ray.norm(dim=-1)  # (N,)
-            slack = torch.where(length == 0, slack, (self.plane_distance * expected - distance) / extent)  # (N,)
-        nothing = (z > 0) & (there > 0) & z.isfinite() & there.isfinite() & (expected > 0)  # (N,)
+            plain = length == 0  # (N,)
+            value = torch.where(plain, value, (between * n).sum(-1).abs() / length)  # (N,)
+            size = torch.where(plain, size, size * ray.norm(dim=-1))  # (N,)
+            limits = torch.where(plain[:, None], limits, z.new_tensor(self.plane_distance))  # (N, 2)
         both = (z == torch.inf) & (there == torch.inf)  # (N,)
-        return torch.where(both, torch.inf, torch.where(nothing, slack, -torch.inf))  # (N,)
+        surface = (z > 0) & (there > 0) & z.isfinite() & there.isfinite() & (expected > 0)  # (N,)
+        value = torch.where(both, -torch.inf, torch.where(surface, value, torch.inf))  # (N,)
+        unit, size = expected.where(surface, 1), size.where(surface, 1)  # (N,), (N,)
+        return ramp(value, limits[..., 0] * unit, limits[..., 1] * unit, size)

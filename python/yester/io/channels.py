@@ -19,6 +19,9 @@ CANONICAL: dict[str, tuple[str, ...]] = {
     "ids": ("ids.I",),
     "position": ("position.X", "position.Y", "position.Z"),
     "emission": ("emission.R", "emission.G", "emission.B"),
+    "object_normal": ("object_normal.X", "object_normal.Y", "object_normal.Z"),
+    "replay": ("replay.R", "replay.G", "replay.B"),
+    "hit_distance": ("hit_distance.Z",),
 }
 
 #: Other names of the layers, as users of Mitsuba choose them; the first one that is found counts.
@@ -30,7 +33,7 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "position": ("pos", "p"),
 }
 
-#: What the absence of a buffer costs.
+#: What the absence of a buffer costs. Those that few renderers have are not missed.
 COSTS: dict[str, str] = {
     "color": "nothing to denoise",
     "albedo": "textures are filtered together with the light, and blur",

@@ -30,7 +30,7 @@ from .channels import CANONICAL, find, missing
 Source = str | os.PathLike[str]
 
 _MAGIC = b"\x76\x2f\x31\x01"
-_HALVED = {"color", "albedo", "normal", "emission"}
+_HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
 _HALF_MAX = float(np.finfo(np.float16).max)
 #: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
 _MIXED = 2**32 - 1
@@ -55,7 +55,8 @@ class Description:
     camera : Camera or None
         From the attributes ``worldToCamera`` and ``worldToNDC``.
     missing : dict of str to str
-        The buffers (and ``"camera"``) that are not in the file, and what their absence costs.
+        The buffers (and ``"camera"``) that are not in the file, and what their absence costs; without those that few
+        files have.
     notes : dict of str to str
         Buffers that are there but need a remark.
     """
@@ -102,7 +103,7 @@ def read_exr(path: Source) -> Frame:
     camera = _camera(path, header)
     try:
         buffers = {buffer: np.stack([planes[name].pixels for name in names], -1) for buffer, names in found.items()}
-        for buffer in {"depth", "ids"} & buffers.keys():
+        for buffer in {"depth", "ids", "hit_distance"} & buffers.keys():
             buffers[buffer] = buffers[buffer][..., 0]
         if "ids" in buffers:
             buffers["ids"] = _whole(buffers["ids"])
@@ -114,7 +115,7 @@ def read_exr(path: Source) -> Frame:
 
 
 def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> None:
-    """Write one frame, with the camera in the header.
+    """Write one frame, with the camera in the header; jitter is not kept.
 
     The file appears when it is complete: it is written beside and then renamed.
 
@@ -125,8 +126,8 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> 
     frame : Frame or (H, W, 3) array_like of float
         A frame, or just a colour.
     half : bool, default False
-        Store colour, albedo, normal and emission as float16, clipped to its largest value, 65504. The others always
-        have 32 bits.
+        Store colours (albedo, emission and replay among them) and normals as float16, clipped to its largest value,
+        65504. The others always have 32 bits.
 
     Raises
     ------

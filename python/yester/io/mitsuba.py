@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
 from typing import Any
@@ -19,6 +20,8 @@ from ..frame import Frame
 Matrix = NDArray[np.float64]
 
 _STILL = np.eye(4)
+#: How far two hits of one ray may be apart, relative to their distance, and still be the same point.
+_SAME = 1e-4
 _AOVS = "albedo:albedo,depth:depth,normal:sh_normal,position:position,ids:shape_index"
 
 
@@ -63,6 +66,8 @@ def render_sequence(
     spp: int = 1,
     seed: int = 0,
     transforms: Iterable[Mapping[str, ArrayLike]] | None = None,
+    parameters: Iterable[Mapping[str, Any]] | None = None,
+    gradient: bool = False,
     buffers: bool = True,
 ) -> Iterator[Frame]:
     """Render frames with all their buffers, one by one.
@@ -70,7 +75,7 @@ def render_sequence(
     Parameters
     ----------
     scene : dict, path-like or mitsuba.Scene
-        A dictionary, an XML file, or a loaded scene, which gets its poses back in the end. The scene's own integrator
+        A dictionary, an XML file, or a loaded scene, which in the end is what it was. The scene's own integrator
         makes the colour. Of its first sensor come the clip planes, the aperture and, for cameras given as matrices,
         the field of view and the size.
     cameras : iterable of Camera, or of (4, 4) array_like or mitsuba.ScalarTransform4f
@@ -83,24 +88,36 @@ def render_sequence(
     transforms : iterable of mapping of str to (4, 4) array_like, optional
         One per frame: by shape id, the matrix in world space that moves the shape from where the scene has it to where
         it is in this frame. Shapes that are not named stand where the scene has them.
+    parameters : iterable of mapping of str to value, optional
+        One per frame: by name as ``mitsuba.traverse(scene)`` has it, such as ``"lamp.emitter.radiance.value"``, the
+        value of whatever else changes. Parameters that are not named are as the scene has them. Motion knows nothing of
+        them: what moves belongs in `transforms`.
+    gradient : bool, default False
+        Give every frame but the first a `Frame.replay`, for one more rendering per frame. Two independent samples of a
+        pixel differ by their noise, however still the light; two that share all random numbers differ by the change
+        alone. So the previous frame is rendered again, from its own camera and with its own random numbers, in this
+        frame's scene: where neither the surface nor its light has changed, the replay has the very bits of the previous
+        colour. It is NaN where the first sample meets another surface than then, or a shape that has moved.
     buffers : bool, default True
         If False, frames have a colour and the camera only, and are rendered several times as fast: for references.
 
     Yields
     ------
     Frame
-        With every buffer and the camera. Albedo is 1 on surfaces without a diffuse part, such as metals, whose light is
+        With buffers and camera. Albedo is 1 on surfaces without a diffuse part, such as metals, whose light is
         not to be demodulated. Normals are the shading normals. `ids` count `scene.shapes()` from 1. Motion
         is exact for the point that was hit, under the motion of camera and shapes; in the first frame it is zero.
         `emission` is what the camera sees of lights and environment directly; it is None with volumetric integrators,
-        whose media would dim it.
+        whose media would dim it. `object_normal` is the normal turned back to where the scene has the shape; it is None
+        if no shape ever moves. `jitter` is None, as samples are spread over their pixels, and so is `hit_distance`.
 
     Raises
     ------
     ValueError
         If the scene has no sensor to go with a pose, a camera is one that Mitsuba has not (pixels that are not square,
-        a thin lens off its axis), cameras differ in size, a shape is unknown or cannot be moved, or there are more or
-        fewer transforms than cameras.
+        a thin lens off its axis), cameras differ in size, a shape is unknown or cannot be moved, a parameter is unknown
+        or cannot have the value, there are more or fewer transforms or parameters than cameras, or a gradient is asked
+        for without buffers.
     ImportError
         If Mitsuba is not installed.
 
@@ -109,34 +126,45 @@ def render_sequence(
     The variant is the one that is set, else ``scalar_rgb``. Films have a box filter and 32 bits, samplers are
     independent, whatever the scene says. Scenes given as a dictionary or file are loaded without merging shapes, so
     that every shape keeps its id; load them with ``optimize=False`` if you do it yourself.
+
+    References
+    ----------
+    Schied, Peters and Dachsbacher, "Gradient Estimation for Real-Time Adaptive Temporal Filtering", 2018: shared random
+    numbers, there for one pixel in nine, which is carried forward to where its surface has gone. Here it is every
+    pixel, where it was.
     """
     if spp < 1:
         raise ValueError(f"spp: expected at least 1, got {spp}")
+    if gradient and not buffers:
+        raise ValueError("gradient: expected False without buffers, got True")
     stage = _Stage(scene)
     views = [stage.camera(view) for view in cameras]
     if len({(view.height, view.width) for view in views}) > 1:
         raise ValueError("cameras: expected all of the same size, got several")
-    shots = [_Shot(view, stage.sensor(view), {}) for view in views]
-    if transforms is not None:
-        poses = [stage.poses(named) for named in transforms]
-        if len(poses) != len(shots):
-            raise ValueError(f"transforms: expected one for each of {len(shots)} cameras, got {len(poses)}")
-        shots = [replace(shot, poses=pose) for shot, pose in zip(shots, poses, strict=True)]
-    return _frames(stage, shots, spp, seed, buffers)
+    still: list[dict[str, Any]] = [{} for _ in views]
+    poses = still if transforms is None else [stage.poses(named) for named in transforms]
+    values = still if parameters is None else [stage.values(named) for named in parameters]
+    for name, given in {"transforms": poses, "parameters": values}.items():
+        if len(given) != len(views):
+            raise ValueError(f"{name}: expected one for each of {len(views)} cameras, got {len(given)}")
+    shots = [_Shot(view, stage.sensor(view), *state) for view, *state in zip(views, poses, values, strict=True)]
+    return _frames(stage, shots, spp, seed, buffers, gradient)
 
 
-def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: bool) -> Iterator[Frame]:
+def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: bool, gradient: bool) -> Iterator[Frame]:
+    last: dict[str, NDArray[Any]] = {}
     try:
         for index, shot in enumerate(shots):
-            stage.pose(shot.poses)
+            stage.arrange(shot.poses, shot.values)
             sensor = stage.mi.load_dict(shot.sensor)
             if not buffers:
                 yield Frame(stage.render(stage.light, sensor, seed + index, spp)[""], camera=shot.camera)
                 continue
-            first = stage.sample(sensor, (seed + index) * spp)
+            seeds = range((seed + index) * spp, (seed + index + 1) * spp)
+            first = stage.sample(sensor, seeds[0])
             total = {name: first[name].astype(np.float64) for name in ("color", "albedo", "emission")}
-            for number in range(1, spp):
-                another = stage.sample(sensor, (seed + index) * spp + number)
+            for number in seeds[1:]:
+                another = stage.sample(sensor, number)
                 for name in total:
                     total[name] += another[name]
             hit = first["depth"][..., 0] > 0
@@ -148,6 +176,10 @@ def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: boo
                 for name in before.poses.keys() | shot.poses.keys()
                 if not np.array_equal(before.poses.get(name, _STILL), shot.poses.get(name, _STILL))
             }
+            replay = None
+            if gradient and index:
+                replay = stage.replay(before, range(seeds[0] - spp, seeds[0]), last, [*back])
+            last = first
             yield Frame(
                 total["color"] / spp,
                 albedo=total["albedo"] / spp,
@@ -157,19 +189,22 @@ def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: boo
                 ids=ids,
                 position=position,
                 emission=total["emission"] / spp if stage.clear else None,
+                object_normal=stage.unturned(first["normal"], ids, shot.poses) if stage.movers else None,
+                replay=replay,
                 camera=shot.camera,
             )
     finally:
-        stage.pose({})
+        stage.arrange({}, {})
 
 
 @dataclass(frozen=True)
 class _Shot:
-    """What one frame is to show: the camera, the Mitsuba sensor made of it, and where shapes are."""
+    """What one frame is to show: the camera, the Mitsuba sensor made of it, where shapes are, and what else changes."""
 
     camera: Camera
     sensor: dict[str, Any]
     poses: dict[str, Matrix]
+    values: dict[str, Any]
 
 
 class _Stage:
@@ -187,6 +222,7 @@ class _Stage:
         self.scene = scene
         self.scalar = mi.variant().startswith("scalar")
         self.movers: set[str] = set()
+        self.changing: set[str] = set()
         self.standing: dict[str, Any] = {}
         self.intrinsics: tuple[Matrix, int, int] | None = None
         self.lens: dict[str, Any] = {"type": "perspective"}
@@ -269,13 +305,44 @@ class _Stage:
         self.movers |= named.keys()
         return {name: _matrix(pose, f"transforms[{name!r}]") for name, pose in named.items()}
 
-    def pose(self, poses: Mapping[str, Matrix]) -> None:
-        """Moves shapes from where the scene has them; those that are not named go back there."""
-        # All that ever move, every time and even to where they are: Mitsuba rounds otherwise what it has loaded.
+    def values(self, named: Mapping[str, Any]) -> dict[str, Any]:
+        """Checked values of parameters, as Mitsuba has them."""
+        values = {}
+        for name, value in named.items():
+            if name not in self.parameters:
+                close = ", ".join(get_close_matches(name, self.parameters.keys(), cutoff=0.4))
+                like = f" ({close})" if close else ""
+                raise ValueError(f"parameters: expected names that mitsuba.traverse(scene) has{like}, got {name!r}")
+            if any(name in self._keys(mover) for mover in self.movers):
+                raise ValueError(f"parameters: {name!r} is what transforms change")
+            kind = type(self.parameters[name])
+            try:
+                values[name] = kind(value)
+            except Exception as error:  # Mitsuba's types have several for what they cannot be made of
+                raise ValueError(f"parameters[{name!r}]: expected {kind.__name__}, got {value!r}") from error
+        self.changing |= values.keys()
+        return values
+
+    def arrange(self, poses: Mapping[str, Matrix], values: Mapping[str, Any]) -> None:
+        """Moves shapes and sets parameters; those that are not named become again what the scene has."""
+        # All that ever change, every time and even to what they are: Mitsuba rounds otherwise what it has loaded.
         for name in sorted(self.movers):
             self._move(name, poses.get(name, _STILL))
-        if self.movers:
+        for name in sorted(self.changing):
+            self._set(name, values.get(name, self._standing(name)))
+        if self.movers or self.changing:
             self.parameters.update()
+
+    def unturned(
+        self, normal: NDArray[np.float32], ids: NDArray[np.uint32], poses: Mapping[str, Matrix]
+    ) -> NDArray[np.float32]:
+        """Normals turned back to where the scene has the shapes."""
+        normal = normal.copy()
+        for name, pose in poses.items():
+            here = ids == self.index[name]
+            back = normal[here] @ pose[:3, :3]  # normals go forth with the inverse transpose
+            normal[here] = back / np.linalg.norm(back, axis=-1, keepdims=True)
+        return normal
 
     def _keys(self, name: str) -> list[str]:
         keys = (f"{name}.{key}" for key in ("to_world", "vertex_positions", "vertex_normals"))
@@ -283,12 +350,11 @@ class _Stage:
 
     def _move(self, name: str, pose: Matrix) -> None:
         for key in self._keys(name):
-            value = self.parameters[key]
-            standing = self.standing.setdefault(key, type(value)(value))
+            standing = self._standing(key)
             if pose is _STILL:  # gives back what was there, to the bit
-                self.parameters[key] = standing
+                self._set(key, standing)
             elif key.endswith("to_world"):
-                self.parameters[key] = self.mi.Transform4f(pose @ _matrix(standing, key))
+                self._set(key, self.mi.Transform4f(pose @ _matrix(standing, key)))
             else:
                 vectors = np.array(standing, np.float64).reshape(-1, 3)
                 if key.endswith("vertex_positions"):
@@ -296,16 +362,52 @@ class _Stage:
                 else:
                     vectors = vectors @ np.linalg.inv(pose[:3, :3])
                     vectors /= np.linalg.norm(vectors, axis=-1, keepdims=True)
-                self.parameters[key] = vectors.astype(np.float32).ravel()
-            self.parameters.set_dirty(key)
+                self._set(key, vectors.astype(np.float32).ravel())
 
-    def sample(self, sensor: Any, seed: int) -> dict[str, NDArray[np.float32]]:
+    def _standing(self, key: str) -> Any:
+        """What the scene had before anything was changed."""
+        if key not in self.standing:
+            value = self.parameters[key]
+            self.standing[key] = type(value)(value)
+        return self.standing[key]
+
+    def _set(self, key: str, value: Any) -> None:
+        self.parameters[key] = value
+        self.parameters.set_dirty(key)
+
+    def replay(
+        self, shot: _Shot, seeds: range, then: Mapping[str, NDArray[Any]], moved: list[int]
+    ) -> NDArray[np.float64]:
+        """A former shot's colour in the scene as it is now; NaN where its first sample meets something else."""
+        sensor = self.mi.load_dict(shot.sensor)
+        color = np.zeros((shot.camera.height, shot.camera.width, 3))
+        for seed in seeds:
+            color += self.render(self.light, sensor, seed)[""]
+        now = self.hit(sensor, seeds[0])
+        apart = np.linalg.norm(now["position"] - then["position"], axis=-1) > _SAME * then["depth"][..., 0]
+        other = (now["ids"] != then["ids"]) | np.isin(now["ids"], moved) | apart
+        return np.where(other[..., None], np.nan, color / len(seeds))
+
+    def sample(self, sensor: Any, seed: int) -> dict[str, NDArray[Any]]:
         """One sample per pixel, seen by all integrators: those that share a seed share their first random numbers.
 
         (One ``aov`` integrator around the others would do as well, but calls each of them twice.)
         """
         light = self.render(self.light, sensor, seed)[""]
         emission = self.render(self.emission, sensor, seed)[""]
+        surface = self.hit(sensor, seed)
+        # What Mitsuba calls albedo is, without a diffuse part, the BSDF at one pair of directions, from 0 to anything.
+        mirror = self.mirrors[np.minimum(surface["ids"], len(self.mirrors) - 1), None]
+        return {
+            **surface,
+            "albedo": np.where(mirror, np.float32(1), surface["albedo"]),
+            "color": light,
+            # Less than what a path tracer sees only where the scene's own integrator hides lights.
+            "emission": np.fmin(emission, light),
+        }
+
+    def hit(self, sensor: Any, seed: int) -> dict[str, NDArray[Any]]:
+        """What is known of the surface at one sample per pixel."""
         threads = self.drjit.thread_count()
         # In scalar variants, shapes that Python has once seen are counted under its lock, several times a sample: one
         # thread is then three times as fast as two.
@@ -315,17 +417,7 @@ class _Stage:
             surface = self.render(self.surface, sensor, seed)
         finally:
             self.drjit.set_thread_count(threads)
-        ids = self.ids(surface["ids"][..., 0])
-        # What Mitsuba calls albedo is, without a diffuse part, the BSDF at one pair of directions, from 0 to anything.
-        mirror = self.mirrors[np.minimum(ids, len(self.mirrors) - 1), None]
-        return {
-            **surface,
-            "ids": ids,
-            "albedo": np.where(mirror, np.float32(1), surface["albedo"]),
-            "color": light,
-            # Less than what a path tracer sees only where the scene's own integrator hides lights.
-            "emission": np.fmin(emission, light),
-        }
+        return {**surface, "ids": self.ids(surface["ids"][..., 0])}
 
     def render(self, integrator: Any, sensor: Any, seed: int, spp: int = 1) -> dict[str, NDArray[np.float32]]:
         """The layers of the film by name, (H, W, C); the unnamed one is colour."""

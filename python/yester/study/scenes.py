@@ -1,16 +1,31 @@
-"""Scenes to measure on, with their cameras and motion: everything `yester.io.mitsuba.render_sequence` asks for."""
+"""Scenes to measure on, with their cameras and motion: everything `yester.io.mitsuba.render_sequence` asks for.
+
+Each makes something else hard. However many the frames, they divide the same events: with fewer, more happens from one
+to the next. With 24 frames of 320×240, surfaces move by one to six pixels.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from yester import Camera
 
-__all__ = ["Sequence", "cornell_box"]
+__all__ = [
+    "Sequence",
+    "cornell_box",
+    "glossy_plates",
+    "mirror_room",
+    "spinning_shapes",
+    "switched_light",
+    "thicket",
+]
+
+Matrix = NDArray[np.float64]
 
 #: Vertical field of view in degrees: at 4:3, the box fills the image.
 _FOV = 33
@@ -29,19 +44,21 @@ class Sequence:
     transforms : list of dict
         For every frame, the (4, 4) matrices, by shape, that take the moving shapes from where the scene puts them to
         where they are.
+    parameters : list of dict
+        For every frame, the values of what else changes, by name as `mitsuba.traverse` has it.
     """
 
     scene: dict[str, Any]
     cameras: list[Camera]
-    transforms: list[dict[str, NDArray[np.float64]]]
+    transforms: list[dict[str, Matrix]]
+    parameters: list[dict[str, Any]]
 
 
 def cornell_box(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Mitsuba's Cornell box, made harder: textures, a glossy ball, a cube that flies and turns, a camera that moves.
 
     The textures show blur; the ball's highlight moves unlike its surface, which motion vectors do not know; the cube
-    covers and uncovers, and its light and shadow change as it goes. However many the frames, they
-    divide the same flight: with fewer, more moves from one to the next.
+    covers and uncovers, and its light and shadow change as it goes.
 
     Parameters
     ----------
@@ -60,22 +77,9 @@ def cornell_box(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
     ImportError
         If Mitsuba is not installed.
     """
-    try:
-        import mitsuba as mi
-    except ImportError as error:
-        raise ImportError("the Cornell box needs Mitsuba: pip install 'yester[mitsuba]'") from error
-    if mi.variant() is None:
-        mi.set_variant("scalar_rgb")
-    place = mi.ScalarTransform4f
-
-    scene: dict[str, Any] = mi.cornell_box()
-    del scene["small-box"], scene["sensor"]
-    scene["floor"]["bsdf"] = _tiles([0.75, 0.72, 0.68], [0.3, 0.29, 0.31], 4)
-    scene["poster"] = {
-        "type": "rectangle",
-        "to_world": place().translate([0.2, 0.3, -0.99]).scale([0.6, 0.45, 1]),
-        "bsdf": {"type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": mi.Bitmap(_rings()), "raw": True}},
-    }
+    scene = _room()
+    place = _mitsuba().ScalarTransform4f
+    del scene["small-box"]
     scene["ball"] = {
         "type": "sphere",
         "to_world": place().translate([0.5, -0.7, -0.3]).scale(0.3),
@@ -90,8 +94,355 @@ def cornell_box(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
         "to_world": place().scale(0.2),
         "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 1.5),
     }
+    return _sequence(scene, frames, lambda t: _view(t, width, height), lambda t: {"cube": _flight(t)})
+
+
+def switched_light(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A Cornell box whose lights are switched while the camera turns: what was known of light is wrong at once.
+
+    At frame ``frames // 3`` the ceiling's light goes off, which leaves a dim blue ball on the small box, and at frame
+    ``2 * frames // 3`` a small red one comes on behind the large box. Nothing moves but the camera.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        The lights are called `"light"` and `"lamp"`.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    scene = _room()
+    place = _mitsuba().ScalarTransform4f
+    scene["lamp"] = {
+        "type": "sphere",
+        "to_world": place().translate([-0.7, 0.15, -0.5]).scale(0.09),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 0.0}},
+    }
+    scene["glow"] = {
+        "type": "sphere",
+        "to_world": place().translate([0.33, -0.25, 0.38]).scale(0.1),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [3.5, 4.5, 7.0]}},
+    }
+    off, on = frames // 3, 2 * frames // 3
+    sequence = _sequence(scene, frames, lambda t: _view(0.1 + 0.8 * t, width, height))
+    for values in sequence.parameters[off:]:
+        values["light.emitter.radiance.value"] = [0.0, 0.0, 0.0]
+    for values in sequence.parameters[on:]:
+        values["lamp.emitter.radiance.value"] = [36.0, 14.0, 6.0]
+    return sequence
+
+
+def glossy_plates(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """Plates from nearly smooth to rough under balls of light, seen in passing: reflections go their own way.
+
+    After Veach's scene for multiple importance sampling: each plate mirrors all lights, the smoother the sharper. The
+    reflections move like what is behind the plate, not like its surface.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    place = _mitsuba().ScalarTransform4f
+    eye, lights = np.array([0.0, 1.6, 6.0]), np.array([0.0, 1.9, -1.4])
+    scene: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 5},
+        "sky": {"type": "constant", "radiance": 0.2},
+        "floor": {
+            "type": "rectangle",
+            "to_world": place().translate([0, -1.2, 0]).rotate([1, 0, 0], -90).scale(8),
+            "bsdf": _tiles([0.25, 0.25, 0.28], [0.45, 0.43, 0.4], 10),
+        },
+        "wall": {
+            "type": "rectangle",
+            "to_world": place().translate([0, 0, -3]).scale(8),
+            "bsdf": _tiles([0.3, 0.35, 0.4], [0.5, 0.45, 0.4], 10),
+        },
+    }
+    colors = ([1.0, 0.35, 0.25], [1.0, 0.9, 0.4], [0.4, 1.0, 0.5], [0.4, 0.55, 1.0])
+    for i, (color, radius) in enumerate(zip(colors, (0.06, 0.12, 0.22, 0.35), strict=True)):
+        scene[f"light-{i}"] = {
+            "type": "sphere",
+            "to_world": place().translate([1.2 * i - 1.8, *lights[1:]]).scale(radius),
+            # All send out the same power.
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [0.2 * c / radius**2 for c in color]}},
+        }
+    for i, alpha in enumerate((0.02, 0.06, 0.15, 0.3)):
+        center = np.array([0, -0.1 - 0.3 * i, -1.1 + 0.75 * i])
+        normal = sum((aim - center) / np.linalg.norm(aim - center) for aim in (eye, lights))
+        tilt = float(np.degrees(np.arctan2(normal[2], normal[1])))
+        metal = {"type": "roughconductor", "material": "Al", "alpha": alpha}
+        plastic = {
+            "type": "roughplastic",
+            "diffuse_reflectance": {"type": "rgb", "value": [0.1, 0.2, 0.3]},
+            "alpha": alpha,
+        }
+        scene[f"plate-{i}"] = {
+            "type": "cube",
+            "to_world": place().translate(center).rotate([1, 0, 0], tilt).scale([2, 0.02, 0.3]),
+            "bsdf": plastic if i == 2 else metal,
+        }
+
+    def view(t: float) -> Camera:
+        angle = np.radians(-9 + 18 * t)
+        origin = [eye[2] * np.sin(angle), eye[1], eye[2] * np.cos(angle)]
+        return Camera.from_look_at(origin, [0, 0.3, 0], [0, 1, 0], 35, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def mirror_room(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """Textured shapes on a polished floor before a mirror, filmed in passing: everything is seen twice or more.
+
+    The mirror is perfect, the floor nearly so. What they show moves like what is behind them.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    place = _mitsuba().ScalarTransform4f
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 6},
+        # Light from everywhere: mirrors would focus that of small lights to more noise than one can look through.
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.7, 0.75, 0.85]}},
+        "floor": {
+            "type": "rectangle",
+            "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
+            "bsdf": {"type": "roughconductor", "material": "Al", "alpha": 0.03},
+        },
+        "mirror": {
+            "type": "rectangle",
+            "to_world": place().translate([0, 0, -1.5]).scale([1.8, 1, 1]),
+            "bsdf": {"type": "conductor", "material": "Ag"},
+        },
+        "wall": {
+            "type": "rectangle",
+            "to_world": place().translate([0, 0, -1.6]).scale(4),
+            "bsdf": _tiles([0.45, 0.2, 0.15], [0.6, 0.5, 0.4], 12),
+        },
+        "front": {
+            "type": "rectangle",
+            "to_world": place().translate([0, 0, 6]).rotate([0, 1, 0], 180).scale([4, 2.5, 1]),
+            "bsdf": _picture(),
+        },
+        "ball": {
+            "type": "sphere",
+            "to_world": place().translate([-0.75, -0.55, 0]).scale(0.45),
+            "bsdf": _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5),
+        },
+        "cube": {
+            "type": "cube",
+            "to_world": place().translate([0.7, -0.65, -0.2]).rotate([0, 1, 0], 25).scale(0.35),
+            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+        },
+        "column": {
+            "type": "cube",
+            "to_world": place().translate([0.05, -0.3, -0.7]).rotate([0, 1, 0], 40).scale([0.15, 0.7, 0.15]),
+            "bsdf": _tiles([0.15, 0.5, 0.3], [0.9, 0.9, 0.85], 3),
+        },
+    }
+
+    def view(t: float) -> Camera:
+        x = -0.6 + 1.2 * t
+        return Camera.from_look_at([x, 0.35, 4.4], [0.4 * x, -0.15, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def thicket(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """Bushes of thin twigs and leaves under sun and sky, in passing: more edges than pixels, and gaps that open.
+
+    The bushes are grown by an iterated function system: every twig carries smaller copies of itself. All twigs are one
+    shape and all leaves another, so that ids do not tell them apart.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    place = _mitsuba().ScalarTransform4f
+    rng = np.random.default_rng(4)
+    # A twig goes from the origin to (0, 1, 0): at its end it forks in three, and from its middle a fourth grows.
+    maps = np.array(
+        [
+            *(_pose([0, 1, 0], 0.7, turn, 33) for turn in (0, 120, 240)),
+            _pose([0, 0.55, 0], 0.55, 75, 50),
+        ]
+    )
+    spots = [(-1.9, -0.7), (-0.8, 0.2), (0.3, -0.9), (1.2, 0.1), (2.2, -0.8), (-1.2, -2.1), (0.9, -2.3)]
+    generation = np.array([_pose([x, 0, z], rng.uniform(0.5, 0.7), rng.uniform(0, 360), 5) for x, z in spots])
+    twigs = [generation]
+    for _ in range(4):
+        generation = (generation[:, None] @ maps).reshape(-1, 4, 4)
+        twigs.append(generation)
+    stems = np.concatenate(twigs)
+    sprays = np.array([_pose([0, y, 0], 0.55, turn, 60) for y, turn in ((0.5, 30), (0.8, 160), (1, 280))])
+    leaves = (generation[:, None] @ sprays).reshape(-1, 4, 4)
+    corners = np.radians([0, 120, 240])
+    ring = np.stack([np.cos(corners), np.zeros(3), np.sin(corners)], -1)
+    prism = np.concatenate([0.035 * ring, 0.022 * ring + [0, 1, 0]])
+    sides = [[i, (i + 1) % 3, 3 + i] for i in range(3)] + [[(i + 1) % 3, 3 + (i + 1) % 3, 3 + i] for i in range(3)]
+    leaf = np.array([[0, 0, 0], [0.3, 0.5, 0.08], [0, 1, 0], [-0.3, 0.5, 0.08]])
+    tints = rng.uniform(0.6, 1.4, (len(leaves), 1)) * [0.22, 0.42, 0.08]
+    tints[:, 0] *= rng.uniform(0.7, 2, len(leaves))
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 4},
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.35, 0.45, 0.6]}},
+        "sun": {
+            "type": "sphere",
+            "to_world": place().translate([6, 12, 7]),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [110.0, 95.0, 70.0]}},
+        },
+        "ground": {
+            "type": "rectangle",
+            "to_world": place().rotate([1, 0, 0], -90).scale(10),
+            "bsdf": _tiles([0.3, 0.24, 0.16], [0.42, 0.36, 0.25], 24),
+        },
+        "twigs": _copies("twigs", prism, sides, stems, np.broadcast_to([0.33, 0.22, 0.13], (len(stems), 3))),
+        "leaves": _copies("leaves", leaf, [[0, 1, 2], [0, 2, 3]], leaves, np.minimum(tints, 0.9)),
+    }
+
+    def view(t: float) -> Camera:
+        x = -0.5 + t
+        return Camera.from_look_at([x, 1.1, 4.2], [0.6 * x, 0.75, 0], [0, 1, 0], 32, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def spinning_shapes(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """Textured shapes that fly and spin before a textured wall, filmed in passing: everything moves its own way.
+
+    They cover and uncover the wall and each other, and show and hide their own sides; edges and textures in motion are
+    what antialiasing has to cope with.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        The moving shapes are called `"ball"`, `"cube"` and `"disk"`.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    place = _mitsuba().ScalarTransform4f
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 4},
+        "sky": {"type": "constant", "radiance": 0.25},
+        "light": {
+            "type": "rectangle",
+            "to_world": place().look_at([1.5, 4, 3], [0, 0, 0], [0, 1, 0]),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [13.0, 12.0, 11.0]}},
+        },
+        "wall": {"type": "rectangle", "to_world": place().translate([0, 0, -1.5]).scale([3, 3, 1]), "bsdf": _picture()},
+        "floor": {
+            "type": "rectangle",
+            "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(5),
+            "bsdf": _tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 10),
+        },
+        "ball": {"type": "sphere", "radius": 0.45, "bsdf": _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5)},
+        "cube": {"type": "cube", "to_world": place().scale(0.3), "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2)},
+        "disk": {
+            "type": "disk",
+            "to_world": place().scale(0.5),
+            "bsdf": {"type": "twosided", "nested": _tiles([0.15, 0.5, 0.3], [0.9, 0.9, 0.85], 4)},
+        },
+    }
+
+    def view(t: float) -> Camera:
+        x = -0.4 + 0.8 * t
+        return Camera.from_look_at([x, 0.3, 4.6], [0.9 * x, -0.05, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+
+    def poses(t: float) -> dict[str, Matrix]:
+        return {
+            "ball": _turn([0.2, 1, 0.1], 90 * t, [-0.9 + 0.25 * t, -0.45, 0.3]),
+            "cube": _turn([1, 0.6, 0.3], 70 * t, [1.1 - 0.9 * t, -0.35 + 0.7 * t, 0.1]),
+            "disk": _turn([0, 1, 0.4], -50 + 100 * t, [0.1 + 0.5 * t, 0.45 - 0.5 * t, -0.6]),
+        }
+
+    return _sequence(scene, frames, view, poses)
+
+
+def _mitsuba() -> Any:
+    try:
+        import mitsuba as mi
+    except ImportError as error:
+        raise ImportError("scenes need Mitsuba: pip install 'yester[mitsuba]'") from error
+    if mi.variant() is None:
+        mi.set_variant("scalar_rgb")
+    return mi
+
+
+def _sequence(
+    scene: dict[str, Any],
+    frames: int,
+    view: Callable[[float], Camera],
+    poses: Callable[[float], dict[str, Matrix]] = lambda t: {},
+) -> Sequence:
+    """From what happens at time t, 0 to 1."""
     times = np.linspace(0, 1, frames)
-    return Sequence(scene, [_view(t, width, height) for t in times], [{"cube": _flight(t)} for t in times])
+    return Sequence(scene, [view(t) for t in times], [poses(t) for t in times], [{} for _ in times])
+
+
+def _room() -> dict[str, Any]:
+    """Mitsuba's Cornell box with a tiled floor and a picture on its back wall."""
+    mi = _mitsuba()
+    scene: dict[str, Any] = mi.cornell_box()
+    del scene["sensor"]
+    scene["floor"]["bsdf"] = _tiles([0.75, 0.72, 0.68], [0.3, 0.29, 0.31], 4)
+    scene["poster"] = {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f().translate([0.2, 0.3, -0.99]).scale([0.6, 0.45, 1]),
+        "bsdf": _picture(),
+    }
+    return scene
 
 
 def _view(t: float, width: int, height: int) -> Camera:
@@ -102,31 +453,61 @@ def _view(t: float, width: int, height: int) -> Camera:
     return Camera.from_look_at(origin, [0, 0, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
 
 
-def _flight(t: float) -> NDArray[np.float64]:
+def _flight(t: float) -> Matrix:
     """Where the cube is: a leap through the box while turning by 60 degrees about a tilted axis."""
-    axis = np.array([0.3, 1, 0.2]) / np.linalg.norm([0.3, 1, 0.2])
-    angle = np.radians(20 + 60 * t)
-    x, y, z = axis
+    return _turn([0.3, 1, 0.2], 20 + 60 * t, [-0.5 + 0.7 * t, -0.4 + 0.2 * np.sin(np.pi * t), 0.35 - 0.1 * t])
+
+
+def _turn(axis: ArrayLike, degrees: float, place: ArrayLike) -> Matrix:
+    """Turned about an axis through the origin, then moved to a place."""
+    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
+    angle = np.radians(degrees)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     pose = np.eye(4)
     pose[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    pose[:3, 3] = [-0.5 + 0.7 * t, -0.4 + 0.2 * np.sin(np.pi * t), 0.35 - 0.1 * t]
+    pose[:3, 3] = place
     return pose
+
+
+def _pose(place: ArrayLike, scale: float, turn: float, lean: float) -> Matrix:
+    """Leaning from the vertical and turned about it, in degrees; then scaled and moved to a place."""
+    return _turn([0, 1, 0], turn, place) @ _turn([0, 0, 1], lean, [0, 0, 0]) @ np.diag([scale, scale, scale, 1])
+
+
+def _copies(name: str, vertices: Matrix, faces: ArrayLike, poses: Matrix, colors: Matrix) -> Any:
+    """A mesh of coloured copies (N, 3) of a small one, at every pose (N, 4, 4), diffuse on both sides."""
+    mi = _mitsuba()
+    tint = {"type": "mesh_attribute", "name": "face_color"}
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": tint}})
+    points = vertices @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+    indices = np.asarray(faces) + len(vertices) * np.arange(len(poses))[:, None, None]
+    mesh = mi.Mesh(name, points.shape[0] * points.shape[1], indices.shape[0] * indices.shape[1], properties)
+    mesh.add_attribute("face_color", 3, np.repeat(colors, indices.shape[1], 0).astype(np.float32).ravel())
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = points.astype(np.float32).ravel()
+    parameters["faces"] = indices.astype(np.uint32).ravel()
+    parameters.update()
+    return mesh
 
 
 def _tiles(dark: list[float], bright: list[float], repeat: float) -> dict[str, Any]:
     """A diffuse checkerboard."""
-    import mitsuba as mi
-
     return {
         "type": "diffuse",
         "reflectance": {
             "type": "checkerboard",
             "color0": {"type": "rgb", "value": dark},
             "color1": {"type": "rgb", "value": bright},
-            "to_uv": mi.ScalarTransform4f().scale([repeat, repeat, 1]),
+            "to_uv": _mitsuba().ScalarTransform4f().scale([repeat, repeat, 1]),
         },
     }
+
+
+def _picture() -> dict[str, Any]:
+    """A diffuse picture of rings."""
+    bitmap = _mitsuba().Bitmap(_rings())
+    return {"type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": bitmap, "raw": True}}
 
 
 def _rings(size: int = 256) -> NDArray[np.float32]:

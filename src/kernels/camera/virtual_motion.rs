@@ -63,6 +63,7 @@ impl VirtualMotion<'_> {
     fn pixel(&self, x: usize, y: usize) -> Option<DVec2> {
         let centre = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
         let i = y * self.camera.size.width + x;
+        let distance = f64::from(self.hit_distance.plane(0)[i]);
         let point = match self.geometry.at(self.camera, centre, i) {
             Shown::Point(point) => point,
             Shown::Background => {
@@ -72,10 +73,12 @@ impl VirtualMotion<'_> {
             }
             Shown::Unknown => return None,
         };
+        if distance.is_nan() || distance < 0.0 {
+            return None;
+        }
         let (now, depth) = self.camera.project(point);
         let view = (point - self.camera.position).normalize();
-        let distance = f64::from(self.hit_distance.plane(0)[i]);
-        if !(depth > 0.0 && distance >= 0.0) {
+        if depth.is_nan() || depth <= 0.0 {
             return None;
         }
         if distance == f64::INFINITY {

@@ -8,24 +8,31 @@
 
 type Color = [f32; 3];
 
-/// Where a segment enters: the share t of the way from `outside` to `inside`, from the signed distances of both ends.
+/// Where a segment leaves: the share of the way from `inside` to `outside`, from the signed distances of both ends.
 #[inline(always)]
 fn crossing(outside: f64, inside: f64) -> f64 {
     // The end inside is so by construction; rounding may say otherwise.
-    outside / (outside - inside.max(0.0))
+    let inside = inside.max(0.0);
+    inside / (inside - outside)
 }
 
 /// Bounds whose inside is where every signed distance is at least 0.
 pub trait Hull {
-    /// The largest share of the way from `color` to `target` at which a bound is crossed; 0 inside.
-    fn entry(&self, color: Color, target: Color) -> f64;
+    /// The least share of the way from `target` to `color` at which a bound is crossed; none if it is inside.
+    fn exit(&self, color: Color, target: Color) -> Option<f64>;
 }
 
 /// The colour on the way to a target inside where it enters the hull; `None` where it is inside.
 #[inline(always)]
 pub fn enter(hull: &impl Hull, color: Color, target: Color) -> Option<Color> {
-    let t = hull.entry(color, target) as f32;
-    (t > 0.0).then(|| [0, 1, 2].map(|c| color[c] + t * (target[c] - color[c])))
+    let t = hull.exit(color, target)? as f32;
+    Some(toward(color, target, t))
+}
+
+/// From the target, which is near, rather than from the colour: a colour far out has no digits left for its goal.
+#[inline(always)]
+pub fn toward(color: Color, target: Color, t: f32) -> Color {
+    [0, 1, 2].map(|c| target[c] + t * (color[c] - target[c]))
 }
 
 pub struct Polygon {
@@ -108,12 +115,12 @@ fn ahead(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
 
 impl Hull for Polygon {
     #[inline(always)]
-    fn entry(&self, color: Color, target: Color) -> f64 {
+    fn exit(&self, color: Color, target: Color) -> Option<f64> {
         let [from, to] = [color, target].map(|c| [f64::from(c[1]), f64::from(c[2])]);
-        let mut t = 0.0_f64;
+        let mut t = None;
         let mut bound = |outside: f64, inside: f64| {
             if outside < 0.0 {
-                t = t.max(crossing(outside, inside));
+                t = Some(crossing(outside, inside).min(t.unwrap_or(1.0)));
             }
         };
         for (sign, limit) in [(1.0, self.low), (-1.0, self.high)] {
@@ -124,7 +131,7 @@ impl Hull for Polygon {
         match *corners {
             [point] => {
                 if from != point {
-                    t = 1.0;
+                    t = Some(0.0);
                 }
             }
             [a, b] => {
@@ -187,13 +194,14 @@ impl Polytope {
 
 impl Hull for Polytope {
     #[inline(always)]
-    fn entry(&self, color: Color, target: Color) -> f64 {
-        let mut t = 0.0_f64;
+    fn exit(&self, color: Color, target: Color) -> Option<f64> {
+        let mut t = None;
         for (direction, [low, high]) in DIRECTIONS.into_iter().zip(self.slabs) {
             let [from, to] = [color, target].map(|color| along(direction, color));
             for (outside, inside) in [(from - low, to - low), (high - from, high - to)] {
                 if outside < 0.0 {
-                    t = t.max(crossing(f64::from(outside), f64::from(inside)));
+                    let here = crossing(f64::from(outside), f64::from(inside));
+                    t = Some(here.min(t.unwrap_or(1.0)));
                 }
             }
         }

@@ -19,7 +19,7 @@
 
 use std::ops::Range;
 
-use super::hull::{Hull, Polygon, Polytope, enter};
+use super::hull::{Hull, Polygon, Polytope, enter, toward};
 use crate::error::{Error, Result, in_range};
 use crate::image::{BandMut, Image, View};
 use crate::rows::{self, Kernel};
@@ -91,23 +91,30 @@ impl Params {
         in_range("gamma", self.gamma, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
         })?;
-        let needs =
-            |argument: &str, expected: &str| Err(Error::value(argument, expected, "another"));
+        let response = name_of(self.response, &Self::RESPONSES);
+        let bounds = name_of(self.bounds, &Self::BOUNDS);
         if self.response == Response::Ellipsoid && self.bounds != Bounds::Variance {
-            return needs("box", "\"variance\" for response \"ellipsoid\"");
+            let expected = "\"variance\" for response \"ellipsoid\"";
+            return Err(Error::value("box", expected, bounds));
         }
         let hull = matches!(self.bounds, Bounds::Hull | Bounds::ChromaHull);
         if hull && self.response != Response::Current {
-            return needs("response", "\"current\" for a hull as box");
+            let expected = format!("\"current\" for box {bounds}");
+            return Err(Error::value("response", expected, response));
         }
         if self.bounds == Bounds::ChromaHull && !self.space.has_chrominance() {
-            return needs(
-                "space",
-                "\"ycocg\" or \"tonemapped-ycocg\" for box \"chroma-hull\"",
-            );
+            let expected = format!("\"ycocg\" or \"tonemapped-ycocg\" for box {bounds}");
+            let space = name_of(self.space, &Self::SPACES);
+            return Err(Error::value("space", expected, space));
         }
         Ok(())
     }
+}
+
+/// The quoted name of a mode.
+fn name_of<T: Copy + PartialEq>(mode: T, names: &[(&str, T)]) -> String {
+    let known = names.iter().find(|(_, other)| *other == mode);
+    format!("{:?}", known.map_or("", |(name, _)| name))
 }
 
 type Color = [f32; 3];
@@ -305,17 +312,16 @@ impl Clip<'_> {
             }
             Response::Current => {
                 let target = if own[0].is_nan() { center } else { held(own) };
-                let entry = |c: usize| {
+                let exit = |c: usize| {
                     let bound = if color[c] < low[c] { low[c] } else { high[c] };
                     let outside = color[c] < low[c] || color[c] > high[c];
                     if outside {
-                        (bound - color[c]) / (target[c] - color[c])
+                        (bound - target[c]) / (color[c] - target[c])
                     } else {
-                        0.0
+                        1.0
                     }
                 };
-                let t = entry(0).max(entry(1)).max(entry(2));
-                held([0, 1, 2].map(|c| color[c] + t * (target[c] - color[c])))
+                held(toward(color, target, exit(0).min(exit(1)).min(exit(2))))
             }
             _ => held(color),
         })

@@ -12,18 +12,20 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Run, Tap, View};
+use crate::image::{BandMut, Image, Run, Tap, Tiles, View};
 use crate::rows::{self, Kernel};
 
 /// The offset of relMSE, by which dark pixels do not count beyond measure.
 const EPSILON: f32 = 0.01;
 
+/// Where `tiles` are given, the gain means something in those alone that are on.
 pub fn prediction_gain(
     candidate: View,
     base: View,
     color: View,
     ids: Option<View<u32>>,
     radius: usize,
+    tiles: Option<&Tiles>,
 ) -> Image {
     let size = color.size;
     let mut terms = Image::new(size, 2);
@@ -45,6 +47,7 @@ pub fn prediction_gain(
             ids,
             radius,
             axes,
+            tiles,
         };
         rows::run(&kernel, size.height, sums.bands());
         std::mem::swap(&mut terms, &mut sums);
@@ -93,6 +96,7 @@ struct Window<'a> {
     radius: usize,
     /// 1 where the window reaches along x and y, 0 where it does not.
     axes: [isize; 2],
+    tiles: Option<&'a Tiles>,
 }
 
 impl<'a> Kernel for Window<'a> {
@@ -103,39 +107,52 @@ impl<'a> Kernel for Window<'a> {
         let size = self.terms.size;
         let [wide, high] = self.axes.map(|axis| axis * self.radius as isize);
         for y in rows {
+            let [sums, counts] = out.rows(y);
+            sums.fill(0.0);
+            counts.fill(0.0);
             let row = Run {
                 y,
                 x: 0,
                 len: size.width,
             };
-            let [sums, counts] = out.rows(y);
-            sums.fill(0.0);
-            counts.fill(0.0);
-            for dy in -high..=high {
-                for dx in -wide..=wide {
-                    let tap = Tap { dx, dy, step: 1 };
-                    let Some(here) = tap.inside(row, size) else {
-                        continue;
-                    };
-                    let there = tap.of(here);
-                    let sums = &mut sums[here.x..][..here.len];
-                    let counts = &mut counts[here.x..][..here.len];
-                    let [terms, known] = there.rows(self.terms);
-                    match self.ids {
-                        None => {
-                            for i in 0..sums.len() {
-                                sums[i] += terms[i];
-                                counts[i] += known[i];
-                            }
+            match self.tiles {
+                None => self.add(row, [wide, high], sums, counts),
+                // The sums along x, which come first, are asked for by the rows around as well.
+                Some(tiles) => tiles
+                    .runs(row, self.radius)
+                    .for_each(|run| self.add(run, [wide, high], sums, counts)),
+            }
+        }
+    }
+}
+
+impl Window<'_> {
+    #[inline(always)]
+    fn add(&self, run: Run, [wide, high]: [isize; 2], sums: &mut [f32], counts: &mut [f32]) {
+        for dy in -high..=high {
+            for dx in -wide..=wide {
+                let tap = Tap { dx, dy, step: 1 };
+                let Some(here) = tap.inside(run, self.terms.size) else {
+                    continue;
+                };
+                let there = tap.of(here);
+                let sums = &mut sums[here.x..][..here.len];
+                let counts = &mut counts[here.x..][..here.len];
+                let [terms, known]: [&[f32]; 2] = there.rows(self.terms);
+                match self.ids {
+                    None => {
+                        for i in 0..sums.len() {
+                            sums[i] += terms[i];
+                            counts[i] += known[i];
                         }
-                        Some(ids) => {
-                            let own = &ids.row(0, here.y)[here.x..][..here.len];
-                            let other = &ids.row(0, there.y)[there.x..][..here.len];
-                            for i in 0..sums.len() {
-                                let same = if own[i] == other[i] { 1.0 } else { 0.0 };
-                                sums[i] += same * terms[i];
-                                counts[i] += same * known[i];
-                            }
+                    }
+                    Some(ids) => {
+                        let own = &ids.row(0, here.y)[here.x..][..here.len];
+                        let other = &ids.row(0, there.y)[there.x..][..here.len];
+                        for i in 0..sums.len() {
+                            let same = if own[i] == other[i] { 1.0 } else { 0.0 };
+                            sums[i] += same * terms[i];
+                            counts[i] += same * known[i];
                         }
                     }
                 }

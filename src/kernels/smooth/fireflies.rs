@@ -2,10 +2,11 @@
 //!
 //! The ring is the window around a pixel without the pixel itself, so that a firefly does not speak for itself. With mean
 //! and standard deviation of its luminances, a pixel may be as bright as mean + t·deviation (NRD's anti-firefly has a 9×9
-//! ring and t = 2). What exceeds it, e = l − limit, is not lost, which would darken the image: the pixels of the window
-//! that are below their own limits take it, in its colour, in proportion to their headroom g = limit − l and up to it:
+//! ring and t = 2). What exceeds it, e = l − limit, is not lost at once, which would darken the image: the pixels of the
+//! window that are below their own limits take it, in its colour, in proportion to their headroom g and up to it:
 //!   given = min(e, Σg),  a pixel q gets g_q Σ_p (c_p / l_p) given_p / Σg_p,
-//! the sum over fireflies p around q. What nobody could take is removed, and reported.
+//! the sum over fireflies p around q. What nobody could take is removed, and reported. Headroom is g = limit′ − l with
+//! limits taken from what the first round left, or a firefly would make room for itself.
 //!
 //! Input: colour (any channels are its three). Outputs: colour (3), removed luminance (1). Missing pixels stay, do not
 //! count and take nothing; where the ring has fewer than two pixels there is no limit.
@@ -57,22 +58,19 @@ pub fn suppress_fireflies(color: View, params: Params) -> (Image, Image) {
     let reach = params.radius as isize;
     let mut moments = Image::new(size, 3);
     rows::run(&Moments { color }, size.height, moments.bands());
-    // The ring is put together from columns, those beside the pixel and its own without it. Subtracting the pixel
-    // from the whole window would not do: beside a firefly the rest is rounded away.
-    let columns = sums(moments.view(), [0, 1], reach, Middle::Counts);
-    let beside = sums(columns.view(), [1, 0], reach, Middle::Left);
-    let own = sums(moments.view(), [0, 1], reach, Middle::Left);
-    let mut limits = Image::new(size, 2);
-    let kernel = Limits {
-        moments: &moments,
-        ring: [&beside, &own],
-        threshold: params.threshold,
-    };
-    rows::run(&kernel, size.height, limits.bands());
-
+    let limits = limit(&moments, reach, params.threshold);
     let mut removed = Image::new(size, 1);
     let received = params.redistribute.then(|| {
-        let room = window(limits.channels(1..2), reach);
+        let mut held = moments.clone();
+        rows::run(&HoldMoments { limits: &limits }, size.height, held.bands());
+        let mut headroom = Image::new(size, 1);
+        let second = limit(&held, reach, params.threshold);
+        let kernel = Headroom {
+            moments: &held,
+            limits: &second,
+        };
+        rows::run(&kernel, size.height, headroom.bands());
+        let room = window(headroom.view(), reach);
         let mut gifts = Image::new(size, 3);
         let kernel = Gifts {
             color,
@@ -81,10 +79,14 @@ pub fn suppress_fireflies(color: View, params: Params) -> (Image, Image) {
             room: &room,
         };
         rows::run(&kernel, size.height, gifts.bands().zip(removed.bands()));
-        window(gifts.view(), reach)
+        (headroom, window(gifts.view(), reach))
     });
     if received.is_none() {
-        removed.set_channels(0, limits.channels(0..1));
+        let kernel = Excess {
+            moments: &moments,
+            limits: &limits,
+        };
+        rows::run(&kernel, size.height, removed.bands());
     }
     let mut held = Image::new(size, 3);
     let kernel = Hold {
@@ -186,9 +188,23 @@ impl<'a> Kernel for Sums<'a> {
     }
 }
 
-/// Excess over the limit, and headroom below it.
+/// The limit of each pixel; +inf where there is none.
+fn limit(moments: &Image, reach: isize, threshold: f32) -> Image {
+    // The ring is put together from columns, those beside the pixel and its own without it. Subtracting the pixel
+    // from the whole window would not do: beside a firefly the rest is rounded away.
+    let columns = sums(moments.view(), [0, 1], reach, Middle::Counts);
+    let beside = sums(columns.view(), [1, 0], reach, Middle::Left);
+    let own = sums(moments.view(), [0, 1], reach, Middle::Left);
+    let mut limits = Image::new(moments.size, 1);
+    let kernel = Limits {
+        ring: [&beside, &own],
+        threshold,
+    };
+    rows::run(&kernel, moments.size.height, limits.bands());
+    limits
+}
+
 struct Limits<'a> {
-    moments: &'a Image,
     /// Two parts whose sum is the ring's count and moments.
     ring: [&'a Image; 2],
     threshold: f32,
@@ -200,19 +216,90 @@ impl<'a> Kernel for Limits<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
         for y in rows {
-            let [present, l, _] = self.moments.view().rows(y);
             let [[n0, a0, b0], [n1, a1, b1]] = self.ring.map(|part| part.view().rows(y));
-            let [excess, headroom] = out.rows(y);
-            for x in 0..l.len() {
+            for (x, out) in out.row(0, y).iter_mut().enumerate() {
                 let count = n0[x] + n1[x];
                 let mean = (a0[x] + a1[x]) / count;
                 let variance = ((b0[x] + b1[x]) / count - mean * mean).max(0.0);
                 let limit = (mean + self.threshold * variance.sqrt()) * SLACK;
-                let limited = (present[x] > 0.0) & (count >= 2.0);
-                let above = if l[x] > 0.0 { l[x] - limit } else { 0.0 };
-                excess[x] = if limited { above.max(0.0) } else { 0.0 };
-                headroom[x] = if limited {
-                    (limit - l[x]).max(0.0)
+                // Squares that overflow leave no limit either.
+                let limited = (count >= 2.0) & limit.is_finite();
+                *out = if limited { limit } else { f32::INFINITY };
+            }
+        }
+    }
+}
+
+/// What a luminance has beyond its limit; nothing that is not positive has.
+#[inline(always)]
+fn excess(l: f32, limit: f32) -> f32 {
+    if l > 0.0 { (l - limit).max(0.0) } else { 0.0 }
+}
+
+struct Excess<'a> {
+    moments: &'a Image,
+    limits: &'a Image,
+}
+
+impl<'a> Kernel for Excess<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        for y in rows {
+            let [_, l, _] = self.moments.view().rows(y);
+            let limit = self.limits.view().row(0, y);
+            for (x, out) in out.row(0, y).iter_mut().enumerate() {
+                *out = excess(l[x], limit[x]);
+            }
+        }
+    }
+}
+
+/// Moments of what is left when luminances are held to their limits.
+struct HoldMoments<'a> {
+    limits: &'a Image,
+}
+
+impl<'a> Kernel for HoldMoments<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut moments: BandMut<'a>) {
+        for y in rows {
+            let limit = self.limits.view().row(0, y);
+            let [_, first, second] = moments.rows(y);
+            for x in 0..limit.len() {
+                let held = if excess(first[x], limit[x]) > 0.0 {
+                    limit[x]
+                } else {
+                    first[x]
+                };
+                first[x] = held;
+                second[x] = held * held;
+            }
+        }
+    }
+}
+
+/// What present pixels lack to their limits.
+struct Headroom<'a> {
+    moments: &'a Image,
+    limits: &'a Image,
+}
+
+impl<'a> Kernel for Headroom<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        for y in rows {
+            let [present, l, _] = self.moments.view().rows(y);
+            let limit = self.limits.view().row(0, y);
+            for (x, out) in out.row(0, y).iter_mut().enumerate() {
+                let limited = (present[x] > 0.0) & limit[x].is_finite();
+                *out = if limited {
+                    (limit[x] - l[x]).max(0.0)
                 } else {
                     0.0
                 };
@@ -238,17 +325,18 @@ impl<'a> Kernel for Gifts<'a> {
         for y in rows {
             let color: [_; 3] = self.color.rows(y);
             let [_, l, _] = self.moments.view().rows(y);
-            let excess = self.limits.view().row(0, y);
+            let limit = self.limits.view().row(0, y);
             let room = self.room.view().row(0, y);
             let removed = removed.row(0, y);
             let mut gifts: [_; 3] = gifts.rows(y);
             for x in 0..l.len() {
-                let gives = (excess[x] > 0.0) & (room[x] > 0.0);
-                let given = if gives { excess[x].min(room[x]) } else { 0.0 };
-                removed[x] = excess[x] - given;
+                let excess = excess(l[x], limit[x]);
+                let gives = (excess > 0.0) & (room[x] > 0.0);
+                let given = if gives { excess.min(room[x]) } else { 0.0 };
+                removed[x] = excess - given;
                 for (gift, color) in gifts.iter_mut().zip(color) {
                     gift[x] = if gives {
-                        color[x] / l[x] * given / room[x]
+                        color[x] / l[x] * (given / room[x])
                     } else {
                         0.0
                     };
@@ -262,8 +350,8 @@ struct Hold<'a> {
     color: View<'a>,
     moments: &'a Image,
     limits: &'a Image,
-    /// Gifts over the window.
-    received: Option<&'a Image>,
+    /// Headroom, and gifts over the window.
+    received: Option<&'a (Image, Image)>,
 }
 
 impl<'a> Kernel for Hold<'a> {
@@ -273,18 +361,20 @@ impl<'a> Kernel for Hold<'a> {
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
         for y in rows {
             let [_, l, _] = self.moments.view().rows(y);
-            let [excess, headroom] = self.limits.view().rows(y);
+            let limit = self.limits.view().row(0, y);
             for channel in 0..3 {
                 let color = self.color.row(channel, y);
                 let out = out.row(channel, y);
                 for x in 0..l.len() {
-                    let held = color[x] * ((l[x] - excess[x]) / l[x]);
-                    out[x] = if excess[x] > 0.0 { held } else { color[x] };
+                    let held = color[x] * (limit[x] / l[x]);
+                    let exceeds = excess(l[x], limit[x]) > 0.0;
+                    out[x] = if exceeds { held } else { color[x] };
                 }
-                if let Some(received) = self.received {
-                    let received = received.view().row(channel, y);
+                if let Some((headroom, gifts)) = self.received {
+                    let headroom = headroom.view().row(0, y);
+                    let gifts = gifts.view().row(channel, y);
                     for x in 0..l.len() {
-                        out[x] += headroom[x] * received[x];
+                        out[x] += headroom[x] * gifts[x];
                     }
                 }
             }

@@ -1,0 +1,200 @@
+import compare
+import numpy as np
+import pytest
+import reference
+import yester
+from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def image(rng, height, width, *, holes=0.05, brightest=100.0):
+    """Noise with a firefly in every thirtieth pixel."""
+    color = compare.colors(rng, height, width, holes=holes)
+    color[rng.random((height, width)) < 1 / 30] *= rng.uniform(1, brightest)
+    return color
+
+
+def luminance(color):
+    """(H, W) in double precision, 0 where missing."""
+    present = np.isfinite(color).all(-1, keepdims=True)
+    return np.where(present, color, 0).astype(np.float64) @ LUMINANCE
+
+
+def check(color, **named):
+    got, removed = yester.suppress_fireflies(color, **named)
+    want, want_removed, scale = reference.suppress_fireflies(tensor(color), margin=True, **named)
+    assert got.dtype == removed.dtype == np.float32
+    scale = scale.numpy()
+    assert_close("suppress_fireflies", got, want, scale=scale[..., None])
+    assert_close("suppress_fireflies removed", removed, want_removed, scale=scale)
+    return got, removed
+
+
+@settings(max_examples=150)
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 30), st.integers(1, 40)),
+    threshold=st.sampled_from([0.0, 1.0, 2.0, 4.0]),
+    radius=st.sampled_from([1, 2, 4, 7]),
+    redistribute=st.booleans(),
+    holes=st.sampled_from([0.0, 0.05, 0.7]),
+)
+def test_reference(seed, size, holes, **named):
+    check(image(np.random.default_rng(seed), *size, holes=holes), **named)
+
+
+@pytest.mark.parametrize("redistribute", [True, False])
+@pytest.mark.parametrize("size", SIZES + TAILS)
+def test_sizes(size, redistribute):
+    check(image(np.random.default_rng(size[1]), *size), radius=2, redistribute=redistribute)
+
+
+def test_negative_light():
+    """Below zero nothing is a firefly, but a limit may lie there."""
+    rng = np.random.default_rng(0)
+    color = rng.normal(-0.5, 1, (30, 31, 3)).astype(np.float32)
+    got, _ = check(color, threshold=0.5, radius=2)
+    dark = luminance(color) < 0
+    assert dark.mean() > 0.5
+    assert (luminance(got) >= luminance(color) - 1e-6)[dark].all()
+
+
+@pytest.mark.parametrize("value", [0.0, 0.7, 1e-6, 3e4, -0.7])
+@pytest.mark.parametrize("threshold", [0.0, 2.0])
+def test_constant_stays_to_the_bit(value, threshold):
+    color = np.full((21, 34, 3), value, np.float32)
+    color[3, 4] = np.nan
+    got, removed = yester.suppress_fireflies(color, threshold=threshold)
+    assert_same_bits(got, color)
+    assert not removed.any()
+
+
+def test_what_is_below_its_limit_and_far_from_fireflies_stays_to_the_bit():
+    rng = np.random.default_rng(0)
+    color = rng.uniform(1, 1.5, (40, 40, 3)).astype(np.float32)
+    color[20, 20] = 30
+    got, _ = yester.suppress_fireflies(color, radius=3, threshold=4.0)
+    touched = np.zeros((40, 40), bool)
+    touched[17:24, 17:24] = True
+    assert_same_bits(got[~touched], color[~touched])
+    assert (got != color).any(-1)[touched].all()
+
+
+def test_a_firefly_gives_its_light_away():
+    """All of it, in its own hue, to its window and as far as each neighbour's limit: nothing is removed."""
+    rng = np.random.default_rng(0)
+    color = rng.uniform(0.2, 1.8, (21, 21, 3)).astype(np.float32)
+    color[10, 10] = (9, 6, 3)
+    got, removed = yester.suppress_fireflies(color)
+    np.testing.assert_array_equal(removed, 0)
+    np.testing.assert_allclose(got.sum((0, 1), np.float64), color.sum((0, 1), np.float64), rtol=1e-6)
+    assert got[10, 10].max() < 3
+    gain = np.delete((got - color)[6:15, 6:15].reshape(81, 3), 40, 0)
+    assert (gain >= 0).all()
+    assert (gain > 0).mean() > 0.9
+    np.testing.assert_allclose(gain.sum(0) / gain.sum(), np.array([9, 6, 3]) / 18, atol=1e-3)
+
+
+def test_no_room_no_gift():
+    """What finds no place is reported: where all is flat limits rise by their share of the firefly alone.
+
+    In the corner of 3x3 windows the neighbours have rings of 5, 5 and 8, and give room to 1/5 + 1/5 + 1/8 of it.
+    """
+    color = np.full((6, 7, 3), 0.5, np.float32)
+    color[0, 0] = (40, 20, 10)
+    light = color[0, 0].astype(np.float64) @ LUMINANCE
+    got, removed = yester.suppress_fireflies(color, threshold=0.0, radius=1)
+    assert np.argwhere(removed).tolist() == [[0, 0]]
+    assert removed[0, 0] == pytest.approx((light - 0.5) * (1 - 0.525), rel=1e-4)
+    np.testing.assert_allclose(got[0, 0], color[0, 0] * 0.5 / light, rtol=1e-4)
+    for place, share in {(0, 1): 1 / 5, (1, 0): 1 / 5, (1, 1): 1 / 8}.items():
+        np.testing.assert_allclose(got[place], 0.5 + color[0, 0] * (light - 0.5) / light * share, rtol=1e-4)
+    assert_same_bits(got[2:], color[2:])
+    assert_same_bits(got[:, 2:], color[:, 2:])
+
+
+@settings(max_examples=50)
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    threshold=st.sampled_from([0.0, 1.0, 2.0]),
+    radius=st.sampled_from([1, 4]),
+    redistribute=st.booleans(),
+)
+def test_light_is_kept_or_reported(seed, size, redistribute, **named):
+    """The sum of luminance and of what was removed is what there was, however many fireflies share a window."""
+    color = image(np.random.default_rng(seed), *size)
+    got, removed = yester.suppress_fireflies(color, redistribute=redistribute, **named)
+    assert (removed >= 0).all()
+    total = luminance(color).sum()
+    assert luminance(got).sum() + removed.sum(dtype=np.float64) == pytest.approx(total, rel=1e-5, abs=1e-6)
+
+
+def test_only_what_stands_out_is_cut():
+    """A firefly beside noise: cut to what its neighbours have; without redistribution the rest keeps its bits."""
+    rng = np.random.default_rng(0)
+    color = rng.uniform(0.9, 1.1, (30, 30, 3)).astype(np.float32)
+    color[10, 12], color[20, 5] = 500, 60
+    got, removed = yester.suppress_fireflies(color, threshold=4.0, redistribute=False)
+    cut = (got != color).any(-1)
+    assert np.argwhere(cut).tolist() == [[10, 12], [20, 5]]
+    assert_same_bits(got[~cut], color[~cut])
+    assert (luminance(got)[cut] < 1.3).all()
+    np.testing.assert_allclose(removed[cut], luminance(color)[cut] - luminance(got)[cut], rtol=1e-5)
+    assert not removed[~cut].any()
+
+
+@pytest.mark.parametrize("brightness", [1e2, 1e4, 1e6, 1e8])
+def test_however_bright(brightness):
+    """What remains of a firefly is its limit, which does not depend on how bright it was."""
+    rng = np.random.default_rng(0)
+    color = rng.uniform(0.5, 1.5, (9, 9, 3)).astype(np.float32)
+    light = np.delete(luminance(color).ravel(), 40)
+    color[4, 4] = brightness
+    got, _ = yester.suppress_fireflies(color, redistribute=False)
+    np.testing.assert_allclose(got[4, 4], light.mean() + 2 * light.std(), rtol=1e-4)
+
+
+def test_too_few_to_judge_by():
+    """One neighbour has no deviation to speak of; and nobody, no limit at all."""
+    for color in (np.float32([[[9, 9, 9]]]), np.float32([[[1, 1, 1], [90, 90, 90]]])):
+        got, removed = yester.suppress_fireflies(color, threshold=0.0)
+        assert_same_bits(got, color)
+        assert not removed.any()
+
+
+def test_holes_stay_and_never_spread():
+    rng = np.random.default_rng(0)
+    color = image(rng, 30, 40, holes=0.4)
+    present = np.isfinite(color).all(-1)
+    got, removed = yester.suppress_fireflies(color)
+    assert_same_bits(got[~present], color[~present])
+    assert np.isfinite(got[present]).all()
+    assert np.isfinite(removed).all()
+    assert not removed[~present].any()
+
+
+def test_scale_does_not_matter():
+    color = image(np.random.default_rng(2), 20, 21)
+    color[0, 0] = 90  # a corner, that knows nobody to give it to
+    named = {"threshold": 0.0, "radius": 1}
+    got, removed = yester.suppress_fireflies(color, **named)
+    assert removed.any()
+    for k in (-7, 8):
+        scaled, scaled_removed = yester.suppress_fireflies(np.ldexp(color, k), **named)
+        assert_same_bits(scaled, np.ldexp(got, k))
+        assert_same_bits(scaled_removed, np.ldexp(removed, k))
+
+
+def test_bad_input():
+    color = np.ones((4, 5, 3), np.float32)
+    for name, values in {"threshold": (-1, np.nan, np.inf), "radius": (-1, 0, 17)}.items():
+        for value in values:
+            with pytest.raises(ValueError, match=name):
+                yester.suppress_fireflies(color, **{name: value})
+    for wrong in (color[..., 0], color[..., :2], color[:0]):
+        with pytest.raises(ValueError, match="color"):
+            yester.suppress_fireflies(wrong)
