@@ -4,11 +4,14 @@
 //!
 //! ```text
 //!   numpy ── bindings ──► planar views                          arrays are checked and taken apart, once
-//!   camera   jitter ► motion_vectors ► dilate_motion            where was each pixel's surface?
+//!   camera   jitter ► motion_vectors ► dilate_motion            where was each pixel's surface,
+//!            virtual_motion                                     and what it reflects?
 //!   fetch    reproject                                          history, brought here tap by tap
-//!   judge    consistency, clip_history                          what shows another surface or light is refused
-//!   merge    accumulate, resolve                                new samples join the history that is left
-//!   smooth   estimate_variance ► atrous                         what noise remains is averaged in space
+//!   judge    consistency, clip_history ► anti_lag,              what shows another surface or light is refused,
+//!            temporal_gradient, prediction_gain ► blend_factor  or counts for less
+//!   merge    accumulate, blend, resolve                         new samples join the history that is left
+//!   smooth   suppress_fireflies, fix_history,                   what noise remains
+//!            estimate_variance ► atrous, morphological_aa       is averaged in space
 //!   numpy ◄─ bindings ─── planar images
 //! ```
 //!

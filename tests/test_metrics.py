@@ -5,7 +5,7 @@ import flip_evaluator
 import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
-from yester.study.metrics import flip, flip_map, psnr, relmse, srgb
+from yester.study.metrics import flip, flip_map, psnr, relmse, srgb, temporal_error
 
 METRICS = [psnr, relmse, flip, flip_map]
 
@@ -86,6 +86,56 @@ def test_layout_and_type_do_not_matter(metric, pair):
     wide = np.repeat(image.astype(np.float64), 2, axis=1)[:, ::2]
     assert metric(wide, np.asfortranarray(reference)) == metric(image, reference)
     assert metric(image.tolist(), reference) == metric(image, reference)
+
+
+def test_temporal_error_by_hand():
+    # Encoded, the image rises by 12.92e-3 in one value of twelve, and its reference falls by as much in another.
+    black = np.zeros((2, 2, 3))
+    image, reference_before = black.copy(), black.copy()
+    image[0, 1, 2] = reference_before[1, 0, 0] = 1e-3
+    assert temporal_error(image, black, black, reference_before) == pytest.approx(12.92e-3 * np.sqrt(2 / 12))
+
+
+def test_temporal_error_of_independent_noise():
+    """Of an image that ought to stand still: the noise of one frame, once for each of two."""
+    rng = np.random.default_rng(3)
+    still = np.full((64, 64, 3), 0.5)
+    frames = still + rng.normal(0, 0.01, (2, *still.shape))
+    expected = np.sqrt(sum(np.mean((srgb(frame) - srgb(still)) ** 2) for frame in frames))
+    assert temporal_error(*frames, still, still) == pytest.approx(expected, rel=0.02)
+
+
+def test_temporal_error_ignores_what_stays_wrong(pair):
+    image, reference = pair
+    assert temporal_error(image, image, reference, reference) == 0
+    assert temporal_error(reference, image, reference, image) == 0
+
+
+def test_temporal_error_knows_its_arguments(pair):
+    """To exchange the images with the references, or the new with the old, changes nothing; one pair alone does."""
+    image, reference = pair
+    images = [image, reference, image**2, np.roll(reference, 1, axis=0)]
+    first = temporal_error(*images)
+    assert temporal_error(*images[2:], *images[:2]) == pytest.approx(first)
+    assert temporal_error(images[1], images[0], images[3], images[2]) == pytest.approx(first)
+    assert temporal_error(images[0], images[3], images[2], images[1]) != pytest.approx(first, rel=1e-3)
+
+
+@pytest.mark.parametrize("position", range(4))
+def test_temporal_error_names_what_is_wrong(position):
+    name = ["image", "before", "reference", "reference_before"][position]
+    images = [np.zeros((4, 5, 3)) for _ in range(4)]
+    images[position] = np.zeros((4, 5))
+    with pytest.raises(ValueError, match=rf"^{name}: expected shape \(H, W, 3\), got \(4, 5\)"):
+        temporal_error(*images)
+    images[position] = np.zeros((4, 5, 3))
+    images[position][1, 2, 0] = np.nan
+    with pytest.raises(ValueError, match=rf"^{name}: 1 of 60 values are not finite"):
+        temporal_error(*images)
+    images[position] = np.zeros((5, 4, 3))
+    odd = "image" if name == "reference" else name
+    with pytest.raises(ValueError, match=rf"^{odd}: expected the shape of the reference, \("):
+        temporal_error(*images)
 
 
 @pytest.mark.parametrize("metric", METRICS)

@@ -7,83 +7,12 @@ import reference
 import scene
 import yester
 from compare import assert_close, assert_same_bits, tensor
+from pipelines import sequence
 
 WIDTH, HEIGHT = 61, 43
 SIGMAS = {"sigma_normal": 100.0, "sigma_depth": 1.5, "sigma_plane": 0.02}
 LIMITS = {"relative_depth": 0.08, "plane_distance": 0.02, "normal_angle": 20.0}
 SETTINGS = {"alpha": 0.08, "moments_alpha": 0.25, "iterations": 4, "sigma_luminance": 3.0, "min_length": 3.0}
-
-
-def sequence(count: int, *, moving=True, size=(WIDTH, HEIGHT), holes=True) -> list[dict]:
-    """Noisy frames with every buffer, exact motion, some samples missing; emission on the box."""
-    rng = np.random.default_rng(7)
-    shots = [scene.shoot(number, *size, moving=moving) for number in range(-1, count)]
-    frames = []
-    for number, (before, shot) in enumerate(itertools.pairwise(shots)):
-        moves = scene.transforms(number) if moving else {}
-        emission = np.where((shot.ids == scene.BOX)[..., None], np.float32([0.5, 0.4, 0.1]), np.float32(0))
-        color = scene.noisy(shot, rng) + emission
-        if holes:
-            color[rng.random(shot.ids.shape) < 0.02] = np.nan
-            color[10:14, 5 * number : 5 * number + 7, 1] = np.inf
-        motion = yester.motion_vectors(shot.position, shot.camera, before.camera, ids=shot.ids, transforms=moves)
-        frames.append({"color": color, "motion": motion, "emission": emission, **shot.buffers()})
-    return frames
-
-
-class Composed:
-    """The pipeline once more, from the public kernels: the text of its definition."""
-
-    def __init__(self, *, feedback: bool = False):
-        self.feedback, self.before = feedback, None
-
-    def step(self, frame: yester.Frame) -> SimpleNamespace:
-        light, emission = frame.color, frame.emission
-        if frame.albedo is not None:
-            light = yester.demodulate(light, frame.albedo, emission=emission)
-        if self.before is None:
-            shape = light.shape[:2]
-            history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), ())]
-            confidence, rejection = np.zeros(shape, np.float32), None
-        else:
-            motion, tests = self.motion(frame), {}
-            for name in ("depth", "normal", "ids"):
-                now, before = getattr(frame, name), getattr(self.before, name)
-                if now is not None and before is not None:
-                    tests |= {name: now, f"previous_{name}": before}
-            if {"depth", "normal"} <= set(tests) and motion.shape[-1] == 3:
-                tests["previous_camera"] = self.before.camera
-            history, confidence = yester.reproject(self.history, motion, **tests, **LIMITS)
-            rejection, _ = yester.consistency(motion, **tests, **LIMITS)
-        sample = yester.accumulate(light, *history, alpha=SETTINGS["alpha"], moments_alpha=SETTINGS["moments_alpha"])
-        color, moments, length = sample.color, sample.moments, sample.history_length
-        alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **SIGMAS}
-        if frame.depth is not None and frame.normal is not None:
-            alike["camera"] = frame.camera
-        variance = yester.estimate_variance(moments, length, min_length=SETTINGS["min_length"], **alike)
-        smooth = {"sigma_luminance": SETTINGS["sigma_luminance"], **alike}
-        final, final_variance = yester.atrous(color, variance, iterations=SETTINGS["iterations"], **smooth)
-        first, _ = yester.atrous(color, variance, iterations=1, **smooth)
-        self.history, self.before = [first if self.feedback else color, moments, length], frame
-        if frame.albedo is not None:
-            final = yester.remodulate(final, frame.albedo, emission=emission)
-        final = np.where(np.isfinite(final).all(-1, keepdims=True), final, np.float32(0))
-        return SimpleNamespace(
-            color=final,
-            variance=final_variance,
-            history_length=length,
-            confidence=confidence,
-            rejection=rejection,
-            missing=sample.missing,
-        )
-
-    def motion(self, frame: yester.Frame) -> np.ndarray:
-        geometry = frame.depth if frame.position is None else frame.position
-        if frame.motion is not None:
-            return frame.motion
-        if geometry is not None and frame.camera is not None and self.before.camera is not None:
-            return yester.motion_vectors(geometry, frame.camera, self.before.camera)
-        return np.zeros((*frame.color.shape[:2], 2), np.float32)
 
 
 def pipeline(**named) -> yester.SVGF:

@@ -147,19 +147,20 @@ def _info(options: argparse.Namespace) -> None:
     from .io import describe
 
     known = describe(options.file)
+    width = max(map(len, [*known.channels, *known.missing, "camera"]))
     print(f"{known.path}: {known.width} x {known.height}")
     for name, channels in known.channels.items():
-        print(f"  {name:<9} {' '.join(channels)}")
+        print(f"  {name:<{width}} {' '.join(channels)}")
         if name in known.notes:
-            print(f"  {'':<9} {known.notes[name]}")
+            print(f"  {'':<{width}} {known.notes[name]}")
     if known.camera:
-        print(f"  {'camera':<9} at {_vector(known.camera.position)}, looks along {_vector(known.camera.forward)}")
+        print(f"  {'camera':<{width}} at {_vector(known.camera.position)}, looks along {_vector(known.camera.forward)}")
     if known.unrecognised:
         print(f"not recognised: {' '.join(known.unrecognised)}")
     if known.missing:
         print("missing:")
         for name, cost in known.missing.items():
-            print(f"  {name:<9} {cost}")
+            print(f"  {name:<{width}} {cost}")
 
 
 def _vector(values: NDArray[np.float64]) -> str:

@@ -23,11 +23,13 @@ from .projection import project, rays, unproject
 from .reproject import reproject
 from .resolve import resolve
 from .svgf import SVGF, Output
+from .taa import TAA
 from .variance import estimate_variance
 from .virtual_motion import virtual_motion
 
 __all__ = [
     "SVGF",
+    "TAA",
     "Accumulated",
     "Output",
     "accumulate",

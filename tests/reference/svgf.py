@@ -7,8 +7,10 @@ from .accumulate import accumulate
 from .atrous import atrous
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
-from .motion import motion_vectors
+from .fireflies import suppress_fireflies
+from .gradient import temporal_gradient
 from .reproject import reproject
+from .taa import PRESETS, antialias, find_motion
 from .variance import estimate_variance
 
 
@@ -22,7 +24,7 @@ class Output(NamedTuple):
 
 
 class SVGF:
-    """Spatiotemporal variance-guided filtering (Schied et al. 2017), composed of the references.
+    """Spatiotemporal variance-guided filtering (Schied et al. 2017), composed of the references; without reflections.
 
     Frames are anything with the attributes of `yester.Frame`, the buffers as tensors (H, W, C).
     """
@@ -42,6 +44,9 @@ class SVGF:
         normal_angle=25.0,
         min_length=3.5,
         feedback=False,
+        gradient=True,
+        fireflies=True,
+        antialias=True,
     ):
         self.blend = {"alpha": alpha, "moments_alpha": moments_alpha}
         self.sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}
@@ -52,27 +57,41 @@ class SVGF:
             "normal_angle": normal_angle,
         }
         self.min_length, self.feedback = min_length, feedback
+        self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
         self.reset()
 
     def reset(self) -> None:
-        self.previous = None
+        self.previous = self.antialiased = None
 
     def step(self, frame) -> Output:
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
         light = frame.color  # (H, W, 3)
         if frame.albedo is not None:
             light = demodulate(light, frame.albedo, emission=emission)  # (H, W, 3)
+        if self.fireflies:
+            light, _ = suppress_fireflies(light)  # (H, W, 3)
+        motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         if self.previous is None:
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), torch.zeros_like(light[..., 0])]
             confidence = torch.zeros_like(light[..., 0])  # (H, W)
             rejection = torch.zeros_like(confidence, dtype=torch.uint8)  # (H, W)
         else:
-            motion = self._motion(frame)  # (H, W, 2|3)
             tests = {**self._tests(frame, motion), **self.limits}
-            history, confidence = reproject(self.history, motion, **tests)  # ((H, W, 3), (H, W, 2), (H, W)), (H, W)
+            planes = self.history  # (H, W, 3), (H, W, 2), (H, W)
+            replays = self.gradient and frame.replay is not None
+            if replays:
+                planes = [*planes, temporal_gradient(frame.replay, self.previous.color, noise=0)]  # and (H, W)
+            fetched, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
+            history = fetched[:3]
+            if replays:
+                gradient = fetched[3]  # (H, W)
+            elif self.gradient:
+                known = history[0].where((confidence > 0)[..., None], torch.nan)  # (H, W, 3)
+                gradient = temporal_gradient(light, known)  # (H, W)
 
-        color, moments, length, missing = accumulate(light, *history, **self.blend)  # (H, W, 3), (H, W, 2), (H, W)
+        merged = accumulate(light, *history, gradient=gradient, **self.blend)
+        color, moments, length, missing = merged  # (H, W, 3), (H, W, 2), (H, W)
         similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         if frame.depth is not None and frame.normal is not None:
             similarity["camera"] = frame.camera
@@ -83,20 +102,15 @@ class SVGF:
         self.history, self.previous = [color, moments, length], frame
         if frame.albedo is not None:
             smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
-        smooth = smooth.where(smooth.isfinite().all(-1, keepdim=True), 0)  # (H, W, 3)
+        if self.antialias:
+            self.antialiased, *_ = antialias(PRESETS["best"], self.antialiased, smooth, motion, frame.depth)
+            smooth, _ = self.antialiased  # (H, W, 3)
+        smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing)
-
-    def _motion(self, frame) -> Tensor:
-        if frame.motion is not None:
-            return frame.motion  # (H, W, 2|3)
-        geometry = frame.position if frame.position is not None else frame.depth  # (H, W, 3) or (H, W)
-        if geometry is not None and frame.camera is not None and self.previous.camera is not None:
-            return motion_vectors(geometry, frame.camera, self.previous.camera)  # (H, W, 3)
-        return torch.zeros_like(frame.color[..., :2])  # (H, W, 2)
 
     def _tests(self, frame, motion: Tensor) -> dict:
         tests = {}
-        for name in ("depth", "normal", "ids"):
+        for name in ("depth", "normal", "ids", "object_normal"):
             now, before = getattr(frame, name), getattr(self.previous, name)
             if now is not None and before is not None:
                 tests |= {name: now, f"previous_{name}": before}

@@ -1,7 +1,7 @@
-"""How far an image is from its reference: PSNR, relMSE, FLIP.
+"""How far an image is from its reference: PSNR, relMSE, FLIP, and the temporal error of two frames in a row.
 
-Images are (H, W, 3), linear, scene-referred and unclamped. PSNR and FLIP judge what a viewer would see and therefore
-look at `srgb` of both images; relMSE looks at the linear values, bright ones included.
+Images are (H, W, 3), linear, scene-referred and unclamped. PSNR, FLIP and the temporal error judge what a viewer would
+see and therefore look at `srgb` of the images; relMSE looks at the linear values, bright ones included.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["flip", "flip_map", "psnr", "relmse", "srgb"]
+__all__ = ["flip", "flip_map", "psnr", "relmse", "srgb", "temporal_error"]
 
 
 def srgb(image: ArrayLike) -> NDArray[np.float64]:
@@ -50,7 +50,7 @@ def psnr(image: ArrayLike, reference: ArrayLike) -> float:
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
     """
-    image, reference = _pair(image, reference)
+    image, reference = _alike(image=image, reference=reference)
     error = np.mean((srgb(image) - srgb(reference)) ** 2)
     return float("inf") if error == 0 else float(-10 * np.log10(error))
 
@@ -78,7 +78,7 @@ def relmse(image: ArrayLike, reference: ArrayLike) -> float:
     .. [1] F. Rousselle, C. Knaus, M. Zwicker, "Adaptive sampling and reconstruction using greedy error
        minimization", ACM Transactions on Graphics 30(6), 2011.
     """
-    image, reference = _pair(image, reference)
+    image, reference = _alike(image=image, reference=reference)
     return float(np.mean((image - reference) ** 2 / (reference**2 + 0.01)))
 
 
@@ -121,7 +121,7 @@ def flip_map(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float32]:
         0 to 1.
     """
     # The evaluator ends the whole process on input that it does not like: nothing unchecked may reach it.
-    image, reference = _pair(image, reference)
+    image, reference = _alike(image=image, reference=reference)
     try:
         import flip_evaluator
     except ImportError as error:
@@ -131,10 +131,41 @@ def flip_map(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float32]:
     return np.asarray(errors, np.float32)[..., 0]
 
 
-def _pair(image: ArrayLike, reference: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Both images as float64, of one shape, finite."""
-    arrays = []
-    for name, value in (("image", image), ("reference", reference)):
+def temporal_error(image: ArrayLike, before: ArrayLike, reference: ArrayLike, reference_before: ArrayLike) -> float:
+    """How far the change from one frame to the next is from the reference's: flicker, crawling, lag.
+
+    The root mean square, over pixels and channels, of
+    ``(srgb(image) - srgb(before)) - (srgb(reference) - srgb(reference_before))``.
+
+    Parameters
+    ----------
+    image, before : (H, W, 3) array_like of float
+        Linear: a frame and the one before it.
+    reference, reference_before : (H, W, 3) array_like of float
+        Linear: the references of both.
+
+    Returns
+    -------
+    float
+        Lower is better, 0 to 2; 0 where the sequence changes as its reference does. What is wrong in both frames alike
+        does not count.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or are not (H, W, 3), or a value is not finite.
+    """
+    image, before, reference, reference_before = _alike(
+        image=image, before=before, reference=reference, reference_before=reference_before
+    )
+    error = (srgb(image) - srgb(before)) - (srgb(reference) - srgb(reference_before))
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _alike(**images: ArrayLike) -> list[NDArray[np.float64]]:
+    """The images as float64, finite, of the shape that `reference` has."""
+    arrays = {}
+    for name, value in images.items():
         array = np.asarray(value)
         if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
             raise ValueError(f"{name}: expected shape (H, W, 3), got {array.shape}")
@@ -142,7 +173,9 @@ def _pair(image: ArrayLike, reference: ArrayLike) -> tuple[NDArray[np.float64], 
         bad = array.size - np.count_nonzero(np.isfinite(array))
         if bad:
             raise ValueError(f"{name}: {bad} of {array.size} values are not finite")
-        arrays.append(array)
-    if arrays[0].shape != arrays[1].shape:
-        raise ValueError(f"image: expected the shape of the reference, {arrays[1].shape}, got {arrays[0].shape}")
-    return arrays[0], arrays[1]
+        arrays[name] = array
+    expected = arrays["reference"].shape
+    for name, array in arrays.items():
+        if array.shape != expected:
+            raise ValueError(f"{name}: expected the shape of the reference, {expected}, got {array.shape}")
+    return [*arrays.values()]
