@@ -9,7 +9,7 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, View};
+use crate::image::{BandMut, Image, Run, Tap, View};
 use crate::rows::{self, Kernel};
 
 /// The neighbours that are looked at.
@@ -37,24 +37,64 @@ pub enum Choice<'a> {
     Longest,
 }
 
-struct Dilate<'a> {
-    motion: View<'a>,
-    choice: Choice<'a>,
-    window: Window,
+pub fn dilate_motion(motion: View, choice: Choice, window: Window) -> Image {
+    let size = motion.size;
+    let mut ranks = Image::new(size, 1);
+    rows::run(&Ranks { motion, choice }, size.height, ranks.bands());
+    let mut dilated = Image::new(size, motion.channels);
+    let kernel = Dilate {
+        motion,
+        ranks: &ranks,
+        window,
+    };
+    rows::run(&kernel, size.height, dilated.bands());
+    dilated
 }
 
-pub fn dilate_motion(motion: View, choice: Choice, window: Window) -> Image {
-    let mut dilated = Image::new(motion.size, motion.channels);
-    rows::run(
-        &Dilate {
-            motion,
-            choice,
-            window,
-        },
-        motion.size.height,
-        dilated.bands(),
-    );
-    dilated
+/// The lowest is chosen: depth, or minus the squared length. Infinite depth comes behind all others, and what is not
+/// known, which is infinity here, behind that.
+struct Ranks<'a> {
+    motion: View<'a>,
+    choice: Choice<'a>,
+}
+
+impl<'a> Kernel for Ranks<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut ranks: BandMut<'a>) {
+        for y in rows {
+            let ranks = ranks.row(0, y);
+            match self.choice {
+                Choice::Nearest(depth) => {
+                    for (rank, &z) in ranks.iter_mut().zip(depth.row(0, y)) {
+                        *rank = if z > 0.0 { z.min(f32::MAX) } else { f32::MAX };
+                    }
+                }
+                Choice::Longest => {
+                    let (x, y) = (self.motion.row(0, y), self.motion.row(1, y));
+                    for (rank, (x, y)) in ranks.iter_mut().zip(x.iter().zip(y)) {
+                        *rank = -(x * x + y * y);
+                    }
+                }
+            }
+            for channel in 0..self.motion.channels {
+                for (rank, motion) in ranks.iter_mut().zip(self.motion.row(channel, y)) {
+                    *rank = if motion.is_finite() {
+                        *rank
+                    } else {
+                        f32::INFINITY
+                    };
+                }
+            }
+        }
+    }
+}
+
+struct Dilate<'a> {
+    motion: View<'a>,
+    ranks: &'a Image,
+    window: Window,
 }
 
 impl<'a> Kernel for Dilate<'a> {
@@ -62,11 +102,28 @@ impl<'a> Kernel for Dilate<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut dilated: BandMut<'a>) {
+        let size = self.motion.size;
+        let mut best = vec![0.0; size.width];
         for y in rows {
-            for x in 0..self.motion.size.width {
-                let chosen = self.chosen(x, y);
-                for channel in 0..self.motion.channels {
-                    dilated.row(channel, y)[x] = self.motion.plane(channel)[chosen];
+            // The pixel's own first: of equals it wins.
+            best.copy_from_slice(self.ranks.view().row(0, y));
+            for channel in 0..self.motion.channels {
+                let own = self.motion.row(channel, y);
+                dilated.row(channel, y).copy_from_slice(own);
+            }
+            let row = Run {
+                y,
+                x: 0,
+                len: size.width,
+            };
+            for dy in -1..=1 {
+                for dx in -1..=1 {
+                    let tap = Tap { dx, dy, step: 1 };
+                    if self.window.has(dx, dy)
+                        && let Some(here) = tap.inside(row, size)
+                    {
+                        self.take(here, tap.of(here), &mut best, &mut dilated);
+                    }
                 }
             }
         }
@@ -74,42 +131,28 @@ impl<'a> Kernel for Dilate<'a> {
 }
 
 impl Dilate<'_> {
-    /// The index of the pixel whose motion (x, y) takes.
+    /// Takes the motion of the taps that rank lower than the best so far.
     #[inline(always)]
-    fn chosen(&self, x: usize, y: usize) -> usize {
-        let size = self.motion.size;
-        let own = y * size.width + x;
-        let mut best = (own, self.rank(own));
-        for dy in -1..=1 {
-            for dx in -1..=1 {
-                let (x, y) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
-                if self.window.has(dx, dy) && x < size.width && y < size.height {
-                    let i = y * size.width + x;
-                    let rank = self.rank(i);
-                    if rank < best.1 {
-                        best = (i, rank);
-                    }
-                }
+    fn take(&self, here: Run, there: Run, best: &mut [f32], dilated: &mut BandMut) {
+        let best = &mut best[here.x..][..here.len];
+        let [ranks]: [&[f32]; 1] = there.rows(self.ranks);
+        for channel in 0..self.motion.channels {
+            let motion = &self.motion.row(channel, there.y)[there.x..][..there.len];
+            let dilated = &mut dilated.row(channel, here.y)[here.x..][..here.len];
+            for i in 0..here.len {
+                dilated[i] = if ranks[i] < best[i] {
+                    motion[i]
+                } else {
+                    dilated[i]
+                };
             }
         }
-        best.0
-    }
-
-    /// The lowest is chosen: depth, or minus the squared length; NaN and infinity last.
-    #[inline(always)]
-    fn rank(&self, i: usize) -> (bool, f32) {
-        let known =
-            (0..self.motion.channels).all(|channel| self.motion.plane(channel)[i].is_finite());
-        let rank = match self.choice {
-            Choice::Nearest(depth) => {
-                let z = depth.plane(0)[i];
-                if z > 0.0 { z } else { f32::INFINITY }
-            }
-            Choice::Longest => {
-                let (x, y) = (self.motion.plane(0)[i], self.motion.plane(1)[i]);
-                -(x * x + y * y)
-            }
-        };
-        (!known, if known { rank } else { 0.0 })
+        for i in 0..here.len {
+            best[i] = if ranks[i] < best[i] {
+                ranks[i]
+            } else {
+                best[i]
+            };
+        }
     }
 }

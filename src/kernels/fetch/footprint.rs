@@ -39,6 +39,20 @@ pub enum Wide {
 }
 
 impl Wide {
+    /// The weights of the taps from above on, row by row; 0 for those that do not count.
+    #[inline(always)]
+    pub fn matrix(self, f: Vec2) -> [[f32; 4]; 4] {
+        let (along, down) = (self.weights(f.x), self.weights(f.y));
+        let weight = |row: usize, column: usize| {
+            if self.has(column, row) {
+                along[column] * down[row]
+            } else {
+                0.0
+            }
+        };
+        [0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| weight(row, column)))
+    }
+
     #[inline(always)]
     fn weights(self, f: f32) -> [f32; 4] {
         if f == 0.0 {
@@ -210,13 +224,11 @@ pub fn wide(
         return None;
     }
     let corner = origin.from.floor();
-    let f = origin.from - corner;
-    let (columns, rows) = (kernel.weights(f.x), kernel.weights(f.y));
     let (left, top) = (corner.x as i32 - 1, corner.y as i32 - 1);
-    for (row, wy) in rows.into_iter().enumerate() {
-        for (column, wx) in columns.into_iter().enumerate() {
-            let weight = wx * wy;
-            if weight != 0.0 && kernel.has(column, row) {
+    let rows = kernel.matrix(origin.from - corner).into_iter();
+    for (row, weights) in rows.enumerate() {
+        for (column, weight) in weights.into_iter().enumerate() {
+            if weight != 0.0 {
                 let tap = judge(size, origin, tests, left + column as i32, top + row as i32);
                 let (index, _) = tap.ok().filter(|&(index, _)| usable(index))?;
                 taps.push(index, weight);

@@ -15,6 +15,8 @@
 
 use std::ops::Range;
 
+use glam::Vec2;
+
 use super::footprint::{Filter, MIN_COVERAGE, Motion, Taps, footprint, wide, window};
 use crate::image::{BandMut, Image, Size, View};
 use crate::kernels::judge::surface::Tests;
@@ -34,6 +36,8 @@ struct Reproject<'a> {
     history: Vec<&'a [f32]>,
     motion: Motion<'a>,
     tests: Tests<'a>,
+    /// Whether there are none.
+    untested: bool,
     params: Params,
 }
 
@@ -66,6 +70,7 @@ pub fn reproject(history: &[View], motion: View, tests: Tests, params: Params) -
         history,
         motion: Motion::new(motion),
         tests,
+        untested: tests.accept_all(),
         params,
     };
     rows::run(
@@ -98,6 +103,11 @@ impl Reproject<'_> {
     fn pixel(&self, x: usize, y: usize, values: &mut BandMut) -> (f32, u8) {
         let origin = self.motion.origin(x, y, &self.tests);
         let size = self.motion.size();
+        if self.untested
+            && let Some(coverage) = self.inside(origin.from, x, y, values)
+        {
+            return (coverage, 0);
+        }
         let finite = |i: usize| self.history.iter().all(|plane| plane[i].is_finite());
         let filter = self.params.filter;
         let (taps, failed) = footprint(size, &origin, &self.tests, filter, finite);
@@ -123,6 +133,60 @@ impl Reproject<'_> {
         (0.0, failed)
     }
 
+    /// The same without a look at each tap, where nothing is tested: if all taps are inside, and finite, which their sum
+    /// tells.
+    #[inline(always)]
+    fn inside(&self, from: Vec2, x: usize, y: usize, values: &mut BandMut) -> Option<f32> {
+        let size = self.motion.size();
+        let (before, after) = match self.params.filter {
+            Filter::Nearest => return None,
+            Filter::Bilinear => (0.0, 1.0),
+            Filter::Wide(_) => (1.0, 2.0),
+        };
+        let corner = from.floor();
+        let reaches = |at: f32, side: usize| at >= before && at + after < side as f32;
+        if !(reaches(corner.x, size.width) && reaches(corner.y, size.height)) {
+            return None;
+        }
+        let f = from - corner;
+        let index = corner.y as usize * size.width + corner.x as usize;
+        let near = [
+            (1.0 - f.x) * (1.0 - f.y),
+            f.x * (1.0 - f.y),
+            (1.0 - f.x) * f.y,
+            f.x * f.y,
+        ];
+        let weight = near[0] + near[1] + near[2] + near[3];
+        let wide = match self.params.filter {
+            Filter::Wide(kernel) => Some(kernel.matrix(f)),
+            _ => None,
+        };
+        let mut finite = true;
+        for (channel, plane) in self.history.iter().enumerate() {
+            let tap = |dx: usize, dy: usize| plane[index + dy * size.width + dx];
+            let taps = [tap(0, 0), tap(1, 0), tap(0, 1), tap(1, 1)];
+            let mean = match &wide {
+                Some(weights) => wide_mean(weights, &plane[index - size.width - 1..], size.width),
+                None => {
+                    let sum = (near.iter().zip(taps)).fold(0.0, |sum, (&weight, tap)| {
+                        sum + if weight > 0.0 { weight * tap } else { 0.0 }
+                    });
+                    sum / weight
+                }
+            };
+            finite &= mean.is_finite();
+            let dering = wide.is_some() && self.params.dering;
+            values.row(channel, y)[x] = if dering { hold(mean, taps, near) } else { mean };
+        }
+        if !finite {
+            for channel in 0..self.history.len() {
+                values.row(channel, y)[x] = 0.0;
+            }
+            return None;
+        }
+        Some(weight.min(1.0))
+    }
+
     /// Writes the weighted mean of the taps and returns the sum of their weights.
     #[inline(always)]
     fn mean<const N: usize>(
@@ -135,7 +199,8 @@ impl Reproject<'_> {
         let weight = taps.weight();
         if weight > 0.0 {
             for (channel, plane) in self.history.iter().enumerate() {
-                let sum: f32 = taps.as_slice().iter().map(|&(i, w)| w * plane[i]).sum();
+                let taps = taps.as_slice().iter();
+                let sum = taps.fold(0.0, |sum, &(i, w)| sum + w * plane[i]);
                 values.row(channel, y)[x] = sum / weight;
             }
         }
@@ -156,4 +221,28 @@ impl Reproject<'_> {
             *value = value.clamp(low, high);
         }
     }
+}
+
+/// The mean of 4×4 taps, of which the first begins `plane`.
+#[inline(always)]
+fn wide_mean(weights: &[[f32; 4]; 4], plane: &[f32], width: usize) -> f32 {
+    let (mut sum, mut total) = (0.0, 0.0);
+    for (row, weights) in weights.iter().enumerate() {
+        for (weight, tap) in weights.iter().zip(&plane[row * width..][..4]) {
+            sum += if *weight != 0.0 { weight * tap } else { 0.0 };
+            total += weight;
+        }
+    }
+    sum / total
+}
+
+/// Holds a value to the range of the taps that have a weight.
+#[inline(always)]
+fn hold(value: f32, taps: [f32; 4], weights: [f32; 4]) -> f32 {
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    for (tap, weight) in taps.into_iter().zip(weights) {
+        low = if weight > 0.0 { low.min(tap) } else { low };
+        high = if weight > 0.0 { high.max(tap) } else { high };
+    }
+    value.max(low).min(high)
 }

@@ -199,6 +199,12 @@ impl<'a> Tests<'a> {
         }
     }
 
+    /// Whether nothing is tested.
+    pub fn accept_all(&self) -> bool {
+        let untested = self.depth.is_none() && self.direction.is_none() && self.ids.is_none();
+        untested && self.color.is_none() && self.params.speed.is_none()
+    }
+
     /// What pixel `i` expects where it comes from: index-space position `from`, after `motion`, at the pixel's depth
     /// plus `change`.
     #[inline(always)]
