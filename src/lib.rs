@@ -15,8 +15,9 @@
 //!   numpy ◄─ bindings ─── planar images
 //! ```
 //!
-//! `demodulate` and `remodulate` take the texture off before and put it back after. [`pipelines`] are lists of these
-//! kernels that keep the history; [`rows`] runs them all, on every core and with the instructions that the CPU has.
+//! `demodulate` and `remodulate` take the texture off before and put it back after; `morphological_aa` smooths the edges
+//! of an image that has no history. [`pipelines`] are lists of these kernels that keep the history; [`rows`] runs them
+//! all, on every core and with the instructions that the CPU has.
 
 pub mod bindings;
 pub mod error;
@@ -51,7 +52,8 @@ mod _core {
     use bindings::settings;
     #[pymodule_export]
     use bindings::smooth::{
-        atrous_, demodulate_, estimate_variance_, fix_history_, remodulate_, suppress_fireflies_,
+        atrous_, demodulate_, estimate_variance_, fix_history_, morphological_aa_, remodulate_,
+        suppress_fireflies_,
     };
 
     #[pymodule_init]

@@ -85,6 +85,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         "fix_history": (yester.fix_history, {"color": color, "history_length": length, **surface}),
         "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
         "remodulate": (yester.remodulate, {"illumination": color, "albedo": albedo, "emission": emission}),
+        "morphological_aa": (yester.morphological_aa, {"color": color}),
     }
 
 

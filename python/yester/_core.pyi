@@ -37,6 +37,7 @@ __all__ = [
     "estimate_variance",
     "fix_history",
     "jitter",
+    "morphological_aa",
     "motion_vectors",
     "prediction_gain",
     "remodulate",
@@ -388,5 +389,8 @@ def demodulate(
 ) -> _Floats: ...
 def remodulate(
     illumination: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
+) -> _Floats: ...
+def morphological_aa(
+    color: ArrayLike, *, threshold: float = 0.1, max_length: int = 16, out: _Floats | None = None
 ) -> _Floats: ...
 def settings() -> tuple[int, str]: ...

@@ -16,6 +16,7 @@ from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .history_fix import fix_history
 from .jitter import jitter
+from .morphological import morphological_aa
 from .motion import motion_vectors
 from .neighborhood import clip_history
 from .prediction import prediction_gain
@@ -45,6 +46,7 @@ __all__ = [
     "fix_history",
     "jitter",
     "luminance",
+    "morphological_aa",
     "motion_vectors",
     "prediction_gain",
     "project",

@@ -5,4 +5,5 @@ pub mod demodulate;
 pub mod fireflies;
 pub mod guide;
 pub mod history_fix;
+pub mod morphological;
 pub mod variance;
