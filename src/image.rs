@@ -203,6 +203,9 @@ impl<T> BandMut<'_, T> {
     }
 }
 
+/// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache.
+pub const SEGMENT: usize = 256;
+
 /// Consecutive pixels of one row.
 #[derive(Clone, Copy)]
 pub struct Run {

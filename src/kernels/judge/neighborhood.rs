@@ -21,7 +21,7 @@ use std::ops::Range;
 
 use super::hull::{Hull, Polygon, Polytope, enter, toward};
 use crate::error::{Error, Result, in_range};
-use crate::image::{BandMut, Image, View};
+use crate::image::{BandMut, Image, Run, SEGMENT, Tap, View};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -247,153 +247,198 @@ impl<'a> Kernel for Clip<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        let width = self.color.size.width;
         for y in rows {
-            let [r, g, b] = self.history.rows(y);
-            let [o0, o1, o2] = out.rows(y);
-            for x in 0..r.len() {
-                let rgb = [r[x], g[x], b[x]];
-                let clipped = if is_present(rgb) {
-                    self.clipped(rgb, x, y)
-                } else {
-                    None
+            for x in (0..width).step_by(SEGMENT) {
+                let run = Run {
+                    y,
+                    x,
+                    len: SEGMENT.min(width - x),
                 };
-                [o0[x], o1[x], o2[x]] =
-                    clipped.map_or(rgb, |color| self.params.space.to_rgb(color));
+                let out = out.rows(y).map(|row| &mut row[x..][..run.len]);
+                match self.params.bounds {
+                    Bounds::Hull => self.each(run, out, |i, color| {
+                        self.enter_hull(run, i, color, Polytope::of)
+                    }),
+                    Bounds::ChromaHull => {
+                        self.each(run, out, |i, color| {
+                            self.enter_hull(run, i, color, Polygon::of)
+                        });
+                    }
+                    _ => self.clip_to_boxes(run, out),
+                }
             }
         }
     }
 }
 
 impl Clip<'_> {
+    /// Clips the pixels of a run: `clipped` tells where a history colour goes, in the space of the box, or that it stays.
     #[inline(always)]
-    fn at(&self, i: usize) -> Color {
-        [0, 1, 2].map(|channel| self.color.plane(channel)[i])
-    }
-
-    /// Where a history colour goes, in the space of the box; `None` where it stays.
-    #[inline(always)]
-    fn clipped(&self, rgb: Color, x: usize, y: usize) -> Option<Color> {
-        let mut taps = [[0.0; 3]; 25];
-        let (taps, cross) = self.neighbors(x, y, &mut taps);
-        if taps.is_empty() {
-            return None;
-        }
-        let color = self.params.space.of(rgb);
-        let own = self.at(y * self.color.size.width + x);
-        match self.params.bounds {
-            Bounds::Hull => return into_hull(&Polytope::of(taps), color, own, taps),
-            Bounds::ChromaHull => return into_hull(&Polygon::of(taps), color, own, taps),
-            _ => {}
-        }
-        let Statistics {
-            mean,
-            deviation,
-            low,
-            high,
-        } = self.statistics(taps, cross);
-        if self.params.response == Response::Ellipsoid {
-            let axes = self.params.space.axes();
-            let half = [0, 1, 2].map(|c| self.params.gamma * deviation[c] * axes[c]);
-            let v = [0, 1, 2].map(|c| beyond(color[c] - mean[c], half[c]));
-            let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-            return (length > 1.0)
-                .then(|| [0, 1, 2].map(|c| mean[c] + (color[c] - mean[c]) / length));
-        }
-        if (0..3).all(|c| low[c] <= color[c] && color[c] <= high[c]) {
-            return None;
-        }
-        let held = |color: Color| [0, 1, 2].map(|c| color[c].max(low[c]).min(high[c]));
-        let center = [0, 1, 2].map(|c| 0.5 * (low[c] + high[c]));
-        Some(match self.params.response {
-            Response::Center => {
-                let share = |c: usize| beyond(color[c] - center[c], 0.5 * (high[c] - low[c]));
-                let most = share(0).max(share(1)).max(share(2));
-                held([0, 1, 2].map(|c| center[c] + (color[c] - center[c]) / most))
-            }
-            Response::Current => {
-                let target = if own[0].is_nan() { center } else { held(own) };
-                let exit = |c: usize| {
-                    let bound = if color[c] < low[c] { low[c] } else { high[c] };
-                    let outside = color[c] < low[c] || color[c] > high[c];
-                    if outside {
-                        (bound - target[c]) / (color[c] - target[c])
-                    } else {
-                        1.0
-                    }
-                };
-                held(toward(color, target, exit(0).min(exit(1)).min(exit(2))))
-            }
-            _ => held(color),
-        })
-    }
-
-    /// The neighbours that are inside and present, written to `taps`, and the extent of the cross among them.
-    #[inline(always)]
-    fn neighbors<'t>(
+    fn each(
         &self,
-        x: usize,
-        y: usize,
-        taps: &'t mut [Color; 25],
-    ) -> (&'t [Color], Extent) {
-        let (size, radius) = (self.color.size, self.params.radius);
-        let mut count = 0;
-        let mut cross = Extent::EMPTY;
-        for dy in -radius..=radius {
-            for dx in -radius..=radius {
-                let (x, y) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
-                if x < size.width && y < size.height {
-                    let color = self.at(y * size.width + x);
-                    if !color[0].is_nan() {
-                        taps[count] = color;
-                        count += 1;
-                        if dx == 0 || dy == 0 {
-                            cross.include(color);
-                        }
+        run: Run,
+        [o0, o1, o2]: [&mut [f32]; 3],
+        clipped: impl Fn(usize, Color) -> Option<Color>,
+    ) {
+        let [r, g, b] = self
+            .history
+            .rows(run.y)
+            .map(|row: &[f32]| &row[run.x..][..run.len]);
+        for i in 0..run.len {
+            let rgb = [r[i], g[i], b[i]];
+            let new = clipped(i, self.params.space.of(rgb));
+            let new = new.map_or(rgb, |color| self.params.space.to_rgb(color));
+            let kept = !is_present(rgb);
+            let pick = |c: usize| if kept { rgb[c] } else { new[c] };
+            (o0[i], o1[i], o2[i]) = (pick(0), pick(1), pick(2));
+        }
+    }
+
+    #[inline(always)]
+    fn clip_to_boxes(&self, run: Run, out: [&mut [f32]; 3]) {
+        let boxes = self.boxes(run);
+        let own = self
+            .color
+            .rows(run.y)
+            .map(|row: &[f32]| &row[run.x..][..run.len]);
+        match self.params.response {
+            Response::Clamp => self.each(run, out, |i, color| boxes.at(i).clamp(color)),
+            Response::Center => self.each(run, out, |i, color| boxes.at(i).to_center(color)),
+            Response::Current => self.each(run, out, |i, color| {
+                boxes.at(i).to_current(color, own.map(|row| row[i]))
+            }),
+            Response::Ellipsoid => {
+                let axes = self
+                    .params
+                    .space
+                    .axes()
+                    .map(|axis| self.params.gamma * axis);
+                self.each(run, out, |i, color| boxes.at(i).to_ellipsoid(color, axes));
+            }
+        }
+    }
+
+    /// What the neighbours of a run's pixels are, those that are inside and present.
+    #[inline(always)]
+    fn boxes(&self, run: Run) -> Boxes {
+        let Params { bounds, gamma, .. } = self.params;
+        let mut boxes = Boxes::new();
+        let mut cross = [[f32::INFINITY; SEGMENT], [f32::NEG_INFINITY; SEGMENT]];
+        self.for_each_tap(run, |at, _, taps| {
+            for (count, tap) in boxes.count[at..].iter_mut().zip(taps[0]) {
+                *count += if tap.is_nan() { 0.0 } else { 1.0 };
+            }
+        });
+        for c in 0..3 {
+            let (low, high) = (&mut boxes.low[c], &mut boxes.high[c]);
+            let (mean, deviation) = (&mut boxes.mean[c], &mut boxes.deviation[c]);
+            let uses_range = bounds != Bounds::Variance;
+            let uses_variance = matches!(bounds, Bounds::Variance | Bounds::Intersection);
+            if uses_range {
+                self.for_each_tap(run, |at, _, taps| widen([low, high], at, taps[c]));
+            }
+            if bounds == Bounds::Rounded {
+                cross[0].fill(f32::INFINITY);
+                cross[1].fill(f32::NEG_INFINITY);
+                let [least, most] = &mut cross;
+                self.for_each_tap(run, |at, tap, taps| {
+                    if tap.dx == 0 || tap.dy == 0 {
+                        widen([least, most], at, taps[c]);
                     }
+                });
+                for i in 0..run.len {
+                    // Where all of the cross is missing, the square is all there is.
+                    let some = cross[0][i] <= cross[1][i];
+                    let half = |a: f32, b: f32| if some { 0.5 * (a + b) } else { a };
+                    low[i] = half(low[i], cross[0][i]);
+                    high[i] = half(high[i], cross[1][i]);
+                }
+            }
+            if uses_variance {
+                self.for_each_tap(run, |at, _, taps| {
+                    for (mean, &tap) in mean[at..].iter_mut().zip(taps[c]) {
+                        *mean += if tap.is_nan() { 0.0 } else { tap };
+                    }
+                });
+                for i in 0..run.len {
+                    mean[i] *= 1.0 / boxes.count[i];
+                }
+                // From the mean, not from the mean of squares, which would cancel.
+                self.for_each_tap(run, |at, _, taps| {
+                    let deviations = deviation[at..].iter_mut().zip(&mean[at..]);
+                    for ((deviation, mean), &tap) in deviations.zip(taps[c]) {
+                        let square = (tap - mean) * (tap - mean);
+                        *deviation += if tap.is_nan() { 0.0 } else { square };
+                    }
+                });
+                for i in 0..run.len {
+                    deviation[i] = (deviation[i] * (1.0 / boxes.count[i])).sqrt();
+                    let (below, above) = (
+                        mean[i] - gamma * deviation[i],
+                        mean[i] + gamma * deviation[i],
+                    );
+                    low[i] = if uses_range { low[i].max(below) } else { below };
+                    high[i] = if uses_range {
+                        high[i].min(above)
+                    } else {
+                        above
+                    };
                 }
             }
         }
-        (&taps[..count], cross)
+        boxes
     }
 
+    /// Calls `f` for each tap of the window with the part of the run that has it inside, and that part's taps.
     #[inline(always)]
-    fn statistics(&self, taps: &[Color], cross: Extent) -> Statistics {
-        let mut square = Extent::EMPTY;
-        taps.iter().for_each(|&tap| square.include(tap));
-        let mean = mean(taps);
-        let share = 1.0 / taps.len() as f32;
-        // From the mean, not from the mean of squares, which would cancel.
-        let deviation = [0, 1, 2].map(|c| {
-            let squares = taps.iter().fold(0.0, |sum, tap| {
-                sum + (tap[c] - mean[c]) * (tap[c] - mean[c])
-            });
-            (squares * share).sqrt()
-        });
-        let by = |sign: f32| [0, 1, 2].map(|c| mean[c] + sign * self.params.gamma * deviation[c]);
-        let (low, high) = match self.params.bounds {
-            // A hull needs no box.
-            Bounds::MinMax | Bounds::Hull | Bounds::ChromaHull => (square.low, square.high),
-            // Where all of the cross is missing, the square is all there is.
-            Bounds::Rounded if cross.low[0] > cross.high[0] => (square.low, square.high),
-            Bounds::Rounded => {
-                let half = |a: Color, b: Color| [0, 1, 2].map(|c| 0.5 * (a[c] + b[c]));
-                (half(square.low, cross.low), half(square.high, cross.high))
+    fn for_each_tap(&self, run: Run, mut f: impl FnMut(usize, Tap, [&[f32]; 3])) {
+        let radius = self.params.radius;
+        for dy in -radius..=radius {
+            for dx in -radius..=radius {
+                let tap = Tap { dx, dy, step: 1 };
+                if let Some(here) = tap.inside(run, self.color.size) {
+                    let there = tap.of(here);
+                    let taps = self.color.rows(there.y);
+                    let taps = taps.map(|row: &[f32]| &row[there.x..][..there.len]);
+                    f(here.x - run.x, tap, taps);
+                }
             }
-            Bounds::Variance => (by(-1.0), by(1.0)),
-            Bounds::Intersection => {
-                let (low, high) = (by(-1.0), by(1.0));
-                (
-                    [0, 1, 2].map(|c| low[c].max(square.low[c])),
-                    [0, 1, 2].map(|c| high[c].min(square.high[c])),
-                )
-            }
-        };
-        Statistics {
-            mean,
-            deviation,
-            low,
-            high,
         }
+    }
+
+    /// On the way to the pixel's own colour, which is one of the hull's, or to their mean where it is missing.
+    #[inline(always)]
+    fn enter_hull<H: Hull>(
+        &self,
+        run: Run,
+        i: usize,
+        color: Color,
+        hull: impl Fn(&[Color]) -> H,
+    ) -> Option<Color> {
+        let mut taps = [[0.0; 3]; 25];
+        let mut count = 0;
+        let pixel = Run {
+            y: run.y,
+            x: run.x + i,
+            len: 1,
+        };
+        let mut own = None;
+        self.for_each_tap(pixel, |_, tap, planes| {
+            let color = planes.map(|plane| plane[0]);
+            if !color[0].is_nan() {
+                taps[count] = color;
+                count += 1;
+                if tap.dx == 0 && tap.dy == 0 {
+                    own = Some(color);
+                }
+            }
+        });
+        let taps = &taps[..count];
+        if taps.is_empty() || !is_present(color) {
+            return None;
+        }
+        enter(&hull(taps), color, own.unwrap_or_else(|| mean(taps)))
     }
 }
 
@@ -403,46 +448,122 @@ fn mean(taps: &[Color]) -> Color {
     [0, 1, 2].map(|c| taps.iter().fold(0.0, |sum, tap| sum + tap[c]) * share)
 }
 
-/// On the way to the pixel's own colour, which is one of the taps, or to their mean where it is missing.
+/// Takes taps, from `at` on, into a range; NaN is none.
 #[inline(always)]
-fn into_hull(hull: &impl Hull, color: Color, own: Color, taps: &[Color]) -> Option<Color> {
-    enter(hull, color, if own[0].is_nan() { mean(taps) } else { own })
+fn widen([low, high]: [&mut [f32; SEGMENT]; 2], at: usize, taps: &[f32]) {
+    for ((low, high), &tap) in low[at..].iter_mut().zip(&mut high[at..]).zip(taps) {
+        *low = low.min(tap);
+        *high = high.max(tap);
+    }
 }
 
-struct Statistics {
+/// Statistics of the neighbourhoods of a run's pixels.
+struct Boxes {
+    count: [f32; SEGMENT],
+    mean: [[f32; SEGMENT]; 3],
+    deviation: [[f32; SEGMENT]; 3],
+    low: [[f32; SEGMENT]; 3],
+    high: [[f32; SEGMENT]; 3],
+}
+
+impl Boxes {
+    #[inline(always)]
+    fn new() -> Self {
+        Self {
+            count: [0.0; SEGMENT],
+            mean: [[0.0; SEGMENT]; 3],
+            deviation: [[0.0; SEGMENT]; 3],
+            low: [[f32::INFINITY; SEGMENT]; 3],
+            high: [[f32::NEG_INFINITY; SEGMENT]; 3],
+        }
+    }
+
+    #[inline(always)]
+    fn at(&self, i: usize) -> Neighborhood {
+        let of = |planes: &[[f32; SEGMENT]; 3]| [planes[0][i], planes[1][i], planes[2][i]];
+        Neighborhood {
+            empty: self.count[i] == 0.0,
+            mean: of(&self.mean),
+            deviation: of(&self.deviation),
+            low: of(&self.low),
+            high: of(&self.high),
+        }
+    }
+}
+
+/// Statistics of one pixel's neighbourhood.
+struct Neighborhood {
+    empty: bool,
     mean: Color,
     deviation: Color,
     low: Color,
     high: Color,
 }
 
-#[derive(Clone, Copy)]
-struct Extent {
-    low: Color,
-    high: Color,
-}
-
-impl Extent {
-    const EMPTY: Self = Self {
-        low: [f32::INFINITY; 3],
-        high: [f32::NEG_INFINITY; 3],
-    };
+/// Where a colour goes; `None` where it stays.
+impl Neighborhood {
+    #[inline(always)]
+    fn keeps(&self, color: Color) -> bool {
+        let inside = |c: usize| (self.low[c] <= color[c]) & (color[c] <= self.high[c]);
+        self.empty | (inside(0) & inside(1) & inside(2))
+    }
 
     #[inline(always)]
-    fn include(&mut self, color: Color) {
-        for c in 0..3 {
-            self.low[c] = self.low[c].min(color[c]);
-            self.high[c] = self.high[c].max(color[c]);
-        }
+    fn held(&self, color: Color) -> Color {
+        [0, 1, 2].map(|c| color[c].max(self.low[c]).min(self.high[c]))
+    }
+
+    #[inline(always)]
+    fn center(&self) -> Color {
+        [0, 1, 2].map(|c| 0.5 * (self.low[c] + self.high[c]))
+    }
+
+    #[inline(always)]
+    fn clamp(&self, color: Color) -> Option<Color> {
+        let held = self.held(color);
+        (!self.keeps(color)).then_some(held)
+    }
+
+    #[inline(always)]
+    fn to_center(&self, color: Color) -> Option<Color> {
+        let center = self.center();
+        let share = |c: usize| beyond(color[c] - center[c], 0.5 * (self.high[c] - self.low[c]));
+        let most = share(0).max(share(1)).max(share(2));
+        let clipped = self.held([0, 1, 2].map(|c| center[c] + (color[c] - center[c]) / most));
+        (!self.keeps(color)).then_some(clipped)
+    }
+
+    #[inline(always)]
+    fn to_current(&self, color: Color, own: Color) -> Option<Color> {
+        let (center, held) = (self.center(), self.held(own));
+        let target = [0, 1, 2].map(|c| if own[0].is_nan() { center[c] } else { held[c] });
+        let exit = |c: usize| {
+            let below = color[c] < self.low[c];
+            let bound = if below { self.low[c] } else { self.high[c] };
+            let share = (bound - target[c]) / (color[c] - target[c]);
+            if below | (color[c] > self.high[c]) {
+                share
+            } else {
+                1.0
+            }
+        };
+        let clipped = self.held(toward(color, target, exit(0).min(exit(1)).min(exit(2))));
+        (!self.keeps(color)).then_some(clipped)
+    }
+
+    /// The half-axes are multiples of the deviations.
+    #[inline(always)]
+    fn to_ellipsoid(&self, color: Color, axes: Color) -> Option<Color> {
+        let v = [0, 1, 2].map(|c| beyond(color[c] - self.mean[c], axes[c] * self.deviation[c]));
+        let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+        let clipped = [0, 1, 2].map(|c| self.mean[c] + (color[c] - self.mean[c]) / length);
+        ((length > 1.0) & !self.empty).then_some(clipped)
     }
 }
 
 /// |distance| / half, where nothing is no share of nothing.
 #[inline(always)]
 fn beyond(distance: f32, half: f32) -> f32 {
-    if distance == 0.0 {
-        0.0
-    } else {
-        distance.abs() / half
-    }
+    let share = distance.abs() / half;
+    if distance == 0.0 { 0.0 } else { share }
 }

@@ -16,10 +16,10 @@
 
 use std::ops::Range;
 
-use super::guide::{Guide, SEGMENT, Sigmas};
+use super::guide::{Guide, Sigmas};
 use super::variance::floored;
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, Run, Size, Tap, View};
+use crate::image::{BandMut, Image, Run, SEGMENT, Size, Tap, View};
 use crate::math::{LOG2_E, exp2_weight, luminance};
 use crate::rows::{self, Kernel};
 

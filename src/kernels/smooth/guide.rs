@@ -19,9 +19,6 @@ use crate::kernels::judge::surface::Surface;
 use crate::math::LOG2_E;
 use crate::rows::{self, Kernel};
 
-/// Pixels that row functions work on at a time, so that their scratch stays in the first-level cache.
-pub const SEGMENT: usize = 256;
-
 #[derive(Clone, Copy, Debug)]
 pub struct Sigmas {
     /// κ: how sharply differences of normals count; ≥ 0; 128.

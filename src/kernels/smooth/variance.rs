@@ -9,9 +9,9 @@
 
 use std::ops::Range;
 
-use super::guide::{Guide, SEGMENT, Sigmas};
+use super::guide::{Guide, Sigmas};
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, Run, Size, Tap, View};
+use crate::image::{BandMut, Image, Run, SEGMENT, Size, Tap, View};
 use crate::math::exp2_weight;
 use crate::rows::{self, Kernel};
 
