@@ -292,7 +292,7 @@ def anti_lag(
     out: _Floats | None = None,
 ) -> _Floats: ...
 def temporal_gradient(
-    color: ArrayLike, previous: ArrayLike, *, noise: float = 3.0, passes: int = 3, out: _Floats | None = None
+    color: ArrayLike, previous: ArrayLike, *, noise: float = 2.0, passes: int = 3, out: _Floats | None = None
 ) -> _Floats: ...
 def prediction_gain(
     candidate: ArrayLike,

@@ -503,7 +503,7 @@ pub fn anti_lag_<'py>(
 ///     Two looks at the same pixels. For the exact gradient the previous frame and its `Frame.replay`, rendered with the
 ///     same random numbers, and ``noise=0``; for an estimate the new frame and the reprojected history. Light without
 ///     texture, if there is albedo. Missing pixels do not count.
-/// noise : float, default 3.0
+/// noise : float, default 2.0
 ///     Standard errors of the local mean that count as noise; from 0.
 /// passes : int, default 3
 ///     Passes of the blur, 0 to 8; so many reach 2^passes - 1 pixels to each side.
@@ -527,7 +527,7 @@ pub fn anti_lag_<'py>(
 /// *Gradient Estimation for Real-Time Adaptive Temporal Filtering*, where z = 0 and gradients are exact. `accumulate`
 /// takes the result.
 #[pyfunction]
-#[pyo3(signature = (color, previous, *, noise=3.0, passes=3, out=None))]
+#[pyo3(signature = (color, previous, *, noise=2.0, passes=3, out=None))]
 pub fn temporal_gradient<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,

@@ -24,7 +24,7 @@ def _energy(passes: int) -> float:
 
 
 def temporal_gradient(
-    color: Tensor, previous: Tensor, *, noise=3.0, passes=3, margin=False
+    color: Tensor, previous: Tensor, *, noise=2.0, passes=3, margin=False
 ) -> Tensor | tuple[Tensor, Tensor]:
     """How much of the light has changed: its smoothed signed difference, less what noise explains, over the larger.
 

@@ -21,7 +21,7 @@ use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// z: standard errors that count as noise; ≥ 0; 3.
+    /// z: standard errors that count as noise; ≥ 0; 2.
     pub noise: f32,
     /// Passes of the blur; 0 to 8; 3.
     pub passes: u32,
@@ -30,7 +30,7 @@ pub struct Params {
 impl Default for Params {
     fn default() -> Self {
         Self {
-            noise: 3.0,
+            noise: 2.0,
             passes: 3,
         }
     }
