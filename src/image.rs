@@ -161,6 +161,11 @@ impl<'a, T> View<'a, T> {
         &self.data[channel * n..][..n]
     }
 
+    /// One channel as an image of its own.
+    pub fn channel(&self, channel: usize) -> View<'a, T> {
+        View::new(self.size, 1, self.plane(channel))
+    }
+
     /// Each channel's plane, in order.
     pub fn planes(&self) -> impl Iterator<Item = &'a [T]> + use<'a, T> {
         self.data.chunks(self.size.pixels())
@@ -285,6 +290,10 @@ impl Tiles {
             rows,
             on: vec![false; columns * rows],
         }
+    }
+
+    pub fn any(&self) -> bool {
+        self.on.contains(&true)
     }
 
     #[inline(always)]

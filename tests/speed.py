@@ -1,4 +1,4 @@
-"""Every kernel and SVGF against their torch references at 1920×1080: ``python tests/speed.py``.
+"""Every kernel and pipeline against their torch references at 1920×1080: ``python tests/speed.py``.
 
 All in one run, in turn; prints the medians in ms. The references run in float32, with as many threads as the kernels.
 """
@@ -38,17 +38,21 @@ def kernels() -> None:
         compare(name, lambda: kernel(**arguments), lambda: twin(**tensors))  # noqa: B023
 
 
-def svgf() -> None:
+def pipelines() -> None:
+    """With all defaults, on frames with everything but a replay."""
     shot = scene.shoot(1, WIDTH, HEIGHT)
     camera = scene.camera(0, WIDTH, HEIGHT)
     buffers = shot.buffers()
     buffers["motion"] = yester.motion_vectors(shot.position, shot.camera, camera)
     buffers["color"] = scene.noisy(shot, np.random.default_rng(0))
-    frame, twin = yester.Frame(**buffers), SimpleNamespace(emission=None, **tensor(buffers, torch.float32))
-    ours, theirs = yester.SVGF(), reference.SVGF()
-    # The first step has no history to bring along.
-    ours.step(frame), theirs.step(twin)
-    compare("SVGF.step", lambda: ours.step(frame), lambda: theirs.step(twin))
+    buffers["jitter"] = np.array([0.25, -0.1])
+    absent = dict.fromkeys(("emission", "object_normal", "replay"))
+    frame, twin = yester.Frame(**buffers), SimpleNamespace(**absent, **tensor(buffers, torch.float32))
+    for name in ("SVGF", "TAA"):
+        ours, theirs = getattr(yester, name)(), getattr(reference, name)()
+        # The first step has no history to bring along.
+        ours.step(frame), theirs.step(twin)
+        compare(f"{name}.step", lambda: ours.step(frame), lambda: theirs.step(twin))  # noqa: B023
 
 
 def main() -> None:
@@ -56,7 +60,7 @@ def main() -> None:
     torch.set_num_threads(threads)
     print(f"{threads} threads, {instructions}; medians of {RUNS}\n{'':<28}{'yester':>10}{'torch':>10}{'ratio':>8}")
     kernels()
-    svgf()
+    pipelines()
 
 
 if __name__ == "__main__":

@@ -14,14 +14,25 @@ def inputs(rng, height, width):
     return [compare.colors(rng, height, width), compare.colors(rng, height, width), light, length]
 
 
+def gradients(rng, color):
+    """Mostly none, some of every size, all, and what is none: beyond both ends or no number.
+
+    All without a sample is a test of its own.
+    """
+    kind = rng.choice(8, color.shape[:2], p=[0.4, 0.2, 0.2, 0.1, 0.025, 0.025, 0.025, 0.025])
+    many = rng.uniform(0, 1, (2, *kind.shape))
+    found = np.choose(kind, [0.0, many[0], 0.1 * many[1], 1.0, -0.5, 1.5, np.nan, np.inf])
+    return np.where(np.isfinite(color).all(-1), found, np.minimum(found, 0.9)).astype(np.float32)
+
+
 def check(*images, **named):
     got = yester.accumulate(*images, **named)
-    want = reference.accumulate(*tensor(images), **named)
+    want = reference.accumulate(*tensor(images), **tensor(named))
     assert got.missing == want.missing
     assert isinstance(got.missing, int)
     assert_close("accumulate color", got.color, want.color)
     assert_close("accumulate moments", got.moments, want.moments)
-    assert_close("accumulate history_length", got.history_length, want.history_length, rtol=1e-6)
+    assert_close("accumulate history_length", got.history_length, want.history_length, rtol=2e-6)
     return got
 
 
@@ -32,15 +43,21 @@ def check(*images, **named):
     alpha=st.sampled_from([0.01, 0.05, 0.3, 1.0]),
     moments_alpha=st.sampled_from([0.0, 0.2, 1.0]),
     warmup=st.booleans(),
+    changes=st.booleans(),
 )
-def test_reference(seed, size, **named):
+def test_reference(seed, size, changes, **named):
     assume(named["warmup"] or named["moments_alpha"] > 0)
-    check(*inputs(np.random.default_rng(seed), *size), **named)
+    rng = np.random.default_rng(seed)
+    images = inputs(rng, *size)
+    check(*images, gradient=gradients(rng, images[0]) if changes else None, **named)
 
 
 @pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width):
-    check(*inputs(np.random.default_rng(width), height, width), alpha=0.0)
+    rng = np.random.default_rng(width)
+    images = inputs(rng, height, width)
+    check(*images, alpha=0.0)
+    check(*images, alpha=0.0, gradient=gradients(rng, images[0]))
 
 
 def sequence(frames, **named):
@@ -117,3 +134,61 @@ def test_nothing_of_the_arguments_changes():
     yester.accumulate(*images)
     for image, copy in zip(images, copies, strict=True):
         np.testing.assert_array_equal(image, copy)
+
+
+def test_no_gradient_changes_nothing():
+    """None, zero, less than zero and no number leave the same bits."""
+    images = inputs(np.random.default_rng(1), 20, 30)
+    want = yester.accumulate(*images)
+    for value in (0.0, -1.0, np.nan, -np.inf):
+        got = yester.accumulate(*images, gradient=np.full((20, 30), value, np.float32))
+        for name in ("color", "moments", "history_length"):
+            assert_same_bits(getattr(got, name), getattr(want, name))
+        assert got.missing == want.missing
+
+
+@pytest.mark.parametrize("value", [1.0, 7.0, np.inf])
+@pytest.mark.parametrize("warmup", [True, False])
+def test_a_full_gradient_takes_the_sample(value, warmup):
+    images = inputs(np.random.default_rng(2), 20, 30)
+    images[0] = np.nan_to_num(images[0], nan=3, posinf=3, neginf=3)
+    got = yester.accumulate(*images, gradient=np.full((20, 30), value, np.float32), warmup=warmup)
+    light = images[0] @ np.array([0.2126, 0.7152, 0.0722])
+    size = np.nanmax(np.abs(images[1][np.isfinite(images[1])]))
+    np.testing.assert_allclose(got.color, images[0], rtol=1e-6, atol=1e-6 * size)
+    np.testing.assert_allclose(got.moments, np.stack([light, light**2], -1), rtol=1e-5, atol=1e-5)
+    finite = np.isfinite(images[3])
+    np.testing.assert_array_equal(got.history_length[finite], 1)
+
+
+def test_a_full_gradient_without_a_sample_leaves_nothing():
+    """No length is no history, as if it had been given so."""
+    images = inputs(np.random.default_rng(3), 20, 30)
+    images[0][...] = np.nan
+    got = yester.accumulate(*images, gradient=np.ones((20, 30), np.float32))
+    want = yester.accumulate(*images[:3], np.zeros((20, 30), np.float32))
+    for name in ("color", "moments", "history_length"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
+
+
+def test_the_more_gradient_the_more_of_the_sample():
+    """By hand: N (1 - g)^10 samples left, and the share moved by g towards one."""
+    gradient = np.linspace(0, 1, 11, dtype=np.float32)[None]
+    color, history = np.full((1, 11, 3), 2, np.float32), np.ones((1, 11, 3), np.float32)
+    moments, length = np.ones((1, 11, 2), np.float32), np.full((1, 11), 9, np.float32)
+    got = yester.accumulate(color, history, moments, length, gradient=gradient, alpha=0.0, moments_alpha=0.5)
+    samples = 9 * (1 - gradient.astype(np.float64)) ** 10 + 1
+    share, moments_share = (a + gradient * (1 - a) for a in (1 / samples, np.maximum(0.5, 1 / samples)))
+    np.testing.assert_allclose(got.history_length, samples, rtol=1e-6)
+    np.testing.assert_allclose(got.color[..., 0], 1 + share, rtol=1e-6)
+    np.testing.assert_allclose(got.moments, 1 + moments_share[..., None] * [1, 3], rtol=1e-6)
+    assert (np.diff(got.color[0, :, 0]) >= 0).all()
+
+
+def test_a_gradient_of_another_shape():
+    images = inputs(np.random.default_rng(0), 4, 5)
+    for gradient in (np.zeros((3, 5)), np.zeros((4, 5, 1)), np.zeros(5)):
+        with pytest.raises(ValueError, match=r"^gradient: expected"):
+            yester.accumulate(*images, gradient=gradient)
+    with pytest.raises(TypeError, match="gradient"):
+        yester.accumulate(*images, gradient=np.zeros((4, 5), int))

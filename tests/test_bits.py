@@ -20,15 +20,20 @@ def digest() -> str:
         for name, (function, given) in calls(*size).items():
             data = b"".join(array.tobytes() for array in arrays(function(**given)))
             lines.append(f"{name} {size} {hashlib.sha256(data).hexdigest()}")
+    pipelines = [yester.SVGF(), yester.SVGF(reflections=(0.5, 2, np.inf)), yester.TAA()]
     rng = np.random.default_rng(0)
-    svgf = yester.SVGF()
+    before = None
     for number in range(4):
         shot = scene.shoot(number, 171, 97)
         color = scene.noisy(shot, rng)
         color[number, 5:9] = np.nan
-        out = svgf.step(yester.Frame(color, **shot.buffers()))
-        images = (out.color, out.variance, out.history_length, out.confidence, out.rejection)
-        lines.append(f"SVGF {number} {hashlib.sha256(b''.join(i.tobytes() for i in images)).hexdigest()}")
+        frame = yester.Frame(color, **shot.buffers(), replay=before, jitter=(0.25, -0.125))
+        before = color * np.float32(0.5)
+        for pipeline in pipelines:
+            out = pipeline.step(frame)
+            images = (out.color, out.variance, out.history_length, out.confidence, out.rejection)
+            data = b"".join(image.tobytes() for image in images if image is not None)
+            lines.append(f"{type(pipeline).__name__} {number} {hashlib.sha256(data).hexdigest()}")
     return "\n".join(lines)
 
 

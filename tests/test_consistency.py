@@ -6,7 +6,7 @@ import yester
 from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_reproject import PAIRS, TESTS, surface, thresholds
+from test_reproject import RAMP, SOFT, TESTS, surface, thresholds
 from yester import Rejection
 
 
@@ -18,11 +18,9 @@ def check(motion, **named):
         tensor(motion), margin=True, **{k: tensor(v) for k, v in named.items()}
     )
     sure = margin.numpy() > BAND
-    assert (~sure).sum() <= 1 + 0.005 * sure.size
+    assert (~sure).sum() <= 2 + 0.005 * sure.size
     np.testing.assert_array_equal(rejection[sure], want.numpy()[sure])
-    assert_close(
-        "consistency", confidence, want_confidence, where=sure, scale=1 + 0.1 * BAND / 1e-5 * steepness.numpy()
-    )
+    assert_close("consistency", confidence, want_confidence, where=sure, scale=1 + RAMP * steepness.numpy())
     assert not np.signbit(confidence).any()
     return rejection, confidence
 
@@ -45,26 +43,29 @@ def test_reference(seed, size, motion, tests, **thresholds):
 def test_sizes(height, width):
     rng = np.random.default_rng(width)
     check(compare.motions(rng, height, width, 3), **surface(rng, height, width, ["plane", "ids"]))
+    check(compare.motions(rng, height, width, 3), **surface(rng, height, width, TESTS), **SOFT)
 
 
 def test_every_bit_occurs_and_does_not():
     rng = np.random.default_rng(0)
     motion = rng.normal(0, 2, (64, 64, 3)).astype(np.float32)
-    rejection, confidence = check(motion, plane_distance=0.2, **surface(rng, 64, 64, ["plane", "ids"]))
+    rejection, confidence = check(motion, plane_distance=0.2, speed=2.5, **surface(rng, 64, 64, TESTS))
     for bit in Rejection:
         assert 0.02 < (rejection & bit != 0).mean() < 0.98
     assert ((rejection == 0) == (confidence > 1 - 1e-6)).all()
 
 
 def test_the_bits_are_named():
-    assert [(bit.name, int(bit)) for bit in Rejection] == [("OUTSIDE", 1), ("DEPTH", 2), ("NORMAL", 4), ("ID", 8)]
+    names = ["OUTSIDE", "DEPTH", "NORMAL", "ID", "VELOCITY", "LUMINANCE"]
+    assert [(bit.name, int(bit)) for bit in Rejection] == [(name, 2**i) for i, name in enumerate(names)]
 
 
-def test_confidence_is_the_coverage():
+@pytest.mark.parametrize("softness", [{}, SOFT])
+def test_confidence_is_the_coverage(softness):
     """Where the history is finite, it is what reproject reports before it falls back."""
     rng = np.random.default_rng(0)
     motion = compare.motions(rng, 30, 40, 3)
-    named = surface(rng, 30, 40, ["depth", "normal", "ids"])
+    named = surface(rng, 30, 40, [*TESTS[:3], *TESTS[4:]]) | softness
     _, confidence = yester.consistency(motion, **named)
     _, coverage = yester.reproject(np.ones((30, 40), np.float32), motion, fallback=False, **named)
     np.testing.assert_array_equal(np.where(confidence < 0.01, 0, confidence), coverage)
@@ -103,3 +104,49 @@ def test_only_the_direction_of_normals_counts():
             got = yester.consistency(motion, **{**named, name: named[name] * np.float32(scale)})
             for a, b in zip(got, want, strict=True):
                 assert_same_bits(a, b)
+
+
+@pytest.mark.parametrize("name", SOFT)
+def test_a_pair_of_equals_is_the_number(name):
+    rng = np.random.default_rng(2)
+    motion = compare.motions(rng, 30, 40, 3)
+    named = surface(rng, 30, 40, TESTS)
+    number = SOFT[name][1]
+    for got, want in zip(
+        yester.consistency(motion, **named, **{name: (number, number)}),
+        yester.consistency(motion, **named, **{name: number}),
+        strict=True,
+    ):
+        assert_same_bits(got, want)
+
+
+@pytest.mark.parametrize("name", SOFT)
+def test_ramps_lie_between_their_ends(name):
+    """The first threshold trusts less, the second more; and what is rejected is what the second rejects."""
+    rng = np.random.default_rng(3)
+    motion = rng.normal(0, 1, (40, 50, 3)).astype(np.float32)
+    tests = {"relative_depth": ["depth"], "plane_distance": ["plane"], "normal_angle": ["normal"]}
+    named = surface(rng, 40, 50, tests.get(name, ["color"]))
+    named |= {"normal_angle": 180.0} if name == "plane_distance" else {}
+    (_, less), (hard, more), (soft, between) = (
+        yester.consistency(motion, **named, **{name: threshold}) for threshold in (*SOFT[name], SOFT[name])
+    )
+    assert (less <= between + 1e-6).all()
+    assert (between <= more + 1e-6).all()
+    np.testing.assert_array_equal(soft, hard)
+    assert ((less < between - 0.01) & (between < more - 0.01)).mean() > 0.02
+
+
+def test_every_pixel_has_its_bits():
+    """Speed and luminance leave their own, and none to what lies outside or is still."""
+    motion = np.zeros((1, 5, 2), np.float32)
+    motion[0, :, 0] = [0, 1, -2, 9, np.nan]
+    dark, bright = np.full((1, 5, 3), 0.1, np.float32), np.ones((1, 5, 3), np.float32)
+    rejection, confidence = yester.consistency(motion, speed=1.5)
+    np.testing.assert_array_equal(rejection, [[0, 0, 16, 1, 1]])
+    np.testing.assert_array_equal(confidence, [[1, 1, 0, 0, 0]])
+    rejection, _ = yester.consistency(motion, speed=1.5, color=dark, previous_color=bright)
+    np.testing.assert_array_equal(rejection, [[32, 32, 48, 1, 1]])
+    rejection, confidence = yester.consistency(motion, color=dark, previous_color=bright, relative_luminance=(0.8, 1.0))
+    np.testing.assert_array_equal(rejection, [[0, 0, 0, 1, 1]])
+    np.testing.assert_allclose(confidence, [[0.5, 0.5, 0.5, 0, 0]], atol=1e-6)

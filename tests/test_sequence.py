@@ -8,6 +8,8 @@ from yester.study.metrics import psnr, srgb
 from yester.study.scenes import cornell_box
 
 WIDTH, HEIGHT, FRAMES = 96, 72, 16
+# Accumulation and filter alone.
+PLAIN = {"gradient": False, "fireflies": False, "antialias": False}
 
 
 def truth(sequence, index):
@@ -36,7 +38,7 @@ def test_a_still_scene_converges():
     still = [sequence.cameras[0]] * FRAMES, [sequence.transforms[0]] * FRAMES
     frames = list(render_sequence(sequence.scene, still[0], transforms=still[1]))
     # In place and across surfaces, as the renderer's own mean would be: its edges are those of many samples.
-    svgf = yester.SVGF(alpha=0, iterations=0)
+    svgf = yester.SVGF(alpha=0, iterations=0, **PLAIN)
     outputs = [svgf.step(yester.Frame(frame.color)) for frame in frames]
     np.testing.assert_allclose(
         outputs[-1].color, np.mean([frame.color for frame in frames], 0, np.float64), rtol=1e-4, atol=1e-6
@@ -47,48 +49,70 @@ def test_a_still_scene_converges():
         assert errors[n - 1] == pytest.approx(errors[0] / n, rel=0.35)
 
 
-def test_history_and_filter_each_help():
-    """Noisy is worse than filtered alone or accumulated alone, and both of these are worse than both together.
-
-    With a moving camera in a still scene, where no light changes, and away from edges of surfaces and of texture, which
-    stay as jagged as those of one sample, while the reference's are smooth.
-    """
+@pytest.fixture(scope="module")
+def flown():
+    """A moving camera in a still scene, where no light changes; its truth, and where it has no edges."""
     sequence = cornell_box(FRAMES, WIDTH, HEIGHT)
     sequence.transforms[:] = sequence.transforms[-1:] * FRAMES
     frames = list(render_sequence(sequence.scene, sequence.cameras, transforms=sequence.transforms))
-    reference = truth(sequence, FRAMES - 1)
     marks = np.dstack([frames[-1].ids, frames[-1].albedo])
     padded = np.pad(marks, ((1, 1), (1, 1), (0, 0)), mode="edge")
     neighbours = [padded[y : y + HEIGHT, x : x + WIDTH] for y in range(3) for x in range(3)]
     within = (np.ptp(neighbours, 0) < 1e-3).all(-1)
+    return frames, truth(sequence, FRAMES - 1), within
+
+
+def last(frames, **parameters):
+    svgf = yester.SVGF(**parameters)
+    for frame in frames:
+        output = svgf.step(frame)
+    return output.color
+
+
+def test_history_and_filter_each_help(flown):
+    """Noisy is worse than filtered alone or accumulated alone, and both of these are worse than both together.
+
+    Away from edges of surfaces and of texture, which stay as jagged as those of one sample, while the reference's are
+    smooth.
+    """
+    frames, reference, within = flown
 
     def error(color):
         return np.mean((srgb(color) - srgb(reference))[within] ** 2)
 
-    def last(**parameters):
-        svgf = yester.SVGF(**parameters)
-        for frame in frames:
-            output = svgf.step(frame)
-        return error(output.color)
-
-    accumulated, filtered, both = last(iterations=0), last(alpha=1), last()
+    accumulated = error(last(frames, iterations=0, **PLAIN))
+    filtered = error(last(frames, alpha=1, **PLAIN))
+    both = error(last(frames, **PLAIN))
     assert accumulated < 0.5 * error(frames[-1].color)
     assert filtered < 0.5 * error(frames[-1].color)
     assert both < 0.9 * min(accumulated, filtered)
+
+
+def test_more_stages_help(flown):
+    """Fireflies held down, where there are no edges; antialiasing, where there are; and all of it together."""
+    frames, reference, within = flown
+
+    def error(color, where=slice(None)):
+        return np.mean((srgb(color) - srgb(reference))[where] ** 2)
+
+    plain = last(frames, **PLAIN)
+    assert error(last(frames, **PLAIN | {"fireflies": True}), within) < 0.95 * error(plain, within)
+    assert error(last(frames, **PLAIN | {"antialias": True}), ~within) < 0.6 * error(plain, ~within)
+    assert error(last(frames)) < 0.6 * error(plain)
+    assert error(last(frames), within) < 0.95 * error(plain, within)
 
 
 def test_exact_motion_beats_none(moving):
     """What the motion vectors are for."""
     frames, reference = moving
 
-    def last(keep):
-        svgf = yester.SVGF(iterations=0)
-        for frame in frames:
-            output = svgf.step(yester.Frame(**keep(frame.buffers()), camera=frame.camera))
-        return psnr(output.color, reference)
+    def quality(keep, **named):
+        kept = [yester.Frame(**keep(frame.buffers()), camera=frame.camera) for frame in frames]
+        return psnr(last(kept, iterations=0, **named), reference)
 
-    exact = last(lambda buffers: buffers)
-    # Without them the cameras still tell where everything but the cube was.
-    cameras = last(lambda buffers: {name: value for name, value in buffers.items() if name != "motion"})
-    none = last(lambda buffers: {name: buffers[name] for name in ("color", "albedo", "emission")})
-    assert exact > cameras > none
+    for named in ({}, PLAIN):
+        exact = quality(lambda buffers: buffers, **named)
+        # Without them the cameras still tell where everything but the cube was.
+        cameras = quality(lambda buffers: {name: value for name, value in buffers.items() if name != "motion"}, **named)
+        none = quality(lambda buffers: {name: buffers[name] for name in ("color", "albedo", "emission")}, **named)
+        assert exact > cameras > none

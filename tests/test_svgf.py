@@ -1,52 +1,82 @@
 import itertools
 from types import SimpleNamespace
 
+import composed
 import numpy as np
 import pytest
 import reference
 import scene
 import yester
 from compare import assert_close, assert_same_bits, tensor
-from pipelines import sequence
+from composed import sample, sequence, supersampled
 
 WIDTH, HEIGHT = 61, 43
-SIGMAS = {"sigma_normal": 100.0, "sigma_depth": 1.5, "sigma_plane": 0.02}
-LIMITS = {"relative_depth": 0.08, "plane_distance": 0.02, "normal_angle": 20.0}
-SETTINGS = {"alpha": 0.08, "moments_alpha": 0.25, "iterations": 4, "sigma_luminance": 3.0, "min_length": 3.0}
+SETTINGS = {
+    **{"alpha": 0.08, "moments_alpha": 0.25, "iterations": 4, "sigma_luminance": 3.0, "min_length": 3.0},
+    **{"sigma_normal": 100.0, "sigma_depth": 1.5, "sigma_plane": 0.02},
+    **{"relative_depth": (0.05, 0.1), "plane_distance": 0.02, "normal_angle": (15.0, 30.0)},
+}
+# Accumulation and filter alone.
+PLAIN = {"gradient": False, "fireflies": False, "antialias": False}
+DISTANCES = (0.25, 0.5, 1, 2, 4, np.inf)
+NAMES = ("albedo", "emission", "normal", "depth", "motion", "ids", "position", "camera")
+NEWER = ("object_normal", "replay", "hit_distance", "jitter")
 
 
-def pipeline(**named) -> yester.SVGF:
-    return yester.SVGF(**{**SETTINGS, **SIGMAS, **LIMITS, **named})
+def frames_of(names, count, **options) -> list[yester.Frame]:
+    return [yester.Frame(**{name: frame[name] for name in ("color", *names)}) for frame in sequence(count, **options)]
 
 
-def check_bits(frames, **named) -> None:
-    svgf, composed = pipeline(**named), Composed(**named)
+def check_bits(frames, **named) -> composed.SVGF:
+    svgf, other = yester.SVGF(**named), composed.SVGF(**named)
     for frame in frames:
-        got, want = svgf.step(frame), composed.step(frame)
-        for name in ("color", "variance", "history_length", "confidence"):
+        got, want = svgf.step(frame), other.step(frame)
+        for name in ("color", "variance", "history_length", "confidence", "rejection"):
             assert_same_bits(getattr(got, name), getattr(want, name))
-        if want.rejection is not None:
-            assert_same_bits(got.rejection, want.rejection)
         assert got.missing == want.missing
         assert np.isfinite(got.color).all()
         assert np.isfinite(got.variance).all()
+    return other
 
 
-@pytest.mark.parametrize("feedback", [False, True])
-def test_pipeline_is_its_kernels(feedback):
-    frames = [yester.Frame(**frame) for frame in sequence(6)]
-    check_bits(frames, feedback=feedback)
-
-
-NAMES = ("albedo", "emission", "normal", "depth", "motion", "ids", "position", "camera")
+@pytest.mark.parametrize("replay", [False, True])
+@pytest.mark.parametrize(
+    "named",
+    [
+        {},
+        SETTINGS,
+        {"feedback": True},
+        {"gradient": False},
+        {"fireflies": False},
+        {"antialias": False},
+        PLAIN,
+        {**SETTINGS, **PLAIN, "feedback": True},
+        {"iterations": 0, "feedback": True},
+        {"reflections": (0.5, np.inf)},
+        {"reflections": (1.0,), "iterations": 1, "feedback": True, **PLAIN},
+    ],
+    ids=str,
+)
+def test_pipeline_is_its_kernels(named, replay):
+    check_bits(frames_of((*NAMES, *(NEWER if replay else ["object_normal"])), 6), **named)
 
 
 @pytest.mark.parametrize("count", range(len(NAMES) + 1))
 def test_every_subset_of_buffers(count):
     """Whatever is absent, the rest does its part, bit for bit what the kernels do with it."""
-    frames = sequence(3)
     for names in itertools.combinations(NAMES, count):
-        check_bits([yester.Frame(**{name: frame[name] for name in ("color", *names)}) for frame in frames])
+        check_bits(frames_of(names, 3))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_subsets_of_buffers_and_stages(seed):
+    """Some of all the subsets of all buffers, with some of the stages."""
+    rng = np.random.default_rng(seed)
+    for _ in range(12):
+        names = [name for name in (*NAMES, *NEWER) if rng.random() < 0.7]
+        stages = {name: bool(rng.integers(2)) for name in ("feedback", "gradient", "fireflies", "antialias")}
+        distances = [float(d) for d in rng.choice(DISTANCES, rng.integers(0, 3), replace=False)]
+        check_bits(frames_of(names, 4), **stages, reflections=distances, iterations=int(rng.integers(0, 4)))
 
 
 def test_flat_motion():
@@ -57,10 +87,98 @@ def test_flat_motion():
 
 def test_buffers_may_come_and_go():
     """Except for albedo: what both frames have is tested, what one lacks is not."""
-    frames = sequence(8)
-    for number, name in enumerate(("normal", "depth", "motion", "ids", "position", "camera")):
+    frames = sequence(14)
+    for number, name in enumerate((*NAMES[1:], *NEWER)):
         del frames[number + 1][name]
-    check_bits([yester.Frame(**frame) for frame in frames])
+    for distances in ((), (1.0,)):
+        check_bits([yester.Frame(**frame) for frame in frames], reflections=distances)
+
+
+def gallery(number: int, width: int, height: int, *, middle=(0, 0), half=np.inf, behind=3):
+    """A frame's buffers, colour and distance of what is mirrored: a wall with a mirror, past which the camera moves.
+
+    The mirror shows waves on another wall, so far behind; it is `half` as wide around the `middle`.
+    """
+    x = 0.1 * number
+    camera = yester.Camera(scene.look_at([x, 0, 4], [x, 0, 0], [0, 1, 0], 50, width, height), width, height)
+    origin, direction = scene.rays(camera, scene.centres(camera))
+    wall, image = (origin - direction * ((origin[2] + z) / direction[..., 2])[..., None] for z in (0, behind))
+    mirrors = (np.abs(wall[..., :2] - middle) < half).all(-1)
+    waves = 1 + 0.8 * np.sin(9 * image[..., 0] + 1) * np.sin(7 * image[..., 1])
+    light = np.where(mirrors, waves, 0.5 + 0.1 * np.sin(2 * wall[..., 0]))[..., None] * [1, 0.8, 0.6]
+    buffers = {
+        "depth": np.full((height, width), 4.0),
+        "normal": np.broadcast_to([0.0, 0, 1], wall.shape),
+        "ids": np.where(mirrors, 2, 1),
+        "position": wall,
+        "camera": camera,
+    }
+    return buffers, light, np.linalg.norm(image - wall, axis=-1)
+
+
+def speckled(light, rng):
+    """Of a quarter of the signal."""
+    return light * rng.gamma(16, 1 / 16, light.shape[:2])[..., None]
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_reflections_are_their_kernels(known):
+    """Through whole rounds of asking everywhere and only near winners, while the mirror leaves the view."""
+    rng = np.random.default_rng(0)
+    frames = []
+    for number in range(19):
+        buffers, light, hit = gallery(number, 180, 100, middle=(-0.8, 0.4), half=0.45)
+        frames.append(yester.Frame(speckled(light, rng), **buffers, hit_distance=hit if known else None))
+    other = check_bits(frames, reflections=(0.5, 1.0, np.inf))
+    asked, won = np.array(other.asked), np.array(other.won)
+    assert (asked[[0, 8, 16]] == 1).all(), "in every eighth frame"
+    assert (asked[[1, 7, 9, 15]] < 0.5).all()
+    assert won[:8].max() > 0.05
+    assert len(set(asked)) > 5, "the tiles follow the winners"
+    assert won[16] == asked[17] == 0, "and without any, nobody asks"
+
+
+def test_scores_start_anew_where_nobody_asked():
+    """A picture, where behind it is the wrong place to look, becomes a mirror while no one looks."""
+    rng = np.random.default_rng(0)
+    frames = []
+    for number in range(12):
+        buffers, light, _ = gallery(number, 80, 60, behind=0 if number < 2 else 3)
+        frames.append(yester.Frame(speckled(light, rng), **buffers))
+    other = check_bits(frames, reflections=(1.0, 0.5))
+    assert other.asked[:9] == [1, *[0] * 7, 1]
+    assert other.won[0] == 0 < other.won[8]
+
+
+def test_a_lost_camera_starts_asking_anew():
+    rng = np.random.default_rng(0)
+    frames = []
+    for number in range(8):
+        buffers, light, _ = gallery(number, 100, 70, half=0.5)
+        if number == 3:
+            del buffers["camera"]
+        frames.append(yester.Frame(speckled(light, rng), **buffers))
+    other = check_bits(frames, reflections=(1.0, 0.5))
+    assert [share == 1 for share in other.asked] == [True, False, True, False, False]
+
+
+def test_reflections_sharpen_mirrors():
+    """History along the surface smears what a mirror shows; that from behind it does not, least at a known distance."""
+
+    def last(known=False, **named):
+        rng, svgf, errors = np.random.default_rng(0), yester.SVGF(**named), []
+        for number in range(16):
+            buffers, light, hit = gallery(number, 120, 80)
+            frame = yester.Frame(speckled(light, rng), **buffers, hit_distance=hit if known else None)
+            errors.append(np.mean((svgf.step(frame).color - light) ** 2))
+        return np.mean(errors[10:])
+
+    for named, factors in (({}, (0.7, 0.55)), ({**PLAIN, "iterations": 0}, (0.15, 0.07))):
+        without, tried = last(**named), last(**named, reflections=DISTANCES)
+        known = last(known=True, **named, reflections=(1.0,))
+        assert tried < factors[0] * without
+        assert known < factors[1] * without
+        assert known < tried
 
 
 @pytest.mark.parametrize(
@@ -77,6 +195,7 @@ def test_buffers_may_come_and_go():
         (["position", "camera"], {"camera"}),
         (["camera"], set()),
         (["position"], set()),
+        (["replay", "jitter", "object_normal", "hit_distance"], {"object_normal", "replay"}),
     ],
 )
 def test_used(names, used):
@@ -84,21 +203,25 @@ def test_used(names, used):
     for frame in sequence(3):
         out = svgf.step(yester.Frame(**{name: frame[name] for name in ("color", *names)}))
     assert isinstance(out.used, tuple)
-    assert set(out.used) == used
+    assert sorted(out.used) == sorted(used)
 
 
-def test_reference():
+@pytest.mark.parametrize("newer", [(), ("object_normal", "replay")])
+@pytest.mark.parametrize("named", [{}, PLAIN, {"feedback": True, "antialias": False}], ids=str)
+def test_reference(named, newer):
     """The whole pipeline against its composition in float64, where decisions may flip in a few pixels."""
-    svgf, other = yester.SVGF(), reference.SVGF()
+    svgf, other = yester.SVGF(**named), reference.SVGF(**named)
+    absent = dict.fromkeys(NEWER)
     for frame in sequence(6):
-        got = svgf.step(yester.Frame(**frame))
-        want = other.step(SimpleNamespace(**{name: tensor(value) for name, value in frame.items()}))
+        given = {name: frame[name] for name in ("color", *NAMES, *newer)}
+        got = svgf.step(yester.Frame(**given))
+        want = other.step(SimpleNamespace(**{**absent, **tensor(given)}))
         assert got.missing == want.missing
-        named = {"where": np.ones((HEIGHT, WIDTH), bool), "flips": WIDTH * HEIGHT // 200}
-        assert_close("SVGF", got.color, want.color, rtol=1e-4, **named)
-        assert_close("SVGF variance", got.variance, want.variance, rtol=5e-4, **named)
-        assert_close("SVGF history_length", got.history_length, want.history_length, **named)
-        assert_close("SVGF confidence", got.confidence, want.confidence, **named)
+        where = {"where": np.ones((HEIGHT, WIDTH), bool), "flips": WIDTH * HEIGHT // 200}
+        assert_close("SVGF", got.color, want.color, rtol=1e-4, **where)
+        assert_close("SVGF variance", got.variance, want.variance, rtol=5e-4, **where)
+        assert_close("SVGF history_length", got.history_length, want.history_length, rtol=1e-4, **where)
+        assert_close("SVGF confidence", got.confidence, want.confidence, **where)
 
 
 def test_reset_forgets():
@@ -167,7 +290,7 @@ def error(image, shot) -> float:
 
 def test_error_falls_when_nothing_moves():
     rng = np.random.default_rng(0)
-    svgf, shot = yester.SVGF(), scene.shoot(0, 96, 64)
+    svgf, shot = yester.SVGF(**PLAIN), scene.shoot(0, 96, 64)
     errors, raw = [], []
     for _ in range(32):
         color = scene.noisy(shot, rng)
@@ -181,7 +304,7 @@ def test_error_falls_when_nothing_moves():
 def test_error_falls_when_everything_moves():
     """The camera flies, a sphere travels and turns; the motion tells, and what it uncovers is rejected."""
     rng = np.random.default_rng(0)
-    svgf = yester.SVGF()
+    svgf = yester.SVGF(**PLAIN)
     errors, raw, lengths = [], [], []
     for number in range(24):
         now = scene.shoot(number, 96, 64)
@@ -200,12 +323,119 @@ def test_error_falls_when_everything_moves():
     assert (out.history_length[now.ids == scene.MOVER] < 5).any(), "and its uncovered rim has none"
 
 
-def test_constant_stays():
-    color = np.full((16, 17, 3), 0.7, np.float32)
-    svgf = yester.SVGF()
-    for _ in range(5):
-        out = svgf.step(yester.Frame(color))
-    np.testing.assert_allclose(out.color, 0.7, rtol=1e-6)
+def switched(count: int, at: int, scale: float, **named):
+    """The scene at rest, whose light is scaled from one frame on: its output, and the light's truth, by frame."""
+    rng, svgf, shot = np.random.default_rng(0), yester.SVGF(**named), scene.shoot(0, 96, 64)
+    for number in range(count):
+        light = np.float32(scale if number >= at else 1)
+        yield svgf.step(yester.Frame(scene.noisy(shot, rng) * light, **shot.buffers())), shot.color * light
+
+
+@pytest.mark.parametrize("scale", [3.0, 0.25])
+def test_a_switched_light_is_followed(scale):
+    """By estimate to within 15 % at once; without gradients, half the change has not arrived ten frames later."""
+
+    def brightness(**named):
+        return [float(out.color.mean() / truth.mean()) for out, truth in switched(28, 16, scale, **named)]
+
+    followed, kept = brightness(), brightness(gradient=False)
+    assert followed[15] == pytest.approx(1, abs=0.05)
+    assert followed[16:] == pytest.approx([1] * 12, abs=0.15)
+    assert followed[20:] == pytest.approx([1] * 8, abs=0.06)
+    # (before - after) / after, of which half is left
+    assert min(abs(ratio - 1) for ratio in kept[16:26]) > 0.5 * abs(1 / scale - 1)
+
+
+def test_steady_light_keeps_its_history():
+    """What noise explains is no change: of sixteen frames, three in four count, and the error stays about the same."""
+    found = []
+    for gradient in (True, False):
+        steps = list(switched(24, 99, 1.0, gradient=gradient))
+        assert steps[15][0].history_length.mean() > (12 if gradient else 15.99)
+        found.append(np.mean([(out.color - truth) ** 2 for out, truth in steps[16:]]))
+    assert found[0] < 1.25 * found[1]
+
+
+def test_replays_tell_exactly():
+    """In the half that the light switches, and in no other, the first sample of the new light stands for itself."""
+    rng, shot = np.random.default_rng(0), scene.shoot(0, 96, 64)
+    seen, sides = shot.ids > 0, np.arange(96)[None, :, None]
+    before, left, right = None, seen & (sides[..., 0] < 40), seen & (sides[..., 0] >= 56)
+    plain = {**PLAIN, "gradient": True, "iterations": 0}
+    svgf, blind = yester.SVGF(**plain), yester.SVGF(**plain | {"gradient": False})
+    for number in range(18):
+        light = np.where(sides < 48, 3 if number >= 15 else 1, 1).astype(np.float32)
+        color = scene.noisy(shot, rng) * light
+        replay = before if number != 15 else before * light
+        frame = yester.Frame(color, replay=replay, **shot.buffers())
+        out, other = svgf.step(frame), blind.step(frame)
+        since = number + 1 if number < 15 else number - 14
+        np.testing.assert_allclose(out.history_length[left], since, atol=2e-3)
+        np.testing.assert_array_equal(out.history_length[right], number + 1)
+        np.testing.assert_array_equal(out.color[right], other.color[right])
+        if number == 15:
+            np.testing.assert_allclose(out.color[left], color[left], rtol=5e-3, atol=1e-3)
+            assert np.median(other.color[left] / color[left]) < 2
+        before = color
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_antialiasing_nears_the_supersampled_image(noise):
+    """By a factor of 3, of jittered samples; alone, SVGF keeps edges as the last frame had them."""
+    rng, camera = np.random.default_rng(0), scene.camera(0, 96, 64)
+    truth = supersampled(camera)
+    smooth, plain = yester.SVGF(), yester.SVGF(antialias=False)
+    errors = []
+    for number, offset in enumerate(yester.jitter(24)):
+        frame = sample(camera, offset)
+        if noise:
+            frame["color"] *= rng.exponential(1, (64, 96, 1)).astype(np.float32)
+        frame = yester.Frame(**frame)
+        images = [svgf.step(frame).color for svgf in (smooth, plain)]
+        if number >= 12:
+            errors.append([np.mean((image - truth) ** 2) for image in images])
+    smooth, plain = np.mean(errors, 0)
+    assert 3 * smooth < plain
+
+
+def test_a_firefly_does_not_stay():
+    """One sample a thousand times too bright is spread; kept, it shines for as long as history lasts."""
+    good = np.full((24, 25, 3), 0.5, np.float32)
+    glaring = good.copy()
+    glaring[12, 12] = 500
+
+    def brightest(**named):
+        svgf = yester.SVGF(iterations=0, **{**PLAIN, **named})
+        return [svgf.step(yester.Frame(color)).color.max() for color in (good, good, glaring, good, good)]
+
+    assert max(brightest(fireflies=True)) < 1
+    assert brightest()[-1] > 50
+
+
+def test_object_normals_outlive_a_turn():
+    """Of an object that turns by 40 degrees a frame: its world normals refuse history, its own do not."""
+    shape = (12, 13, 3)
+    color = np.ones(shape, np.float32)
+    own = np.broadcast_to(np.float32([0, 0, 1]), shape)
+    for named, length in (({}, 1), ({"object_normal": own}, 4)):
+        svgf = yester.SVGF()
+        for number in range(4):
+            angle = np.radians(40 * number)
+            normal = np.broadcast_to([np.sin(angle), 0, np.cos(angle)], shape)
+            out = svgf.step(yester.Frame(color, normal=normal, **named))
+        assert (out.history_length == length).all()
+        assert (out.rejection == (0 if named else 4)).all()
+
+
+@pytest.mark.parametrize("named", [{}, PLAIN, {"reflections": DISTANCES}], ids=str)
+def test_constant_stays(named):
+    color = np.full((16, 17, 3), np.float32([0.7, 0.2, 3]))
+    svgf = yester.SVGF(**named)
+    buffers, _, _ = gallery(0, 17, 16)
+    for number in range(5):
+        out = svgf.step(yester.Frame(color, **buffers))
+        np.testing.assert_allclose(out.color, color, rtol=3e-6)
+        assert (out.history_length == number + 1).all()
     assert (out.confidence == 1).all()
     assert not out.rejection.any()
 
@@ -224,6 +454,7 @@ def test_constant_stays():
         ("plane_distance", [0, -1]),
         ("normal_angle", [-1, 181]),
         ("min_length", [-1, np.nan]),
+        ("reflections", [[0.0], [1, -1], [np.nan], [1, -np.inf]]),
     ],
 )
 def test_out_of_range(argument, values):

@@ -145,7 +145,7 @@ class SVGF:
 class TAA:
     def __new__(
         cls,
-        preset: Literal["best", "seed", "karis", "filament"] = "best",
+        preset: Literal["best", "denoised", "seed", "karis", "filament"] = "best",
         *,
         alpha: float | None = None,
         fast_alpha: float | None = None,

@@ -33,10 +33,10 @@ use crate::pipelines::{frame, svgf, taa};
 /// confidence : (H, W) float32
 ///     Share of the history's footprint that was accepted, 0 to 1; 0 where the pixel starts anew.
 /// rejection : (H, W) uint8
-///     Bits of `Rejection`: the tests that taps of the 2×2 footprint failed.
+///     Bits of `Rejection`: the tests that taps of the footprint failed (one pixel for filter "nearest", else 2×2).
 /// used : tuple of str
 ///     What took part: of "motion", "camera" (motion computed from cameras), "albedo", "emission", "normal", "depth",
-///     "plane" (depth compared by plane distance), "ids", "replay" and "jitter".
+///     "plane" (depth compared by plane distance), "ids", "object_normal", "replay", "hit_distance" and "jitter".
 /// missing : int
 ///     Pixels whose sample was not finite.
 #[pyclass(frozen, get_all, module = "yester")]
@@ -127,7 +127,7 @@ impl Output {
 ///     (0.25, 0.5, 1, 2, 4, inf) covers most. Frames with a `hit_distance` are tried at that one alone. Needs cameras, and
 ///     depth.
 /// antialias : bool, default True
-///     Whether a stage of temporal antialiasing, `TAA` with preset "best", follows.
+///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
 ///
 /// Raises
 /// ------
@@ -206,7 +206,7 @@ impl SVGF {
             gradient,
             fireflies: fireflies.then(fireflies::Params::default),
             reflections,
-            antialias: antialias.then_some(taa::Params::BEST),
+            antialias: antialias.then_some(taa::Params::DENOISED),
         };
         Ok(Self {
             inner: svgf::Svgf::new(params)?,
@@ -250,10 +250,10 @@ impl SVGF {
 ///
 /// Parameters
 /// ----------
-/// preset : {"best", "seed", "karis", "filament"}, default "best"
-///     Where the other parameters come from that are not given: our own measurements; the textbook equation (range of
-///     the 3×3 pixels, clamped, 5 % of the new sample); Karis 2014, *High Quality Temporal Supersampling*; the defaults of
-///     Google's Filament.
+/// preset : {"best", "denoised", "seed", "karis", "filament"}, default "best"
+///     Where the other parameters come from that are not given: our own measurements, on frames without noise and on
+///     denoised ones; the textbook equation (range of the 3×3 pixels, clamped, 5 % of the new sample); Karis 2014, *High
+///     Quality Temporal Supersampling*; the defaults of Google's Filament.
 /// alpha : float, optional
 ///     Least share of the new sample, 0 to 1.
 /// fast_alpha : float, optional

@@ -65,8 +65,8 @@ pub struct Next {
 
 /// Replaces history by that of the best candidate, where one wins.
 ///
-/// `values` holds what [`reproject`] fetched along the surface's motion: the history image, then the light, then the
-/// scores; of these, the history is replaced.
+/// `base` holds what [`reproject`] fetched along the surface's motion: the history image, then the light, then the scores;
+/// of these, the history is replaced.
 pub fn choose(
     memory: &Memory,
     history: View,
@@ -87,65 +87,66 @@ pub fn choose(
         (None, None) => return None,
     };
     let size = color.size;
-    let asking = if memory.age.is_multiple_of(PERIOD) {
-        None
-    } else {
-        Some(&memory.asking)
-    };
-    // Elsewhere on the mirror: depth says nothing about what it shows.
-    let [now, before] = [frame.surface, before].map(|surface| Surface {
-        depth: None,
-        color: None,
-        ..surface
-    });
-    let tests = Tests::new(size, now, before, None, &surface::Params::default());
-    let channels = history.channels;
-    let mut light = base.values.channels(channels..channels + 3).to_image();
-    forget_uncovered(&mut light, &base.coverage);
-    let old = base
-        .values
-        .channels(channels + 3..channels + 3 + distances.len())
-        .to_image();
+    let everywhere = memory.age.is_multiple_of(PERIOD);
+    let asking = (!everywhere).then_some(&memory.asking);
     let mut scores = Image::new(size, distances.len());
     let mut best = Image::new(size, 1);
     best.data_mut().fill(MARGIN);
-    for (k, source) in sources.into_iter().enumerate() {
-        let mut hits = Image::new(size, 1);
-        let kernel = Hits { source, asking };
-        rows::run(&kernel, size.height, hits.bands());
-        let motion = virtual_motion(geometry, hits.view(), cameras[0], cameras[1]);
-        let params = reproject::Params {
-            filter: Filter::Bilinear,
-            fallback: false,
-            dering: true,
+    if everywhere || memory.asking.any() {
+        // Elsewhere on the mirror: depth says nothing about what it shows.
+        let [now, before] = [frame.surface, before].map(|surface| Surface {
+            depth: None,
+            color: None,
+            ..surface
+        });
+        let tests = Tests::new(size, now, before, None, &surface::Params::default());
+        let fetch = |image: View, motion: View| {
+            let params = reproject::Params {
+                filter: Filter::Bilinear,
+                fallback: false,
+                dering: true,
+            };
+            reproject(&[image], motion, tests, params)
         };
-        let mut candidate = reproject(
-            &[memory.light.view(), history],
-            motion.view(),
-            tests,
-            params,
-        );
-        forget_uncovered(&mut candidate.values, &candidate.coverage);
-        let gain = prediction_gain(
-            candidate.values.channels(0..3),
-            light.view(),
-            color,
-            frame.surface.ids,
-            RADIUS,
-            asking,
-        );
-        let kernel = Take {
-            gain: gain.view(),
-            old: old.channels(k..k + 1),
-            candidate: &candidate,
-            channels,
-            asking,
+        let first = history.channels;
+        let mut light = base.values.channels(first..first + 3).to_image();
+        forget_uncovered(&mut light, &base.coverage);
+        let old = base.values.channels(first + 3..base.values.channels);
+        let mut winner = Image::new(size, 2);
+        winner.data_mut().fill(f32::NAN);
+        for (k, source) in sources.into_iter().enumerate() {
+            let mut hits = Image::new(size, 1);
+            rows::run(&Hits { source, asking }, size.height, hits.bands());
+            let motion = virtual_motion(geometry, hits.view(), cameras[0], cameras[1]);
+            let mut candidate = fetch(memory.light.view(), motion.view());
+            forget_uncovered(&mut candidate.values, &candidate.coverage);
+            let gain = prediction_gain(
+                candidate.values.view(),
+                light.view(),
+                color,
+                frame.surface.ids,
+                RADIUS,
+                asking,
+            );
+            let kernel = Rank {
+                gain: gain.view(),
+                old: old.channel(k),
+                motion: motion.view(),
+                coverage: candidate.coverage.view(),
+                asking,
+            };
+            let mut score = Image::new(size, 1);
+            let outs = winner.bands().zip(best.bands().zip(score.bands()));
+            rows::run(&kernel, size.height, outs);
+            scores.set_channels(k, score.view());
+        }
+        let carried = fetch(history, winner.view());
+        let kernel = Replace {
+            carried: &carried,
+            channels: history.channels,
         };
-        let mut score = Image::new(size, 1);
         let outs = base.values.bands().zip(base.coverage.bands());
-        let outs = outs.zip(best.bands().zip(score.bands()));
         rows::run(&kernel, size.height, outs);
-        scores.set_channels(k, score.view());
     }
     Some(Next {
         asking: around_winners(best.view()),
@@ -220,28 +221,26 @@ impl<'a> Kernel for Hits<'a> {
     }
 }
 
-/// Averages the score, which starts anew where nobody asks, and takes the candidate's history where it is the best so far.
-struct Take<'a> {
+/// Averages the score, which starts anew where nobody asks, and keeps the motion of the best so far.
+struct Rank<'a> {
     gain: View<'a>,
     old: View<'a>,
-    candidate: &'a Reprojected,
-    channels: usize,
+    motion: View<'a>,
+    coverage: View<'a>,
     asking: Option<&'a Tiles>,
 }
 
-impl<'a> Kernel for Take<'a> {
-    type Out = ((BandMut<'a>, BandMut<'a>), (BandMut<'a>, BandMut<'a>));
+impl<'a> Kernel for Rank<'a> {
+    type Out = (BandMut<'a>, (BandMut<'a>, BandMut<'a>));
 
     #[inline(always)]
-    fn rows(
-        &self,
-        rows: Range<usize>,
-        ((mut values, mut coverage), (mut best, mut score)): Self::Out,
-    ) {
+    fn rows(&self, rows: Range<usize>, (mut winner, (mut best, mut score)): Self::Out) {
         for y in rows {
             let (gain, old) = (self.gain.row(0, y), self.old.row(0, y));
-            let fetched = self.candidate.coverage.view().row(0, y);
-            let (coverage, best, score) = (coverage.row(0, y), best.row(0, y), score.row(0, y));
+            let coverage = self.coverage.row(0, y);
+            let [mx, my] = self.motion.rows(y);
+            let [wx, wy] = winner.rows(y);
+            let (best, score) = (best.row(0, y), score.row(0, y));
             for x in 0..gain.len() {
                 let asked = self.asking.is_none_or(|tiles| tiles.at(x, y));
                 score[x] = if asked {
@@ -249,15 +248,36 @@ impl<'a> Kernel for Take<'a> {
                 } else {
                     0.0
                 };
-                if score[x] < best[x] && fetched[x] > 0.0 {
+                if score[x] < best[x] && coverage[x] > 0.0 {
                     best[x] = score[x];
-                    coverage[x] = fetched[x];
-                    for channel in 0..self.channels {
-                        // Light comes first in the candidate.
-                        let value = self.candidate.values.view().row(channel + 3, y)[x];
-                        values.row(channel, y)[x] = value;
-                    }
+                    (wx[x], wy[x]) = (mx[x], my[x]);
                 }
+            }
+        }
+    }
+}
+
+/// Takes what was carried along the winners' motion.
+struct Replace<'a> {
+    carried: &'a Reprojected,
+    channels: usize,
+}
+
+impl<'a> Kernel for Replace<'a> {
+    type Out = (BandMut<'a>, BandMut<'a>);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (mut values, mut coverage): Self::Out) {
+        for y in rows {
+            let carried = self.carried.coverage.view().row(0, y);
+            for channel in 0..self.channels {
+                let from = self.carried.values.view().row(channel, y);
+                for (x, value) in values.row(channel, y).iter_mut().enumerate() {
+                    *value = if carried[x] > 0.0 { from[x] } else { *value };
+                }
+            }
+            for (coverage, &carried) in coverage.row(0, y).iter_mut().zip(carried) {
+                *coverage = if carried > 0.0 { carried } else { *coverage };
             }
         }
     }

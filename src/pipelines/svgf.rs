@@ -176,9 +176,20 @@ impl Svgf {
         blacken_missing(&mut color);
 
         used.extend(list_used(frame, &guide));
-        if params.gradient && frame.replay.is_some() {
-            used.push("replay");
-        }
+        let before = memory.is_some();
+        let reflected = reflects && recalled.reflections.is_some();
+        used.extend(
+            [
+                (
+                    "object_normal",
+                    before && frame.surface.object_normal.is_some(),
+                ),
+                ("replay", gradient.is_some() && frame.replay.is_some()),
+                ("hit_distance", reflected && frame.hit_distance.is_some()),
+            ]
+            .into_iter()
+            .filter_map(|(name, used)| used.then_some(name)),
+        );
         let candidates = params.reflections.len();
         self.memory = Some(Memory {
             history,

@@ -34,8 +34,9 @@ pub struct Params {
 }
 
 impl Params {
-    pub const PRESETS: [(&str, Self); 4] = [
+    pub const PRESETS: [(&str, Self); 5] = [
         ("best", Self::BEST),
+        ("denoised", Self::DENOISED),
         ("seed", Self::SEED),
         ("karis", Self::KARIS),
         ("filament", Self::FILAMENT),
@@ -112,21 +113,19 @@ impl Params {
         reconstruct: Some(resolve::Filter::BlackmanHarris),
     };
 
-    /// What our own measurements choose.
+    /// What our own measurements choose for frames without noise.
     pub const BEST: Self = Self {
         dilate: Some(Window::Square),
         filter: Filter::Wide(Wide::CatmullRom),
         clip: neighborhood::Params {
-            bounds: Bounds::Variance,
-            gamma: 0.75,
-            radius: 1,
+            bounds: Bounds::Rounded,
             space: Space::ToneMappedYCoCg,
-            response: Response::Center,
+            ..Self::SEED.clip
         },
         // What stands still may be averaged for longer than what is resampled every time.
         blend_factor: blend_factor::Params {
-            alpha: 0.1,
-            fast_alpha: 0.3,
+            alpha: 0.05,
+            fast_alpha: 0.2,
             speed: Threshold {
                 full: 0.0,
                 none: 1.0,
@@ -137,6 +136,22 @@ impl Params {
             flicker: 1.0,
         },
         reconstruct: Some(resolve::Filter::BlackmanHarris),
+    };
+
+    /// The same for frames that a denoiser has smoothed, whose history is the worse for what was wrong in each of them.
+    pub const DENOISED: Self = Self {
+        clip: neighborhood::Params {
+            bounds: Bounds::Variance,
+            gamma: 0.75,
+            response: Response::Center,
+            ..Self::BEST.clip
+        },
+        blend_factor: blend_factor::Params {
+            alpha: 0.1,
+            fast_alpha: 0.3,
+            ..Self::BEST.blend_factor
+        },
+        ..Self::BEST
     };
 
     pub fn check(&self) -> Result<()> {

@@ -11,8 +11,8 @@ def suppress_fireflies(
     """Cut luminance to mean + threshold·σ of the ring around each pixel, and give the excess to the darker ones there.
 
     limit = (mean + threshold·σ)·1.00001, of the present pixels of the window except its centre, at least two of them.
-    A firefly's excess goes to the pixels of its window in proportion to their headroom, and no further: what they lack to
-    the limits of the image that is left when the excess is gone.
+    A firefly's excess goes to the pixels of its window in proportion to their headroom, and no further: what they lack
+    to the limits of the image that is left when the excess is gone.
     Source: the limit is that of NRD's anti-firefly.
 
     Parameters

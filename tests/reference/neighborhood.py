@@ -71,6 +71,11 @@ def clip_history(
         below, above = mean - gamma * deviation, mean + gamma * deviation  # (H, W, 3)
         low, high = (below, above) if box == "variance" else (low.maximum(below), high.minimum(above))
 
+    # Some room, so that rounding does not decide who is outside a flat box.
+    bounds = low, high
+    room = 1e-6 * torch.maximum(low.abs(), high.abs()).amax(-1, keepdim=True)  # (H, W, 1)
+    low, high = low - room, high + room  # (H, W, 3)
+
     old = to_space(history, space)  # (H, W, 3)
     held = old.maximum(low).minimum(high)  # (H, W, 3)
     middle = (low + high) / 2  # (H, W, 3)
@@ -84,13 +89,17 @@ def clip_history(
     elif response == "center":
         new = middle + (old - middle) / share(old - middle, (high - low) / 2).amax(-1, keepdim=True).clamp(min=1)
     elif response == "current":
-        target = torch.where(present[..., None], own.maximum(low).minimum(high), middle)  # (H, W, 3)
-        t = torch.where(held == old, 0, (held - old) / (target - old)).amax(-1, keepdim=True)  # (H, W, 1)
+        target = torch.where(present[..., None], own.maximum(bounds[0]).minimum(bounds[1]), middle)  # (H, W, 3)
+        border = old.maximum(bounds[0]).minimum(bounds[1])  # (H, W, 3)
+        t = torch.where(held == old, 0, (border - old) / (target - old)).amax(-1, keepdim=True)  # (H, W, 1)
         new = old + t * (target - old)  # (H, W, 3)
     else:
         axes = torch.tensor([1.7, 1, 1] if "ycocg" in space else [1.0, 1, 1], dtype=old.dtype)  # (3,)
-        length = share(old - mean, gamma * deviation * axes).norm(dim=-1, keepdim=True)  # (H, W, 1)
+        length = share(old - mean, gamma * deviation * axes + room).norm(dim=-1, keepdim=True)  # (H, W, 1)
         new = mean + (old - mean) / length.clamp(min=1)  # (H, W, 3)
+    if response in ("clamp", "center", "current") and "hull" not in box:
+        inside = (held == old).all(-1, keepdim=True)  # (H, W, 1)
+        new = torch.where(inside, old, new.maximum(bounds[0]).minimum(bounds[1]))  # (H, W, 3)
     stays = (number == 0) | ~history.isfinite().all(-1, keepdim=True)  # (H, W, 1)
     result = history.where(stays, to_rgb(new, space))  # (H, W, 3)
     return (result, grazing) if margin else result

@@ -103,9 +103,9 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
             for dx in (-1, 0, 1, 2):
                 if filter == "catmull-rom-5" and dx in (-1, 2) and dy in (-1, 2):
                     continue
-                weight = kernel(fx - dx) * kernel(fy - dy)  # (P,)
+                wx, wy = kernel(fx - dx), kernel(fy - dy)  # (P,), (P,)
                 # Exactly zero at whole distances, where sin(k·π) is not.
-                weight = weight.where(((fx != 0) | (dx == 0)) & ((fy != 0) | (dy == 0)), 0)  # (P,)
+                weight = (wx * wy).where(((fx != 0) | (dx == 0)) & ((fy != 0) | (dy == 0)), 0)  # (P,)
                 counts = weight != 0  # (P,)
                 trust, values = look(
                     everyone,
@@ -113,7 +113,10 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
                     footprint._index(y0, footprint.height) + dy,
                     counts,
                 )  # (P,), (P, C)
-                wide = wide & ((trust > 0) | ~counts)  # (P,)
+                fails = counts & (trust == 0)  # (P,)
+                wide = wide & ~fails  # (P,)
+                # What is nearly zero may be zero in another precision.
+                nearest = torch.where(fails, nearest.minimum(10 * wx.abs().minimum(wy.abs())), nearest)  # (P,)
                 total, weights = total + values * weight[:, None], weights + weight  # (P, C), (P,)
                 inner = counts & (dx in (0, 1)) & (dy in (0, 1))  # (P,)
                 low = torch.where(inner[:, None], low.minimum(values), low)  # (P, C)

@@ -103,7 +103,7 @@ class SVGF:
         if frame.albedo is not None:
             smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
         if self.antialias:
-            self.antialiased, *_ = antialias(PRESETS["best"], self.antialiased, smooth, motion, frame.depth)
+            self.antialiased, *_ = antialias(PRESETS["denoised"], self.antialiased, smooth, motion, frame.depth)
             smooth, _ = self.antialiased  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing)

@@ -56,9 +56,10 @@ impl<'a> Kernel for AntiLag<'a> {
                     luminance(kr[x], kg[x], kb[x]),
                 );
                 let distance = (h - k).abs() / h.abs().max(k.abs());
-                // NaN where both are black, or one is missing.
-                let distance = if distance.is_finite() { distance } else { 0.0 };
-                *out = lengths[x] / (1.0 + self.strength * distance * lengths[x]);
+                // NaN where both are black, or one is missing. The quotient is right for lengths without end, too.
+                let shortened = 1.0 / (1.0 / lengths[x] + self.strength * distance);
+                let moved = distance.is_finite() & (self.strength * distance > 0.0);
+                *out = if moved { shortened } else { lengths[x] };
             }
         }
     }

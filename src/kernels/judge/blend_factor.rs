@@ -72,8 +72,8 @@ impl<'a> Kernel for BlendFactor<'a> {
                     .zip(motion.row(0, y).iter().zip(motion.row(1, y)))
                 {
                     let length = (x * x + y * y).sqrt();
-                    let slow = speed.trust(length, 1.0);
-                    *alpha = fast_alpha.max(least) + slow * (least - fast_alpha.max(least));
+                    let haste = 1.0 - speed.trust(length, 1.0);
+                    *alpha = least + haste * (fast_alpha.max(least) - least);
                 }
                 for channel in 0..motion.channels {
                     for (alpha, motion) in out.iter_mut().zip(motion.row(channel, y)) {

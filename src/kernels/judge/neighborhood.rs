@@ -14,6 +14,9 @@
 //!   otherwise one outside its own box would return bad history whole; or onto the ellipsoid of half-axes
 //!   γσ · (1.7, 1, 1), wider in luminance (FSR 3.1).
 //!
+//! Who is outside a box, and how far, is judged with room for a millionth of the box's largest coordinate, so that where a
+//! neighbourhood is flat along an axis, rounding does not decide.
+//!
 //! Inputs: history (3), colour (3). Output: history; a colour inside keeps its bits. Pixels of the neighbourhood that lie
 //! outside the image or are missing do not count; where none counts, and where history is missing, it stays.
 
@@ -457,6 +460,10 @@ fn widen([low, high]: [&mut [f32; SEGMENT]; 2], at: usize, taps: &[f32]) {
     }
 }
 
+/// Who is outside a box, and how far, is judged with some room, this share of the box's largest coordinate: where a
+/// neighbourhood is flat along an axis, rounding shall not decide.
+const ROOM: f32 = 1e-6;
+
 /// Statistics of the neighbourhoods of a run's pixels.
 struct Boxes {
     count: [f32; SEGMENT],
@@ -481,12 +488,19 @@ impl Boxes {
     #[inline(always)]
     fn at(&self, i: usize) -> Neighborhood {
         let of = |planes: &[[f32; SEGMENT]; 3]| [planes[0][i], planes[1][i], planes[2][i]];
+        let (low, high) = (of(&self.low), of(&self.high));
+        let largest = (low.iter().zip(high)).fold(0.0_f32, |most, (low, high)| {
+            most.max(low.abs()).max(high.abs())
+        });
+        let room = ROOM * largest;
         Neighborhood {
             empty: self.count[i] == 0.0,
             mean: of(&self.mean),
             deviation: of(&self.deviation),
-            low: of(&self.low),
-            high: of(&self.high),
+            low,
+            high,
+            wide: [low.map(|low| low - room), high.map(|high| high + room)],
+            room,
         }
     }
 }
@@ -498,13 +512,17 @@ struct Neighborhood {
     deviation: Color,
     low: Color,
     high: Color,
+    /// The box with some room.
+    wide: [Color; 2],
+    room: f32,
 }
 
 /// Where a colour goes; `None` where it stays.
 impl Neighborhood {
     #[inline(always)]
     fn keeps(&self, color: Color) -> bool {
-        let inside = |c: usize| (self.low[c] <= color[c]) & (color[c] <= self.high[c]);
+        let [low, high] = self.wide;
+        let inside = |c: usize| (low[c] <= color[c]) & (color[c] <= high[c]);
         self.empty | (inside(0) & inside(1) & inside(2))
     }
 
@@ -526,8 +544,8 @@ impl Neighborhood {
 
     #[inline(always)]
     fn to_center(&self, color: Color) -> Option<Color> {
-        let center = self.center();
-        let share = |c: usize| beyond(color[c] - center[c], 0.5 * (self.high[c] - self.low[c]));
+        let ([low, high], center) = (self.wide, self.center());
+        let share = |c: usize| beyond(color[c] - center[c], 0.5 * (high[c] - low[c]));
         let most = share(0).max(share(1)).max(share(2));
         let clipped = self.held([0, 1, 2].map(|c| center[c] + (color[c] - center[c]) / most));
         (!self.keeps(color)).then_some(clipped)
@@ -537,11 +555,12 @@ impl Neighborhood {
     fn to_current(&self, color: Color, own: Color) -> Option<Color> {
         let (center, held) = (self.center(), self.held(own));
         let target = [0, 1, 2].map(|c| if own[0].is_nan() { center[c] } else { held[c] });
+        let [low, high] = self.wide;
         let exit = |c: usize| {
-            let below = color[c] < self.low[c];
+            let below = color[c] < low[c];
             let bound = if below { self.low[c] } else { self.high[c] };
             let share = (bound - target[c]) / (color[c] - target[c]);
-            if below | (color[c] > self.high[c]) {
+            if below | (color[c] > high[c]) {
                 share
             } else {
                 1.0
@@ -554,7 +573,12 @@ impl Neighborhood {
     /// The half-axes are multiples of the deviations.
     #[inline(always)]
     fn to_ellipsoid(&self, color: Color, axes: Color) -> Option<Color> {
-        let v = [0, 1, 2].map(|c| beyond(color[c] - self.mean[c], axes[c] * self.deviation[c]));
+        let v = [0, 1, 2].map(|c| {
+            beyond(
+                color[c] - self.mean[c],
+                axes[c] * self.deviation[c] + self.room,
+            )
+        });
         let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
         let clipped = [0, 1, 2].map(|c| self.mean[c] + (color[c] - self.mean[c]) / length);
         ((length > 1.0) & !self.empty).then_some(clipped)

@@ -70,6 +70,9 @@ impl Threshold {
                 got,
             ));
         }
+        if self.full < self.none && self.none == f32::INFINITY {
+            return Err(Error::value(name, "a ramp that ends", self.none));
+        }
         Ok(())
     }
 

@@ -154,17 +154,14 @@ fn merge(
         let c = [cr[x], cg[x], cb[x]];
         let h = [hr[x], hg[x], hb[x]];
         let present = is_finite3(c);
+        let change = change(x);
+        let before = hn[x] * tenth_power(1.0 - change);
         let remembered = is_finite3(h)
             & h1[x].is_finite()
             & h2[x].is_finite()
-            & hn[x].is_finite()
-            & (hn[x] > 0.0);
-        let change = change(x);
-        let before = if remembered {
-            hn[x] * tenth_power(1.0 - change)
-        } else {
-            0.0
-        };
+            & before.is_finite()
+            & (before > 0.0);
+        let before = if remembered { before } else { 0.0 };
         let counted = before + 1.0;
         let counted = if counted < longest { counted } else { longest };
         let inverse = 1.0 / counted;

@@ -1,0 +1,284 @@
+"""The pipelines once more, composed of the public kernels: the text of their definitions; and frames to run them on."""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import scene
+import yester
+from numpy.typing import NDArray
+from reference.taa import PRESETS
+
+TILE, PERIOD = 16, 8
+
+
+def sequence(count: int, *, moving=True, size=(61, 43), holes=True) -> list[dict]:
+    """Noisy frames with every buffer, exact motion, some samples missing; emission on the box; changes of light."""
+    rng = np.random.default_rng(7)
+    shots = [scene.shoot(number, *size, moving=moving) for number in range(-1, count)]
+    offsets = yester.jitter(count)
+    frames, last = [], None
+    for number, (before, shot) in enumerate(itertools.pairwise(shots)):
+        moves = scene.transforms(number) if moving else {}
+        emission = np.where((shot.ids == scene.BOX)[..., None], np.float32([0.5, 0.4, 0.1]), np.float32(0))
+        # In one colour alone, roundings would decide where a history lies in a box that is flat along chrominance.
+        color = scene.noisy(shot, rng) * rng.uniform(0.9, 1.1, (*shot.ids.shape, 3)).astype(np.float32) + emission
+        if holes:
+            color[rng.random(shot.ids.shape) < 0.02] = np.nan
+            color[10:14, 5 * number : 5 * number + 7, 1] = np.inf
+        motion = yester.motion_vectors(shot.position, shot.camera, before.camera, ids=shot.ids, transforms=moves)
+        frame = {"color": color, "motion": motion, "emission": emission, **shot.buffers()}
+        turn = scene.mover(number)[:3, :3] if moving else np.eye(3)
+        turned = np.where((shot.ids == scene.MOVER)[..., None], shot.normal @ turn, shot.normal)
+        turned[30:36, 20:40] *= (-1) ** number  # of something that world normals do not show
+        frame["object_normal"] = turned.astype(np.float32)
+        replay = np.full_like(color, np.nan) if last is None else last.copy()
+        replay[5:25, 8:30] *= 1 + 0.5 * number
+        frame["replay"] = replay
+        hit = rng.exponential(3, shot.ids.shape).astype(np.float32)
+        broken = rng.random(shot.ids.shape) < 0.1
+        hit[broken] = rng.choice([np.nan, np.inf, -1], int(broken.sum()))
+        frame |= {"hit_distance": hit, "jitter": offsets[number]}
+        frames.append(frame)
+        last = color
+    return frames
+
+
+def sample(camera: yester.Camera, offset=(0.0, 0.0)) -> dict:
+    """Every pixel's colour and buffers of the scene at rest, without noise, at an offset from the pixel's centre."""
+    position, normal, ids = scene.cast(0, camera, scene.centres(camera) + offset)
+    hit = ids > 0
+    shade = np.where(hit, 0.3 + np.clip(normal @ scene.LIGHT, 0, None), 0)
+    depth = np.where(hit, camera.project(np.nan_to_num(position))[1], np.inf)
+    albedo = scene.ALBEDO[ids]
+    buffers = {"depth": depth, "normal": normal, "position": position, "albedo": albedo}
+    return {
+        "color": (shade[..., None] * albedo).astype(np.float32),
+        "ids": ids,
+        "camera": camera,
+        **{name: value.astype(np.float32) for name, value in buffers.items()},
+    }
+
+
+def supersampled(camera: yester.Camera, side: int = 8) -> NDArray[np.float64]:
+    """The mean over each pixel of the scene at rest."""
+    places = (np.arange(side) + 0.5) / side - 0.5
+    return np.mean([sample(camera, (x, y))["color"] for x in places for y in places], 0, np.float64)
+
+
+def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.float32]:
+    """What came with the frame, or what the cameras tell, or none."""
+    geometry = frame.depth if frame.position is None else frame.position
+    if frame.motion is not None:
+        return frame.motion
+    if geometry is not None and before is not None and None not in (frame.camera, before.camera):
+        return yester.motion_vectors(geometry, frame.camera, before.camera)
+    return np.zeros((*frame.color.shape[:2], 2), np.float32)
+
+
+def blacken(color: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.where(np.isfinite(color), color, np.float32(0))
+
+
+def go_to_nearest(motion: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The motion to the centre of the one pixel that "nearest" takes."""
+    height, width = motion.shape[:2]
+    here = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
+    there = np.floor(here + motion[..., :2] + np.float32(0.5)) - here
+    return np.concatenate([there, motion[..., 2:]], -1)
+
+
+def antialias(settings: dict, history, color, motion, depth) -> tuple[list, NDArray, NDArray]:
+    """The history with one more colour: colour and length, the coverage of what was there, and its rejection."""
+    if history is None:
+        old, length = np.zeros_like(color), np.zeros_like(color[..., 0])
+        coverage, rejection = length, np.zeros(length.shape, np.uint8)
+    else:
+        moved = motion
+        if settings["dilate"] != "none":
+            choose = "longest" if depth is None else "nearest"
+            moved = yester.dilate_motion(motion, depth, choose=choose, window=settings["dilate"])
+        (old, length), coverage = yester.reproject(history, moved, filter=settings["filter"], fallback=False)
+        rejection, _ = yester.consistency(go_to_nearest(moved) if settings["filter"] == "nearest" else moved)
+    among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
+    clipped = yester.clip_history(old, color, **among)
+    pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
+    share = yester.blend_factor(coverage, motion, **pace)
+    with np.errstate(divide="ignore"):
+        longest = np.float32(1) / np.float32(settings["alpha"])
+    counted = np.minimum(length + np.float32(1), longest)
+    share = np.maximum(share, 1 / counted)
+    weights = {name: settings[name] for name in ("weighting", "flicker")}
+    blended = yester.blend(color, clipped, share, **weights)
+    present = np.isfinite(color).all(-1)
+    return [blended, np.where(present, counted, length)], coverage, rejection
+
+
+class TAA:
+    def __init__(self, preset: str = "best", **overrides):
+        self.settings = {**PRESETS[preset], **overrides}
+        self.history = self.before = None
+
+    def step(self, frame: yester.Frame) -> SimpleNamespace:
+        color = frame.color
+        if self.settings["reconstruct"] and frame.jitter is not None:
+            color = yester.resolve([color], [frame.jitter], filter="blackman-harris")
+        motion = find_motion(frame, self.before)
+        self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth)
+        self.before = frame
+        return SimpleNamespace(
+            color=blacken(self.history[0]),
+            history_length=self.history[1],
+            confidence=confidence,
+            rejection=rejection,
+            missing=int((~np.isfinite(frame.color).all(-1)).sum()),
+        )
+
+
+class SVGF:
+    def __init__(
+        self,
+        *,
+        alpha=0.05,
+        moments_alpha=0.2,
+        iterations=5,
+        sigma_luminance=4.0,
+        sigma_normal=128.0,
+        sigma_depth=1.0,
+        sigma_plane=0.01,
+        relative_depth=0.1,
+        plane_distance=0.01,
+        normal_angle=25.0,
+        min_length=3.5,
+        feedback=False,
+        gradient=True,
+        fireflies=True,
+        reflections=(),
+        antialias=True,
+    ):
+        self.alpha = {"alpha": alpha, "moments_alpha": moments_alpha}
+        self.sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}
+        self.limits = {
+            "relative_depth": relative_depth,
+            "plane_distance": plane_distance,
+            "normal_angle": normal_angle,
+        }
+        self.iterations, self.sigma_luminance, self.min_length = iterations, sigma_luminance, min_length
+        self.feedback, self.gradient, self.fireflies = feedback, gradient, fireflies
+        self.distances, self.antialias = reflections, antialias
+        self.before = self.antialiased = self.mirrored = None
+        self.asked, self.won = [], []  # shares of the pixels, by frame
+
+    def step(self, frame: yester.Frame) -> SimpleNamespace:
+        sample = frame.color
+        if frame.albedo is not None:
+            sample = yester.demodulate(sample, frame.albedo, emission=frame.emission)
+        held = yester.suppress_fireflies(sample)[0] if self.fireflies else sample
+        motion, gradient, mirrored = find_motion(frame, self.before), None, None
+        if self.before is None:
+            shape = sample.shape[:2]
+            history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), ())]
+            confidence, rejection = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+        else:
+            tests = self.same_surface(frame, motion)
+            cameras = frame.camera, self.before.camera
+            reflects = len(self.distances) > 0 and None not in cameras
+            planes = [*self.history]
+            if reflects:
+                planes += [self.mirrored.light, self.mirrored.scores]
+            replays = self.gradient and frame.replay is not None
+            if replays:
+                planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
+            fetched, confidence = yester.reproject(planes, motion, **tests, **self.limits)
+            rejection, _ = yester.consistency(motion, **tests, **self.limits)
+            history, more = fetched[:3], fetched[3:]
+            covered = (confidence > 0)[..., None]
+            if replays:
+                gradient = more[-1]
+            elif self.gradient:
+                gradient = yester.temporal_gradient(held, np.where(covered, history[0], np.float32(np.nan)))
+            if reflects:
+                light = np.where(covered, more[0], np.float32(np.nan))
+                mirrored = self.reflect(frame, tests, history, confidence, light, more[1], sample)
+
+        merged = yester.accumulate(held, *history, gradient=gradient, **self.alpha)
+        color, moments, length = merged.color, merged.moments, merged.history_length
+        alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
+        if frame.depth is not None and frame.normal is not None:
+            alike["camera"] = frame.camera
+        variance = yester.estimate_variance(moments, length, min_length=self.min_length, **alike)
+
+        def smooth(passes: int):
+            passes = min(passes, self.iterations)
+            return yester.atrous(color, variance, iterations=passes, sigma_luminance=self.sigma_luminance, **alike)
+
+        final, final_variance = smooth(self.iterations)
+        self.history = [smooth(1)[0] if self.feedback else color, moments, length]
+        if len(self.distances) > 0:
+            self.mirrored = mirrored or SimpleNamespace(scores=None, tiles=None, age=0)
+            self.mirrored.light = smooth(2)[0]
+            if self.mirrored.scores is None:
+                self.mirrored.scores = np.zeros((*length.shape, len(self.distances)), np.float32)
+        if frame.albedo is not None:
+            final = yester.remodulate(final, frame.albedo, emission=frame.emission)
+        if self.antialias:
+            self.antialiased, _, _ = antialias(PRESETS["denoised"], self.antialiased, final, motion, frame.depth)
+            final = self.antialiased[0]
+        self.before = frame
+        return SimpleNamespace(
+            color=blacken(final),
+            variance=final_variance,
+            history_length=length,
+            confidence=confidence,
+            rejection=rejection,
+            missing=merged.missing,
+        )
+
+    def same_surface(self, frame: yester.Frame, motion: NDArray) -> dict:
+        tests = {}
+        for name in ("depth", "normal", "ids", "object_normal"):
+            now, before = getattr(frame, name), getattr(self.before, name)
+            if now is not None and before is not None:
+                tests |= {name: now, f"previous_{name}": before}
+        if {"depth", "normal"} <= set(tests) and motion.shape[-1] == 3:
+            tests["previous_camera"] = self.before.camera
+        return tests
+
+    def reflect(self, frame, tests, history, confidence, light, old, sample) -> SimpleNamespace | None:
+        """Replaces history and confidence in place by those of candidates that predict better."""
+        geometry = frame.depth if frame.position is None else frame.position
+        known = frame.hit_distance
+        if geometry is None or (known is None and frame.depth is None):
+            return None
+        height, width = confidence.shape
+        everywhere = self.mirrored.age % PERIOD == 0
+        asked = np.ones((height, width), bool) if everywhere else self.mirrored.tiles
+        kind = {name: value for name, value in tests.items() if name.endswith(("normal", "ids"))}
+        scores, best = np.zeros_like(old), np.full((height, width), -0.02, np.float32)
+        winner = np.full((height, width, 2), np.nan, np.float32)
+        for k, distance in enumerate(self.distances if known is None else [None]):
+            with np.errstate(invalid="ignore"):
+                hit = frame.depth * np.float32(distance) if known is None else known
+            hit = np.where(asked, hit, np.float32(np.nan))
+            motion = yester.virtual_motion(geometry, hit, frame.camera, self.before.camera)
+            candidate, coverage = yester.reproject(self.mirrored.light, motion, fallback=False, **kind)
+            candidate = np.where((coverage > 0)[..., None], candidate, np.float32(np.nan))
+            gain = yester.prediction_gain(candidate, light, sample, ids=frame.ids, radius=3)
+            score = old[..., k] + np.float32(0.3) * (gain - old[..., k])
+            scores[..., k] = np.where(asked, score, 0)
+            wins = (scores[..., k] < best) & (coverage > 0)
+            best[wins] = scores[wins, k]
+            winner[wins] = motion[wins]
+        values, coverage = yester.reproject(self.history, winner, fallback=False, **kind)
+        carried = coverage > 0
+        confidence[carried] = coverage[carried]
+        for plane, value in zip(history, values, strict=True):
+            plane[carried] = value[carried]
+        won = best < np.float32(-0.02)
+        self.asked.append(asked.mean())
+        self.won.append(won.mean())
+        tiles = np.zeros((-(-height // TILE) + 2, -(-width // TILE) + 2), bool)
+        for y, x in np.unique(np.argwhere(won) // TILE, axis=0):
+            tiles[y : y + 3, x : x + 3] = True
+        tiles = np.kron(tiles[1:-1, 1:-1], np.ones((TILE, TILE), bool))[:height, :width]
+        return SimpleNamespace(scores=scores, tiles=tiles, age=self.mirrored.age + 1)

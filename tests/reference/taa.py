@@ -1,0 +1,148 @@
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from .blend import blend
+from .blend_factor import blend_factor
+from .consistency import consistency
+from .dilate import dilate_motion
+from .motion import motion_vectors
+from .neighborhood import clip_history
+from .reproject import reproject
+from .resolve import resolve
+
+SEED = {
+    "dilate": "none",
+    "filter": "bilinear",
+    "box": "minmax",
+    "gamma": 1.0,
+    "window": "3x3",
+    "space": "rgb",
+    "response": "clamp",
+    "alpha": 0.05,
+    "fast_alpha": 0.05,
+    "speed": (2.0, 16.0),
+    "weighting": "none",
+    "flicker": 1.0,
+    "reconstruct": False,
+}
+KARIS = SEED | {
+    "dilate": "cross",
+    "box": "rounded",
+    "space": "ycocg",
+    "response": "center",
+    "weighting": "tone",
+    "flicker": 0.2,
+    "reconstruct": True,
+}
+FILAMENT = SEED | {
+    "dilate": "3x3",
+    "filter": "catmull-rom-5",
+    "box": "intersection",
+    "space": "ycocg",
+    "response": "current",
+    "alpha": 0.12,
+    "fast_alpha": 0.12,
+    "weighting": "tone",
+    "reconstruct": True,
+}
+BEST = SEED | {
+    "dilate": "3x3",
+    "filter": "catmull-rom",
+    "box": "rounded",
+    "space": "tonemapped-ycocg",
+    "fast_alpha": 0.2,
+    "speed": (0.0, 1.0),
+    "reconstruct": True,
+}
+DENOISED = BEST | {"box": "variance", "gamma": 0.75, "response": "center", "alpha": 0.1, "fast_alpha": 0.3}
+PRESETS = {"best": BEST, "denoised": DENOISED, "seed": SEED, "karis": KARIS, "filament": FILAMENT}
+
+
+class Antialiased(NamedTuple):
+    history: list[Tensor]  # colour (H, W, 3) and length (H, W)
+    confidence: Tensor
+    rejection: Tensor
+
+
+class Output(NamedTuple):
+    color: Tensor
+    history_length: Tensor
+    confidence: Tensor
+    rejection: Tensor
+    missing: int
+
+
+def antialias(settings: dict, history: list[Tensor] | None, color: Tensor, motion: Tensor, depth) -> Antialiased:
+    """Merge a colour into the history of those before: dilate, reproject, clip, blend.
+
+    The share of a pixel's N-th sample is at least 1/N; N stops at 1/alpha.
+
+    Parameters
+    ----------
+    history : colour (H, W, 3) and length (H, W)
+    color : (H, W, 3)
+    motion : (H, W, 2) or (H, W, 3)
+    depth : (H, W), or None: the longest motion then is that of the neighbourhood
+    """
+    if history is None:
+        old, length = torch.zeros_like(color), torch.zeros_like(color[..., 0])  # (H, W, 3), (H, W)
+        coverage, rejection = length, torch.zeros_like(length, dtype=torch.uint8)  # (H, W), (H, W)
+    else:
+        there = motion  # (H, W, 2|3)
+        if settings["dilate"] != "none":
+            choose = "longest" if depth is None else "nearest"
+            there = dilate_motion(motion, depth, choose=choose, window=settings["dilate"])  # (H, W, 2|3)
+        (old, length), coverage = reproject(history, there, filter=settings["filter"], fallback=False)
+        rejection, _ = consistency(there)  # (H, W)
+    among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
+    clipped = clip_history(old, color, **among)  # (H, W, 3)
+    pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
+    counted = length + 1  # (H, W)
+    if settings["alpha"] > 0:
+        counted = counted.clamp(max=1 / settings["alpha"])  # (H, W)
+    share = blend_factor(coverage, motion, **pace).maximum(1 / counted)  # (H, W)
+    new = blend(color, clipped, share, weighting=settings["weighting"], flicker=settings["flicker"])  # (H, W, 3)
+    length = counted.where(color.isfinite().all(-1), length)  # (H, W)
+    return Antialiased([new, length], coverage, rejection)
+
+
+def find_motion(frame, before) -> Tensor:
+    """The frame's motion; or what both cameras tell; or none."""
+    if frame.motion is not None:
+        return frame.motion  # (H, W, 2|3)
+    geometry = frame.position if frame.position is not None else frame.depth  # (H, W, 3) or (H, W)
+    if geometry is not None and before is not None and frame.camera is not None and before.camera is not None:
+        return motion_vectors(geometry, frame.camera, before.camera)  # (H, W, 3)
+    return torch.zeros_like(frame.color[..., :2])  # (H, W, 2)
+
+
+class TAA:
+    """Temporal antialiasing, composed of the references. Frames are as those of `SVGF`.
+
+    Sources: Karis 2014, High Quality Temporal Supersampling; Filament's TemporalAntiAliasingOptions.
+
+    Parameters
+    ----------
+    preset : "best", "denoised", "seed", "karis" or "filament"
+    **overrides : what is to be otherwise
+    """
+
+    def __init__(self, preset="best", **overrides):
+        self.settings = PRESETS[preset] | overrides
+        self.reset()
+
+    def reset(self) -> None:
+        self.history = self.before = None
+
+    def step(self, frame) -> Output:
+        color = frame.color  # (H, W, 3)
+        if self.settings["reconstruct"] and frame.jitter is not None:
+            color = resolve([color], torch.as_tensor(frame.jitter)[None], filter="blackman-harris")  # (H, W, 3)
+        motion = find_motion(frame, self.before)  # (H, W, 2|3)
+        self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth)
+        self.before = frame
+        color, length = self.history  # (H, W, 3), (H, W)
+        missing = int((~frame.color.isfinite().all(-1)).sum())
+        return Output(color.where(color.isfinite(), 0), length, confidence, rejection, missing)

@@ -1,0 +1,301 @@
+import itertools
+from types import SimpleNamespace
+
+import composed
+import numpy as np
+import pytest
+import reference
+import scene
+import yester
+from compare import SIZES, assert_close, assert_same_bits, colors, motions, tensor
+from composed import sample, sequence, supersampled
+from reference.taa import PRESETS
+
+WIDTH, HEIGHT = 61, 43
+NAMES = ("color", "depth", "motion", "position", "camera", "jitter")
+OVERRIDES = [
+    {"dilate": "none", "filter": "nearest", "alpha": 0.3},
+    {"filter": "lanczos-2", "box": "hull", "response": "current", "weighting": "luminance"},
+    {"dilate": "cross", "window": "5x5", "gamma": 1.5, "box": "variance", "response": "ellipsoid", "flicker": 0.5},
+    {"filter": "bilinear", "box": "chroma-hull", "space": "ycocg", "response": "current", "speed": 0.5},
+    {"alpha": 0.0, "fast_alpha": 1.0, "speed": (0.1, 4.0), "box": "intersection", "space": "rgb", "response": "clamp"},
+]
+
+
+def check_bits(frames, preset="best", **overrides) -> None:
+    taa, other = yester.TAA(preset, **overrides), composed.TAA(preset, **overrides)
+    for frame in frames:
+        got, want = taa.step(frame), other.step(frame)
+        for name in ("color", "history_length", "confidence", "rejection"):
+            assert_same_bits(getattr(got, name), getattr(want, name))
+        assert got.missing == want.missing
+        assert got.variance is None
+        assert np.isfinite(got.color).all()
+
+
+def frames_of(names, count=4, **options) -> list[yester.Frame]:
+    return [yester.Frame(**{name: frame[name] for name in names}) for frame in sequence(count, **options)]
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_pipeline_is_its_kernels(preset):
+    """With any subset of the buffers that it knows, bit for bit."""
+    for count in range(len(NAMES)):
+        for names in itertools.combinations(NAMES[1:], count):
+            check_bits(frames_of(("color", *names), 3), preset)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("overrides", OVERRIDES)
+def test_overrides_are_the_kernels_arguments(preset, overrides):
+    frames = frames_of(NAMES, 6)
+    check_bits(frames, preset, **overrides)
+    check_bits(frames_of(("color", "motion"), 4), preset, **overrides)
+    plain, other = yester.TAA(preset), yester.TAA(preset, **overrides)
+    images = [(plain.step(frame).color, other.step(frame).color) for frame in frames]
+    assert not np.array_equal(*images[-1])
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_any_size_and_wild_motion(size):
+    rng = np.random.default_rng(0)
+    frames = [
+        yester.Frame(colors(rng, *size), motion=motions(rng, *size, channels), jitter=jitter)
+        for channels, jitter in ((2, (0.5, -0.5)), (3, None), (2, (-0.1, 0.3)), (3, (0, 0)))
+    ]
+    for preset in PRESETS:
+        check_bits(frames, preset)
+
+
+def test_everything_is_used_that_is_there():
+    for names, used in (
+        (("color",), ()),
+        (("color", "jitter"), ("jitter",)),
+        (("color", "depth", "motion"), ("motion", "depth")),
+        (("color", "position", "camera"), ("camera",)),
+        (NAMES, ("jitter", "motion", "depth")),
+    ):
+        taa = yester.TAA()
+        for frame in frames_of(names, 2):
+            out = taa.step(frame)
+        assert sorted(out.used) == sorted(used)
+    taa = yester.TAA("seed")
+    out = [taa.step(frame) for frame in frames_of(NAMES, 2)][-1]
+    assert out.used == ("motion",), "it neither reconstructs nor dilates"
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("names", [NAMES, ("color", "position", "camera"), ("color", "motion", "jitter")])
+def test_reference(preset, names):
+    """The whole against its composition in float64, where decisions may flip in a few pixels."""
+    taa, other = yester.TAA(preset), reference.TAA(preset)
+    absent = dict.fromkeys(NAMES)
+    for frame in sequence(6):
+        given = {name: frame[name] for name in names}
+        got = taa.step(yester.Frame(**given))
+        want = other.step(SimpleNamespace(**{**absent, **tensor(given)}))
+        assert got.missing == want.missing
+        named = {"where": np.ones((HEIGHT, WIDTH), bool), "flips": WIDTH * HEIGHT // 200}
+        assert_close("TAA", got.color, want.color, rtol=1e-4, **named)
+        assert_close("TAA history_length", got.history_length, want.history_length, **named)
+        assert_close("TAA confidence", got.confidence, want.confidence, **named)
+        flips = int((got.rejection != np.asarray(want.rejection)).sum())
+        assert flips <= WIDTH * HEIGHT // 200
+
+
+def error(image, truth) -> float:
+    return float(np.mean((image - truth) ** 2))
+
+
+def flight(number: int) -> yester.Camera:
+    """About half a pixel a frame."""
+    return scene.camera(0.25 * number, 96, 64)
+
+
+@pytest.mark.parametrize(
+    ("preset", "factor"), [("best", 20), ("denoised", 15), ("seed", 35), ("karis", 15), ("filament", 14)]
+)
+def test_a_still_image_converges_to_the_supersampled(preset, factor):
+    """From the sixteenth frame on, by the factor below the error of samples at the centres, and never above it."""
+    camera, taa = flight(0), yester.TAA(preset)
+    truth, alone, errors = supersampled(camera), sample(camera)["color"], []
+    for offset in (*yester.jitter(16), *yester.jitter(32)):
+        frame = sample(camera, offset)
+        errors.append(error(taa.step(yester.Frame(frame["color"], depth=frame["depth"], jitter=offset)).color, truth))
+    assert factor * np.mean(errors[16:]) < error(alone, truth)
+    assert 1.2 * np.max(errors[16:]) < error(alone, truth)
+    assert 1.5 * np.mean(errors[16:]) < errors[0]
+
+
+@pytest.mark.parametrize(
+    ("preset", "factors"), [("best", (1.9, 1.5)), ("denoised", (2.3, 1.8)), ("filament", (2.1, 1.7))]
+)
+def test_a_moving_camera_sees_it_too(preset, factors):
+    """By the factors below the errors of the jittered samples and of samples at the centres."""
+    errors, taa = [], yester.TAA(preset)
+    for number, offset in enumerate(yester.jitter(24)):
+        camera = flight(number)
+        frame = sample(camera, offset)
+        names = ("color", "depth", "position", "camera")
+        image = taa.step(yester.Frame(**{name: frame[name] for name in names}, jitter=offset)).color
+        if number >= 8 and number % 3 == 0:
+            truth = supersampled(camera, 6)
+            errors.append([error(shown, truth) for shown in (image, frame["color"], sample(camera)["color"])])
+    own, *others = np.mean(errors, 0)
+    assert (own * np.array(factors) < others).all()
+
+
+@pytest.mark.parametrize("preset", ["best", "karis", "filament"])
+def test_a_thin_line_does_not_vanish(preset):
+    """0.7 pixels wide: single samples miss it in some columns, in which it is to stay visible all the same."""
+
+    def draw(offset):
+        y, x = np.mgrid[:48, :64] + 0.5
+        on = np.abs(y + offset[1] - 20.3 - 0.13 * (x + offset[0])) < 0.35
+        return np.where(on, 1, 0.1)[..., None].repeat(3, -1).astype(np.float32)
+
+    def columns(image):
+        return image[:, 8:-8, 1].max(0) - 0.1
+
+    places = (np.arange(16) + 0.5) / 16 - 0.5
+    truth = np.mean([draw((x, y)) for x in places for y in places], 0, np.float64)
+    taa, offsets = yester.TAA(preset), yester.jitter(32)
+    assert min(columns(draw(offset)).min() for offset in offsets) < 1e-6
+    for number in range(64):
+        offset = offsets[number % 32]
+        image = taa.step(yester.Frame(draw(offset), jitter=offset)).color
+        if number >= 16:
+            assert (columns(image) > 0.03 * columns(truth)).all()
+            assert np.sum(image - 0.1) > 0.45 * np.sum(truth - 0.1)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_constant_stays(preset):
+    color, taa = np.full((16, 17, 3), np.float32([0.7, 0.2, 3])), yester.TAA(preset)
+    rng = np.random.default_rng(0)
+    for offset in yester.jitter(12):
+        motion = rng.normal(0, 0.7, (16, 17, 2))
+        out = taa.step(yester.Frame(color, motion=motion, jitter=offset))
+        np.testing.assert_allclose(out.color, color, rtol=2e-6)
+    assert out.missing == 0
+
+
+def test_length_counts_samples():
+    """Equal shares at first, then at least alpha: the mean of the first ten samples, where nothing is clipped."""
+    rng = np.random.default_rng(0)
+    samples = rng.uniform(0.4, 0.6, (14, 8, 9, 3)).astype(np.float32)
+    taa = yester.TAA("seed", alpha=0.1, fast_alpha=0.1, gamma=1e6, box="variance")
+    for number, color in enumerate(samples, 1):
+        out = taa.step(yester.Frame(color))
+        assert (out.history_length == min(number, 10)).all()
+        assert (out.confidence == (number > 1)).all()
+        if number == 10:
+            np.testing.assert_allclose(out.color, samples[:10].mean(0), rtol=1e-5)
+            mean = out.color
+        if number > 10:
+            mean = mean + 0.1 * (color - mean)
+            np.testing.assert_allclose(out.color, mean, rtol=1e-5)
+    assert not out.rejection.any()
+    far = yester.Frame(color, motion=np.full((8, 9, 2), 100.0))
+    out = taa.step(far)
+    assert (out.history_length == 1).all()
+    assert (out.rejection == 1).all()
+    np.testing.assert_allclose(out.color, color, rtol=1e-6)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_missing_samples_are_survived(preset):
+    """A lost frame shows the history and does not count; at the very start it is black, and heals afterwards."""
+    good, taa = np.full((8, 9, 3), 0.6, np.float32), yester.TAA(preset)
+    lost = yester.Frame(np.full_like(good, np.nan), jitter=(0.2, 0.1))
+    out = taa.step(lost)
+    assert out.missing == 72
+    assert not out.color.any()
+    assert not out.history_length.any()
+    for length in (1, 2):
+        out = taa.step(yester.Frame(good, jitter=(0.1, -0.3)))
+        np.testing.assert_allclose(out.color, 0.6, rtol=1e-6)
+        assert (out.history_length == length).all()
+    out = taa.step(lost)
+    assert out.missing == 72
+    np.testing.assert_allclose(out.color, 0.6, rtol=1e-6)
+    assert (out.history_length == 2).all()
+    holes = good.copy()
+    holes[2:5, 3, 1], holes[7, 8, 0] = np.inf, np.nan
+    out = taa.step(yester.Frame(holes))
+    assert out.missing == 4
+    np.testing.assert_allclose(out.color, 0.6, rtol=1e-6)
+    assert (out.history_length == np.where(np.isfinite(holes).all(-1), 3, 2)).all()
+
+
+def test_reset_forgets():
+    frames = frames_of(NAMES, 3)
+    taa = yester.TAA()
+    first = [taa.step(frame).color for frame in frames]
+    assert taa.reset() is None
+    for frame, want in zip(frames, first, strict=True):
+        assert_same_bits(taa.step(frame).color, want)
+
+
+def test_one_size_until_reset():
+    small, large = (yester.Frame(np.ones((size, size, 3), np.float32)) for size in (8, 9))
+    taa = yester.TAA()
+    taa.step(small)
+    with pytest.raises(ValueError, match="reset") as refused:
+        taa.step(large)
+    assert "8" in str(refused.value)
+    assert "9" in str(refused.value)
+    assert taa.step(small).history_length.max() == 2, "a refused frame leaves the state alone"
+    taa.reset()
+    assert taa.step(large).history_length.max() == 1
+
+
+def test_one_pixel():
+    taa = yester.TAA()
+    for number, value in enumerate((1.0, 3.0), 1):
+        out = taa.step(yester.Frame(np.full((1, 1, 3), value, np.float32), jitter=(0.4, 0.4)))
+        assert out.color.shape == (1, 1, 3)
+        assert out.history_length == number
+        # Its neighbourhood is itself.
+        np.testing.assert_allclose(out.color, value, rtol=1e-6)
+
+
+@pytest.mark.parametrize("argument", ["preset", "dilate", "filter", "box", "window", "space", "response", "weighting"])
+def test_unknown_modes_list_the_known(argument):
+    known = {preset[argument] for preset in PRESETS.values()} if argument != "preset" else set(PRESETS)
+    with pytest.raises(ValueError, match=argument) as refused:
+        yester.TAA(**{argument: "nonsense"})
+    for mode in (*known, "nonsense"):
+        assert mode in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("argument", "values"),
+    [
+        ("alpha", [-0.1, 1.1, np.nan]),
+        ("fast_alpha", [-0.1, 1.1, np.nan]),
+        ("speed", [-1, np.nan, (3, 2)]),
+        ("gamma", [-1, np.nan]),
+        ("flicker", [-0.1, 1.1, np.nan]),
+    ],
+)
+def test_out_of_range(argument, values):
+    for value in values:
+        with pytest.raises(ValueError, match=argument):
+            yester.TAA(**{argument: value})
+
+
+def test_hulls_need_their_response_and_space():
+    for named in ({"box": "hull"}, {"box": "chroma-hull"}):
+        with pytest.raises(ValueError, match="response"):
+            yester.TAA(**named)
+    with pytest.raises(ValueError, match="space"):
+        yester.TAA(box="chroma-hull", response="current", space="rgb")
+
+
+def test_not_a_frame():
+    for frame in (np.ones((4, 4, 3), np.float32), None):
+        with pytest.raises(TypeError, match="frame"):
+            yester.TAA().step(frame)
+    with pytest.raises(TypeError):
+        yester.TAA("best", 0.05)
