@@ -280,7 +280,7 @@ def blend_factor(
     *,
     alpha: float = 0.05,
     fast_alpha: float = 0.2,
-    speed: _Threshold = (2.0, 16.0),
+    speed: _Threshold = (0.0, 1.0),
     out: _Floats | None = None,
 ) -> _Floats: ...
 def anti_lag(

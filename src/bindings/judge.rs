@@ -385,7 +385,7 @@ pub fn clip_history_<'py>(
 ///     Share under full confidence and slow motion, 0 to 1.
 /// fast_alpha : float, default 0.2
 ///     Share under full confidence and fast motion, 0 to 1; counts where it is more than `alpha`.
-/// speed : float or (float, float), default (2, 16)
+/// speed : float or (float, float), default (0, 1)
 ///     Pixels up to which motion is slow, and from which it is fast.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -401,9 +401,9 @@ pub fn clip_history_<'py>(
 ///     On wrong shapes or shares out of range.
 #[pyfunction]
 #[pyo3(name = "blend_factor", signature = (confidence, motion=None, *, alpha=0.05, fast_alpha=0.2,
-    speed=Bounds::Soft(2.0, 16.0), out=None))]
+    speed=Bounds::Soft(0.0, 1.0), out=None))]
 #[pyo3(
-    text_signature = "(confidence, motion=None, *, alpha=0.05, fast_alpha=0.2, speed=(2.0, 16.0), out=None)"
+    text_signature = "(confidence, motion=None, *, alpha=0.05, fast_alpha=0.2, speed=(0.0, 1.0), out=None)"
 )]
 pub fn blend_factor_<'py>(
     py: Python<'py>,

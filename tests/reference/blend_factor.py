@@ -5,7 +5,7 @@ from .surface import bounds
 
 
 def blend_factor(
-    confidence: Tensor, motion: Tensor | None = None, *, alpha=0.05, fast_alpha=0.2, speed=(2.0, 16.0)
+    confidence: Tensor, motion: Tensor | None = None, *, alpha=0.05, fast_alpha=0.2, speed=(0.0, 1.0)
 ) -> Tensor:
     """The share of the new sample: alpha under full confidence, more the faster the motion, and 1 without confidence.
 

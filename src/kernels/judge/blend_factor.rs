@@ -21,7 +21,7 @@ pub struct Params {
     pub alpha: f32,
     /// Share under full confidence and fast motion; 0 to 1; 0.2.
     pub fast_alpha: f32,
-    /// Slow up to the first, fast from the second; pixels from 0; 2 and 16.
+    /// Slow up to the first, fast from the second; pixels from 0; 0 and 1.
     pub speed: Threshold,
 }
 
