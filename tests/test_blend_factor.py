@@ -53,7 +53,7 @@ def test_by_hand():
     motion = np.zeros((1, 6, 3), np.float32)
     motion[0, :, 1] = [0, 2, -9, 16, 99, 0]
     motion[0, :, 2] = [9, 9, 9, 9, 9, np.nan]
-    got = check(np.ones((1, 6), np.float32), motion, alpha=0.1, fast_alpha=0.3)
+    got = check(np.ones((1, 6), np.float32), motion, alpha=0.1, fast_alpha=0.3, speed=(2.0, 16.0))
     np.testing.assert_allclose(got, [[0.1, 0.1, 0.2, 0.3, 0.3, 1]], rtol=1e-6)
     got = check(np.ones((1, 6), np.float32), motion, alpha=0.1, fast_alpha=0.3, speed=(9.0, 9.0))
     np.testing.assert_allclose(got, [[0.1, 0.1, 0.1, 0.3, 0.3, 1]], rtol=1e-6)

@@ -118,14 +118,14 @@ impl Params {
         dilate: Some(Window::Square),
         filter: Filter::Wide(Wide::CatmullRom),
         clip: neighborhood::Params {
-            bounds: Bounds::Rounded,
+            bounds: Bounds::Variance,
             space: Space::ToneMappedYCoCg,
             ..Self::SEED.clip
         },
         // What stands still may be averaged for longer than what is resampled every time.
         blend_factor: blend_factor::Params {
             alpha: 0.05,
-            fast_alpha: 0.2,
+            fast_alpha: 0.25,
             speed: Threshold {
                 full: 0.0,
                 none: 1.0,
@@ -141,7 +141,6 @@ impl Params {
     /// The same for frames that a denoiser has smoothed, whose history is the worse for what was wrong in each of them.
     pub const DENOISED: Self = Self {
         clip: neighborhood::Params {
-            bounds: Bounds::Variance,
             gamma: 0.75,
             response: Response::Center,
             ..Self::BEST.clip

@@ -50,13 +50,13 @@ FILAMENT = SEED | {
 BEST = SEED | {
     "dilate": "3x3",
     "filter": "catmull-rom",
-    "box": "rounded",
+    "box": "variance",
     "space": "tonemapped-ycocg",
-    "fast_alpha": 0.2,
+    "fast_alpha": 0.25,
     "speed": (0.0, 1.0),
     "reconstruct": True,
 }
-DENOISED = BEST | {"box": "variance", "gamma": 0.75, "response": "center", "alpha": 0.1, "fast_alpha": 0.3}
+DENOISED = BEST | {"gamma": 0.75, "response": "center", "alpha": 0.1, "fast_alpha": 0.3}
 PRESETS = {"best": BEST, "denoised": DENOISED, "seed": SEED, "karis": KARIS, "filament": FILAMENT}
 
 
