@@ -57,7 +57,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         "temporal_gradient": (yester.temporal_gradient, {"color": color, "previous": history}),
         "prediction_gain": (
             yester.prediction_gain,
-            {"candidate": history, "base": color[::-1], "color": color, "ids": now["ids"]},
+            {"candidate": history, "base": color[::-1].copy(), "color": color, "ids": now["ids"]},
         ),
         "blend": (yester.blend, {"color": color, "history": history, "alpha": length / 9, "flicker": 0.5}),
         "accumulate": (
