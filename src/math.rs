@@ -8,6 +8,12 @@ pub fn luminance(r: f32, g: f32, b: f32) -> f32 {
     LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b
 }
 
+/// Whether a sample is there: a pixel with NaN or infinity in a channel is missing. Without branches, for rows.
+#[inline(always)]
+pub fn is_present([r, g, b]: [f32; 3]) -> bool {
+    r.is_finite() & g.is_finite() & b.is_finite()
+}
+
 /// Held to [0, 1]; NaN becomes 0, which `clamp` would keep.
 #[allow(clippy::manual_clamp)]
 #[inline(always)]

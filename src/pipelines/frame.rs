@@ -5,6 +5,7 @@ use crate::image::{Image, Size, View};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
+use crate::kernels::merge::accumulate;
 
 /// One frame's buffers.
 pub struct Frame<'a> {
@@ -89,10 +90,8 @@ pub fn blacken_missing(color: &mut Image) {
     missing.for_each(|v| *v = 0.0);
 }
 
-/// Pixels whose sample is not finite.
+/// Pixels whose sample is missing.
 pub fn count_missing(color: View) -> usize {
-    let [r, g, b] = [0, 1, 2].map(|channel| color.plane(channel));
-    (0..r.len())
-        .filter(|&i| !(r[i].is_finite() & g[i].is_finite() & b[i].is_finite()))
-        .count()
+    let rows = 0..color.size.height;
+    rows.map(|y| accumulate::count_missing(color.rows(y))).sum()
 }

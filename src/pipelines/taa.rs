@@ -19,6 +19,7 @@ use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_hi
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::merge::resolve::{self, Resolve};
+use crate::math::is_present;
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -251,7 +252,7 @@ impl<'a> Kernel for WarmUp<'a> {
             let alpha = alpha.row(0, y);
             let [_, _, _, length] = history.rows(y);
             for x in 0..before.len() {
-                let present = r[x].is_finite() & g[x].is_finite() & b[x].is_finite();
+                let present = is_present([r[x], g[x], b[x]]);
                 let counted = (before[x] + 1.0).min(self.longest);
                 alpha[x] = alpha[x].max(1.0 / counted);
                 length[x] = if present { counted } else { before[x] };

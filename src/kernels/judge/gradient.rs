@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Image, Run, Tap, View};
-use crate::math::{luminance, saturate};
+use crate::math::{is_present, luminance, saturate};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -108,8 +108,7 @@ impl<'a> Kernel for Differences<'a> {
             let ([r, g, b], [pr, pg, pb]) = (self.color.rows(y), self.previous.rows(y));
             let [weight, delta, square, most] = out.rows(y);
             for x in 0..r.len() {
-                let finite = |v: [f32; 3]| v[0].is_finite() & v[1].is_finite() & v[2].is_finite();
-                let known = finite([r[x], g[x], b[x]]) & finite([pr[x], pg[x], pb[x]]);
+                let known = is_present([r[x], g[x], b[x]]) & is_present([pr[x], pg[x], pb[x]]);
                 let l = luminance(r[x], g[x], b[x]);
                 let other = luminance(pr[x], pg[x], pb[x]);
                 let keep = |v: f32| if known { v } else { 0.0 };

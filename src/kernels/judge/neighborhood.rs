@@ -25,6 +25,7 @@ use std::ops::Range;
 use super::hull::{Hull, Polygon, Polytope, enter, toward};
 use crate::error::{Error, Result, in_range};
 use crate::image::{BandMut, Image, Run, SEGMENT, Tap, View};
+use crate::math::is_present;
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -231,11 +232,6 @@ impl<'a> Kernel for Convert<'a> {
             }
         }
     }
-}
-
-#[inline(always)]
-fn is_present([r, g, b]: Color) -> bool {
-    r.is_finite() & g.is_finite() & b.is_finite()
 }
 
 struct Clip<'a> {

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use crate::error::{Error, Result, in_range};
 use crate::image::{BandMut, Image, View};
-use crate::math::{luminance, saturate};
+use crate::math::{is_present, luminance, saturate};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -115,18 +115,13 @@ impl<'a> Kernel for Accumulate<'a> {
     }
 }
 
+/// Pixels of a row whose sample is missing.
 #[inline(always)]
-fn is_finite3([r, g, b]: [f32; 3]) -> bool {
-    // Bitwise, so that rows need no branches.
-    r.is_finite() & g.is_finite() & b.is_finite()
-}
-
-#[inline(always)]
-fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
+pub fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
     r.iter()
         .zip(g)
         .zip(b)
-        .filter(|&((&r, &g), &b)| !is_finite3([r, g, b]))
+        .filter(|&((&r, &g), &b)| !is_present([r, g, b]))
         .count()
 }
 
@@ -153,10 +148,10 @@ fn merge(
     for x in 0..width {
         let c = [cr[x], cg[x], cb[x]];
         let h = [hr[x], hg[x], hb[x]];
-        let present = is_finite3(c);
+        let present = is_present(c);
         let change = change(x);
         let before = hn[x] * tenth_power(1.0 - change);
-        let remembered = is_finite3(h)
+        let remembered = is_present(h)
             & h1[x].is_finite()
             & h2[x].is_finite()
             & before.is_finite()

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
-use crate::math::{luminance, saturate};
+use crate::math::{is_present, luminance, saturate};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -124,7 +124,7 @@ impl Blend<'_> {
                 let [r, g, b] = self.color.rows(y);
                 for x in x.saturating_sub(1)..(x + 2).min(size.width) {
                     let l = luminance(r[x], g[x], b[x]);
-                    let counts = r[x].is_finite() & g[x].is_finite() & b[x].is_finite();
+                    let counts = is_present([r[x], g[x], b[x]]);
                     low = if counts { low.min(l) } else { low };
                     high = if counts { high.max(l) } else { high };
                 }
@@ -152,8 +152,8 @@ fn mix(
     let [or, og, ob] = out.map(|row| &mut row[..n]);
     for x in 0..n {
         let (c, h) = ([cr[x], cg[x], cb[x]], [hr[x], hg[x], hb[x]]);
-        let present = c[0].is_finite() & c[1].is_finite() & c[2].is_finite();
-        let remembered = h[0].is_finite() & h[1].is_finite() & h[2].is_finite();
+        let present = is_present(c);
+        let remembered = is_present(h);
         let a = share(
             shares[x],
             luminance(c[0], c[1], c[2]),

@@ -20,7 +20,7 @@ use super::guide::{Guide, Sigmas};
 use super::variance::floored;
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Image, Run, SEGMENT, Size, Tap, View};
-use crate::math::{LOG2_E, exp2_weight, luminance};
+use crate::math::{LOG2_E, exp2_weight, is_present, luminance};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -146,7 +146,7 @@ impl<'a> Kernel for Load<'a> {
 #[inline(always)]
 fn load([r, g, b]: [&[f32]; 3], v: &[f32], [or, og, ob, ov, ol]: [&mut [f32]; CHANNELS]) {
     for x in 0..r.len() {
-        let present = r[x].is_finite() & g[x].is_finite() & b[x].is_finite();
+        let present = is_present([r[x], g[x], b[x]]);
         let keep = |c: f32| if present { c } else { 0.0 };
         (or[x], og[x], ob[x]) = (keep(r[x]), keep(g[x]), keep(b[x]));
         ol[x] = if present {

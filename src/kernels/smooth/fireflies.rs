@@ -15,7 +15,7 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Image, Run, Tap, View};
-use crate::math::luminance;
+use crate::math::{is_present, luminance};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -113,7 +113,7 @@ impl<'a> Kernel for Moments<'a> {
             let [r, g, b] = self.color.rows(y);
             let [count, first, second] = out.rows(y);
             for x in 0..r.len() {
-                let present = r[x].is_finite() & g[x].is_finite() & b[x].is_finite();
+                let present = is_present([r[x], g[x], b[x]]);
                 let l = luminance(r[x], g[x], b[x]);
                 count[x] = if present { 1.0 } else { 0.0 };
                 first[x] = if present { l } else { 0.0 };

@@ -16,7 +16,7 @@ use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Run, Size, Tap, View};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::judge::surface::Surface;
-use crate::math::LOG2_E;
+use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -267,7 +267,7 @@ impl<'a> Kernel for Fill<'a> {
 #[inline(always)]
 fn normals([nx, ny, nz]: [&[f32]; 3], depth: Option<&[f32]>, [ox, oy, oz]: [&mut [f32]; 3]) {
     for x in 0..nx.len() {
-        let finite = nx[x].is_finite() & ny[x].is_finite() & nz[x].is_finite();
+        let finite = is_present([nx[x], ny[x], nz[x]]);
         let kept = finite && depth.is_none_or(|depth| is_surface(depth[x]));
         (ox[x], oy[x], oz[x]) = if kept {
             (nx[x], ny[x], nz[x])

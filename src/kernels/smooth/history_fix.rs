@@ -12,7 +12,7 @@ use std::ops::Range;
 use super::guide::{Guide, Sigmas};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Run, Tap, View};
-use crate::math::exp2_weight;
+use crate::math::{exp2_weight, is_present};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -107,7 +107,7 @@ impl Fix<'_> {
                 let there = tap.of(pixel);
                 let color = [0, 1, 2].map(|c| self.color.row(c, there.y)[there.x]);
                 let samples = self.length.row(0, there.y)[there.x];
-                if color.iter().all(|c| c.is_finite()) && samples > 0.0 {
+                if is_present(color) && samples > 0.0 {
                     let mut exponent = [0.0];
                     self.guide
                         .subtract(&mut exponent, &self.params.sigmas, pixel, tap);

@@ -28,7 +28,7 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Image, View};
-use crate::math::luminance;
+use crate::math::{is_present, luminance};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -90,7 +90,7 @@ impl<'a> Kernel for Brightness<'a> {
             let [r, g, b] = self.color.rows(y);
             let [out] = out.rows(y);
             for x in 0..r.len() {
-                let present = r[x].is_finite() & g[x].is_finite() & b[x].is_finite();
+                let present = is_present([r[x], g[x], b[x]]);
                 // The sum of the largest floats may be rounded to infinity.
                 let l = luminance(r[x], g[x], b[x]).clamp(0.0, f32::MAX);
                 // No difference from NaN exceeds any threshold.
