@@ -277,6 +277,17 @@ def test_missing_pixels():
     assert_same_bits(yester.clip_history(history, color)[1, 1], history[1, 1])
 
 
+@pytest.mark.parametrize("response", ["center", "current", "clamp", "ellipsoid"])
+def test_rounding_does_not_decide_where_the_box_is_flat(response):
+    """A material of one hue lies on a line in YCoCg, but for rounding, and history on the same line is kept."""
+    rng = np.random.default_rng(0)
+    hue = np.float32([0.7, 0.6, 0.5])
+    color = rng.uniform(0.8, 1.2, (24, 31, 1)).astype(np.float32) * hue
+    history = np.float32(1.0) * hue * rng.uniform(0.97, 1.03, (24, 31, 1)).astype(np.float32)
+    got = yester.clip_history(history, color, gamma=3.0, response=response)
+    assert (got == history).all(-1).mean() > 0.95
+
+
 def test_bad_input():
     image = np.ones((4, 5, 3), np.float32)
     for name in ("box", "window", "space", "response"):

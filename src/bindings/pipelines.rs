@@ -123,8 +123,8 @@ impl Output {
 ///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
 /// reflections : sequence of float, default ()
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which history is looked for as well:
-///     where one of them predicts the new samples better than the surface itself, it takes its place. For glossy scenes;
-///     (0.25, 0.5, 1, 2, 4, inf) covers most. Frames with a `hit_distance` are tried at that one alone. Needs cameras, and
+///     where one of them predicts the new samples better than the surface itself, it takes its place. For glossy scenes,
+///     on which (0.25, 0.5, 1, 2, 4, inf) was measured. Frames with a `hit_distance` are tried at that one alone. Needs cameras, and
 ///     depth.
 /// antialias : bool, default True
 ///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
@@ -252,8 +252,8 @@ impl SVGF {
 /// ----------
 /// preset : {"best", "denoised", "seed", "karis", "filament"}, default "best"
 ///     Where the other parameters come from that are not given: our own measurements, on frames without noise and on
-///     denoised ones; the textbook equation (range of the 3×3 pixels, clamped, 5 % of the new sample); Karis 2014, *High
-///     Quality Temporal Supersampling*; the defaults of Google's Filament.
+///     denoised ones; the textbook equation (range of the 3×3 pixels, clamped, 5 % of the new sample); after Karis 2014,
+///     *High Quality Temporal Supersampling*, and after Google's Filament, whose techniques these have, not every constant.
 /// alpha : float, optional
 ///     Least share of the new sample, 0 to 1.
 /// fast_alpha : float, optional

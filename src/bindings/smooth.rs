@@ -390,7 +390,7 @@ pub fn suppress_fireflies_<'py>(
 /// Notes
 /// -----
 /// After the history fix of NRD's ReBLUR and ReLAX. `SVGF` does without: its filter, led by the variance that it estimates
-/// in space, has smoothed young pixels better wherever we measured.
+/// in space, smoothed young pixels better on three of the four scenes that were tried, and as well on the fourth.
 #[pyfunction]
 #[pyo3(signature = (color, history_length, *, depth=None, normal=None, ids=None, camera=None, max_length=3.0,
     stride=14.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]

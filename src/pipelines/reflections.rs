@@ -11,7 +11,7 @@
 use std::ops::Range;
 
 use super::frame::Frame;
-use crate::image::{BandMut, Image, Tiles, View};
+use crate::image::{BandMut, Image, Size, Tiles, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::camera::virtual_motion::virtual_motion;
 use crate::kernels::fetch::footprint::Filter;
@@ -33,34 +33,25 @@ const PERIOD: usize = 8;
 pub struct Memory {
     /// Lightly filtered light, as the next frame's prediction.
     pub light: Image,
+    pub scores: Scores,
+}
+
+/// What choosing renews.
+pub struct Scores {
     /// Average gain of each candidate.
-    pub scores: Image,
+    pub image: Image,
     asking: Tiles,
     age: usize,
 }
 
-impl Memory {
-    pub fn new(light: Image, next: Option<Next>, candidates: usize) -> Self {
-        let size = light.size;
-        let next = next.unwrap_or_else(|| Next {
-            scores: Image::new(size, candidates),
+impl Scores {
+    pub fn new(size: Size, candidates: usize) -> Self {
+        Self {
+            image: Image::new(size, candidates),
             asking: Tiles::new(size),
             age: 0,
-        });
-        Self {
-            light,
-            scores: next.scores,
-            asking: next.asking,
-            age: next.age,
         }
     }
-}
-
-/// The part of the memory that choosing renews.
-pub struct Next {
-    scores: Image,
-    asking: Tiles,
-    age: usize,
 }
 
 /// Replaces history by that of the best candidate, where one wins.
@@ -76,7 +67,7 @@ pub fn choose(
     before: Surface,
     color: View,
     base: &mut Reprojected,
-) -> Option<Next> {
+) -> Option<Scores> {
     let geometry = frame.geometry()?;
     let sources: Vec<_> = match (frame.hit_distance, frame.surface.depth) {
         (Some(known), _) => vec![Source::Known(known)],
@@ -87,12 +78,12 @@ pub fn choose(
         (None, None) => return None,
     };
     let size = color.size;
-    let everywhere = memory.age.is_multiple_of(PERIOD);
-    let asking = (!everywhere).then_some(&memory.asking);
+    let everywhere = memory.scores.age.is_multiple_of(PERIOD);
+    let asking = (!everywhere).then_some(&memory.scores.asking);
     let mut scores = Image::new(size, distances.len());
     let mut best = Image::new(size, 1);
     best.data_mut().fill(MARGIN);
-    if everywhere || memory.asking.any() {
+    if everywhere || memory.scores.asking.any() {
         // Elsewhere on the mirror: depth says nothing about what it shows.
         let [now, before] = [frame.surface, before].map(|surface| Surface {
             depth: None,
@@ -148,10 +139,10 @@ pub fn choose(
         let outs = base.values.bands().zip(base.coverage.bands());
         rows::run(&kernel, size.height, outs);
     }
-    Some(Next {
+    Some(Scores {
+        image: scores,
         asking: around_winners(best.view()),
-        scores,
-        age: memory.age + 1,
+        age: memory.scores.age + 1,
     })
 }
 

@@ -92,7 +92,7 @@ struct Recalled {
     /// Beginning with the channels of the history image.
     history: Reprojected,
     gradient: Option<Image>,
-    reflections: Option<reflections::Next>,
+    reflections: Option<reflections::Scores>,
 }
 
 pub struct Svgf {
@@ -190,12 +190,15 @@ impl Svgf {
             .into_iter()
             .filter_map(|(name, used)| used.then_some(name)),
         );
-        let candidates = params.reflections.len();
         self.memory = Some(Memory {
             history,
             color: params.gradient.then(|| frame.color.to_image()),
-            reflections: second
-                .map(|light| reflections::Memory::new(light, recalled.reflections, candidates)),
+            reflections: second.map(|light| reflections::Memory {
+                light,
+                scores: recalled
+                    .reflections
+                    .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
+            }),
             antialiased,
             depth: frame.surface.depth.map(|v| v.to_image()),
             normal: frame.surface.normal.map(|v| v.to_image()),
@@ -250,7 +253,7 @@ fn recall(
 
     let mut planes = vec![memory.history.view()];
     if let Some(reflections) = reflections {
-        planes.extend([reflections.light.view(), reflections.scores.view()]);
+        planes.extend([reflections.light.view(), reflections.scores.image.view()]);
     }
     planes.extend(replayed.as_ref().map(Image::view));
     let bilinear = reproject::Params {

@@ -75,7 +75,7 @@ impl Params {
         reconstruct: None,
     };
 
-    /// Karis 2014, *High Quality Temporal Supersampling*.
+    /// After Karis 2014, *High Quality Temporal Supersampling*; how far flicker lessens the share is our choice.
     pub const KARIS: Self = Self {
         dilate: Some(Window::Cross),
         clip: neighborhood::Params {
@@ -92,7 +92,7 @@ impl Params {
         ..Self::SEED
     };
 
-    /// Filament's defaults (its `TemporalAntiAliasingOptions`).
+    /// After Filament's temporal antialiasing: filter, box, response, weights and share.
     pub const FILAMENT: Self = Self {
         dilate: Some(Window::Square),
         filter: Filter::Wide(Wide::CatmullRom5),

@@ -88,6 +88,17 @@ impl Wide {
     }
 }
 
+/// The weights of the 2×2 taps at (0, 0), (1, 0), (0, 1) and (1, 1).
+#[inline(always)]
+pub fn bilinear(f: Vec2) -> [f32; 4] {
+    [
+        (1.0 - f.x) * (1.0 - f.y),
+        f.x * (1.0 - f.y),
+        (1.0 - f.x) * f.y,
+        f.x * f.y,
+    ]
+}
+
 /// Up to `N` taps with their weights.
 pub struct Taps<const N: usize> {
     taps: [(usize, f32); N],
@@ -193,12 +204,10 @@ pub fn footprint(
     };
     let (left, top) = (corner.x as i32, corner.y as i32);
     let mut failed = 0;
-    for (dx, dy, weight) in [
-        (0, 0, (1.0 - f.x) * (1.0 - f.y)),
-        (1, 0, f.x * (1.0 - f.y)),
-        (0, 1, (1.0 - f.x) * f.y),
-        (1, 1, f.x * f.y),
-    ] {
+    for ((dx, dy), weight) in [(0, 0), (1, 0), (0, 1), (1, 1)]
+        .into_iter()
+        .zip(bilinear(f))
+    {
         if weight > 0.0 {
             match judge(size, origin, tests, left + dx, top + dy) {
                 Ok((index, trust)) if usable(index) => taps.push(index, weight * trust),

@@ -17,7 +17,7 @@ use std::ops::Range;
 
 use glam::Vec2;
 
-use super::footprint::{Filter, MIN_COVERAGE, Motion, Taps, footprint, wide, window};
+use super::footprint::{Filter, MIN_COVERAGE, Motion, Taps, bilinear, footprint, wide, window};
 use crate::image::{BandMut, Image, Size, View};
 use crate::kernels::judge::surface::Tests;
 use crate::rows::{self, Kernel};
@@ -150,12 +150,7 @@ impl Reproject<'_> {
         }
         let f = from - corner;
         let index = corner.y as usize * size.width + corner.x as usize;
-        let near = [
-            (1.0 - f.x) * (1.0 - f.y),
-            f.x * (1.0 - f.y),
-            (1.0 - f.x) * f.y,
-            f.x * f.y,
-        ];
+        let near = bilinear(f);
         let weight = near[0] + near[1] + near[2] + near[3];
         let wide = match self.params.filter {
             Filter::Wide(kernel) => Some(kernel.matrix(f)),
@@ -175,8 +170,12 @@ impl Reproject<'_> {
                 }
             };
             finite &= mean.is_finite();
-            let dering = wide.is_some() && self.params.dering;
-            values.row(channel, y)[x] = if dering { hold(mean, taps, near) } else { mean };
+            values.row(channel, y)[x] = if wide.is_some() && self.params.dering {
+                let counting = near.iter().zip(taps).filter(|&(&weight, _)| weight > 0.0);
+                held(mean, counting.map(|(_, tap)| tap))
+            } else {
+                mean
+            };
         }
         if !finite {
             for channel in 0..self.history.len() {
@@ -211,14 +210,8 @@ impl Reproject<'_> {
     #[inline(always)]
     fn hold(&self, taps: &Taps<4>, x: usize, y: usize, values: &mut BandMut) {
         for (channel, plane) in self.history.iter().enumerate() {
-            let [low, high] = taps
-                .as_slice()
-                .iter()
-                .fold([f32::MAX, f32::MIN], |[low, high], &(i, _)| {
-                    [low.min(plane[i]), high.max(plane[i])]
-                });
             let value = &mut values.row(channel, y)[x];
-            *value = value.clamp(low, high);
+            *value = held(*value, taps.as_slice().iter().map(|&(i, _)| plane[i]));
         }
     }
 }
@@ -236,13 +229,12 @@ fn wide_mean(weights: &[[f32; 4]; 4], plane: &[f32], width: usize) -> f32 {
     sum / total
 }
 
-/// Holds a value to the range of the taps that have a weight.
+/// A value held to the range of the taps.
 #[inline(always)]
-fn hold(value: f32, taps: [f32; 4], weights: [f32; 4]) -> f32 {
+fn held(value: f32, taps: impl Iterator<Item = f32>) -> f32 {
     let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-    for (tap, weight) in taps.into_iter().zip(weights) {
-        low = if weight > 0.0 { low.min(tap) } else { low };
-        high = if weight > 0.0 { high.max(tap) } else { high };
+    for tap in taps {
+        (low, high) = (low.min(tap), high.max(tap));
     }
     value.max(low).min(high)
 }

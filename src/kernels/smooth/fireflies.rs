@@ -59,35 +59,30 @@ pub fn suppress_fireflies(color: View, params: Params) -> (Image, Image) {
     let mut moments = Image::new(size, 3);
     rows::run(&Moments { color }, size.height, moments.bands());
     let limits = limit(&moments, reach, params.threshold);
-    let mut removed = Image::new(size, 1);
-    let received = params.redistribute.then(|| {
+    // Without redistribution nobody has room.
+    let mut headroom = Image::new(size, 1);
+    if params.redistribute {
         let mut held = moments.clone();
         rows::run(&HoldMoments { limits: &limits }, size.height, held.bands());
-        let mut headroom = Image::new(size, 1);
         let second = limit(&held, reach, params.threshold);
         let kernel = Headroom {
             moments: &held,
             limits: &second,
         };
         rows::run(&kernel, size.height, headroom.bands());
-        let room = window(headroom.view(), reach);
-        let mut gifts = Image::new(size, 3);
-        let kernel = Gifts {
-            color,
-            moments: &moments,
-            limits: &limits,
-            room: &room,
-        };
-        rows::run(&kernel, size.height, gifts.bands().zip(removed.bands()));
-        (headroom, window(gifts.view(), reach))
-    });
-    if received.is_none() {
-        let kernel = Excess {
-            moments: &moments,
-            limits: &limits,
-        };
-        rows::run(&kernel, size.height, removed.bands());
     }
+    let room = window(headroom.view(), reach);
+    let (mut gifts, mut removed) = (Image::new(size, 3), Image::new(size, 1));
+    let kernel = Gifts {
+        color,
+        moments: &moments,
+        limits: &limits,
+        room: &room,
+    };
+    rows::run(&kernel, size.height, gifts.bands().zip(removed.bands()));
+    let received = params
+        .redistribute
+        .then(|| (headroom, window(gifts.view(), reach)));
     let mut held = Image::new(size, 3);
     let kernel = Hold {
         color,
@@ -234,26 +229,6 @@ impl<'a> Kernel for Limits<'a> {
 #[inline(always)]
 fn excess(l: f32, limit: f32) -> f32 {
     if l > 0.0 { (l - limit).max(0.0) } else { 0.0 }
-}
-
-struct Excess<'a> {
-    moments: &'a Image,
-    limits: &'a Image,
-}
-
-impl<'a> Kernel for Excess<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let [_, l, _] = self.moments.view().rows(y);
-            let limit = self.limits.view().row(0, y);
-            for (x, out) in out.row(0, y).iter_mut().enumerate() {
-                *out = excess(l[x], limit[x]);
-            }
-        }
-    }
 }
 
 /// Moments of what is left when luminances are held to their limits.
