@@ -7,7 +7,7 @@
 //!   camera   jitter ► motion_vectors ► dilate_motion            where was each pixel's surface,
 //!            virtual_motion                                     and what it reflects?
 //!   fetch    reproject                                          history, brought here tap by tap
-//!   judge    consistency, clip_history ► anti_lag,              what shows another surface or light is refused,
+//!   judge    consistency, exposure ► clip_history ► anti_lag,   what shows another surface or light is refused,
 //!            temporal_gradient, prediction_gain ► blend_factor  or counts for less
 //!   merge    accumulate, blend, resolve                         new samples join the history that is left
 //!   smooth   suppress_fireflies, fix_history,                   what noise remains
@@ -42,7 +42,8 @@ mod _core {
     use bindings::fetch::reproject_;
     #[pymodule_export]
     use bindings::judge::{
-        anti_lag_, blend_factor_, clip_history_, consistency_, prediction_gain, temporal_gradient,
+        anti_lag_, blend_factor_, clip_history_, consistency_, exposure_, prediction_gain,
+        temporal_gradient,
     };
     #[pymodule_export]
     use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};

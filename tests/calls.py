@@ -53,6 +53,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.clip_history,
             {"history": history, "color": color, "box": "chroma-hull", "response": "current"},
         ),
+        "exposure": (yester.exposure, {"color": color}),
         "anti_lag": (yester.anti_lag, {"history_length": length, "history": history, "clipped": color}),
         "temporal_gradient": (yester.temporal_gradient, {"color": color, "previous": history}),
         "prediction_gain": (
@@ -90,7 +91,9 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
 
 
 def arrays(result) -> list[np.ndarray]:
-    """All arrays of a result, in order."""
+    """All arrays of a result, in order; a number is one, too."""
+    if isinstance(result, float):
+        result = np.array(result)
     if isinstance(result, yester.Accumulated):
         result = [result.color, result.moments, result.history_length]
     if isinstance(result, np.ndarray):

@@ -101,7 +101,8 @@ def antialias(settings: dict, history, color, motion, depth) -> tuple[list, NDAr
         (old, length), coverage = yester.reproject(history, moved, filter=settings["filter"], fallback=False)
         rejection, _ = yester.consistency(go_to_nearest(moved) if settings["filter"] == "nearest" else moved)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
-    clipped = yester.clip_history(old, color, **among)
+    bright = yester.exposure(color)
+    clipped = yester.clip_history(old, color, exposure=bright, **among)
     pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
     share = yester.blend_factor(coverage, motion, **pace)
     with np.errstate(divide="ignore"):
@@ -109,7 +110,7 @@ def antialias(settings: dict, history, color, motion, depth) -> tuple[list, NDAr
     counted = np.minimum(length + np.float32(1), longest)
     share = np.maximum(share, 1 / counted)
     weights = {name: settings[name] for name in ("weighting", "flicker")}
-    blended = yester.blend(color, clipped, share, **weights)
+    blended = yester.blend(color, clipped, share, exposure=bright, **weights)
     present = np.isfinite(color).all(-1)
     return [blended, np.where(present, counted, length)], coverage, rejection
 
@@ -141,8 +142,8 @@ class SVGF:
         *,
         alpha=0.05,
         moments_alpha=0.2,
-        iterations=5,
-        sigma_luminance=4.0,
+        iterations=4,
+        sigma_luminance=3.0,
         sigma_normal=128.0,
         sigma_depth=1.0,
         sigma_plane=0.01,
@@ -153,7 +154,7 @@ class SVGF:
         feedback=False,
         gradient=True,
         fireflies=True,
-        reflections=(),
+        reflections=(0.5, 2.0),
         antialias=True,
     ):
         self.alpha = {"alpha": alpha, "moments_alpha": moments_alpha}

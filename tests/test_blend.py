@@ -44,6 +44,7 @@ def check(color, history, alpha=0.05, **named):
     alpha=st.sampled_from([None, 0.0, 0.05, 0.25, 0.8, 1.0]),
     weighting=st.sampled_from(WEIGHTINGS),
     flicker=st.sampled_from([0.0, 0.3, 1.0]),
+    exposure=st.sampled_from([1.0, 0.3]),
 )
 def test_reference(seed, size, alpha, **named):
     rng = np.random.default_rng(seed)

@@ -42,6 +42,7 @@ def check(history, color, **named):
     case=st.sampled_from(PLAIN),
     gamma=st.sampled_from([0.0, 0.75, 1.0, 1.5]),
     window=st.sampled_from(["3x3", "5x5"]),
+    exposure=st.sampled_from([1.0, 0.3]),
 )
 def test_reference(seed, size, case, **named):
     box, response, space = case
@@ -52,7 +53,7 @@ def test_reference(seed, size, case, **named):
 def test_every_mode(box, response, space):
     """Both sides of every box occur."""
     history, color = (np.abs(image) for image in images(np.random.default_rng(3), 33, 41))
-    got = check(history, color, box=box, response=response, space=space)
+    got = check(history, color, box=box, response=response, space=space, exposure=0.5)
     kept = (got == history).all(-1).mean()
     assert 0.05 < kept < 0.95
 
@@ -309,3 +310,28 @@ def test_bad_input():
         yester.clip_history(image, image[1:])
     with pytest.raises(ValueError, match="history"):
         yester.clip_history(image[..., 0], image)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("scale", [2.0**-20, 2.0**20])
+def test_radiance_has_no_scale(case, scale):
+    """With the exposure that goes with it: what is brighter everywhere is clipped alike."""
+    box, response, space = case
+    named = {"box": box, "response": response, "space": space}
+    history, color = images(np.random.default_rng(4), 12, 14)
+    scaled = yester.clip_history(history * np.float32(scale), color * np.float32(scale), exposure=scale, **named)
+    np.testing.assert_allclose(scaled / scale, yester.clip_history(history, color, **named), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if "tonemapped" in case[2]], ids=str)
+def test_tone_mapped_boxes_do_not_brighten(case):
+    """Their corners lie beyond the range of the curve, where it would be undone to anything."""
+    box, response, space = case
+    rng = np.random.default_rng(6)
+    color = rng.exponential(200, (20, 24, 3)).astype(np.float32)
+    history = color * rng.choice([0.01, 1, 3], color.shape).astype(np.float32)
+    got = yester.clip_history(history, color, box=box, response=response, space=space, gamma=1.5)
+    assert got.max() <= np.float32(max(color.max(), history.max()) * (1 + 1e-5))
+    wide = np.pad(color.max(-1), 1, mode="edge")
+    around = np.max([wide[y : y + 20, x : x + 24] for y in range(3) for x in range(3)], 0)
+    assert (got.max(-1) <= np.maximum(around, history.max(-1)) * (1 + 1e-3)).all()

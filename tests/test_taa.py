@@ -299,3 +299,18 @@ def test_not_a_frame():
             yester.TAA().step(frame)
     with pytest.raises(TypeError):
         yester.TAA("best", 0.05)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_radiance_has_no_scale(preset):
+    """Whatever the unit of radiance: no preset takes a bright image for another than a dark one."""
+
+    def last(scale):
+        rng, taa = np.random.default_rng(0), yester.TAA(preset)
+        for _ in range(6):
+            color = rng.gamma(4, 0.25, (20, 24, 3)).astype(np.float32) * np.float32(scale)
+            out = taa.step(yester.Frame(color)).color
+        return out / scale
+
+    for scale in (2.0**-20, 2.0**20):
+        np.testing.assert_allclose(last(scale), last(1), rtol=1e-4)

@@ -123,8 +123,8 @@ class SVGF:
         *,
         alpha: float = 0.05,
         moments_alpha: float = 0.2,
-        iterations: int = 5,
-        sigma_luminance: float = 4.0,
+        iterations: int = 4,
+        sigma_luminance: float = 3.0,
         sigma_normal: float = 128.0,
         sigma_depth: float = 1.0,
         sigma_plane: float = 0.01,
@@ -135,7 +135,7 @@ class SVGF:
         feedback: bool = False,
         gradient: bool = True,
         fireflies: bool = True,
-        reflections: Sequence[float] = (),
+        reflections: Sequence[float] = (0.5, 2.0),
         antialias: bool = True,
     ) -> Self: ...
     def step(self, frame: Frame) -> Output: ...
@@ -272,8 +272,10 @@ def clip_history(
     window: Literal["3x3", "5x5"] = "3x3",
     space: _Space = "ycocg",
     response: _Response = "center",
+    exposure: float = 1.0,
     out: _Floats | None = None,
 ) -> _Floats: ...
+def exposure(color: ArrayLike) -> float: ...
 def blend_factor(
     confidence: ArrayLike,
     motion: ArrayLike | None = None,
@@ -310,6 +312,7 @@ def blend(
     *,
     weighting: _Weighting = "none",
     flicker: float = 1.0,
+    exposure: float = 1.0,
     out: _Floats | None = None,
 ) -> _Floats: ...
 def accumulate(

@@ -13,7 +13,7 @@ use crate::image::{Size, View};
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
 use crate::kernels::judge::{
-    anti_lag, blend_factor, consistency, gradient, neighborhood, prediction,
+    anti_lag, blend_factor, consistency, exposure, gradient, neighborhood, prediction,
 };
 
 /// A threshold: a number, or the differences up to which trust is full and beyond which there is none.
@@ -312,12 +312,14 @@ pub fn consistency_<'py>(
 /// window : {"3x3", "5x5"}, default "3x3"
 ///     The neighbourhood.
 /// space : {"ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"}, default "ycocg"
-///     Where the box is a box. The last two apply c / (1 + max(r, g, b)) first, so that one bright pixel does not open
-///     the box to everything.
+///     Where the box is a box. The last two apply c / (exposure + max(r, g, b)) first, so that one bright pixel does not
+///     open the box to everything; what they clip becomes no brighter than history and all of the neighbourhood.
 /// response : {"center", "clamp", "current", "ellipsoid"}, default "center"
 ///     How a colour outside is brought in: along the line to the box's centre; each channel by itself; along the line to
 ///     the current colour, itself clamped into the box; or to the ellipsoid with half-axes gamma · deviation · (1.7, 1,
 ///     1) in YCoCg, (1, 1, 1) in RGB, which needs `box` "variance".
+/// exposure : float, default 1.0
+///     The radiance that the tone-mapped spaces take for 1, above 0: as `exposure` finds it.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -329,7 +331,7 @@ pub fn consistency_<'py>(
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes, an unknown mode (the error lists the modes), or `gamma` out of range.
+///     On wrong shapes, an unknown mode (the error lists the modes), `gamma` or `exposure` out of range.
 ///
 /// Notes
 /// -----
@@ -338,7 +340,7 @@ pub fn consistency_<'py>(
 /// (centre), AMD FSR 3.1 (ellipsoid).
 #[pyfunction]
 #[pyo3(name = "clip_history", signature = (history, color, *, r#box="variance", gamma=1.0, window="3x3", space="ycocg",
-    response="center", out=None))]
+    response="center", exposure=1.0, out=None))]
 pub fn clip_history_<'py>(
     py: Python<'py>,
     history: &Bound<'py, PyAny>,
@@ -348,6 +350,7 @@ pub fn clip_history_<'py>(
     window: &str,
     space: &str,
     response: &str,
+    exposure: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let params = neighborhood::Params {
@@ -356,6 +359,7 @@ pub fn clip_history_<'py>(
         radius: choice("window", window, &neighborhood::Params::WINDOWS)?,
         space: choice("space", space, &neighborhood::Params::SPACES)?,
         response: choice("response", response, &neighborhood::Params::RESPONSES)?,
+        exposure,
     };
     params.check()?;
     let (clipped, out) = {
@@ -371,6 +375,36 @@ pub fn clip_history_<'py>(
         (clipped, out)
     };
     clipped.array(py, out)
+}
+
+/// The radiance that a frame's tone curves take for 1.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     Linear. Missing pixels do not count.
+///
+/// Returns
+/// -------
+/// exposure : float
+///     ``8 (mean √l)²`` of the luminances l, negative ones as 0: proportional to the frame's radiance, moved by all of
+///     its pixels rather than by a few bright ones, and near 1 for images exposed as photographs are. 1 if all is black.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+///
+/// Notes
+/// -----
+/// A power mean, in the place of the log-average of Reinhard et al. 2002, *Photographic Tone Reproduction for Digital
+/// Images*, which black pixels would send to 0.
+#[pyfunction]
+#[pyo3(name = "exposure")]
+pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
+    let color = Input::<f32>::new(color, "color", COLOR)?;
+    let color = color.data();
+    Ok(py.detach(|| exposure::exposure(color.planes().view())))
 }
 
 /// The share of the new sample, from the confidence in history and from speed.

@@ -257,11 +257,13 @@ pub fn resolve_<'py>(
 ///     Share of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` gives it. Maps are clamped, and 1
 ///     where they are NaN.
 /// weighting : {"none", "tone", "luminance"}, default "none"
-///     "tone" weights both sides by 1/(1 + luminance) as well; "luminance" raises alpha up to fourfold where luminances
+///     "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold where luminances
 ///     differ.
 /// flicker : float, default 1.0
 ///     What is left of alpha, 0 to 1, where history lies on the border of the luminances of the 3×3 pixels around; 1 does
 ///     without.
+/// exposure : float, default 1.0
+///     The radiance that counts as 1, above 0: as `exposure` finds it.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -273,17 +275,19 @@ pub fn resolve_<'py>(
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes, an unknown weighting (the error lists them), or shares out of range.
+///     On wrong shapes, an unknown weighting (the error lists them), shares or exposure out of range.
 ///
 /// Notes
 /// -----
 /// "tone" and `flicker`: Karis 2014, *High Quality Temporal Supersampling*. "luminance": ``lerp(4 alpha, alpha, (1 - d)²)``
-/// with ``d = |l - l'| / max(l, l', 0.2)``, Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*. With
+/// with ``d = |l - l'| / max(l, l', 0.2 exposure)``, Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*. With
 /// ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the range, in half ranges,
 /// alpha becomes ``alpha (k + alpha (1 - k))``.
 #[pyfunction]
-#[pyo3(signature = (color, history, alpha=None, *, weighting="none", flicker=1.0, out=None))]
-#[pyo3(text_signature = "(color, history, alpha=0.05, *, weighting='none', flicker=1.0, out=None)")]
+#[pyo3(signature = (color, history, alpha=None, *, weighting="none", flicker=1.0, exposure=1.0, out=None))]
+#[pyo3(
+    text_signature = "(color, history, alpha=0.05, *, weighting='none', flicker=1.0, exposure=1.0, out=None)"
+)]
 #[pyo3(name = "blend")]
 pub fn blend_<'py>(
     py: Python<'py>,
@@ -292,11 +296,13 @@ pub fn blend_<'py>(
     alpha: Option<&Bound<'py, PyAny>>,
     weighting: &str,
     flicker: f32,
+    exposure: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let params = blend::Params {
         weighting: choice("weighting", weighting, &blend::Params::WEIGHTINGS)?,
         flicker,
+        exposure,
     };
     params.check()?;
     let (blended, out) = {

@@ -92,9 +92,9 @@ impl Output {
 ///     Least share of the new sample in the history, 0 to 1.
 /// moments_alpha : float, default 0.2
 ///     The same for the moments of luminance.
-/// iterations : int, default 5
+/// iterations : int, default 4
 ///     Passes of the spatial filter, 0 to 16.
-/// sigma_luminance : float, default 4.0
+/// sigma_luminance : float, default 3.0
 ///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
 /// sigma_normal : float, default 128.0
 ///     How sharply differences of normals count in the filter; from 0.
@@ -121,11 +121,11 @@ impl Output {
 ///     estimated from the new samples and history, as far as noise lets see.
 /// fireflies : bool, default True
 ///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
-/// reflections : sequence of float, default ()
+/// reflections : sequence of float, default (0.5, 2.0)
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which history is looked for as well:
-///     where one of them predicts the new samples better than the surface itself, it takes its place. For glossy scenes,
-///     on which (0.25, 0.5, 1, 2, 4, inf) was measured. Frames with a `hit_distance` are tried at that one alone. Needs cameras, and
-///     depth.
+///     where one of them predicts the new samples better than the surface itself, it takes its place. Each costs time;
+///     () leaves it out, (0.25, 0.5, 1, 2, 4, inf) is a finer choice for very glossy scenes. Frames with a
+///     `hit_distance` are tried at that one alone. Needs cameras, and depth.
 /// antialias : bool, default True
 ///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
 ///
@@ -148,14 +148,14 @@ pub struct SVGF {
 #[pymethods]
 impl SVGF {
     #[new]
-    #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0,
+    #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=4, sigma_luminance=3.0, sigma_normal=128.0,
         sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
         normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false, gradient=true, fireflies=true,
-        reflections=vec![], antialias=true))]
+        reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=5, sigma_luminance=4.0, sigma_normal=128.0, \
+        text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=4, sigma_luminance=3.0, sigma_normal=128.0, \
         sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, min_length=3.5, \
-        feedback=False, gradient=True, fireflies=True, reflections=(), antialias=True)"
+        feedback=False, gradient=True, fireflies=True, reflections=(0.5, 2.0), antialias=True)"
     )]
     fn new(
         alpha: f32,

@@ -1,6 +1,6 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
-//!   (resolve the jittered sample) → (motion from cameras) → dilate → reproject → clip → blend
+//!   (resolve the jittered sample) → (motion from cameras) → dilate → reproject → expose → clip → blend
 //!
 //! It works on colours across surfaces: no test of depth, normal or id refuses history, since along an edge that would
 //! refuse what antialiases it. The neighbourhood's colours decide instead.
@@ -15,6 +15,7 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
 use crate::kernels::judge::blend_factor::{self, blend_factor};
+use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
@@ -59,6 +60,7 @@ impl Params {
             radius: 1,
             space: Space::Rgb,
             response: Response::Clamp,
+            exposure: 1.0,
         },
         blend_factor: blend_factor::Params {
             alpha: 0.05,
@@ -71,6 +73,7 @@ impl Params {
         blend: blend::Params {
             weighting: Weighting::None,
             flicker: 1.0,
+            exposure: 1.0,
         },
         reconstruct: None,
     };
@@ -87,6 +90,7 @@ impl Params {
         blend: blend::Params {
             weighting: Weighting::Tone,
             flicker: 0.2,
+            ..Self::SEED.blend
         },
         reconstruct: Some(resolve::Filter::BlackmanHarris),
         ..Self::SEED
@@ -109,7 +113,7 @@ impl Params {
         },
         blend: blend::Params {
             weighting: Weighting::Tone,
-            flicker: 1.0,
+            ..Self::SEED.blend
         },
         reconstruct: Some(resolve::Filter::BlackmanHarris),
     };
@@ -132,10 +136,7 @@ impl Params {
                 none: 1.0,
             },
         },
-        blend: blend::Params {
-            weighting: Weighting::None,
-            flicker: 1.0,
-        },
+        blend: Self::SEED.blend,
         reconstruct: Some(resolve::Filter::BlackmanHarris),
     };
 
@@ -194,7 +195,13 @@ pub fn antialias(
         Some(history) => recall(params, history, motion, depth),
         None => Reprojected::nothing(size, CHANNELS),
     };
-    let clipped = clip_history(values.channels(0..3), color, params.clip);
+    // Tone curves are for images that are exposed as photographs are.
+    let exposure = exposure(color);
+    let clip = neighborhood::Params {
+        exposure,
+        ..params.clip
+    };
+    let clipped = clip_history(values.channels(0..3), color, clip);
     let mut alpha = blend_factor(coverage.view(), Some(motion), params.blend_factor);
     let mut history = Image::new(size, CHANNELS);
     let kernel = WarmUp {
@@ -207,7 +214,10 @@ pub fn antialias(
         color,
         clipped.view(),
         Alpha::Map(alpha.view()),
-        params.blend,
+        blend::Params {
+            exposure,
+            ..params.blend
+        },
     );
     history.set_channels(0, blended.view());
     Antialiased {

@@ -12,6 +12,7 @@ from .blend_factor import blend_factor
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .dilate import dilate_motion
+from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .history_fix import fix_history
@@ -43,6 +44,7 @@ __all__ = [
     "demodulate",
     "dilate_motion",
     "estimate_variance",
+    "exposure",
     "fix_history",
     "jitter",
     "luminance",

@@ -6,7 +6,14 @@ from .similarity import shift
 
 
 def blend(
-    color: Tensor, history: Tensor, alpha: Tensor | float = 0.05, *, weighting="none", flicker=1.0, margin=False
+    color: Tensor,
+    history: Tensor,
+    alpha: Tensor | float = 0.05,
+    *,
+    weighting="none",
+    flicker=1.0,
+    exposure=1.0,
+    margin=False,
 ) -> Tensor | tuple[Tensor, Tensor]:
     """Blend a sample into its history, h + a (c - h), with a share or weights that depend on the luminances.
 
@@ -19,6 +26,7 @@ def blend(
     alpha : a number or (H, W)
     weighting : "none", "tone" or "luminance"
     flicker : what remains of the share on the border, 0 to 1
+    exposure : radiance that counts as 1
     margin : also return how many times (H, W) a narrow range of luminance multiplies roundings
 
     Returns
@@ -44,10 +52,10 @@ def blend(
         narrow = torch.where(extent > 0, sizes, 1).nan_to_num(1).clamp(min=1)  # (H, W)
 
     if weighting == "tone":
-        new, old = share / (1 + lc.clamp(min=0)), (1 - share) / (1 + lh.clamp(min=0))  # (H, W), (H, W)
+        new, old = share / (exposure + lc.clamp(min=0)), (1 - share) / (exposure + lh.clamp(min=0))  # (H, W), (H, W)
         share = new / (new + old)  # (H, W)
     elif weighting == "luminance":
-        differ = (lc - lh).abs() / torch.maximum(lc, lh).clamp(min=0.2)  # (H, W)
+        differ = (lc - lh).abs() / torch.maximum(lc, lh).clamp(min=0.2 * exposure)  # (H, W)
         alike = (1 - differ).clamp(0, 1) ** 2  # (H, W)
         most = (4 * share).clamp(max=1)  # (H, W)
         share = most + alike * (share - most)  # (H, W)

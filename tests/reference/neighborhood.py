@@ -16,6 +16,7 @@ def clip_history(
     window="3x3",
     space="ycocg",
     response="center",
+    exposure=1.0,
     margin=False,
 ) -> Tensor | tuple[Tensor, Tensor]:
     """Hold history to the colours of each pixel's neighbourhood.
@@ -33,6 +34,7 @@ def clip_history(
     window : "3x3" or "5x5"
     space : "rgb", "ycocg", "tonemapped-rgb" or "tonemapped-ycocg"
     response : "clamp", "center", "current" or "ellipsoid"
+    exposure : radiance that the tone-mapped spaces take for 1
     margin : also return how many times (H, W) hulls may multiply roundings: many where a way grazes their sides
 
     Returns
@@ -41,8 +43,9 @@ def clip_history(
     """
     radius = {"3x3": 1, "5x5": 2}[window]
     present = color.isfinite().all(-1)  # (H, W)
-    own = to_space(color.where(present[..., None], 0), space)  # (H, W, 3)
-    taps, counts, in_cross = [], [], []
+    known = color.where(present[..., None], 0)  # (H, W, 3)
+    own = to_space(known, space, exposure)  # (H, W, 3)
+    taps, counts, in_cross, places = [], [], [], []
     height, width = present.shape
     rows, columns = torch.arange(height)[:, None], torch.arange(width)[None]  # (H, 1), (1, W)
     for dy in range(-radius, radius + 1):
@@ -51,6 +54,7 @@ def clip_history(
             taps.append(own[y, x])  # (H, W, 3)
             counts.append((rows + dy == y) & (columns + dx == x) & present[y, x])  # (H, W)
             in_cross.append(dx == 0 or dy == 0)
+            places.append((dy, dx))
     taps, counts = torch.stack(taps), torch.stack(counts)[..., None]  # (T, H, W, 3), (T, H, W, 1)
     crossed = counts & torch.tensor(in_cross)[:, None, None, None]  # (T, H, W, 1)
     number = counts.sum(0)  # (H, W, 1)
@@ -76,7 +80,7 @@ def clip_history(
     room = 1e-6 * torch.maximum(low.abs(), high.abs()).amax(-1, keepdim=True)  # (H, W, 1)
     low, high = low - room, high + room  # (H, W, 3)
 
-    old = to_space(history, space)  # (H, W, 3)
+    old = to_space(history, space, exposure)  # (H, W, 3)
     held = old.maximum(low).minimum(high)  # (H, W, 3)
     middle = (low + high) / 2  # (H, W, 3)
     if "hull" in box:
@@ -101,7 +105,10 @@ def clip_history(
         inside = (held == old).all(-1, keepdim=True)  # (H, W, 1)
         new = torch.where(inside, old, new.maximum(bounds[0]).minimum(bounds[1]))  # (H, W, 3)
     stays = (number == 0) | ~history.isfinite().all(-1, keepdim=True)  # (H, W, 1)
-    result = history.where(stays, to_rgb(new, space))  # (H, W, 3)
+    brightest = known.amax(-1)  # (H, W)
+    around = [brightest[(rows + dy).clamp(0, height - 1), (columns + dx).clamp(0, width - 1)] for dy, dx in places]
+    most = torch.stack([*around, history.amax(-1)]).amax(0).clamp(min=0)[..., None]  # (H, W, 1)
+    result = history.where(stays | (new == old).all(-1, keepdim=True), to_rgb(new, space, exposure, most))  # (H, W, 3)
     return (result, grazing) if margin else result
 
 
@@ -155,14 +162,18 @@ def share(distance: Tensor, half: Tensor) -> Tensor:
     return torch.where(distance == 0, 0, distance.abs() / half)  # (H, W, 3)
 
 
-def to_space(rgb: Tensor, space: str) -> Tensor:
+def to_space(rgb: Tensor, space: str, exposure: float) -> Tensor:
     if "tonemapped" in space:
-        rgb = rgb / (1 + rgb.amax(-1, keepdim=True).clamp(min=0))  # (H, W, 3)
+        rgb = rgb / (exposure + rgb.amax(-1, keepdim=True).clamp(min=0))  # (H, W, 3)
     return rgb @ rgb.new_tensor(TO_YCOCG).T if "ycocg" in space else rgb
 
 
-def to_rgb(color: Tensor, space: str) -> Tensor:
+def to_rgb(color: Tensor, space: str, exposure: float, most: Tensor) -> Tensor:
+    """Tone-mapped colours become no brighter than `most` (H, W, 1)."""
     rgb = color @ color.new_tensor(TO_RGB).T if "ycocg" in space else color  # (H, W, 3)
     if "tonemapped" in space:
-        rgb = rgb / (1 - rgb.amax(-1, keepdim=True).clamp(min=0)).clamp(min=1e-6)  # (H, W, 3)
+        shown = rgb.amax(-1, keepdim=True).clamp(min=0)  # (H, W, 1)
+        light = exposure * shown / (1 - shown)  # (H, W, 1)
+        light = torch.where(shown < most / (exposure + most), light, most)  # (H, W, 1)
+        rgb = torch.where(shown > 0, rgb * light / shown, rgb * exposure)  # (H, W, 3)
     return rgb

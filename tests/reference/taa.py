@@ -7,6 +7,7 @@ from .blend import blend
 from .blend_factor import blend_factor
 from .consistency import consistency
 from .dilate import dilate_motion
+from .exposure import exposure
 from .motion import motion_vectors
 from .neighborhood import clip_history
 from .reproject import reproject
@@ -97,13 +98,15 @@ def antialias(settings: dict, history: list[Tensor] | None, color: Tensor, motio
         (old, length), coverage = reproject(history, there, filter=settings["filter"], fallback=False)
         rejection, _ = consistency(there)  # (H, W)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
-    clipped = clip_history(old, color, **among)  # (H, W, 3)
+    bright = exposure(color)
+    clipped = clip_history(old, color, exposure=bright, **among)  # (H, W, 3)
     pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
     counted = length + 1  # (H, W)
     if settings["alpha"] > 0:
         counted = counted.clamp(max=1 / settings["alpha"])  # (H, W)
     share = blend_factor(coverage, motion, **pace).maximum(1 / counted)  # (H, W)
-    new = blend(color, clipped, share, weighting=settings["weighting"], flicker=settings["flicker"])  # (H, W, 3)
+    weights = {name: settings[name] for name in ("weighting", "flicker")}
+    new = blend(color, clipped, share, exposure=bright, **weights)  # (H, W, 3)
     length = counted.where(color.isfinite().all(-1), length)  # (H, W)
     return Antialiased([new, length], coverage, rejection)
 

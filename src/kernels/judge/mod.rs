@@ -3,6 +3,7 @@
 pub mod anti_lag;
 pub mod blend_factor;
 pub mod consistency;
+pub mod exposure;
 pub mod gradient;
 pub mod hull;
 pub mod neighborhood;

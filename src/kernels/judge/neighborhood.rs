@@ -7,8 +7,9 @@
 //!   Temporal Supersampling*); or the intersection of the first and the last. Instead of a box, the convex hull, for the
 //!   response "current" alone: exact in chrominance, with the range of Y; or of the whole colour, as a polytope of thirteen
 //!   slabs (see [`super::hull`]).
-//! - **space**: RGB, YCoCg, or either after c / (1 + max(r, g, b)), which keeps single bright pixels from opening the box
-//!   (Lottes 2016, *Optimized Reversible Tonemapper for Resolve*).
+//! - **space**: RGB, YCoCg, or either after c / (e + max(r, g, b)), which keeps single bright pixels from opening the box
+//!   (Lottes 2016, *Optimized Reversible Tonemapper for Resolve*), with e the exposure. The corners of such a box may lie
+//!   beyond the range of the curve: what is clipped becomes no brighter than history and all of the neighbourhood.
 //! - **response**: each channel clamped; clipped on the way to the box's centre (Playdead 2016, *Temporal Reprojection
 //!   Anti-Aliasing in INSIDE*); clipped on the way to the current colour, which is first clamped into the box, since
 //!   otherwise one outside its own box would return bad history whole; or onto the ellipsoid of half-axes
@@ -66,6 +67,8 @@ pub struct Params {
     pub space: Space,
     /// Center.
     pub response: Response,
+    /// The radiance that tone curves take for 1; above 0; 1.
+    pub exposure: f32,
 }
 
 impl Params {
@@ -94,6 +97,9 @@ impl Params {
     pub fn check(&self) -> Result<()> {
         in_range("gamma", self.gamma, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
+        })?;
+        in_range("exposure", self.exposure, "a finite number above 0", |v| {
+            v > 0.0 && v.is_finite()
         })?;
         let response = name_of(self.response, &Self::RESPONSES);
         let bounds = name_of(self.bounds, &Self::BOUNDS);
@@ -125,23 +131,28 @@ type Color = [f32; 3];
 
 impl Space {
     #[inline(always)]
-    fn of(self, rgb: Color) -> Color {
+    fn of(self, rgb: Color, exposure: f32) -> Color {
         match self {
             Self::Rgb => rgb,
             Self::YCoCg => ycocg(rgb),
-            Self::ToneMappedRgb => tone_mapped(rgb),
-            Self::ToneMappedYCoCg => ycocg(tone_mapped(rgb)),
+            Self::ToneMappedRgb => tone_mapped(rgb, exposure),
+            Self::ToneMappedYCoCg => ycocg(tone_mapped(rgb, exposure)),
         }
     }
 
+    /// Tone-mapped colours become no brighter than `most`.
     #[inline(always)]
-    fn to_rgb(self, color: Color) -> Color {
+    fn to_rgb(self, color: Color, exposure: f32, most: f32) -> Color {
         match self {
             Self::Rgb => color,
             Self::YCoCg => from_ycocg(color),
-            Self::ToneMappedRgb => untone_mapped(color),
-            Self::ToneMappedYCoCg => untone_mapped(from_ycocg(color)),
+            Self::ToneMappedRgb => untone_mapped(color, exposure, most),
+            Self::ToneMappedYCoCg => untone_mapped(from_ycocg(color), exposure, most),
         }
+    }
+
+    fn is_tone_mapped(self) -> bool {
+        matches!(self, Self::ToneMappedRgb | Self::ToneMappedYCoCg)
     }
 
     fn has_chrominance(self) -> bool {
@@ -174,43 +185,40 @@ fn brightest([r, g, b]: Color) -> f32 {
 }
 
 #[inline(always)]
-fn tone_mapped(rgb: Color) -> Color {
-    let scale = 1.0 / (1.0 + brightest(rgb));
+fn tone_mapped(rgb: Color, exposure: f32) -> Color {
+    let scale = 1.0 / (exposure + brightest(rgb));
     rgb.map(|c| c * scale)
 }
 
+/// Toned, `most` is most / (e + most); whatever is brighter is scaled down to it.
 #[inline(always)]
-fn untone_mapped(rgb: Color) -> Color {
-    // Boxes in YCoCg have corners beyond the range of the curve; a million is as bright as it gets.
-    let scale = 1.0 / (1.0 - brightest(rgb)).max(1e-6);
+fn untone_mapped(rgb: Color, exposure: f32, most: f32) -> Color {
+    let bright = brightest(rgb);
+    let shown = bright.min(most / (exposure + most));
+    let scale = exposure / (1.0 - shown) * if bright > shown { shown / bright } else { 1.0 };
     rgb.map(|c| c * scale)
 }
 
 /// Brings the colours of `history` to those that `color` has around each pixel.
 pub fn clip_history(history: View, color: View, params: Params) -> Image {
     let size = color.size;
-    let mut converted = Image::new(size, 3);
-    rows::run(
-        &Convert {
-            color,
-            space: params.space,
-        },
-        size.height,
-        converted.bands(),
-    );
+    let mut converted = Image::new(size, 4);
+    rows::run(&Convert { color, params }, size.height, converted.bands());
     let mut clipped = Image::new(size, 3);
     let kernel = Clip {
         history,
-        color: converted.view(),
+        color: converted.channels(0..3),
+        brightest: converted.channels(3..4),
         params,
     };
     rows::run(&kernel, size.height, clipped.bands());
     clipped
 }
 
+/// To the space of the box, and the brightest channel.
 struct Convert<'a> {
     color: View<'a>,
-    space: Space,
+    params: Params,
 }
 
 impl<'a> Kernel for Convert<'a> {
@@ -220,15 +228,16 @@ impl<'a> Kernel for Convert<'a> {
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
         for y in rows {
             let [r, g, b] = self.color.rows(y);
-            let [o0, o1, o2] = out.rows(y);
+            let [o0, o1, o2, most] = out.rows(y);
             for x in 0..r.len() {
                 let rgb = [r[x], g[x], b[x]];
                 let color = if is_present(rgb) {
-                    self.space.of(rgb)
+                    self.params.space.of(rgb, self.params.exposure)
                 } else {
                     [f32::NAN; 3]
                 };
                 [o0[x], o1[x], o2[x]] = color;
+                most[x] = if is_present(rgb) { brightest(rgb) } else { 0.0 };
             }
         }
     }
@@ -238,6 +247,8 @@ struct Clip<'a> {
     history: View<'a>,
     /// In the space of the box; NaN where missing.
     color: View<'a>,
+    /// Of each pixel, the brightest channel.
+    brightest: View<'a>,
     params: Params,
 }
 
@@ -284,10 +295,24 @@ impl Clip<'_> {
             .history
             .rows(run.y)
             .map(|row: &[f32]| &row[run.x..][..run.len]);
+        let Params {
+            space, exposure, ..
+        } = self.params;
+        let mut most = [0.0_f32; SEGMENT];
+        if space.is_tone_mapped() {
+            self.for_each_place(run, |at, here, tap| {
+                let there = tap.of(here);
+                let taps = &self.brightest.row(0, there.y)[there.x..][..there.len];
+                for (most, &tap) in most[at..].iter_mut().zip(taps) {
+                    *most = most.max(tap);
+                }
+            });
+        }
         for i in 0..run.len {
             let rgb = [r[i], g[i], b[i]];
-            let new = clipped(i, self.params.space.of(rgb));
-            let new = new.map_or(rgb, |color| self.params.space.to_rgb(color));
+            let new = clipped(i, space.of(rgb, exposure));
+            let most = most[i].max(brightest(rgb));
+            let new = new.map_or(rgb, |color| space.to_rgb(color, exposure, most));
             let kept = !is_present(rgb);
             let pick = |c: usize| if kept { rgb[c] } else { new[c] };
             (o0[i], o1[i], o2[i]) = (pick(0), pick(1), pick(2));
@@ -389,21 +414,32 @@ impl Clip<'_> {
         boxes
     }
 
-    /// Calls `f` for each tap of the window with the part of the run that has it inside, and that part's taps.
+    /// Calls `f` for each tap of the window with where the part of the run that has it inside begins, and that part.
     #[inline(always)]
-    fn for_each_tap(&self, run: Run, mut f: impl FnMut(usize, Tap, [&[f32]; 3])) {
+    fn for_each_place(&self, run: Run, mut f: impl FnMut(usize, Run, Tap)) {
         let radius = self.params.radius;
         for dy in -radius..=radius {
             for dx in -radius..=radius {
                 let tap = Tap { dx, dy, step: 1 };
                 if let Some(here) = tap.inside(run, self.color.size) {
-                    let there = tap.of(here);
-                    let taps = self.color.rows(there.y);
-                    let taps = taps.map(|row: &[f32]| &row[there.x..][..there.len]);
-                    f(here.x - run.x, tap, taps);
+                    f(here.x - run.x, here, tap);
                 }
             }
         }
+    }
+
+    /// The same, with the part's taps.
+    #[inline(always)]
+    fn for_each_tap(&self, run: Run, mut f: impl FnMut(usize, Tap, [&[f32]; 3])) {
+        self.for_each_place(run, |at, here, tap| {
+            let there = tap.of(here);
+            let taps = self.color.rows(there.y);
+            f(
+                at,
+                tap,
+                taps.map(|row: &[f32]| &row[there.x..][..there.len]),
+            );
+        });
     }
 
     /// On the way to the pixel's own colour, which is one of the hull's, or to their mean where it is missing.

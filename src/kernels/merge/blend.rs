@@ -1,10 +1,10 @@
 //! The blend of history and new sample, by a share α for each pixel.
 //!
 //! - **none**: h + α (c − h).
-//! - **tone**: each side weighted by 1/(1 + luminance) as well, so that no bright sample outweighs the rest (Karis 2014,
+//! - **tone**: each side weighted by 1/(e + luminance) as well, with e the exposure, so that no bright sample outweighs the rest (Karis 2014,
 //!   *High Quality Temporal Supersampling*).
 //! - **luminance**: α grows to four times as much where the luminances differ, lerp(4α, α, (1 − δ)²) with
-//!   δ = |l − l′| / max(l, l′, 0.2) (Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*).
+//!   δ = |l − l′| / max(l, l′, 0.2 e) (Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*).
 //!
 //! Against flicker, α may fall where history lies near the border of the luminances that surround the pixel: there it
 //! has most likely just been clipped, and the next frame would clip it to the other side (Karis 2014). With
@@ -32,6 +32,8 @@ pub struct Params {
     pub weighting: Weighting,
     /// What is left of α on the border of the neighbourhood; 0 to 1; 1, which asks for no neighbourhood.
     pub flicker: f32,
+    /// The radiance that counts as 1; above 0; 1.
+    pub exposure: f32,
 }
 
 impl Params {
@@ -44,6 +46,9 @@ impl Params {
     pub fn check(&self) -> Result<()> {
         in_range("flicker", self.flicker, "a share from 0 to 1", |v| {
             (0.0..=1.0).contains(&v)
+        })?;
+        in_range("exposure", self.exposure, "a finite number above 0", |v| {
+            v > 0.0 && v.is_finite()
         })
     }
 }
@@ -93,16 +98,20 @@ impl<'a> Kernel for Blend<'a> {
             if self.params.flicker < 1.0 {
                 self.calm(y, &mut shares);
             }
+            let exposure = self.params.exposure;
             let (color, history, out) = (self.color.rows(y), self.history.rows(y), blended.rows(y));
             match self.params.weighting {
                 Weighting::None => mix(color, history, &shares, out, |a, _, _| a),
                 // The weights' ratio as one share.
                 Weighting::Tone => mix(color, history, &shares, out, |a, c, h| {
-                    let (new, old) = (a / (1.0 + c.max(0.0)), (1.0 - a) / (1.0 + h.max(0.0)));
+                    let (new, old) = (
+                        a / (exposure + c.max(0.0)),
+                        (1.0 - a) / (exposure + h.max(0.0)),
+                    );
                     new / (new + old)
                 }),
                 Weighting::Luminance => mix(color, history, &shares, out, |a, c, h| {
-                    let alike = (1.0 - (c - h).abs() / c.max(h).max(0.2)).max(0.0);
+                    let alike = (1.0 - (c - h).abs() / c.max(h).max(0.2 * exposure)).max(0.0);
                     let most = (4.0 * a).min(1.0);
                     most + alike * alike * (a - most)
                 }),
