@@ -5,9 +5,39 @@ import flip_evaluator
 import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
-from yester.study.metrics import flip, flip_map, psnr, relmse, srgb, temporal_error
+from yester.study import metrics
+from yester.study.metrics import (
+    METRICS,
+    Picture,
+    bias_variance,
+    edge_sharpness,
+    flicker,
+    flip,
+    flip_map,
+    ghost,
+    lag,
+    metric,
+    psnr,
+    relmse,
+    smape,
+    srgb,
+    ssim,
+    temporal_error,
+    tpsnr,
+    warped_error,
+)
 
-METRICS = [psnr, relmse, flip, flip_map]
+OF_PAIRS = [psnr, relmse, smape, ssim, flip, flip_map, edge_sharpness]
+
+
+def linear(encoded: np.ndarray) -> np.ndarray:
+    """What `srgb` makes these values of."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def grey(encoded: np.ndarray) -> np.ndarray:
+    """(H, W) of encoded values as a linear image."""
+    return linear(np.repeat(np.asarray(encoded, float)[..., np.newaxis], 3, axis=2))
 
 
 @pytest.fixture
@@ -52,10 +82,120 @@ def test_relmse_by_hand():
     assert relmse(image, reference) == pytest.approx((3 * 0.09 / 0.10 + 0.01 / 0.01) / 6)
 
 
+def test_double_precision_counts():
+    assert relmse(np.full((1, 1, 3), 1 + 1e-9), np.ones((1, 1, 3))) == pytest.approx(1e-18 / 1.01, rel=1e-6, abs=0)
+
+
 def test_relmse_is_not_symmetric():
     one, two = np.full((1, 1, 3), 1.0), np.full((1, 1, 3), 2.0)
     assert relmse(one, two) == pytest.approx(1 / 4.01)
     assert relmse(two, one) == pytest.approx(1 / 1.01)
+
+
+def test_smape_by_hand():
+    image, reference = np.zeros((1, 2, 3)), np.zeros((1, 2, 3))
+    reference[0, 0] = 0.3
+    image[0, 1, 2] = -0.1
+    expected = (3 * 0.3 / 0.301 + 0.1 / 0.101) / 6
+    assert smape(image, reference) == pytest.approx(expected)
+    assert smape(reference, image) == pytest.approx(expected)
+
+
+def test_smape_counts_a_firefly_once():
+    reference, image = np.ones((1, 4, 3)), np.ones((1, 4, 3))
+    image[0, 0] = 1e6
+    assert smape(image, reference) == pytest.approx(0.25, rel=1e-5)
+
+
+def test_ssim_by_hand():
+    """Of 11×11 pixels, only one window lies inside: that of the centre."""
+    rng = np.random.default_rng(5)
+    x, y = rng.random((2, 11, 11, 3))
+    falloff = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
+    weight = np.outer(falloff, falloff)[..., np.newaxis] / falloff.sum() ** 2
+
+    def mean(values):
+        return (weight * values).sum((0, 1))
+
+    covariance = mean(x * y) - mean(x) * mean(y)
+    variances = mean(x * x) - mean(x) ** 2 + mean(y * y) - mean(y) ** 2
+    light = (2 * mean(x) * mean(y) + 1e-4) / (mean(x) ** 2 + mean(y) ** 2 + 1e-4)
+    expected = np.mean(light * (2 * covariance + 9e-4) / (variances + 9e-4))
+    assert ssim(linear(x), linear(y)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_ssim_of_equal_and_of_opposite_images(pair):
+    assert ssim(pair[1], pair[1]) == 1
+    black_and_white = np.indices((16, 16)).sum(0) % 2
+    assert ssim(grey(black_and_white), grey(1 - black_and_white)) < -0.9
+
+
+@pytest.mark.parametrize("shape", [(10, 40, 3), (40, 10, 3)])
+def test_ssim_names_images_smaller_than_its_window(shape):
+    with pytest.raises(ValueError, match=r"^image: SSIM needs at least 11×11 pixels, got shape \(\d0, \d0, 3\)"):
+        ssim(np.zeros(shape), np.zeros(shape))
+
+
+def test_edge_sharpness_by_hand():
+    """A step, and the same through a box of three pixels: its two columns are two thirds as steep."""
+    step = np.tile([0, 0, 0, 0, 1, 1, 1, 1], (6, 1))
+    blurred = np.tile([0, 0, 0, 1 / 3, 2 / 3, 1, 1, 1], (6, 1))
+    assert edge_sharpness(grey(blurred), grey(step), 0.3) == pytest.approx(2 / 3)
+    assert edge_sharpness(grey(blurred.T), grey(step.T), 0.3) == pytest.approx(2 / 3)
+
+
+@pytest.mark.parametrize("contrast", [-1, 0, 0.5, 1, 1.5])
+def test_edge_sharpness_is_contrast_at_the_edges(contrast):
+    reference = np.random.default_rng(2).uniform(0.3, 0.7, (20, 30))
+    image = 0.5 + contrast * (reference - 0.5)
+    assert edge_sharpness(grey(image), grey(reference)) == pytest.approx(contrast)
+
+
+def test_edge_sharpness_looks_at_the_steepest():
+    """Half of the image has a weak texture that is lost, the other half strong edges that are kept."""
+    stripes = np.tile(np.arange(32) // 2 % 2, (16, 1))
+    reference = np.where(np.arange(32) < 16, 0.1, 0.8) * stripes
+    image = np.where(np.arange(32) < 16, 0, reference)
+    assert edge_sharpness(grey(image), grey(reference)) == pytest.approx(1)
+    assert edge_sharpness(grey(image), grey(reference), share=1) < 0.99
+
+
+def test_edge_sharpness_of_few_pixels():
+    """The share of four inner pixels is less than one of them: the steepest, at the lower right."""
+    reference = np.zeros((4, 4))
+    reference[3, 2], reference[1, 0] = 0.8, 0.1
+    image = np.where(reference > 0.5, 0.4, 0)
+    assert edge_sharpness(grey(image), grey(reference)) == pytest.approx(0.5)
+
+
+def test_edge_sharpness_sees_colour_as_luminance():
+    """A green edge is steeper than a blue one: the tenth of pixels that is steepest is where green begins."""
+    reference = np.zeros((12, 22, 3))
+    reference[:, 11:, 1] = reference[:, 16:, 2] = 1
+    assert edge_sharpness(reference * (1, 1, 0), reference, 0.1) == pytest.approx(1)
+    assert edge_sharpness(reference * (1, 0, 1), reference, 0.1) == pytest.approx(0, abs=1e-12)
+
+
+def test_edge_sharpness_averages_noise_out():
+    rng = np.random.default_rng(4)
+    reference = np.tile(0.3 + 0.4 * (np.arange(200) // 4 % 2), (200, 1))
+    assert edge_sharpness(grey(reference + rng.normal(0, 0.05, reference.shape)), grey(reference)) == pytest.approx(
+        1, abs=0.01
+    )
+
+
+@pytest.mark.parametrize("share", [0, -0.1, 1.1, np.nan])
+def test_edge_sharpness_names_a_share_out_of_range(share, pair):
+    with pytest.raises(ValueError, match=r"^share: expected above 0 and up to 1, got"):
+        edge_sharpness(*pair, share)
+
+
+def test_edge_sharpness_needs_edges():
+    image = np.ones((3, 3, 3))
+    with pytest.raises(ValueError, match=r"^reference: is of one luminance all over"):
+        edge_sharpness(image, image)
+    with pytest.raises(ValueError, match=r"^image: edges need at least 3×3 pixels, got shape \(2, 3, 3\)"):
+        edge_sharpness(image[:2], image[:2])
 
 
 def test_flip_agrees_with_its_evaluator(pair):
@@ -71,21 +211,21 @@ def test_flip_of_black_and_white():
     assert flip_map(black, white).shape == (16, 16)
 
 
-@pytest.mark.parametrize("metric", [relmse, flip])
-def test_equal_images_have_no_error(metric, pair):
-    assert metric(pair[1], pair[1]) == 0
+@pytest.mark.parametrize("measure", [relmse, smape, flip])
+def test_equal_images_have_no_error(measure, pair):
+    assert measure(pair[1], pair[1]) == 0
 
 
 def test_equal_images_have_infinite_psnr(pair):
     assert psnr(pair[1], pair[1]) == float("inf")
 
 
-@pytest.mark.parametrize("metric", [psnr, relmse, flip])
-def test_layout_and_type_do_not_matter(metric, pair):
+@pytest.mark.parametrize("measure", [psnr, relmse, smape, ssim, flip, edge_sharpness])
+def test_layout_and_type_do_not_matter(measure, pair):
     image, reference = pair
     wide = np.repeat(image.astype(np.float64), 2, axis=1)[:, ::2]
-    assert metric(wide, np.asfortranarray(reference)) == metric(image, reference)
-    assert metric(image.tolist(), reference) == metric(image, reference)
+    assert measure(wide, np.asfortranarray(reference)) == measure(image, reference)
+    assert measure(image.tolist(), reference) == measure(image, reference)
 
 
 def test_temporal_error_by_hand():
@@ -134,32 +274,329 @@ def test_temporal_error_names_what_is_wrong(position):
         temporal_error(*images)
     images[position] = np.zeros((5, 4, 3))
     odd = "image" if name == "reference" else name
-    with pytest.raises(ValueError, match=rf"^{odd}: expected the shape of the reference, \("):
+    with pytest.raises(ValueError, match=rf"^{odd}: expected the shape of reference, \("):
         temporal_error(*images)
 
 
-@pytest.mark.parametrize("metric", METRICS)
+def test_tpsnr_is_the_psnr_of_differences(pair):
+    image, reference = pair
+    images = [srgb(x) for x in (image, image**2, reference, np.roll(reference, 1, axis=0))]
+    expected = peak_signal_noise_ratio(images[2] - images[3], images[0] - images[1], data_range=1.0)
+    assert tpsnr(*(linear(x) for x in images)) == pytest.approx(expected, abs=1e-6)
+    assert tpsnr(image, image, reference, reference) == float("inf")
+
+
+def test_warped_error_follows_motion(pair):
+    """What moved by whole pixels is where it was: only what came in from outside could differ."""
+    before = pair[1]
+    image = np.roll(before, (2, -3), axis=(0, 1))
+    motion = np.full((*image.shape[:2], 2), (3, -2), np.float32)
+    assert warped_error(image, before, motion) == 0
+    assert warped_error(image, before, np.dstack([motion, np.ones(image.shape[:2], np.float32)])) == 0
+    assert warped_error(image, before, -motion) > 0.1
+    assert warped_error(before, before, motion) > 0.1
+
+
+def test_warped_error_by_hand():
+    """Between two pixels of 0.2 and 0.6 lies 0.4, encoded; only the first of three columns has two such neighbours."""
+    before, image = (grey([encoded]) for encoded in ([0.2, 0.6, 0.6], [0.5, 0.6, 1]))
+    motion = np.full((1, 3, 2), (0.5, 0))
+    assert warped_error(image, before, motion, np.array([[True, False, True]])) == pytest.approx(0.1, abs=1e-6)
+    assert warped_error(image, before, motion) == pytest.approx(np.sqrt(0.01 / 2), abs=1e-6)
+
+
+def test_warped_error_counts_whole_footprints_whatever_their_rounding():
+    """Every fraction of a pixel: one that differs among all inner ones."""
+    before, inner = np.zeros((40, 50, 3)), np.zeros((40, 50), bool)
+    inner[1:-1, 1:-1] = True
+    image = before.copy()
+    image[20, 20] = 1
+    motion = np.random.default_rng(8).uniform(-1, 1, (40, 50, 2))
+    assert warped_error(image, before, motion, inner) == pytest.approx(np.sqrt(1 / inner.sum()))
+
+
+def test_warped_error_leaves_out_what_has_no_motion(pair):
+    image, before = pair
+    motion = np.zeros((*image.shape[:2], 2))
+    assert warped_error(image, before, motion) == pytest.approx(10 ** (-psnr(image, before) / 20), rel=1e-6)
+    unlike = np.any(image != before, axis=-1)
+    motion[unlike] = np.nan
+    image[0, 0] = before[0, 0]
+    motion[0, 0] = 0
+    assert warped_error(image, before, motion) == 0
+
+
+def test_warped_error_names_what_is_wrong(pair):
+    image, before = pair
+    shape = image.shape[:2]
+    motion = np.zeros((*shape, 2))
+    with pytest.raises(ValueError, match=r"^motion: expected shape \(37, 53, 2\) or \(37, 53, 3\), got \(53, 37, 2\)"):
+        warped_error(image, before, motion.swapaxes(0, 1))
+    with pytest.raises(ValueError, match=r"^before: expected the shape of image, \(37, 53, 3\), got \(36, 53, 3\)"):
+        warped_error(image, before[1:], motion)
+    with pytest.raises(TypeError, match=r"^valid: expected bool, got float64"):
+        warped_error(image, before, motion, np.ones(shape))
+    with pytest.raises(ValueError, match=r"^valid: expected shape \(37, 53\), got \(53, 37\)"):
+        warped_error(image, before, motion, np.ones(shape[::-1], bool))
+    with pytest.raises(ValueError, match=r"^valid: no pixel is chosen"):
+        warped_error(image, before, motion, np.zeros(shape, bool))
+    with pytest.raises(ValueError, match=r"^valid: no valid pixel has a place inside the previous image"):
+        warped_error(image, before, motion + 100)
+
+
+def test_flicker_by_hand():
+    """One value of twelve is 0.1, 0.4 and 0.4: squares of 0.2, 0.1 and 0.1 over two degrees of freedom."""
+    images = np.zeros((3, 2, 2, 3))
+    images[:, 1, 0, 2] = linear(np.array([0.1, 0.4, 0.4]))
+    assert flicker(images) == pytest.approx(np.sqrt(0.06 / 2 / 12))
+    assert flicker(image for image in images) == flicker(images)
+    assert flicker(images, np.array([[False, False], [True, False]])) == pytest.approx(np.sqrt(0.06 / 2 / 3))
+    assert flicker(images, np.array([[True, True], [False, True]])) == 0
+
+
+def test_flicker_is_the_noise_at_every_length():
+    images = (
+        grey(np.random.default_rng(6).normal(0.5, 0.02, (40 * 40, 12))).reshape(40, 40, 12, 3).transpose(2, 0, 1, 3)
+    )
+    assert flicker(images) == pytest.approx(0.02, rel=0.03)
+    assert flicker(images[:2]) == pytest.approx(0.02, rel=0.03)
+
+
+def test_flicker_ignores_what_stays_wrong(pair):
+    assert flicker([pair[0]] * 5) == 0
+
+
+def test_flicker_names_what_is_wrong(pair):
+    image, other = pair
+    with pytest.raises(ValueError, match=r"^images: expected at least 2, got 1"):
+        flicker([image])
+    with pytest.raises(ValueError, match=r"^images: expected at least 2, got 0"):
+        flicker([])
+    with pytest.raises(ValueError, match=r"^images\[2\]: expected the shape of images\[0\], \(37, 53, 3\), got"):
+        flicker([image, other, other[1:]])
+    with pytest.raises(ValueError, match=r"^images\[1\]: 1 of 5883 values are not finite"):
+        flicker([image, np.where(np.arange(other.size).reshape(other.shape) == 5, np.nan, other)])
+    with pytest.raises(ValueError, match=r"^images\[0\]: expected shape \(H, W, 3\), got \(53, 3\)"):
+        flicker(image)
+    with pytest.raises(ValueError, match=r"^mask: expected shape \(37, 53\), got \(37, 53, 3\)"):
+        flicker([image, other], np.ones(image.shape, bool))
+    with pytest.raises(TypeError, match=r"^mask: expected bool, got uint8"):
+        flicker([image, other], np.ones(image.shape[:2], np.uint8))
+    with pytest.raises(ValueError, match=r"^mask: no pixel is chosen"):
+        flicker([image, other], np.zeros(image.shape[:2], bool))
+
+
+@pytest.fixture
+def event() -> tuple[np.ndarray, np.ndarray]:
+    """Encoded truth and former truth: they differ in a quarter of the image."""
+    rng = np.random.default_rng(9)
+    truth, former = rng.uniform(0.2, 0.8, (2, 40, 40, 3))
+    former[20:] = truth[20:]
+    former[:, 20:] = truth[:, 20:]
+    return truth, former
+
+
+@pytest.mark.parametrize("share", [-0.2, 0, 0.3, 1])
+def test_ghost_is_the_share_of_the_former_image(share, event):
+    truth, former = event
+    image = truth + share * (former - truth)
+    assert ghost(linear(image), linear(truth), linear(former)) == pytest.approx(share)
+    # What is wrong elsewhere is no ghost.
+    image[30:] = 0
+    assert ghost(linear(image), linear(truth), linear(former)) == pytest.approx(share)
+
+
+def test_ghost_weighs_pixels_by_what_changed(event):
+    """A ghost in a part of the event: the part's share of the squared change."""
+    truth, former = event
+    image = truth.copy()
+    image[:5] = former[:5]
+    change = ((former - truth) ** 2).sum((1, 2))
+    images = [linear(x) for x in (image, truth, former)]
+    assert ghost(*images) == pytest.approx(change[:5].sum() / change.sum())
+    upper = np.arange(40)[:, np.newaxis] < np.full(40, 5)
+    assert ghost(*images, upper) == pytest.approx(1)
+    assert ghost(*images, ~upper) == pytest.approx(0, abs=1e-12)
+
+
+def test_ghost_is_blind_to_noise_and_grey(event):
+    truth, former = event
+    noise = np.random.default_rng(1).normal(0, 0.05, truth.shape)
+    assert ghost(linear(truth + noise), linear(truth), linear(former)) == pytest.approx(0, abs=0.02)
+
+
+def test_ghost_needs_an_event(event, pair):
+    truth, former = (linear(x) for x in event)
+    with pytest.raises(ValueError, match=r"^former: looks like the reference"):
+        ghost(truth, truth, truth)
+    with pytest.raises(ValueError, match=r"^former: looks like the reference"):
+        ghost(truth, truth, former, np.arange(40)[:, np.newaxis] >= np.full(40, 20))
+    with pytest.raises(ValueError, match=r"^former: expected the shape of reference, \(40, 40, 3\), got \(37, 53, 3\)"):
+        ghost(truth, truth, pair[0])
+
+
+@pytest.mark.parametrize(
+    ("ghosts", "expected"),
+    [
+        ([0, 0, 0], 0),
+        ([1, 0.5, 0.1, 0.05], 2),
+        ([1, -0.5, 0.05, 0], 2),
+        ([0, 0.05, 0.2, 0], 3),
+        ([1, 0.5, 0.2], 3),
+        ([], 0),
+    ],
+)
+def test_lag(ghosts, expected):
+    assert lag(ghosts) == expected
+    assert lag(np.array(ghosts, np.float32) * 2, threshold=0.201) == expected
+
+
+def test_lag_names_what_is_wrong():
+    with pytest.raises(ValueError, match=r"^ghosts: expected shape \(T,\), got \(\)"):
+        lag(0.5)
+    with pytest.raises(ValueError, match=r"^ghosts: 1 of 2 values are not finite"):
+        lag([0.5, np.nan])
+
+
+def test_bias_and_variance_make_the_error(pair):
+    """Whatever the runs: their sum is the mean relMSE."""
+    rng = np.random.default_rng(12)
+    images = pair[0] + rng.gamma(0.5, 0.3, (5, *pair[0].shape))
+    split = bias_variance(images, pair[1])
+    assert split.bias + split.variance == pytest.approx(np.mean([relmse(image, pair[1]) for image in images]))
+    assert bias_variance(iter(images), pair[1]) == split
+
+
+@pytest.mark.parametrize("runs", [2, 6])
+@pytest.mark.parametrize("offset", [0, 0.1])
+def test_bias_and_variance_are_estimated_without_bias(runs, offset):
+    """Noise of 0.2 on a grey of 0.5; the denominator is 0.26."""
+    reference = np.full((150, 150, 3), 0.5)
+    images = np.random.default_rng(runs).normal(0.5 + offset, 0.2, (runs, *reference.shape))
+    bias, variance = bias_variance(images, reference)
+    assert bias == pytest.approx(offset**2 / 0.26, abs=0.003)
+    assert variance == pytest.approx(0.04 / 0.26, rel=0.03)
+
+
+def test_bias_of_runs_without_noise(pair):
+    assert bias_variance([pair[0]] * 3, pair[1]) == (pytest.approx(relmse(*pair)), 0)
+    assert bias_variance([pair[1]] * 3, pair[1]) == (0, 0)
+
+
+def test_bias_variance_names_what_is_wrong(pair):
+    image, reference = pair
+    with pytest.raises(ValueError, match=r"^images: expected at least 2, got 1"):
+        bias_variance([image], reference)
+    with pytest.raises(ValueError, match=r"^images\[1\]: expected the shape of reference, \(37, 53, 3\), got"):
+        bias_variance([image, image[1:]], reference)
+    with pytest.raises(ValueError, match=r"^reference: expected shape \(H, W, 3\), got \(53, 3\)"):
+        bias_variance([image, image], reference[0])
+
+
+def test_registry_is_of_this_module():
+    for key, one in METRICS.items():
+        assert one.key == key
+        assert one.measure is getattr(metrics, key)
+        assert metric(key) is one
+
+
+def test_registry_names_the_unknown():
+    with pytest.raises(ValueError, match=r"^metric: expected one of psnr, relmse, .*, got 'mse'"):
+        metric("mse")
+
+
+@pytest.mark.parametrize("key", METRICS)
+def test_registry_knows_what_is_better_and_what_it_takes(key):
+    """Of a still image behind little and much noise, with what the metric says it needs."""
+    one = metric(key)
+    rng = np.random.default_rng(20)
+    reference = rng.uniform(0.2, 0.8, (24, 24, 3))
+
+    def score(noise):
+        # Of an unsteady denoiser, which blurs as well.
+        images = 0.5 + (1 - noise) * (reference - 0.5) + rng.normal(0, noise / 5, (2, *reference.shape))
+        match one.needs:
+            case "reference":
+                return one.measure(linear(images[0]), linear(reference))
+            case "references":
+                return one.measure(*linear(images), linear(reference), linear(reference))
+            case "none":
+                return one.measure(*linear(images), np.zeros((24, 24, 2)), np.ones((24, 24), bool))
+
+    assert (score(0.1) > score(0.6)) == one.higher_is_better
+
+
+@pytest.mark.parametrize("key", METRICS)
+def test_pictures_measure_as_their_arrays_do(key, pair):
+    one = metric(key)
+    images = [pair[0], pair[1], pair[0] ** 2, np.roll(pair[1], 1, axis=0)]
+    pictures = [Picture(image) for image in images]
+    if one.needs == "none":
+        motion = np.full((*pair[0].shape[:2], 2), 0.25)
+        assert one.measure(*pictures[:2], motion) == one.measure(*images[:2], motion)
+    else:
+        count = 2 if one.needs == "reference" else 4
+        assert one.measure(*pictures[:count]) == one.measure(*images[:count])
+
+
+def test_pictures_of_sequences(pair):
+    images = [*pair, pair[0] ** 2]
+    pictures = [Picture(image) for image in images]
+    mask = np.random.default_rng(0).random(pair[0].shape[:2]) < 0.5
+    assert flicker(pictures, mask) == flicker(images, mask)
+    assert ghost(*pictures, mask) == ghost(*images, mask)
+    assert bias_variance(pictures, pictures[1]) == bias_variance(images, images[1])
+
+
+def test_picture_is_checked_and_encoded_once(pair):
+    picture = Picture(pair[0])
+    np.testing.assert_array_equal(picture.linear, pair[0])
+    np.testing.assert_array_equal(picture.srgb, srgb(pair[0]))
+    assert picture.srgb is picture.srgb
+    with pytest.raises(ValueError, match=r"^image: expected shape \(H, W, 3\), got \(53, 3\)"):
+        Picture(pair[0][0])
+    with pytest.raises(ValueError, match=r"^noisy: 3 of 3 values are not finite"):
+        Picture(np.full((1, 1, 3), np.inf), "noisy")
+
+
+def test_nothing_is_written_to(pair):
+    """float64 images are used as they are."""
+    images = [np.array(x, np.float64) for x in (*pair, pair[0] ** 2, pair[1] / 2)]
+    kept = [image.copy() for image in images]
+    for one in METRICS.values():
+        if one.needs == "none":
+            one.measure(*images[:2], np.zeros((*images[0].shape[:2], 2)))
+        else:
+            one.measure(*images[: 2 if one.needs == "reference" else 4])
+    ghost(*images[:3])
+    flicker(images)
+    bias_variance(images, images[1])
+    for image, copy in zip(images, kept, strict=True):
+        np.testing.assert_array_equal(image, copy)
+
+
+@pytest.mark.parametrize("measure", OF_PAIRS)
 @pytest.mark.parametrize("shape", [(4, 3), (4, 5, 4), (4, 5, 1), (0, 5, 3), (2, 4, 5, 3)])
-def test_wrong_shape_is_named(metric, shape):
+def test_wrong_shape_is_named(measure, shape):
     with pytest.raises(ValueError, match=r"^image: expected shape \(H, W, 3\), got"):
-        metric(np.zeros(shape), np.zeros((4, 5, 3)))
+        measure(np.zeros(shape), np.zeros((4, 5, 3)))
     with pytest.raises(ValueError, match=r"^reference: expected shape \(H, W, 3\), got"):
-        metric(np.zeros((4, 5, 3)), np.zeros(shape))
+        measure(np.zeros((4, 5, 3)), np.zeros(shape))
 
 
-@pytest.mark.parametrize("metric", METRICS)
-def test_different_sizes_are_named(metric):
-    with pytest.raises(ValueError, match=r"image: expected the shape of the reference, \(4, 5, 3\), got \(5, 4, 3\)"):
-        metric(np.zeros((5, 4, 3)), np.zeros((4, 5, 3)))
+@pytest.mark.parametrize("measure", OF_PAIRS)
+def test_different_sizes_are_named(measure):
+    with pytest.raises(ValueError, match=r"image: expected the shape of reference, \(4, 5, 3\), got \(5, 4, 3\)"):
+        measure(np.zeros((5, 4, 3)), np.zeros((4, 5, 3)))
 
 
-@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("measure", OF_PAIRS)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_values_that_are_not_finite_are_counted(metric, value):
+def test_values_that_are_not_finite_are_counted(measure, value):
     bad = np.zeros((4, 5, 3))
     bad[1, 2, 0] = bad[3, 4, 2] = value
     with pytest.raises(ValueError, match=r"^reference: 2 of 60 values are not finite"):
-        metric(np.zeros((4, 5, 3)), bad)
+        measure(np.zeros((4, 5, 3)), bad)
 
 
 def test_flip_without_its_package_names_the_extra(monkeypatch):
@@ -168,6 +605,12 @@ def test_flip_without_its_package_names_the_extra(monkeypatch):
         flip(np.zeros((4, 5, 3)), np.zeros((4, 5, 3)))
 
 
+def test_ssim_without_its_package_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "skimage.metrics", None)
+    with pytest.raises(ImportError, match=r"pip install 'yester\[study\]'"):
+        ssim(np.zeros((11, 11, 3)), np.zeros((11, 11, 3)))
+
+
 def test_import_needs_nothing_but_numpy():
-    code = "import sys, yester.study.metrics; print({'flip_evaluator', 'matplotlib', 'PIL'} & set(sys.modules))"
+    code = "import sys, yester.study.metrics; print({'flip_evaluator', 'skimage', 'PIL'} & set(sys.modules))"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "set()"

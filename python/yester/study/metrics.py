@@ -1,15 +1,83 @@
-"""How far an image is from its reference: PSNR, relMSE, FLIP, and the temporal error of two frames in a row.
+"""How far an image is from its reference, how steady a sequence is, and what is wrong with either.
 
-Images are (H, W, 3), linear, scene-referred and unclamped. PSNR, FLIP and the temporal error judge what a viewer would
-see and therefore look at `srgb` of the images; relMSE looks at the linear values, bright ones included.
+Images are (H, W, 3), linear, scene-referred and unclamped. `relmse`, `smape` and `bias_variance` look at the linear
+values, bright ones included; all others judge what a viewer would see and therefore look at `srgb` of the images.
+
+Every function takes arrays. One that is measured in many ways is better given as a `Picture`, which is checked and
+encoded once. `METRICS` describes those that charts and reports show.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple, TypeAlias
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["flip", "flip_map", "psnr", "relmse", "srgb", "temporal_error"]
+from yester import reproject
+
+__all__ = [
+    "METRICS",
+    "BiasVariance",
+    "Metric",
+    "Picture",
+    "bias_variance",
+    "edge_sharpness",
+    "flicker",
+    "flip",
+    "flip_map",
+    "ghost",
+    "lag",
+    "metric",
+    "psnr",
+    "relmse",
+    "smape",
+    "srgb",
+    "ssim",
+    "temporal_error",
+    "tpsnr",
+    "warped_error",
+]
+
+
+class Picture:
+    """An image, checked once and encoded at most once: for whoever measures it in several ways.
+
+    Parameters
+    ----------
+    image : (H, W, 3) array_like of float
+        Linear. float64 in C order is not copied: leave it as it is.
+    name : str, default "image"
+        What errors call it.
+
+    Attributes
+    ----------
+    linear, srgb : (H, W, 3) ndarray of float64
+        The image, and what `srgb` makes of it.
+
+    Raises
+    ------
+    ValueError
+        If the shape is not (H, W, 3), or a value is not finite.
+    """
+
+    def __init__(self, image: ArrayLike, name: str = "image") -> None:
+        array = np.asarray(image)
+        if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
+            raise ValueError(f"{name}: expected shape (H, W, 3), got {array.shape}")
+        array = array.astype(np.float64, order="C", copy=False)
+        _finite(name, array)
+        self.linear: NDArray[np.float64] = array
+
+    @cached_property
+    def srgb(self) -> NDArray[np.float64]:
+        return srgb(self.linear)
+
+
+Image: TypeAlias = ArrayLike | Picture
 
 
 def srgb(image: ArrayLike) -> NDArray[np.float64]:
@@ -29,7 +97,7 @@ def srgb(image: ArrayLike) -> NDArray[np.float64]:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def psnr(image: ArrayLike, reference: ArrayLike) -> float:
+def psnr(image: Image, reference: Image) -> float:
     """Peak signal-to-noise ratio of the sRGB-encoded images, in decibels, with a peak of 1.
 
     Rendered images have no largest value; the encoding supplies one, as it does where denoisers are compared on 8-bit
@@ -37,7 +105,7 @@ def psnr(image: ArrayLike, reference: ArrayLike) -> float:
 
     Parameters
     ----------
-    image, reference : (H, W, 3) array_like of float
+    image, reference : (H, W, 3) array_like of float, or Picture
         Linear.
 
     Returns
@@ -51,16 +119,16 @@ def psnr(image: ArrayLike, reference: ArrayLike) -> float:
         If the shapes differ or are not (H, W, 3), or a value is not finite.
     """
     image, reference = _alike(image=image, reference=reference)
-    error = np.mean((srgb(image) - srgb(reference)) ** 2)
+    error = np.mean((image.srgb - reference.srgb) ** 2)
     return float("inf") if error == 0 else float(-10 * np.log10(error))
 
 
-def relmse(image: ArrayLike, reference: ArrayLike) -> float:
+def relmse(image: Image, reference: Image) -> float:
     """Relative mean squared error: the mean of (a - r)² / (r² + 0.01) over pixels and channels.
 
     Parameters
     ----------
-    image, reference : (H, W, 3) array_like of float
+    image, reference : (H, W, 3) array_like of float, or Picture
         Linear.
 
     Returns
@@ -79,17 +147,93 @@ def relmse(image: ArrayLike, reference: ArrayLike) -> float:
        minimization", ACM Transactions on Graphics 30(6), 2011.
     """
     image, reference = _alike(image=image, reference=reference)
-    return float(np.mean((image - reference) ** 2 / (reference**2 + 0.01)))
+    return float(np.mean((image.linear - reference.linear) ** 2 / _relative(reference)))
 
 
-def flip(image: ArrayLike, reference: ArrayLike) -> float:
+def smape(image: Image, reference: Image) -> float:
+    """Symmetric mean absolute percentage error: the mean of |a - r| / (|a| + |r| + 0.001) over pixels and channels.
+
+    Parameters
+    ----------
+    image, reference : (H, W, 3) array_like of float, or Picture
+        Linear.
+
+    Returns
+    -------
+    float
+        0 (equal) to 1; lower is better. Dark and bright pixels count alike, and no firefly for more than any other.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or are not (H, W, 3), or a value is not finite.
+
+    References
+    ----------
+    .. [1] T. Vogels et al., "Denoising with kernel prediction and asymmetric loss functions", ACM Transactions on
+       Graphics 37(4), 2018. Authors differ in the constant that keeps black from dividing by 0.
+    """
+    image, reference = _alike(image=image, reference=reference)
+    a, r = image.linear, reference.linear
+    return float(np.mean(np.abs(a - r) / (np.abs(a) + np.abs(r) + 0.001)))
+
+
+def ssim(image: Image, reference: Image) -> float:
+    """Structural similarity of the sRGB-encoded images: its mean over channels and pixels.
+
+    Gaussian weights of standard deviation 1.5 in windows of 11×11 that lie inside the image, and a range of 1, as its
+    authors have it; computed by scikit-image.
+
+    Parameters
+    ----------
+    image, reference : (H, W, 3) array_like of float, or Picture
+        Linear, at least 11×11.
+
+    Returns
+    -------
+    float
+        -1 to 1 (equal); higher is better.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, are not (H, W, 3) or smaller than the window, or a value is not finite.
+    ImportError
+        If scikit-image is not installed.
+
+    References
+    ----------
+    .. [1] Z. Wang, A. Bovik, H. Sheikh, E. Simoncelli, "Image quality assessment: from error visibility to structural
+       similarity", IEEE Transactions on Image Processing 13(4), 2004.
+    """
+    image, reference = _alike(image=image, reference=reference)
+    if min(reference.linear.shape[:2]) < 11:
+        raise ValueError(f"image: SSIM needs at least 11×11 pixels, got shape {reference.linear.shape}")
+    try:
+        from skimage.metrics import structural_similarity
+    except ImportError as error:
+        raise ImportError("SSIM needs scikit-image: pip install 'yester[study]'") from error
+    return float(
+        structural_similarity(
+            reference.srgb,
+            image.srgb,
+            gaussian_weights=True,
+            sigma=1.5,
+            use_sample_covariance=False,
+            data_range=1.0,
+            channel_axis=2,
+        )
+    )
+
+
+def flip(image: Image, reference: Image) -> float:
     """Mean FLIP of the sRGB-encoded images: the difference seen when flipping between them on a display.
 
     LDR FLIP at 67 pixels per degree, the default of NVIDIA's implementation.
 
     Parameters
     ----------
-    image, reference : (H, W, 3) array_like of float
+    image, reference : (H, W, 3) array_like of float, or Picture
         Linear.
 
     Returns
@@ -112,7 +256,7 @@ def flip(image: ArrayLike, reference: ArrayLike) -> float:
     return float(flip_map(image, reference).mean(dtype=np.float64))
 
 
-def flip_map(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float32]:
+def flip_map(image: Image, reference: Image) -> NDArray[np.float32]:
     """FLIP of every pixel: see `flip`, whose parameters and errors these are.
 
     Returns
@@ -126,12 +270,12 @@ def flip_map(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float32]:
         import flip_evaluator
     except ImportError as error:
         raise ImportError("FLIP needs flip-evaluator: pip install 'yester[demo]'") from error
-    encoded = [np.ascontiguousarray(srgb(x), np.float32) for x in (reference, image)]
+    encoded = [np.ascontiguousarray(x.srgb, np.float32) for x in (reference, image)]
     errors, _, _ = flip_evaluator.evaluate(*encoded, "LDR", applyMagma=False, computeMeanError=False)
     return np.asarray(errors, np.float32)[..., 0]
 
 
-def temporal_error(image: ArrayLike, before: ArrayLike, reference: ArrayLike, reference_before: ArrayLike) -> float:
+def temporal_error(image: Image, before: Image, reference: Image, reference_before: Image) -> float:
     """How far the change from one frame to the next is from the reference's: flicker, crawling, lag.
 
     The root mean square, over pixels and channels, of
@@ -139,9 +283,9 @@ def temporal_error(image: ArrayLike, before: ArrayLike, reference: ArrayLike, re
 
     Parameters
     ----------
-    image, before : (H, W, 3) array_like of float
+    image, before : (H, W, 3) array_like of float, or Picture
         Linear: a frame and the one before it.
-    reference, reference_before : (H, W, 3) array_like of float
+    reference, reference_before : (H, W, 3) array_like of float, or Picture
         Linear: the references of both.
 
     Returns
@@ -158,24 +302,373 @@ def temporal_error(image: ArrayLike, before: ArrayLike, reference: ArrayLike, re
     image, before, reference, reference_before = _alike(
         image=image, before=before, reference=reference, reference_before=reference_before
     )
-    error = (srgb(image) - srgb(before)) - (srgb(reference) - srgb(reference_before))
+    error = (image.srgb - before.srgb) - (reference.srgb - reference_before.srgb)
     return float(np.sqrt(np.mean(error**2)))
 
 
-def _alike(**images: ArrayLike) -> list[NDArray[np.float64]]:
-    """The images as float64, finite, of the shape that `reference` has."""
-    arrays = {}
-    for name, value in images.items():
-        array = np.asarray(value)
-        if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
-            raise ValueError(f"{name}: expected shape (H, W, 3), got {array.shape}")
-        array = array.astype(np.float64)
-        bad = array.size - np.count_nonzero(np.isfinite(array))
-        if bad:
-            raise ValueError(f"{name}: {bad} of {array.size} values are not finite")
-        arrays[name] = array
-    expected = arrays["reference"].shape
-    for name, array in arrays.items():
-        if array.shape != expected:
-            raise ValueError(f"{name}: expected the shape of the reference, {expected}, got {array.shape}")
-    return [*arrays.values()]
+def tpsnr(image: Image, before: Image, reference: Image, reference_before: Image) -> float:
+    """Peak signal-to-noise ratio of the change from one frame to the next: `temporal_error` in decibels.
+
+    Parameters and errors are those of `temporal_error`.
+
+    Returns
+    -------
+    float
+        Higher is better; infinity where the sequence changes as its reference does.
+
+    References
+    ----------
+    .. [1] M. Bálint et al., "Neural partitioning pyramids for denoising Monte Carlo renderings", SIGGRAPH 2023
+       conference papers, and Noisebase, its framework, which takes the mean of this over a sequence's pairs of frames.
+    """
+    error = temporal_error(image, before, reference, reference_before)
+    return float("inf") if error == 0 else float(-20 * np.log10(error))
+
+
+def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLike | None = None) -> float:
+    """How far an image is from the one before it, moved to where things are now; asks for no reference.
+
+    The root mean square, over pixels and channels, of srgb(image) minus srgb(before) fetched along `motion`
+    (`yester.reproject`, bilinear), over the pixels whose whole footprint lies inside the previous image. What changes
+    in truth, as highlights and shadows do, counts as well, and so does what bilinear reading blurs: compare methods on
+    the same sequence, and none with zero. A frozen or evenly grey sequence scores well.
+
+    Parameters
+    ----------
+    image, before : (H, W, 3) array_like of float, or Picture
+        Linear: a frame and the one before it.
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        Previous minus current position in pixels, x right, y down. Where it is not finite, pixels do not count.
+    valid : (H, W) array_like of bool, optional
+        The pixels that were seen before, as by ``consistency(…)[0] == 0``. By default all.
+
+    Returns
+    -------
+    float
+        0 to 1; lower is better.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a value of an image is not finite, or no pixel is both valid and inside.
+    TypeError
+        If `valid` is not of bool.
+
+    References
+    ----------
+    .. [1] W.-S. Lai et al., "Learning blind video temporal consistency", ECCV 2018: the square of this, its mask from
+       optical flow.
+    """
+    image, before = _alike(image=image, before=before)
+    motion = np.asarray(motion)
+    shape = image.linear.shape[:2]
+    if motion.shape not in [(*shape, 2), (*shape, 3)]:
+        raise ValueError(f"motion: expected shape {(*shape, 2)} or {(*shape, 3)}, got {motion.shape}")
+    seen = _mask("valid", valid, shape)
+    fetched, coverage = reproject(before.srgb, motion, fallback=False)
+    # Coverage is a sum of rounded weights: a whole footprint may have a little less than 1.
+    seen = seen & (coverage > 0.999)
+    if not seen.any():
+        raise ValueError("valid: no valid pixel has a place inside the previous image")
+    # In the precision of what was fetched, so that an image that stands still is its own successor.
+    error = image.srgb.astype(np.float32) - fetched
+    return float(np.sqrt(np.mean(error**2, dtype=np.float64, where=seen[..., np.newaxis])))
+
+
+def flicker(images: Iterable[Image], mask: ArrayLike | None = None) -> float:
+    """How much a sequence varies where in truth nothing changes.
+
+    The root of the mean, over pixels and channels, of the variance over time of srgb.
+
+    Parameters
+    ----------
+    images : (T, H, W, 3) array_like of float, or iterable of images
+        Linear, at least two. Of an iterable, one image is held at a time.
+    mask : (H, W) array_like of bool, optional
+        The pixels that stand still. By default all.
+
+    Returns
+    -------
+    float
+        Lower is better; 0 where all images are equal. The variance is the unbiased one: longer sequences of the same
+        noise do not score differently.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two images, shapes do not fit, a value is not finite, or the mask is empty.
+    TypeError
+        If `mask` is not of bool.
+    """
+    pictures = _each(images)
+    encoded = (srgb(one.linear[_mask("mask", mask, one.linear.shape[:2])]) for one in pictures)
+    _, _, variance = _moments(encoded)
+    return float(np.sqrt(np.mean(variance)))
+
+
+def ghost(image: Image, reference: Image, former: Image, mask: ArrayLike | None = None) -> float:
+    """How much of the former truth still shows after an event: a switched light, a swapped texture, a cut.
+
+    <i - r, f - r> / <f - r, f - r> over pixels and channels of srgb: the share of `former` in the mixture of it and
+    the reference that comes nearest to the image. Where both truths agree, nothing counts.
+
+    Parameters
+    ----------
+    image : (H, W, 3) array_like of float, or Picture
+        Linear, after the event.
+    reference, former : (H, W, 3) array_like of float, or Picture
+        The truth at this frame, and what it would be had the event not happened.
+    mask : (H, W) array_like of bool, optional
+        The pixels to look at. By default all.
+
+    Returns
+    -------
+    float
+        0 without a trace of the former truth, 1 where the image is it. Below 0 where the image overshoots.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a value is not finite, or `former` looks like the reference in all chosen pixels.
+    TypeError
+        If `mask` is not of bool.
+    """
+    image, reference, former = _alike(image=image, reference=reference, former=former)
+    seen = _mask("mask", mask, reference.linear.shape[:2])
+    event = former.srgb - reference.srgb
+    event[~seen] = 0
+    strength = np.vdot(event, event)
+    if strength == 0:
+        raise ValueError("former: looks like the reference, there is nothing that could linger")
+    return float(np.vdot(image.srgb - reference.srgb, event) / strength)
+
+
+def lag(ghosts: Sequence[float] | NDArray[np.floating], threshold: float = 0.1) -> int:
+    """Frames after an event until its ghost is gone for good.
+
+    Parameters
+    ----------
+    ghosts : (T,) sequence of float
+        `ghost` of the frame of the event and those that follow.
+    threshold : float, default 0.1
+        Largest ghost, above or below 0, that counts as gone.
+
+    Returns
+    -------
+    int
+        Index of the first frame from which on all ghosts are gone; T if the last one is not.
+
+    Raises
+    ------
+    ValueError
+        If `ghosts` is not one-dimensional or not finite.
+    """
+    values = np.asarray(ghosts, np.float64)
+    if values.ndim != 1:
+        raise ValueError(f"ghosts: expected shape (T,), got {values.shape}")
+    _finite("ghosts", values)
+    left = np.flatnonzero(np.abs(values) > threshold)
+    return int(left[-1]) + 1 if left.size else 0
+
+
+class BiasVariance(NamedTuple):
+    """What `bias_variance` returns.
+
+    Attributes
+    ----------
+    bias, variance : float
+        Both in units of relMSE; their sum is the mean relMSE of the runs.
+    """
+
+    bias: float
+    variance: float
+
+
+def bias_variance(images: Iterable[Image], reference: Image) -> BiasVariance:
+    """Split the error of independent runs: what stays wrong in their mean, and what differs from run to run.
+
+    The variance is the mean over pixels and channels of var / (r² + 0.01), with the unbiased variance over runs; the
+    bias is that of ((mean - r)² - var / S) / (r² + 0.01). The second term is what noise adds to the mean of S runs.
+
+    Parameters
+    ----------
+    images : (S, H, W, 3) array_like of float, or iterable of images
+        Linear: the same frame from at least two runs with different random numbers. Of an iterable, one image is held
+        at a time.
+    reference : (H, W, 3) array_like of float, or Picture
+        Linear.
+
+    Returns
+    -------
+    BiasVariance
+        Of squares: ``bias`` and ``variance``, whose sum is the mean of `relmse` over the runs, up to rounding. Both
+        are estimated without bias, which is why a ``bias`` near 0 can come out below it.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two images, the shapes differ or are not (H, W, 3), or a value is not finite.
+    """
+    [truth] = _alike(reference=reference)
+    count, mean, variance = _moments(run.linear for run in _each(images, reference=truth))
+    scale = _relative(truth)
+    bias = ((mean - truth.linear) ** 2 - variance / count) / scale
+    return BiasVariance(float(np.mean(bias)), float(np.mean(variance / scale)))
+
+
+def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float:
+    """How steep the reference's strongest edges are in the image.
+
+    <∇i, ∇r> / <∇r, ∇r> of the luminance of srgb (Rec. 709), by central differences, over the `share` of inner pixels
+    where the reference is steepest.
+
+    Parameters
+    ----------
+    image, reference : (H, W, 3) array_like of float, or Picture
+        Linear, at least 3×3.
+    share : float, default 0.05
+        Of the pixels, those that count as edges; above 0, up to 1.
+
+    Returns
+    -------
+    float
+        1 where edges are as steep as the reference's, below where they are blurred, above where they are oversharpened.
+        Noise that knows nothing of the edges averages out.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, are not (H, W, 3) or smaller than 3×3, a value is not finite, `share` is out of range, or
+        the reference has no edges.
+    """
+    image, reference = _alike(image=image, reference=reference)
+    if not 0 < share <= 1:
+        raise ValueError(f"share: expected above 0 and up to 1, got {share}")
+    if min(reference.linear.shape[:2]) < 3:
+        raise ValueError(f"image: edges need at least 3×3 pixels, got shape {reference.linear.shape}")
+    slopes = _slopes(reference)
+    strength = np.sum(slopes**2, axis=0)
+    count = max(1, round(share * strength.size))
+    edges = strength >= np.partition(strength, -count, axis=None)[-count]
+    total = np.sum(strength[edges])
+    if total == 0:
+        raise ValueError("reference: is of one luminance all over, it has no edges")
+    return float(np.sum(_slopes(image)[:, edges] * slopes[:, edges]) / total)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric as charts and reports need to know it.
+
+    Attributes
+    ----------
+    key : str
+        Its name in this module.
+    label : str
+        For axes and headings, with its unit.
+    higher_is_better : bool
+        Which way is better.
+    needs : {"reference", "references", "none"}
+        The reference of a frame, that of the frame before as well, or none.
+    measure : callable
+        Takes (image, reference), (image, before, reference, reference_before), or (image, before, motion, valid).
+    """
+
+    key: str
+    label: str
+    higher_is_better: bool
+    needs: Literal["reference", "references", "none"]
+    measure: Callable[..., float]
+
+
+METRICS = {
+    one.key: one
+    for one in (
+        Metric("psnr", "PSNR [dB]", True, "reference", psnr),
+        Metric("relmse", "relMSE", False, "reference", relmse),
+        Metric("smape", "SMAPE", False, "reference", smape),
+        Metric("ssim", "SSIM", True, "reference", ssim),
+        Metric("flip", "FLIP", False, "reference", flip),
+        Metric("edge_sharpness", "edge sharpness (1: the reference's)", True, "reference", edge_sharpness),
+        Metric("temporal_error", "temporal error (RMS)", False, "references", temporal_error),
+        Metric("tpsnr", "tPSNR [dB]", True, "references", tpsnr),
+        Metric("warped_error", "warped error (RMS)", False, "none", warped_error),
+    )
+}
+
+
+def metric(key: str) -> Metric:
+    """Look up one of `METRICS`.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    if key not in METRICS:
+        raise ValueError(f"metric: expected one of {', '.join(METRICS)}, got {key!r}")
+    return METRICS[key]
+
+
+def _finite(name: str, array: NDArray[np.float64]) -> None:
+    bad = array.size - np.count_nonzero(np.isfinite(array))
+    if bad:
+        raise ValueError(f"{name}: {bad} of {array.size} values are not finite")
+
+
+def _alike(**images: Image) -> list[Picture]:
+    """The images as pictures of one shape: the reference's, or without one the first's."""
+    pictures = {name: image if isinstance(image, Picture) else Picture(image, name) for name, image in images.items()}
+    model = "reference" if "reference" in pictures else next(iter(pictures))
+    expected = pictures[model].linear.shape
+    for name, picture in pictures.items():
+        if picture.linear.shape != expected:
+            raise ValueError(f"{name}: expected the shape of {model}, {expected}, got {picture.linear.shape}")
+    return [*pictures.values()]
+
+
+def _each(images: Iterable[Image], **model: Picture) -> Iterator[Picture]:
+    """The images one by one, of one shape: the model's, or without one the first's."""
+    for i, image in enumerate(images):
+        *_, picture = _alike(**model, **{f"images[{i}]": image})
+        model = model or {"images[0]": picture}
+        yield picture
+
+
+def _mask(name: str, mask: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    if mask is None:
+        return np.ones(shape, np.bool_)
+    array = np.asarray(mask)
+    if array.dtype != np.bool_:
+        raise TypeError(f"{name}: expected bool, got {array.dtype}")
+    if array.shape != shape:
+        raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
+    if not array.any():
+        raise ValueError(f"{name}: no pixel is chosen")
+    return array
+
+
+def _relative(reference: Picture) -> NDArray[np.float64]:
+    """The denominator of relative squares, which keeps black from counting without bound."""
+    return reference.linear**2 + 0.01
+
+
+def _moments(arrays: Iterable[NDArray[np.float64]]) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
+    """Number, mean and unbiased variance, in one pass (Welford 1962): equal arrays have a variance of exactly 0."""
+    count = 0
+    for count, array in enumerate(arrays, 1):
+        if count == 1:
+            mean, squares = array.copy(), np.zeros_like(array)
+        else:
+            step = array - mean
+            mean += step / count
+            squares += step * (array - mean)
+    if count < 2:
+        raise ValueError(f"images: expected at least 2, got {count}")
+    return count, mean, squares / (count - 1)
+
+
+def _slopes(picture: Picture) -> NDArray[np.float64]:
+    """Twice the gradient of the encoded luminance by central differences, (2, H - 2, W - 2)."""
+    light = picture.srgb @ (0.2126, 0.7152, 0.0722)
+    return np.stack([light[1:-1, 2:] - light[1:-1, :-2], light[2:, 1:-1] - light[:-2, 1:-1]])
