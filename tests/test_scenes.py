@@ -3,11 +3,19 @@ from itertools import pairwise
 import mitsuba as mi
 import numpy as np
 import pytest
+import yester
 from compare import assert_same_bits
 from yester.io.mitsuba import render_sequence
 from yester.study import scenes
 
-NAMES = [name for name in scenes.__all__ if name != "Sequence"]
+NAMES = scenes.SEQUENCES
+
+
+def test_names():
+    """Each sequence is either for tuning or held out."""
+    assert sorted(NAMES) == sorted(name for name in scenes.__all__ if name.islower())
+    assert sorted({*scenes.TUNING, *scenes.HELD_OUT}) == sorted(NAMES) == sorted(scenes.TUNING + scenes.HELD_OUT)
+    assert len(NAMES) == 10
 
 
 def render(sequence, **options):
@@ -27,6 +35,7 @@ def test_sequence(name):
     """It renders, shows something that moves at about the exposure of a photograph, and is the same every time."""
     first, again = (getattr(scenes, name)(2, 24, 18) for _ in range(2))
     assert len(first.cameras) == len(first.transforms) == len(first.parameters) == 2
+    assert first.transforms[0].keys() == first.transforms[1].keys()
     frames = render(first, gradient=True)
     for frame, other in zip(frames, render(again, gradient=True), strict=True):
         assert frame.shape == (18, 24)
@@ -79,3 +88,94 @@ def test_thicket_is_finer_than_pixels():
     leaves = 1 + names.index("leaves")
     assert (one == leaves).mean() > 0.1
     assert (other[one == leaves] != leaves).mean() > 0.2
+
+
+def still(sequence, *moments):
+    """What moves at these moments, from the first one's camera: replays, and where samples met the same point."""
+    views = [sequence.cameras[moments[0]]] * len(moments)
+    states = [[each[i] for i in moments] for each in (sequence.transforms, sequence.parameters)]
+    return render(scenes.Sequence(sequence.scene, views, *states), gradient=True)
+
+
+def ids(sequence):
+    """By name, the id of each shape."""
+    shapes = mi.load_dict(sequence.scene, parallel=False, optimize=False).shapes()
+    return {shape.id(): number for number, shape in enumerate(shapes, 1)}
+
+
+def test_mirror_room_reflects_what_moves():
+    """With the same random numbers and a still camera, the mirror's picture changes where it does not move itself."""
+    sequence = scenes.mirror_room(8, 80, 60)
+    before, frame = still(sequence, 3, 4)
+    mirror = before.ids == ids(sequence)["mirror"]
+    known = mirror & np.isfinite(frame.replay).all(-1)
+    changed = (frame.replay != before.color).any(-1)
+    assert known.sum() > 500
+    assert 0.03 < changed[known].mean() < 0.5
+    assert not frame.motion[frame.ids == ids(sequence)["mirror"]].any()
+    # It rolls and does not slide, on the floor.
+    for then, now in pairwise(moment["ball"] for moment in sequence.transforms):
+        turn = now[:3, :3] @ then[:3, :3].T
+        assert now[0, 3] - then[0, 3] == pytest.approx(-0.45 * np.arctan2(turn[1, 0], turn[0, 0]))
+        assert now[1, 3] == 0.45 - 1
+
+
+def test_many_lights():
+    """Each sample is lit by another one, so that noise has colours of its own."""
+    sequence = scenes.many_lights(1, 48, 36)
+    number = ids(sequence)
+    lights = [sequence.scene[name]["emitter"]["radiance"]["value"] for name in number if name.startswith("light")]
+    assert len(lights) == 30
+    assert len({tuple(light) for light in lights}) == 6
+    tints = []
+    for spp in (1, 32):
+        (frame,) = render(sequence, spp=spp)
+        lit = frame.color[(frame.ids == number["wall"]) & (frame.color.sum(-1) > 1e-3)]
+        tints.append((lit / lit.sum(-1, keepdims=True)).std(0).mean())
+    assert tints[0] > max(0.2, 2 * tints[1])
+
+
+def test_sunlit_teapot():
+    """The sun is where it is said to be, and lights a table more than all the rest."""
+    sun = np.array([-0.55, 0.5, 0.45])
+    sky = scenes.sunlit_teapot(1).scene["sky"]
+    camera = yester.Camera.from_look_at([0, 0, 0], sun, [0, 1, 0], 20, 21, 21)
+    (frame,) = render_sequence({"type": "scene", "sky": sky}, [camera], spp=4)
+    bright = np.argwhere(frame.emission[..., 0] > 100)
+    np.testing.assert_allclose(bright.mean(0), 10, atol=0.5)
+    picture = scenes._sky(sun)
+    polar = (np.arange(256)[:, None] + 0.5) / 256 * np.pi
+    light = (picture[..., 1] * np.sin(polar) * np.cos(polar))[:128]
+    shining = picture[:128, :, 0] > 100
+    assert light[shining].sum() > 1.5 * light[~shining].sum()
+
+
+def test_moving_light_sweeps_over_what_stands_still():
+    """The same surfaces are in other light from frame to frame; the lamp is in view in the middle."""
+    sequence = scenes.moving_light(9, 64, 48)
+    number = ids(sequence)
+    lamp = [number[name] for name in ("lamp", "shade", "lid")]
+    before, frame = still(sequence, 3, 4)
+    assert not frame.motion[~np.isin(frame.ids, lamp)].any()
+    assert np.isin(frame.ids, lamp).sum() > 20
+    known = ~np.isin(before.ids, lamp) & np.isfinite(frame.replay).all(-1)
+    assert known.mean() > 0.9
+    change = np.abs(frame.replay - before.color).max(-1) > 0.1 * before.color.max(-1)
+    assert change[known].mean() > 0.2
+    for i in (0, 8):
+        (end,) = still(sequence, i)
+        assert not np.isin(end.ids, lamp).any()
+
+
+def test_tapestry_is_as_fine_as_pixels():
+    """Two samples of one pixel of its textures meet different colours, and the noise in them is nothing else's."""
+    sequence = scenes.tapestry(1)
+    one, other = (render(sequence, seed=seed)[0] for seed in (0, 1))
+    number = ids(sequence)
+    for name in ("tapestry", "carpet", "picture", "left page", "right page"):
+        here = (one.ids == number[name]) & (other.ids == number[name])
+        assert here.mean() > 0.015, name
+        apart = np.abs(one.albedo - other.albedo).max(-1)[here]
+        assert (apart > 0.1).mean() > 0.25, name
+    wall = (one.ids == number["wall"]) & (other.ids == number["wall"])
+    assert_same_bits(one.albedo[wall], other.albedo[wall])

@@ -13,7 +13,7 @@ import re
 import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._core import Camera
 from ..frame import Frame
 from .channels import CANONICAL, find, missing
+from .files import beside
 
 Source = str | os.PathLike[str]
 
@@ -151,7 +152,7 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> 
             array = np.where(np.isfinite(array), np.clip(array, -_HALF_MAX, _HALF_MAX), array).astype(np.float16)
         for name, plane in zip(CANONICAL[buffer], np.moveaxis(np.atleast_3d(array), -1, 0), strict=False):
             channels[name] = np.ascontiguousarray(plane)
-    with _beside(path) as temporary:
+    with beside(path) as temporary:
         try:
             exr.File(header, channels).write(str(temporary))
         except RuntimeError as error:
@@ -479,22 +480,6 @@ def _implausibility(matrices: list[NDArray[np.float64]]) -> float:
     ahead = to_ndc[[0, 1, 3], :3] @ axis[:3]
     middle = np.abs(ahead[:2] / ahead[2] - 0.5).max()
     return float(middle + sum(np.abs(matrix[2] - axis).max() for matrix in to_camera))
-
-
-@contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    """A temporary file that takes the place of `path` at the end, or goes away if anything interrupts."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.touch()
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    try:
-        yield temporary
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -16,6 +15,7 @@ from tqdm import tqdm
 
 from yester import SVGF, Camera, Frame
 from yester.io import write_exr
+from yester.io.files import beside
 from yester.io.mitsuba import render_sequence
 
 from .metrics import flip_map, psnr, relmse, srgb
@@ -193,23 +193,12 @@ def _bytes(image: NDArray[np.float32]) -> NDArray[np.uint8]:
     return (srgb(np.nan_to_num(image, posinf=0, neginf=0)) * 255 + 0.5).astype(np.uint8)
 
 
-@contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    """A name to write under; the file gets its own when it is whole."""
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def _side_by_side(path: Path, film: list[NDArray[np.uint8]]) -> None:
     """Noisy left, denoised right, as animated WebP: the 256 colours of a GIF add noise or bands of their own."""
     from PIL import Image
 
     first, *rest = (Image.fromarray(picture) for picture in film)
-    with _beside(path) as temporary:
+    with beside(path) as temporary:
         first.save(temporary, "WEBP", save_all=True, append_images=rest, duration=83, loop=0, quality=90, method=4)
 
 
@@ -267,7 +256,7 @@ def _contact_sheet(path: Path, rows: list[_Row]) -> None:
                     spine.set(edgecolor=color, linewidth=1.5)
             text(left + cell / 2, top + picture + gap + detail + caption / 2, captions[column], ha="center", size=9)
         top += picture + gap + detail + caption + margin
-    with _beside(path) as temporary:
+    with beside(path) as temporary:
         figure.savefig(temporary, format="png")
 
 

@@ -16,14 +16,26 @@ from numpy.typing import ArrayLike, NDArray
 from yester import Camera
 
 __all__ = [
+    "HELD_OUT",
+    "SEQUENCES",
+    "TUNING",
     "Sequence",
     "cornell_box",
     "glossy_plates",
+    "many_lights",
     "mirror_room",
+    "moving_light",
     "spinning_shapes",
+    "sunlit_teapot",
     "switched_light",
+    "tapestry",
     "thicket",
 ]
+
+#: The sequences that parameters may be tuned on, those that only tell what the tuning is worth, and all of them.
+TUNING = ("cornell_box", "switched_light", "glossy_plates", "thicket", "spinning_shapes")
+HELD_OUT = ("mirror_room", "many_lights", "sunlit_teapot", "tapestry", "moving_light")
+SEQUENCES = TUNING + HELD_OUT
 
 Matrix = NDArray[np.float64]
 
@@ -43,7 +55,7 @@ class Sequence:
         One for every frame.
     transforms : list of dict
         For every frame, the (4, 4) matrices, by shape, that take the moving shapes from where the scene puts them to
-        where they are.
+        where they are: the same shapes in all frames.
     parameters : list of dict
         For every frame, the values of what else changes, by name as `mitsuba.traverse` has it.
     """
@@ -212,7 +224,8 @@ def glossy_plates(frames: int = 24, width: int = 320, height: int = 240) -> Sequ
 def mirror_room(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     """Textured shapes on a polished floor before a mirror, filmed in passing: everything is seen twice or more.
 
-    The mirror is perfect, the floor nearly so. What they show moves like what is behind them.
+    The mirror is perfect, the floor nearly so. What they show moves like what is behind them; and a ball rolls through
+    the room, whose reflections move over surfaces that stand still.
 
     Parameters
     ----------
@@ -222,7 +235,7 @@ def mirror_room(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
     Returns
     -------
     Sequence
-        Only the camera moves.
+        The moving shape is called `"ball"`.
 
     Raises
     ------
@@ -257,7 +270,7 @@ def mirror_room(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
         },
         "ball": {
             "type": "sphere",
-            "to_world": place().translate([-0.75, -0.55, 0]).scale(0.45),
+            "to_world": place().scale(0.45),
             "bsdf": _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5),
         },
         "cube": {
@@ -276,7 +289,11 @@ def mirror_room(frames: int = 24, width: int = 320, height: int = 240) -> Sequen
         x = -0.6 + 1.2 * t
         return Camera.from_look_at([x, 0.35, 4.4], [0.4 * x, -0.15, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
 
-    return _sequence(scene, frames, view)
+    def poses(t: float) -> dict[str, Matrix]:
+        path = 0.9 * t
+        return {"ball": _turn([0, 0, 1], -np.degrees(path / 0.45), [path - 1.2, -0.55, 0.25])}
+
+    return _sequence(scene, frames, view, poses)
 
 
 def thicket(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
@@ -410,6 +427,319 @@ def spinning_shapes(frames: int = 24, width: int = 320, height: int = 240) -> Se
     return _sequence(scene, frames, view, poses)
 
 
+def many_lights(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """Strings of coloured lights above a crowd of shapes at night, in passing: every sample finds one light of 30.
+
+    What it finds is often faint, hidden or of the wrong colour, so that light is noisy in brightness and hue, and
+    every shape has dozens of soft shadows.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    place = _mitsuba().ScalarTransform4f
+    rng = np.random.default_rng(11)
+    scene: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 4},
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.015, 0.02, 0.04]}},
+        "floor": {
+            "type": "rectangle",
+            "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
+            "bsdf": _tiles([0.25, 0.16, 0.1], [0.5, 0.36, 0.24], 14),
+        },
+        "wall": {
+            "type": "rectangle",
+            "to_world": place().translate([0, 0, -1.8]).scale(4),
+            "bsdf": _tiles([0.35, 0.38, 0.45], [0.5, 0.5, 0.52], 16),
+        },
+    }
+    warm, amber = [1, 0.65, 0.35], [1, 0.4, 0.1]
+    red, green, blue, pink = [1, 0.004, 0.002], [0.004, 0.6, 0.01], [0.003, 0.02, 1], [1, 0.004, 0.35]
+    tints = (amber, red, green, blue, pink, warm)
+    for row, (depth, top) in enumerate([(-1.2, 0.75), (-0.5, 0.6), (0.25, 0.45)]):
+        for i, x in enumerate(np.linspace(-2, 2, 10)):
+            sag = 0.35 * np.sin(np.pi * (x / 1.8 + 0.3 * row)) ** 2
+            tint = tints[rng.integers(len(tints))]
+            scene[f"light-{row}-{i}"] = {
+                "type": "sphere",
+                "to_world": place().translate([x, top - sag, depth]).scale(0.055),
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [48.0 * c for c in tint]}},
+            }
+    materials = [
+        _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 4),
+        {"type": "roughconductor", "material": "Au", "alpha": 0.2},
+        _paint([0.15, 0.4, 0.6]),
+        _glaze([0.5, 0.1, 0.2], 0.1),
+        _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+        _paint([0.75, 0.72, 0.65]),
+        {"type": "roughconductor", "material": "Al", "alpha": 0.3},
+    ]
+    spots = [(x + rng.uniform(-0.1, 0.1), z) for z in (-1.2, -0.4, 0.5) for x in np.linspace(-1.6, 1.6, 6) + 0.25 * z]
+    for i, (x, z) in enumerate(spots):
+        size = rng.uniform(0.17, 0.26)
+        half = size * (rng.uniform(1, 2.2) if i % 2 else 1)
+        where = place().translate([x, half - 1, z]).rotate([0, 1, 0], rng.uniform(0, 90))
+        scene[f"shape-{i}"] = {
+            "type": "cube" if i % 2 else "sphere",
+            "to_world": where.scale([size, half, size]),
+            "bsdf": materials[i % len(materials)],
+        }
+
+    def view(t: float) -> Camera:
+        x = -0.55 + 1.1 * t
+        return Camera.from_look_at([x, 0.6, 3.6], [0.45 * x, -0.35, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def sunlit_teapot(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A teapot and other vessels in the sun, from polished to matt, circled by the camera.
+
+    Light comes from a picture of sky and ground with a small sun in it, a thousand times as bright: shadows are sharp,
+    and each curved glossy surface has a highlight that moves its own way. Metal throws bright specks onto the table,
+    found by few samples.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    mi = _mitsuba()
+    place = mi.ScalarTransform4f
+    pot = _glaze([0.62, 0.12, 0.07], 0.06)
+    body = _lathe([[0.32, 0], [0.8, 0.1], [0.62, 0.75], [0.3, 0.68]])
+    lid = _lathe([[0.32, 0.67], [0.3, 0.8], [0.05, 0.76], [0.04, 0.83]])
+    spout = _tube([[0.42, 0.2], [0.85, 0.15], [0.68, 0.55], [0.92, 0.68]], 0.13, 0.05)
+    handle = _tube([[-0.45, 0.55], [-1.1, 0.75], [-0.95, 0.05], [-0.5, 0.18]], 0.045, 0.045)
+    cup = _lathe([[0.1, 0.02], [0.3, 0], [0.2, 0.25], [0.3, 0.38]], [0.95, 0, 0.75])
+    bowl = _lathe([[0.12, 0], [0.5, 0.05], [0.25, 0.3], [0.36, 0.32]], [-0.75, 0, 0.85])
+    jug = _lathe([[0.22, 0], [0.6, 0.3], [0.02, 0.6], [0.24, 0.95]], [1.25, 0, -0.35])
+    scene: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 5},
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_sky([-0.55, 0.5, 0.45]))},
+        "table": {
+            "type": "cube",
+            "to_world": place().translate([0, -0.05, 0]).scale([2.2, 0.05, 1.5]),
+            "bsdf": _tiles([0.45, 0.4, 0.34], [0.68, 0.64, 0.56], 9),
+        },
+        "body": _sheet("body", body, pot),
+        "lid": _sheet("lid", lid, pot),
+        "knob": {"type": "sphere", "to_world": place().translate([0, 0.86, 0]).scale(0.065), "bsdf": pot},
+        "spout": _sheet("spout", spout, pot),
+        "handle": _sheet("handle", handle, pot),
+        "cup": _sheet("cup", cup, {"type": "roughconductor", "material": "Cu", "alpha": 0.18}),
+        "bowl": _sheet("bowl", bowl, _paint([0.5, 0.3, 0.2])),
+        "jug": _sheet("jug", jug, _glaze([0.1, 0.25, 0.45], 0.2)),
+        "ball": {
+            "type": "sphere",
+            "to_world": place().translate([-1.3, 0.3, -0.2]).scale(0.3),
+            "bsdf": {"type": "roughconductor", "material": "Al", "alpha": 0.05},
+        },
+    }
+
+    def view(t: float) -> Camera:
+        angle = np.radians(-8 + 16 * t)
+        origin = [4.3 * np.sin(angle), 1.45, 4.3 * np.cos(angle)]
+        return Camera.from_look_at(origin, [0, 0.3, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def tapestry(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A tapestry in folds, a carpet, a book and a picture of fine rings, in passing: textures down to a pixel or two.
+
+    Everything is matt, and its light soft and still: nothing but textures can be lost.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    place = _mitsuba().ScalarTransform4f
+    wood = _paint([0.25, 0.14, 0.08])
+    down, along = np.mgrid[:2, :97] / [[[1]], [[96]]]
+    folds = (0.09 - 0.05 * down) * np.sin(9 * np.pi * along + np.sin(5 * along))
+    cloth = np.stack([-1.55 + 1.45 * along, -0.75 + 1.75 * down, -1.3 + folds], -1)
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 5},
+        "sky": {"type": "constant", "radiance": 0.2},
+        "light": {
+            "type": "rectangle",
+            "to_world": place().look_at([1.5, 3.5, 3.5], [0, -0.2, -0.5], [0, 1, 0]).scale(0.8),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [34.0, 32.0, 28.0]}},
+        },
+        "wall": {
+            "type": "rectangle",
+            "to_world": place().translate([0, 0, -1.5]).scale(4),
+            "bsdf": _paint([0.55, 0.58, 0.55]),
+        },
+        "floor": {
+            "type": "rectangle",
+            "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
+            "bsdf": _tiles([0.32, 0.2, 0.12], [0.38, 0.25, 0.15], 12),
+        },
+        "carpet": {
+            "type": "rectangle",
+            "to_world": place().translate([0, -0.99, 0.15]).rotate([1, 0, 0], -90).scale([1.7, 0.85, 1]),
+            "bsdf": _picture(_weave(160, 80)),
+        },
+        "tapestry": _sheet("tapestry", cloth, _picture(_weave(76, 92)), closed=False),
+        "rod": {"type": "cylinder", "p0": [-1.65, 1, -1.3], "p1": [-0.05, 1, -1.3], "radius": 0.035, "bsdf": wood},
+        "frame": {
+            "type": "cube",
+            "to_world": place().translate([0.85, 0.4, -1.47]).scale([0.62, 0.52, 0.05]),
+            "bsdf": wood,
+        },
+        "picture": {
+            "type": "rectangle",
+            "to_world": place().translate([0.85, 0.4, -1.41]).scale([0.56, 0.46, 1]),
+            "bsdf": _picture(_rings(512, 110)),
+        },
+        "stand": {
+            "type": "cube",
+            "to_world": place().translate([0.75, -0.7, -0.1]).scale([0.5, 0.3, 0.25]),
+            "bsdf": wood,
+        },
+    }
+    book = place().translate([0.75, -0.14, 0]).rotate([1, 0, 0], -35)
+    for name, side in (("left page", -1), ("right page", 1)):
+        scene[name] = {
+            "type": "rectangle",
+            "to_world": book.translate([0.262 * side, 0, 0]).rotate([0, 1, 0], -12 * side).scale([0.265, 0.36, 1]),
+            "bsdf": _picture(_print(22, 14, seed=2 + side)),
+        }
+
+    def view(t: float) -> Camera:
+        x = -0.55 + 1.1 * t
+        return Camera.from_look_at([x, 0.35, 4.3], [0.45 * x, -0.05, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def moving_light(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A lamp that swings and turns before textured shapes and a fence: light and shadows sweep over what stands still.
+
+    The lamp itself is in view only for a while.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        The moving shapes are called `"lamp"`, `"shade"` and `"lid"`, and move as one.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    place = _mitsuba().ScalarTransform4f
+    green, wood = {"type": "twosided", "nested": _paint([0.1, 0.35, 0.25])}, _paint([0.6, 0.55, 0.45])
+    scene: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 5},
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.08, 0.1, 0.14]}},
+        "floor": {
+            "type": "rectangle",
+            "to_world": place().translate([0, -1, 0]).rotate([1, 0, 0], -90).scale(4),
+            "bsdf": _tiles([0.3, 0.29, 0.31], [0.75, 0.72, 0.68], 12),
+        },
+        "wall": {
+            "type": "rectangle",
+            "to_world": place().translate([0, 0, -1.5]).scale(4),
+            "bsdf": _tiles([0.55, 0.4, 0.3], [0.65, 0.55, 0.45], 20),
+        },
+        "picture": {
+            "type": "rectangle",
+            "to_world": place().translate([0.2, 0.25, -1.49]).scale([0.6, 0.45, 1]),
+            "bsdf": _picture(),
+        },
+        "ball": {
+            "type": "sphere",
+            "to_world": place().translate([0.75, -0.65, 0.1]).scale(0.35),
+            "bsdf": _tiles([0.8, 0.2, 0.15], [0.85, 0.8, 0.7], 5),
+        },
+        "cube": {
+            "type": "cube",
+            "to_world": place().translate([-0.85, -0.7, 0.1]).rotate([0, 1, 0], 30).scale(0.3),
+            "bsdf": _tiles([0.1, 0.3, 0.7], [0.85, 0.75, 0.3], 2),
+        },
+        "rail": {
+            "type": "cube",
+            "to_world": place().translate([0, 0.08, -0.5]).scale([0.75, 0.04, 0.05]),
+            "bsdf": wood,
+        },
+        "shade": {"type": "cylinder", "p0": [0, -0.03, 0], "p1": [0, 0.1, 0], "radius": 0.18, "bsdf": green},
+        "lid": {
+            "type": "disk",
+            "to_world": place().translate([0, 0.1, 0]).rotate([1, 0, 0], -90).scale(0.18),
+            "bsdf": green,
+        },
+        "lamp": {
+            "type": "disk",
+            "to_world": place().rotate([1, 0, 0], 90).scale(0.06),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [2000.0, 1700.0, 1250.0]}},
+        },
+    }
+    for i in range(7):
+        x = -0.6 + 0.2 * i
+        scene[f"post-{i}"] = {
+            "type": "cylinder",
+            "p0": [x, -1, -0.5],
+            "p1": [x, 0.05, -0.5],
+            "radius": 0.035,
+            "bsdf": wood,
+        }
+
+    def view(t: float) -> Camera:
+        x = 0.4 - 0.8 * t
+        return Camera.from_look_at([x, 0.3, 4.6], [0.5 * x, -0.1, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+
+    def poses(t: float) -> dict[str, Matrix]:
+        swing = _turn([0, 0, 1], 30 * np.cos(np.pi * (0.05 + 0.9 * t)), [0, 2.5, 1.5])
+        pose = swing @ _turn([0, 1, 0], 40 * t - 20, [0, -1.6, 0]) @ _turn([1, 0, 0], 42, [0, 0, 0])
+        return dict.fromkeys(("lamp", "shade", "lid"), pose)
+
+    return _sequence(scene, frames, view, poses)
+
+
 def _mitsuba() -> Any:
     try:
         import mitsuba as mi
@@ -474,21 +804,79 @@ def _pose(place: ArrayLike, scale: float, turn: float, lean: float) -> Matrix:
     return _turn([0, 1, 0], turn, place) @ _turn([0, 0, 1], lean, [0, 0, 0]) @ np.diag([scale, scale, scale, 1])
 
 
-def _copies(name: str, vertices: Matrix, faces: ArrayLike, poses: Matrix, colors: Matrix) -> Any:
-    """A mesh of coloured copies (N, 3) of a small one, at every pose (N, 4, 4), diffuse on both sides."""
+def _mesh(name: str, points: Matrix, faces: ArrayLike, bsdf: dict[str, Any], uv: Matrix | None = None) -> Any:
+    """A mesh of points (N, 3) and faces (M, 3), of a material on both sides; smooth if it has texture coordinates."""
     mi = _mitsuba()
-    tint = {"type": "mesh_attribute", "name": "face_color"}
     properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": tint}})
-    points = vertices @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
-    indices = np.asarray(faces) + len(vertices) * np.arange(len(poses))[:, None, None]
-    mesh = mi.Mesh(name, points.shape[0] * points.shape[1], indices.shape[0] * indices.shape[1], properties)
-    mesh.add_attribute("face_color", 3, np.repeat(colors, indices.shape[1], 0).astype(np.float32).ravel())
+    properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": bsdf})
+    indices = np.asarray(faces, np.uint32)
+    smooth = {"has_vertex_normals": uv is not None, "has_vertex_texcoords": uv is not None}
+    mesh = mi.Mesh(name, len(points), len(indices), properties, **smooth)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = points.astype(np.float32).ravel()
-    parameters["faces"] = indices.astype(np.uint32).ravel()
+    parameters["faces"] = indices.ravel()
+    if uv is not None:
+        parameters["vertex_texcoords"] = uv.astype(np.float32).ravel()
     parameters.update()
     return mesh
+
+
+def _copies(name: str, vertices: Matrix, faces: ArrayLike, poses: Matrix, colors: Matrix) -> Any:
+    """Coloured copies (N, 3) of a small mesh, at every pose (N, 4, 4), diffuse."""
+    points = vertices @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+    indices = np.asarray(faces) + len(vertices) * np.arange(len(poses))[:, None, None]
+    tint = {"type": "mesh_attribute", "name": "face_color"}
+    mesh = _mesh(name, points.reshape(-1, 3), indices.reshape(-1, 3), {"type": "diffuse", "reflectance": tint})
+    mesh.add_attribute("face_color", 3, np.repeat(colors, indices.shape[1], 0).astype(np.float32).ravel())
+    return mesh
+
+
+def _sheet(name: str, points: Matrix, bsdf: dict[str, Any], *, closed: bool = True) -> Any:
+    """A smooth mesh of a grid of points (rows, columns, 3), whose last column may join the first."""
+    rows, columns = points.shape[:2]
+    grid = np.arange(rows * columns).reshape(rows, columns)
+    if closed:
+        grid = np.concatenate([grid, grid[:, :1]], 1)
+    a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+    uv = np.mgrid[:rows, :columns].transpose(1, 2, 0)[..., ::-1] / [columns - 1, rows - 1]
+    return _mesh(name, points.reshape(-1, 3), np.stack([a, b, c, a, c, d], -1).reshape(-1, 3), bsdf, uv)
+
+
+def _lathe(controls: ArrayLike, place: ArrayLike = (0, 0, 0)) -> Matrix:
+    """A grid (rows, columns, 3) of what a curve of points (radius, height) turns out of the y axis, then moved."""
+    radius, height = _bezier(controls).T[..., None]
+    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    grid = np.stack(np.broadcast_arrays(radius * np.sin(angle), height, radius * np.cos(angle)), -1)
+    return grid + np.asarray(place, np.float64)
+
+
+def _tube(controls: ArrayLike, start: float, end: float) -> Matrix:
+    """A grid (rows, columns, 3) around a curve in the plane of x and y, with its radii at start and end."""
+    path = np.pad(_bezier(controls), ((0, 0), (0, 1)))
+    tangent = np.gradient(path, axis=0)
+    across = np.cross([0, 0, 1], tangent / np.linalg.norm(tangent, axis=-1, keepdims=True))
+    angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)[:, None]
+    radius = np.linspace(start, end, len(path))[:, None, None]
+    ring: Matrix = np.cos(angle) * across[:, None] + np.sin(angle) * [0, 0, 1]
+    return path[:, None] + radius * ring
+
+
+def _bezier(controls: ArrayLike) -> Matrix:
+    """Points (N, 2) on a cubic curve, by its four controls."""
+    t = np.linspace(0, 1, 40)[:, None]
+    weights = np.hstack([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3])
+    points: Matrix = weights @ np.asarray(controls, np.float64)
+    return points
+
+
+def _paint(color: list[float]) -> dict[str, Any]:
+    """Diffuse."""
+    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}}
+
+
+def _glaze(color: list[float], alpha: float) -> dict[str, Any]:
+    """Diffuse under a clear coat, the rougher the greater alpha."""
+    return {"type": "roughplastic", "diffuse_reflectance": {"type": "rgb", "value": color}, "alpha": alpha}
 
 
 def _tiles(dark: list[float], bright: list[float], repeat: float) -> dict[str, Any]:
@@ -504,15 +892,52 @@ def _tiles(dark: list[float], bright: list[float], repeat: float) -> dict[str, A
     }
 
 
-def _picture() -> dict[str, Any]:
-    """A diffuse picture of rings."""
-    bitmap = _mitsuba().Bitmap(_rings())
+def _picture(pixels: NDArray[np.float32] | None = None) -> dict[str, Any]:
+    """Diffuse with a picture of reflectances (H, W, 3); by default, of rings."""
+    bitmap = _mitsuba().Bitmap(_rings() if pixels is None else pixels)
     return {"type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": bitmap, "raw": True}}
 
 
-def _rings(size: int = 256) -> NDArray[np.float32]:
+def _rings(size: int = 256, rate: float = 40) -> NDArray[np.float32]:
     """A picture of every spatial frequency: rings that grow finer towards the corners."""
     y, x = (np.mgrid[:size, :size] + 0.5) / size * 2 - 1
-    rings = 0.5 + 0.5 * np.cos(40 * np.hypot(x, y) ** 1.5)
+    rings = 0.5 + 0.5 * np.cos(rate * np.hypot(x, y) ** 1.5)
     sectors = 0.5 + 0.5 * np.cos(3 * np.arctan2(y, x))
     return np.stack([0.15 + 0.7 * rings, 0.2 + 0.5 * rings * sectors, 0.75 - 0.4 * rings], -1).astype(np.float32)
+
+
+def _weave(columns: int, rows: int) -> NDArray[np.float32]:
+    """A cloth of so many threads, four pixels each, over and under one another, with an ornament."""
+    y, x = (np.mgrid[: 4 * rows, : 4 * columns] + 0.5) / 4
+    over = (np.floor(x) + np.floor(y)) % 2 == 0
+    relief = 0.35 + 0.65 * np.sin(np.pi * (np.where(over, x, y) % 1))
+    u, v = (np.abs(np.floor(a) % 20 - 9.5) for a in (x, y))
+    ornament = np.select([u + v < 5, u + v < 9, np.abs(u - v) < 1.5, u + v > 16], [0, 1, 2, 3], 4)
+    colors = np.array([[0.85, 0.75, 0.5], [0.65, 0.1, 0.08], [0.8, 0.6, 0.2], [0.12, 0.35, 0.2], [0.1, 0.14, 0.35]])
+    thread = np.where(over[..., None], colors[ornament], 0.1 + 0.6 * colors[ornament])
+    return np.asarray(relief[..., None] * thread, np.float32)
+
+
+def _print(columns: int, lines: int, seed: int) -> NDArray[np.float32]:
+    """A page of text in a script of its own: letters of three by five dots, words and margins."""
+    rng = np.random.default_rng(seed)
+    ink = rng.random((lines, columns, 5, 3)) < 0.6
+    ink[rng.random((lines, columns)) < 0.18] = False
+    ink = np.pad(ink, ((0, 0), (0, 0), (1, 2), (0, 1))).transpose(0, 2, 1, 3).reshape(8 * lines, 4 * columns)
+    # Two by two, as what lies between pixels is blended.
+    dots = np.kron(np.pad(ink, 8), np.ones((2, 2)))[..., None]
+    return np.asarray(dots * [0.06, 0.05, 0.08] + (1 - dots) * [0.85, 0.82, 0.74], np.float32)
+
+
+def _sky(sun: ArrayLike, height: int = 256) -> NDArray[np.float32]:
+    """A picture of all directions, with y up and a sun of four degrees in the given one."""
+    polar, azimuth = (np.mgrid[:height, : 2 * height] + 0.5) / height * np.pi
+    up = np.cos(polar)[..., None]
+    toward = np.dstack([np.sin(polar) * np.sin(azimuth), up, -np.sin(polar) * np.cos(azimuth)])
+    near = (toward @ (np.asarray(sun) / np.linalg.norm(sun)))[..., None]
+    haze = 1 - np.abs(up) ** np.where(up > 0, 0.5, 0.25)
+    sky = [0.1, 0.22, 0.52] + haze * [0.5, 0.42, 0.16] + near.clip(0) ** 12 * [0.64, 0.54, 0.38]
+    ground = [0.13, 0.16, 0.08] + haze * [0.35, 0.35, 0.45]
+    picture = np.where(up > 0, sky, ground)
+    picture[near[..., 0] > np.cos(np.radians(2))] = [1200, 1030, 730]
+    return np.asarray(picture, np.float32)
