@@ -2,6 +2,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import drjit
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import yester
 from compare import assert_same_bits
 from yester.io import mitsuba as door
 from yester.io.mitsuba import render_sequence
+from yester.study.scenes import cornell_box
 
 if mi.variant() is None:
     mi.set_variant("scalar_rgb")
@@ -625,3 +627,20 @@ def test_without_mitsuba(monkeypatch):
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     with pytest.raises(ImportError, match=r"pip install 'yester\[mitsuba\]'"):
         render_sequence(scene(), [VIEW])
+
+
+def test_threads_do_not_change_bits():
+    """More of them than the image has blocks."""
+    sequence = cornell_box(2, 48, 36)
+    before = drjit.thread_count()
+
+    def render(threads):
+        drjit.set_thread_count(threads)
+        return list(render_sequence(sequence.scene, sequence.cameras, transforms=sequence.transforms))
+
+    try:
+        for few, many in zip(render(1), render(16), strict=True):
+            for name, array in few.buffers().items():
+                assert_same_bits(array, many.buffers()[name])
+    finally:
+        drjit.set_thread_count(before)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
@@ -22,6 +23,8 @@ Matrix = NDArray[np.float64]
 _STILL = np.eye(4)
 #: How far two hits of one ray may be apart, relative to their distance, and still be the same point.
 _SAME = 1e-4
+#: Mitsuba's largest blocks of an image, pixels to a side.
+_BLOCK = 32
 _AOVS = "albedo:albedo,depth:depth,normal:sh_normal,position:position,ids:shape_index"
 
 
@@ -408,20 +411,31 @@ class _Stage:
 
     def hit(self, sensor: Any, seed: int) -> dict[str, NDArray[Any]]:
         """What is known of the surface at one sample per pixel."""
-        threads = self.drjit.thread_count()
         # In scalar variants, shapes that Python has once seen are counted under its lock, several times a sample: one
         # thread is then three times as fast as two.
-        if self.scalar:
-            self.drjit.set_thread_count(1)
-        try:
+        with self.threads(1):
             surface = self.render(self.surface, sensor, seed)
-        finally:
-            self.drjit.set_thread_count(threads)
         return {**surface, "ids": self.ids(surface["ids"][..., 0])}
+
+    @contextmanager
+    def threads(self, most: int) -> Iterator[None]:
+        """Render with no more threads than this, if the variant is a scalar one."""
+        before = self.drjit.thread_count()
+        if self.scalar:
+            self.drjit.set_thread_count(min(before, most))
+        try:
+            yield
+        finally:
+            self.drjit.set_thread_count(before)
 
     def render(self, integrator: Any, sensor: Any, seed: int, spp: int = 1) -> dict[str, NDArray[np.float32]]:
         """The layers of the film by name, (H, W, C); the unnamed one is colour."""
-        integrator.render(self.scene, sensor=sensor, seed=seed, spp=spp)
+        # Each block of the image has its own random numbers, and blocks are halved until there are more than threads:
+        # with as many threads, bits would depend on their number.
+        width, height = sensor.film().size()
+        blocks = math.ceil(width / _BLOCK) * math.ceil(height / _BLOCK)
+        with self.threads(max(blocks - 1, 1)):
+            integrator.render(self.scene, sensor=sensor, seed=seed, spp=spp)
         bitmap = sensor.film().bitmap()
         pixels = np.array(bitmap)
         layers = [field.name.rpartition(".")[0] for field in bitmap.struct_()]
