@@ -1,0 +1,501 @@
+"""How temporal methods fail, as their users report it, staged: scenarios with exact ground truth.
+
+Each is a small scene of `yester.study.raycast` in which one thing goes wrong, at the scale of an image of 96×64 pixels.
+Frames are numbered from the event, if there is one: those before it let methods warm up, the others are measured. What
+moves all the time does so at a constant pace.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yester import Camera, Frame, jitter
+
+from .raycast import (
+    Box,
+    Color,
+    Light,
+    Rectangle,
+    Scene,
+    Sphere,
+    Texture,
+    Thing,
+    Wire,
+    cast,
+    centres,
+    checker,
+    motion,
+    shoot,
+    stripes,
+    translate,
+    truth,
+    turn,
+    value_noise,
+)
+
+__all__ = ["FAILURES", "FRAMES", "HEIGHT", "SCENARIOS", "TRAIL", "WIDTH", "Scenario", "Shot", "replaced", "uncovered"]
+
+Image: TypeAlias = NDArray[np.float32]
+Mask: TypeAlias = NDArray[np.bool_]
+
+#: What is known to fail: what is seen, and where it was reported.
+FAILURES: dict[str, tuple[str, str]] = {
+    "disocclusion": (
+        "noise or smear on newly visible surfaces; off-screen entry",
+        "bevy #8847, #8974",
+    ),
+    "moving light, light switched": (
+        "lag of many frames",
+        "NRD #99, godot-proposals #13787, Q2RTX #485",
+    ),
+    "reflections of moving objects": (
+        "ghosts: the surface's motion is not the reflection's",
+        "NRD #93, #110, #52",
+    ),
+    "shadows that move over a still surface": ("dragged shadows", "NRD #46"),
+    "material or texture swap, animated texture": ("stale colour; prevented only by clamping", ""),
+    "thin geometry, foliage, wires": ("vanishing or flickering", "godot #113043, FSR 3.1.4 release notes"),
+    "red/green flicker filling the neighbourhood": ("clipping returns always one of the two", ""),
+    "fast motion": ("blur, over-rejection, noise in motion", "godot #81709, #86809"),
+    "camera cut, teleport": ("one frame of another scene", "pmndrs/denoiser's frame contract"),
+    "fireflies": ("boiling blobs; suppressing them darkens", "NRD #50"),
+    "NaN, infinity": ("spreads through history and stays", "NRD-Sample #15, OIDN #210"),
+    "depth slopes missing": ("spatial filter starved at grazing angles", "Falcor PR #434, #358"),
+    "jitter in motion vectors": ("the whole image shakes", "FSR2 #39, three.js #33359"),
+    "albedo baked into radiance": ("texture blurred", ""),
+    "rotating object": ("normals in world space reject good history; normals in object space keep it", ""),
+    "sequence ends": ("tools lose the first or last frames", "Super Image Denoiser #18"),
+    "additive shimmer on static detail": ("sub-pixel jitter of an over-tight clip", "godot #85123"),
+}
+
+#: Pixels of a scenario's frames: small enough for all of them to take minutes.
+WIDTH, HEIGHT = 96, 64
+#: Frames of a scenario; the second half is measured.
+FRAMES = 32
+#: Of what moves all the time, a ghost is what the image was so many frames before.
+TRAIL = 4
+
+
+class Shot(NamedTuple):
+    """One frame of a scenario.
+
+    Attributes
+    ----------
+    frame : Frame
+        What methods get.
+    truth : (H, W, 3) float32 or None
+        What they should give; None while they warm up.
+    former : (H, W, 3) float32 or None
+        What a ghost would show, if the scenario is about one.
+    watch : (H, W) bool or None
+        Where the failure shows; everywhere if None.
+    """
+
+    frame: Frame
+    truth: Image | None = None
+    former: Image | None = None
+    watch: Mask | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A frame as it comes from the renderer, and what its exporter may do wrong with it.
+
+    Attributes
+    ----------
+    frame : Frame
+    now : int
+        Its number: 0 at the event, negative before.
+    shift : (2,) ndarray of float64
+        How the jitter has changed since the frame before, in pixels.
+    rng : numpy.random.Generator
+    """
+
+    frame: Frame
+    now: int
+    shift: NDArray[np.float64]
+    rng: np.random.Generator
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A way to fail.
+
+    Attributes
+    ----------
+    name : str
+    failure : str
+        Of `FAILURES`.
+    stage : callable
+        The scene of a frame by its number, which is 0 at the event and negative before.
+    deviation, fireflies : float, default 0
+        Noise of the frames, as `yester.study.raycast.noise` has it. Without noise, samples are jittered, all alike and
+        known; with noise, they are spread over their pixels.
+    former : "event" or "trail", optional
+        What a ghost shows: the truth before the event, or that of `TRAIL` frames ago.
+    watch : callable, optional
+        Where the failure shows, by a scene and the one before.
+    alter : callable, optional
+        Makes of what is `Taken` the frame that methods get.
+    warm_up : bool, default True
+        Whether half of the frames come before those that are measured.
+    frames : int, default `FRAMES`
+    """
+
+    name: str
+    failure: str
+    stage: Callable[[int], Scene]
+    deviation: float = 0.0
+    fireflies: float = 0.0
+    former: Literal["event", "trail"] | None = None
+    watch: Callable[[Scene, Scene], Mask] | None = None
+    alter: Callable[[Taken], Frame] | None = None
+    warm_up: bool = True
+    frames: int = FRAMES
+
+    def shots(self, seed: int = 0, frames: int | None = None) -> Iterator[Shot]:
+        """The frames and what is known of them.
+
+        Parameters
+        ----------
+        seed : int, default 0
+            Of the noise. Same seed, same bits.
+        frames : int, optional
+            At most so many; by default as many as the scenario has.
+
+        Yields
+        ------
+        Shot
+        """
+        count = self.frames if frames is None else min(frames, self.frames)
+        start = -(count // 2) if self.warm_up else 0
+        rng = np.random.default_rng(seed)
+        offsets = jitter(count)
+        # Pixels that aliasing alone makes wrong need a truth that is finer than many of their samples together.
+        side = 4 if self.deviation > 0 else 6
+        scene, image, watch, shift = self.stage(start), None, None, np.zeros(2)
+        truths: deque[Image] = deque(maxlen=TRAIL + 1)
+        for number, now in enumerate(range(start, start + count)):
+            before, scene = scene, self.stage(now)
+            offset = None if self.deviation > 0 else offsets[number]
+            if offset is not None and number > 0:
+                shift = offset - offsets[number - 1]
+            frame = shoot(scene, before, rng, deviation=self.deviation, fireflies=self.fireflies, jitter=offset)
+            if self.alter:
+                frame = self.alter(Taken(frame, now, shift, rng))
+            if now >= -TRAIL:
+                if image is None or scene is not before:
+                    image = truth(scene, side)
+                    watch = self.watch(scene, before) if self.watch else None
+                if now < 0 or self.former == "trail":
+                    truths.append(image)
+            if now < 0:
+                yield Shot(frame)
+                continue
+            former = {"trail": truths[0], "event": truths[-1], None: None} if truths else {}
+            yield Shot(frame, image, former.get(self.former), watch)
+
+
+def replaced(frame: Frame, **changes: Any) -> Frame:
+    """The same frame but for some of what it is made of; None leaves a buffer out."""
+    return Frame(**{**frame.buffers(), "camera": frame.camera, "jitter": frame.jitter, **changes})
+
+
+def uncovered(scene: Scene, before: Scene) -> Mask:
+    """Pixels whose surface the frame before did not show: it was hidden, or outside."""
+    camera = scene.camera
+    hits = cast(scene, centres(camera))
+    moved = motion(hits, scene, before)
+    then = hits.pixels + moved[..., :2]
+    inside: Mask = np.all((then >= 0) & (then < [camera.width, camera.height]), axis=-1)
+    seen = cast(before, np.where(inside[..., None], then, 0.5))
+    expected = hits.depth + moved[..., 2]
+    same: Mask = (seen.ids == hits.ids) & np.isclose(seen.depth, expected, rtol=1e-3)
+    return ~(inside & same)
+
+
+def _shows(*ids: int) -> Callable[[Scene, Scene], Mask]:
+    """Pixels of which a part shows one of these things."""
+
+    def watch(scene: Scene, before: Scene) -> Mask:
+        offsets = (np.arange(4) + 0.5) / 4 - 0.5
+        places = centres(scene.camera)
+        hits = [np.isin(cast(scene, np.add(places, (x, y))).ids, ids) for y in offsets for x in offsets]
+        return np.asarray(np.any(hits, 0))
+
+    return watch
+
+
+# The stages. One scene unit is 20 to 40 pixels.
+
+_SAND, _EARTH = (0.75, 0.68, 0.55), (0.4, 0.33, 0.25)
+_CREAM, _BLUE, _RED, _GREEN = (0.8, 0.78, 0.7), (0.15, 0.3, 0.6), (0.8, 0.15, 0.1), (0.1, 0.7, 0.15)
+_KEY = Light((1.5, 3.0, 2.5), (9.0, 8.0, 6.5))
+_FILL = Light((-1.0, 0.8, 0.6), (0.25, 0.3, 0.45), distant=True)
+
+
+def _camera(x: float = 0.0, y: float = 1.0, z: float = 4.0, look: tuple[float, float, float] = (0, 0.6, 0)) -> Camera:
+    return Camera.from_look_at([x, y, z], look, [0, 1, 0], 45, WIDTH, HEIGHT)
+
+
+def _room(
+    *things: Thing,
+    camera: Camera | None = None,
+    lights: tuple[Light, ...] = (_KEY, _FILL),
+    wall: Color | Texture | None = None,
+    emission: Color | Texture = (0.0, 0.0, 0.0),
+    mirror: bool = False,
+) -> Scene:
+    """A floor, a wall 2 behind the origin, and things, whose ids begin with 3."""
+    floor = Thing(Rectangle(), turn([1, 0, 0], -90), value_noise(_SAND, _EARTH, 0.25))
+    paint = wall or checker(_CREAM, (0.45, 0.5, 0.42), 0.5)
+    back = Thing(Rectangle(), translate(0, 0, -2), paint, emission, mirror)
+    return Scene((floor, back, *things), camera or _camera(), lights)
+
+
+def _ball(x: float, y: float, z: float, radius: float = 0.45) -> Thing:
+    return Thing(Sphere(radius), translate(x, y, z), checker(_RED, _CREAM, radius / 2))
+
+
+_still_room = cache(lambda: _room(_ball(-0.7, 0.45, 0), Thing(Box((0.7, 0.9, 0.7)), translate(0.8, 0.45, -0.6))))
+
+
+def _to_and_fro(now: int, pace: float) -> float:
+    """At a constant pace within the view."""
+    reach = 1.5
+    return abs((pace * now - reach) % (4 * reach) - 2 * reach) - reach
+
+
+def _passing(now: int, pace: float) -> Scene:
+    place = translate(_to_and_fro(now, pace), 0.5, 0.2)
+    return _room(Thing(Box((0.7, 0.9, 0.4)), place, checker(_BLUE, _CREAM, 0.25)))
+
+
+def _panning(now: int, pace: float) -> Scene:
+    room = _still_room()
+    x = _to_and_fro(now, pace)
+    return Scene(room.things, _camera(x, look=(x, 0.6, 0)), room.lights)
+
+
+@cache
+def _lit(on: bool) -> Scene:
+    return _room(*_still_room().things[2:], lights=(_KEY, _FILL) if on else (_FILL,))
+
+
+def _moving_lamp(now: int) -> Scene:
+    lamp = Light((_to_and_fro(now, 0.2), 1.3, -1.2), (0.7, 0.6, 0.4))
+    return _room(*_still_room().things[2:], lights=(lamp, _FILL))
+
+
+def _mirrored(ball: float, camera: float) -> Scene:
+    """A wall and a ball behind the camera, seen in a mirror before it."""
+    behind = Thing(Rectangle(), translate(0, 0, 7), checker(_SAND, _BLUE, 1.2))
+    view = _camera(camera, look=(camera, 0.8, 0))
+    return _room(behind, _ball(ball, 1.9, 5, 0.9), camera=view, wall=(0.9, 0.9, 0.9), mirror=True)
+
+
+def _mirrored_ball(now: int) -> Scene:
+    return _mirrored(0.15 * now, 0)
+
+
+def _mirror_passed(now: int) -> Scene:
+    return _mirrored(-1, 0.08 * now)
+
+
+def _moving_shadow(now: int) -> Scene:
+    sun = Light((0.3, 1.0, 0.15), (0.9, 0.85, 0.7), distant=True)
+    # Above the view; what is seen of it is its shadow.
+    return _room(Thing(Sphere(0.45), translate(0.06 * now + 0.8, 3, 0.8)), lights=(sun,))
+
+
+@cache
+def _papered(swapped: bool) -> Scene:
+    wall = stripes(_BLUE, _RED, 0.3) if swapped else checker(_CREAM, _GREEN, 0.4)
+    return _room(*_still_room().things[2:], wall=wall)
+
+
+def _scrolling(now: int) -> Scene:
+    texture = value_noise(_CREAM, _BLUE, 0.2)
+    return _room(wall=lambda point: texture(point + np.array([[0.06 * now], [0], [0]])))
+
+
+@cache
+def _screen(swapped: bool) -> Scene:
+    picture = stripes((1.2, 0.1, 0.1), (0.1, 0.1, 0.9), 0.4, 1) if swapped else checker((0.9,) * 3, (0.05,) * 3, 0.5)
+    return _room(wall=(0.05, 0.05, 0.05), emission=picture)
+
+
+def _wires(now: int, sway: float) -> Scene:
+    wires = [
+        Thing(
+            Wire((0, 0, 0), (0.1 * np.sin(5 * i), 1.4, 0), 0.008),
+            translate(-1.5 + 0.3 * i, 0, -0.4 * (i % 3)) @ turn([0, 0, 1], sway * np.sin(0.35 * now + i)),
+            albedo=(0.1, 0.25, 0.08) if i % 2 else (0.9, 0.85, 0.6),
+        )
+        for i in range(11)
+    ]
+    return _room(*wires, wall=(0.6, 0.65, 0.7))
+
+
+_still_wires = cache(partial(_wires, 0, 0.0))
+
+
+@cache
+def _red_and_green() -> Scene:
+    camera = _camera(y=0, z=3, look=(0, 0, 0))
+    # Two stripes a pixel: jitter decides which of them the whole image shows.
+    pixel = float(np.subtract(*camera.unproject([[1.5, 0.5], [0.5, 0.5]], [5.0, 5.0])[:, 0]))
+    wall = Thing(Rectangle(), translate(0, 0, -2), stripes(_RED, _GREEN, pixel / 2))
+    return Scene((wall,), camera, ambient=(1, 1, 1))
+
+
+@cache
+def _cut(done: bool) -> Scene:
+    room = _still_room()
+    return Scene(room.things, _camera(-1.6, 0.7, 2.6, (1.2, 0.4, -1.2)) if done else room.camera, room.lights)
+
+
+@cache
+def _teleported(done: bool) -> Scene:
+    return _room(_ball(0.9 if done else -0.7, 0.45, 0))
+
+
+@cache
+def _grazing() -> Scene:
+    floor = Thing(Rectangle(), turn([1, 0, 0], -90), value_noise(_SAND, _EARTH, 0.5))
+    return Scene((floor,), _camera(y=0.12, look=(0, 0.05, 0)), (_KEY, _FILL), background=(0.4, 0.5, 0.7))
+
+
+def _drifting(now: int) -> Scene:
+    return _room(camera=_camera(0.02 * now, look=(0.02 * now, 0.6, 0)), wall=checker(_CREAM, _BLUE, 0.15))
+
+
+def _spinning(now: int) -> Scene:
+    place = translate(0, 0.8, 0.5) @ turn([0.2, 1, 0.1], 30 * now)
+    room = _room(Thing(Sphere(0.6), place, value_noise(_CREAM, _SAND, 0.25)))
+    # From all sides alike: what turns keeps its light, and its history is right.
+    return Scene(room.things, room.camera, ambient=(0.8, 0.8, 0.8))
+
+
+@cache
+def _fine_detail() -> Scene:
+    return _room(wall=value_noise((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.06))
+
+
+def _without(*buffers: str) -> Callable[[Taken], Frame]:
+    return lambda taken: replaced(taken.frame, **dict.fromkeys(buffers))
+
+
+def _some_missing(taken: Taken) -> Frame:
+    """Before the event, samples here and there and a whole block are missing."""
+    if taken.now >= 0:
+        return taken.frame
+    color = taken.frame.color.copy()
+    for value in (np.nan, np.inf):
+        color[taken.rng.random(taken.frame.shape) < 0.01] = value
+    color[20:32, 30:42] = -np.inf
+    return replaced(taken.frame, color=color)
+
+
+def _moved(frame: Frame) -> Image:
+    assert frame.motion is not None
+    return frame.motion
+
+
+def _unannounced(taken: Taken) -> Frame:
+    """Nobody has told the renderer that the event is a cut."""
+    frame = taken.frame
+    return replaced(frame, motion=np.zeros_like(_moved(frame))) if taken.now == 0 else frame
+
+
+def _shaken(taken: Taken) -> Frame:
+    """Motion between projections of jittered cameras."""
+    return replaced(taken.frame, motion=_moved(taken.frame) + np.array([*taken.shift, 0], np.float32))
+
+
+#: Relative deviations of the light of a sample: with the first, PSNR is about 16 dB.
+_NOISY, _VERY_NOISY = 0.5, 1.0
+
+_LIGHT = "moving light, light switched"
+_MIRROR = "reflections of moving objects"
+_SHADOW = "shadows that move over a still surface"
+_TEXTURE = "material or texture swap, animated texture"
+_THIN = "thin geometry, foliage, wires"
+_CUT = "camera cut, teleport"
+_WIRES = _shows(*range(3, 14))
+
+SCENARIOS: tuple[Scenario, ...] = (
+    *(
+        scenario
+        for words, noise in (("", 0.0), (", noisy", _NOISY))
+        for scenario in (
+            Scenario(
+                f"object passes{words}",
+                "disocclusion",
+                partial(_passing, pace=0.09),
+                noise,
+                former="trail",
+                watch=uncovered,
+            ),
+            Scenario(f"view pans{words}", "disocclusion", partial(_panning, pace=0.12), noise, watch=uncovered),
+            Scenario(f"light goes off{words}", _LIGHT, lambda now: _lit(now < 0), noise, former="event"),
+            Scenario(f"light comes on{words}", _LIGHT, lambda now: _lit(now >= 0), noise, former="event"),
+            Scenario(f"light travels{words}", _LIGHT, _moving_lamp, noise, former="trail"),
+            Scenario(f"ball in a mirror{words}", _MIRROR, _mirrored_ball, noise, former="trail", watch=_shows(2)),
+            Scenario(f"past a mirror{words}", _MIRROR, _mirror_passed, noise, watch=_shows(2)),
+            Scenario(f"shadow travels{words}", _SHADOW, _moving_shadow, noise, former="trail"),
+            Scenario(f"wires sway{words}", _THIN, partial(_wires, sway=4.0), noise, watch=_WIRES),
+            Scenario(f"object races{words}", "fast motion", partial(_passing, pace=0.36), noise, watch=_shows(3)),
+            Scenario(f"view races{words}", "fast motion", partial(_panning, pace=0.5), noise),
+            Scenario(f"teleport{words}", _CUT, lambda now: _teleported(now >= 0), noise, former="event"),
+            Scenario(f"cut{words}", _CUT, lambda now: _cut(now >= 0), noise, former="event"),
+            Scenario(
+                f"cut, unannounced{words}", _CUT, lambda now: _cut(now >= 0), noise, former="event", alter=_unannounced
+            ),
+        )
+    ),
+    Scenario("wallpaper swapped", _TEXTURE, lambda now: _papered(now >= 0), former="event"),
+    Scenario("wallpaper scrolls", _TEXTURE, _scrolling, former="trail"),
+    Scenario("screen switches", _TEXTURE, lambda now: _screen(now >= 0), former="event"),
+    Scenario(
+        "screen switches, emission unknown",
+        _TEXTURE,
+        lambda now: _screen(now >= 0),
+        former="event",
+        alter=_without("emission"),
+    ),
+    Scenario("wires stand", _THIN, lambda now: _still_wires(), watch=_WIRES),
+    Scenario("red and green", "red/green flicker filling the neighbourhood", lambda now: _red_and_green()),
+    Scenario("fireflies", "fireflies", lambda now: _still_room(), _NOISY, 0.005),
+    Scenario("samples missing", "NaN, infinity", lambda now: _still_room(), _NOISY, alter=_some_missing),
+    Scenario("grazing floor", "depth slopes missing", lambda now: _grazing(), _VERY_NOISY),
+    Scenario(
+        "grazing floor, depth alone",
+        "depth slopes missing",
+        lambda now: _grazing(),
+        _VERY_NOISY,
+        alter=_without("camera", "normal", "object_normal", "position"),
+    ),
+    Scenario("jitter", "jitter in motion vectors", lambda now: _still_room()),
+    Scenario("jitter in motion", "jitter in motion vectors", lambda now: _still_room(), alter=_shaken),
+    Scenario("fine tiles", "albedo baked into radiance", _drifting, _NOISY),
+    Scenario("fine tiles, albedo unknown", "albedo baked into radiance", _drifting, _NOISY, alter=_without("albedo")),
+    Scenario("ball spins", "rotating object", _spinning, _NOISY, watch=_shows(3)),
+    Scenario(
+        "ball spins, world normals",
+        "rotating object",
+        _spinning,
+        _NOISY,
+        watch=_shows(3),
+        alter=_without("object_normal"),
+    ),
+    Scenario("three frames", "sequence ends", partial(_panning, pace=0.12), warm_up=False, frames=3),
+    Scenario("detail of a pixel", "additive shimmer on static detail", lambda now: _fine_detail()),
+)

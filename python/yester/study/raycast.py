@@ -1,0 +1,618 @@
+"""A small exact ray-caster: scenes whose every buffer, motion and mean are known, for what noise must not blur.
+
+A scene is what stands where at one moment; a sequence is a list of scenes with the same things in the same order.
+Shapes are analytic and move rigidly; light is Lambert's, from points and directions with hard shadows, plus an ambient
+part; mirrors are perfect and seen once. Noise is added to that, so that the mean of `shoot` is `truth`. Lengths are in
+scene units, matrices take column vectors, colours are linear.
+
+Inside, vectors are (3, N): numpy is quickest along rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yester import Camera, Frame
+
+__all__ = [
+    *("Box", "Hits", "Light", "Rectangle", "Scene", "Shape", "Sphere", "Texture", "Thing", "Wire"),
+    *("cast", "centres", "checker", "motion", "noise", "shoot", "stripes", "translate", "truth", "turn", "value_noise"),
+]
+
+Floats: TypeAlias = NDArray[np.float64]
+Color: TypeAlias = tuple[float, float, float]
+#: From points in object space, (3, N), to colours, (3, N).
+Texture: TypeAlias = Callable[[Floats], Floats]
+
+#: Rays start this far from the surface that they leave, in scene units.
+_CLEARANCE = 1e-6
+#: Distance at which the background stands, in scene units: its parallax is below what float32 pixels can tell.
+_FAR = 1e9
+
+
+class Shape(Protocol):
+    """A surface in its own space."""
+
+    def hit(self, origin: Floats, direction: Floats) -> Floats:
+        """Distance along rays of unit direction, (3, 1) or (3, N), to the first hit: (N,), infinity where none is."""
+        ...
+
+    def normal(self, point: Floats) -> Floats:
+        """Unit normals at points of the surface, both (3, N); either side will do."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """In the plane z = 0, around the origin. Infinite sides make it a plane.
+
+    Attributes
+    ----------
+    width, height : float, default infinity
+        Along x and y, in scene units.
+    """
+
+    width: float = np.inf
+    height: float = np.inf
+
+    def hit(self, origin: Floats, direction: Floats) -> Floats:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = -origin[2] / direction[2]
+            x, y = (origin[i] + t * direction[i] for i in range(2))
+        inside = (t > _CLEARANCE) & (np.abs(x) <= self.width / 2) & (np.abs(y) <= self.height / 2)
+        return np.where(inside & np.isfinite(t), t, np.inf)
+
+    def normal(self, point: Floats) -> Floats:
+        return np.broadcast_to([[0.0], [0.0], [1.0]], point.shape)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Around the origin.
+
+    Attributes
+    ----------
+    radius : float
+        In scene units.
+    """
+
+    radius: float
+
+    def hit(self, origin: Floats, direction: Floats) -> Floats:
+        return _sphere(origin, direction, self.radius)
+
+    def normal(self, point: Floats) -> Floats:
+        return point / self.radius
+
+
+@dataclass(frozen=True)
+class Box:
+    """Around the origin, with sides along the axes.
+
+    Attributes
+    ----------
+    size : (x, y, z)
+        Of its sides, in scene units.
+    """
+
+    size: tuple[float, float, float]
+
+    def hit(self, origin: Floats, direction: Floats) -> Floats:
+        half = np.array(self.size)[:, None] / 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one, other = (-half - origin) / direction, (half - origin) / direction
+        enter, leave = np.fmin(one, other).max(0), np.fmax(one, other).min(0)
+        t = np.where(enter > _CLEARANCE, enter, leave)
+        return np.where((enter <= leave) & (t > _CLEARANCE), t, np.inf)
+
+    def normal(self, point: Floats) -> Floats:
+        side = np.abs(point / np.array(self.size)[:, None]).argmax(0)
+        return np.where(np.arange(3)[:, None] == side, np.sign(point), 0.0)
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A cylinder with round ends.
+
+    Attributes
+    ----------
+    start, end : (x, y, z)
+        Of its axis; not the same point.
+    radius : float
+        In scene units.
+    """
+
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+    def hit(self, origin: Floats, direction: Floats) -> Floats:
+        start = np.array(self.start)[:, None]
+        axis = np.array(self.end)[:, None] - start
+        across = origin - start
+        squared = (axis**2).sum()
+        along, offset = _dot(axis, direction), _dot(axis, across)
+        # Where a ray meets the endless cylinder: both without their parts along the axis.
+        a = squared - along**2
+        b = squared * _dot(across, direction) - offset * along
+        c = squared * _dot(across, across) - offset**2 - self.radius**2 * squared
+        root = b * b - a * c
+        nearest = np.full(root.shape, np.inf)
+        near = np.flatnonzero(root >= 0)  # few rays: the rest of the work is for them alone
+        across, offset, c = (np.broadcast_to(v, (*v.shape[:-1], root.size))[..., near] for v in (across, offset, c))
+        direction, along, a, b, root = direction[:, near], along[near], a[near], b[near], root[near]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (-b - np.sqrt(root)) / a
+            y = offset + t * along
+        side = np.where((t > _CLEARANCE) & (y >= 0) & (y <= squared), t, np.inf)
+        ends = [_sphere(across - end, direction, self.radius) for end in (0, axis)]
+        nearest[near] = np.minimum(side, np.minimum(*ends))
+        return nearest
+
+    def normal(self, point: Floats) -> Floats:
+        start = np.array(self.start)[:, None]
+        axis = np.array(self.end)[:, None] - start
+        nearest = start + np.clip(_dot(axis, point - start) / (axis**2).sum(), 0, 1) * axis
+        return np.asarray((point - nearest) / self.radius)
+
+
+def checker(one: Color, other: Color, size: float) -> Texture:
+    """Cubes of two colours in turn.
+
+    Parameters
+    ----------
+    one, other : (r, g, b)
+        One has the cube that begins at the origin.
+    size : float
+        Of a cube's sides, in scene units.
+    """
+
+    def texture(point: Floats) -> Floats:
+        # Faces that lie between two cubes are in the one of them on either side of rounding.
+        return _either(np.floor(point / size + 1e-9).sum(0) % 2 == 0, one, other)
+
+    return texture
+
+
+def stripes(one: Color, other: Color, width: float, axis: int = 0) -> Texture:
+    """Two colours in turn along an axis.
+
+    Parameters
+    ----------
+    one, other : (r, g, b)
+        One has the stripe that begins at the origin.
+    width : float
+        Of a stripe, in scene units.
+    axis : int, default 0
+        0, 1 or 2 for x, y or z.
+    """
+
+    def texture(point: Floats) -> Floats:
+        return _either(np.floor(point[axis] / width) % 2 == 0, one, other)
+
+    return texture
+
+
+def value_noise(one: Color, other: Color, size: float, seed: int = 0) -> Texture:
+    """Between two colours at random: values at the corners of a lattice, smoothly interpolated (Perlin 1985).
+
+    Parameters
+    ----------
+    one, other : (r, g, b)
+    size : float
+        Of the lattice, in scene units. It repeats after 32.
+    seed : int, default 0
+    """
+    period = 32
+    values = np.random.default_rng(seed).random((period,) * 3)
+
+    def texture(point: Floats) -> Floats:
+        corner = np.floor(point / size)
+        x, y, z = point / size - corner
+        i, j, k = corner.astype(np.int64)
+        x, y, z = (t * t * (3 - 2 * t) for t in (x, y, z))
+        value = np.zeros_like(x)
+        for a, b, c in np.ndindex(2, 2, 2):
+            weight = (x if a else 1 - x) * (y if b else 1 - y) * (z if c else 1 - z)
+            value += weight * values[(i + a) % period, (j + b) % period, (k + c) % period]
+        return np.asarray(np.array(one)[:, None] * (1 - value) + np.array(other)[:, None] * value)
+
+    return texture
+
+
+def translate(x: float, y: float, z: float) -> Floats:
+    """The matrix that moves points by so much, in scene units."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def turn(axis: ArrayLike, degrees: float) -> Floats:
+    """The matrix that turns points around an axis through the origin, right-handed (Rodrigues' formula)."""
+    x, y, z = np.asarray(axis, np.float64) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = np.radians(degrees)
+    matrix = np.eye(4)
+    matrix[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """A shape, where it is and how it looks.
+
+    Attributes
+    ----------
+    shape : Shape
+    place : (4, 4) ndarray, default the identity
+        From its own space to the world: rigid.
+    albedo : (r, g, b) or Texture, default a light grey
+        0 to 1; of a mirror, the share of light that it reflects.
+    emission : (r, g, b) or Texture, default black
+        Light that it sends to the camera; it lights nothing.
+    mirror : bool, default False
+        Whether it shows what lies in the direction of reflection; the mirrors there are black.
+    shadow : bool, default True
+        Whether it stands in the way of light.
+    """
+
+    shape: Shape
+    place: Floats = field(default_factory=lambda: np.eye(4))
+    albedo: Color | Texture = (0.7, 0.7, 0.7)
+    emission: Color | Texture = (0.0, 0.0, 0.0)
+    mirror: bool = False
+    shadow: bool = True
+
+
+@dataclass(frozen=True)
+class Light:
+    """A point that shines, or a direction from which light comes.
+
+    Attributes
+    ----------
+    place : (x, y, z)
+        Where it is; or, of a distant light, in which direction.
+    color : (r, g, b)
+        What a white surface that faces it sends back from one scene unit away; or, of a distant light, from anywhere.
+    distant : bool, default False
+    """
+
+    place: tuple[float, float, float]
+    color: Color
+    distant: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is where at one moment. The id of a thing is its place in the list, counted from 1.
+
+    Attributes
+    ----------
+    things : tuple of Thing
+    camera : Camera
+    lights : tuple of Light, default none
+    ambient : (r, g, b), default (0.3, 0.3, 0.3)
+        What a white surface sends back of light from everywhere.
+    background : (r, g, b), default black
+        What the camera sees where nothing is: emission, without noise.
+    """
+
+    things: tuple[Thing, ...]
+    camera: Camera
+    lights: tuple[Light, ...] = ()
+    ambient: Color = (0.3, 0.3, 0.3)
+    background: Color = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What lies behind places of an image, in double precision.
+
+    Attributes
+    ----------
+    pixels : (..., 2)
+        The places, in pixels, x right, y down, pixel centres at +0.5.
+    ids, depth, position, normal, object_normal, albedo, emission : (...) or (..., 3)
+        As `yester.Frame` has them.
+    local : (..., 3)
+        The position in the thing's own space; of the background, a point far behind everything.
+    light : (..., 3)
+        What a white surface would send back there; of a mirror, what it shows.
+    """
+
+    pixels: Floats
+    ids: NDArray[np.uint32]
+    depth: Floats
+    position: Floats
+    normal: Floats
+    object_normal: Floats
+    albedo: Floats
+    emission: Floats
+    local: Floats
+    light: Floats
+
+    @property
+    def color(self) -> Floats:
+        """(..., 3) without noise."""
+        return self.albedo * self.light + self.emission
+
+
+def cast(scene: Scene, pixels: ArrayLike) -> Hits:
+    """Look through places of the image.
+
+    Parameters
+    ----------
+    scene : Scene
+    pixels : (..., 2) array_like of float
+        In pixels, x right, y down, pixel centres at +0.5.
+
+    Returns
+    -------
+    Hits
+        With the places' leading shape.
+
+    Raises
+    ------
+    ValueError
+        If `pixels` has another shape.
+    """
+    pixels = np.asarray(pixels, np.float64)
+    if pixels.ndim == 0 or pixels.shape[-1] != 2:
+        raise ValueError(f"pixels: expected shape (..., 2), got {pixels.shape}")
+    origin, rays = scene.camera.rays(pixels.reshape(-1, 2))
+    eye, direction = origin[:, None], np.ascontiguousarray(rays.T)
+    seen = _look(scene, eye, direction)
+    hit = seen.ids > 0
+    light = _lighting(scene, seen.point, seen.normal, hit)
+    mirrors = hit & np.array([False, *(thing.mirror for thing in scene.things)])[seen.ids]
+    if mirrors.any():
+        ray, normal, point = direction[:, mirrors], seen.normal[:, mirrors], seen.point[:, mirrors]
+        there = _look(scene, point + _CLEARANCE * normal, ray - 2 * _dot(ray, normal) * normal)
+        light[:, mirrors] = there.emission + there.albedo * _lighting(scene, there.point, there.normal, there.ids > 0)
+    position = np.where(hit, seen.point, np.nan)
+    depth = np.where(hit, scene.camera.project(seen.point.T)[1], np.inf)
+
+    def shaped(values: NDArray[np.float64]) -> Floats:
+        return np.ascontiguousarray(np.moveaxis(values, 0, -1)).reshape(*pixels.shape[:-1], *values.shape[:-1])
+
+    return Hits(
+        pixels=pixels,
+        ids=seen.ids.reshape(pixels.shape[:-1]),
+        depth=depth.reshape(pixels.shape[:-1]),
+        position=shaped(position),
+        normal=shaped(seen.normal),
+        object_normal=shaped(seen.object_normal),
+        albedo=shaped(seen.albedo),
+        emission=shaped(seen.emission),
+        local=shaped(seen.local),
+        light=shaped(light),
+    )
+
+
+def motion(hits: Hits, scene: Scene, before: Scene) -> Floats:
+    """Where what is seen was one scene before.
+
+    Parameters
+    ----------
+    hits : Hits
+        What `scene`'s camera sees.
+    scene, before : Scene
+        Of the same things in the same order.
+
+    Returns
+    -------
+    (..., 3) ndarray of float64
+        As `yester.Frame` has motion: previous minus current pixel and depth. NaN where the point was not in front of
+        the camera. The background moves with the camera's rotation alone.
+    """
+    places = np.stack([np.eye(4), *(thing.place for thing in before.things)])[hits.ids]
+    then = np.einsum("...ij,...j->...i", places[..., :3, :3], hits.local) + places[..., :3, 3]
+    pixels, depth = before.camera.project(then)
+    background = hits.ids == 0
+    change = np.where(background, 0.0, depth - np.where(background, 0.0, hits.depth))
+    return np.concatenate([pixels - hits.pixels, change[..., None]], -1)
+
+
+def truth(scene: Scene, side: int = 4) -> NDArray[np.float32]:
+    """The image without noise: the mean over ``side`` × ``side`` places of every pixel, a box filter.
+
+    Parameters
+    ----------
+    scene : Scene
+    side : int, default 4
+
+    Returns
+    -------
+    (H, W, 3) ndarray of float32
+    """
+    places = centres(scene.camera)
+    offsets = (np.arange(side) + 0.5) / side - 0.5
+    total = sum(cast(scene, np.add(places, (x, y))).color for y in offsets for x in offsets)
+    return np.asarray(total / side**2, np.float32)
+
+
+def noise(
+    rng: np.random.Generator,
+    shape: tuple[int, ...],
+    deviation: float,
+    *,
+    fireflies: float = 0.0,
+    brightness: float = 50.0,
+) -> NDArray[np.float32]:
+    """Factors of mean one: a gamma distribution, with a few that carry much of the energy.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    shape : tuple of int
+    deviation : float
+        Standard deviation of the factors that are no fireflies, relative to their mean; 1 makes them exponential, as of
+        a path that finds a light or does not.
+    fireflies : float, default 0
+        Their share.
+    brightness : float, default 50
+        Their factor. The others are the darker for it, so that the mean stays one.
+
+    Returns
+    -------
+    ndarray of float32
+
+    Raises
+    ------
+    ValueError
+        If the deviation is negative, or fireflies would carry more energy than there is.
+    """
+    if not deviation >= 0:
+        raise ValueError(f"deviation: expected at least 0, got {deviation}")
+    if not 0 <= fireflies * brightness < 1:
+        raise ValueError(f"fireflies: expected a share that carries less than all energy, got {fireflies}×{brightness}")
+    factors = np.ones(shape)
+    if deviation > 0:
+        factors = rng.gamma(deviation**-2, deviation**2, shape)
+    if fireflies > 0:
+        rest = (1 - fireflies * brightness) / (1 - fireflies)
+        factors = np.where(rng.random(shape) < fireflies, brightness, rest * factors)
+    return factors.astype(np.float32)
+
+
+def shoot(
+    scene: Scene,
+    before: Scene | None,
+    rng: np.random.Generator,
+    *,
+    deviation: float = 0.0,
+    fireflies: float = 0.0,
+    jitter: ArrayLike | None = None,
+) -> Frame:
+    """What a renderer makes of the scene with one sample a pixel: a frame with every buffer that can be known exactly.
+
+    Parameters
+    ----------
+    scene : Scene
+    before : Scene or None
+        Of the frame before, for motion; the scene itself if there is none.
+    rng : numpy.random.Generator
+    deviation, fireflies : float, default 0
+        Of the `noise` on light. Emission and background have none.
+    jitter : (2,) array_like of float, optional
+        One offset for all samples, which the frame then tells; if absent, they are spread over their pixels at random,
+        as a path tracer does.
+
+    Returns
+    -------
+    Frame
+        All but ``replay`` and ``hit_distance``. Every buffer is of the colour's own sample.
+    """
+    camera = scene.camera
+    offsets = rng.random((camera.height, camera.width, 2)) - 0.5 if jitter is None else np.asarray(jitter)
+    hits = cast(scene, centres(camera) + offsets)
+    factors = noise(rng, (camera.height, camera.width, 1), deviation, fireflies=fireflies)
+    return Frame(
+        hits.albedo * hits.light * factors + hits.emission,
+        albedo=hits.albedo,
+        normal=hits.normal,
+        depth=hits.depth,
+        motion=motion(hits, scene, before or scene),
+        ids=hits.ids,
+        position=hits.position,
+        emission=hits.emission,
+        object_normal=hits.object_normal,
+        camera=camera,
+        jitter=jitter,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What rays meet: (N,) and (3, N)."""
+
+    ids: NDArray[np.uint32]
+    point: Floats
+    local: Floats
+    normal: Floats
+    object_normal: Floats
+    albedo: Floats
+    emission: Floats
+
+
+def _look(scene: Scene, origin: Floats, direction: Floats) -> _Seen:
+    count = direction.shape[1]
+    nearest, ids = np.full(count, np.inf), np.zeros(count, np.uint32)
+    for number, thing in enumerate(scene.things, 1):
+        t = thing.shape.hit(*_into(thing, origin, direction))
+        closer = t < nearest
+        nearest[closer], ids[closer] = t[closer], number
+    point = origin + np.where(ids > 0, nearest, _FAR) * direction
+    local, normal, object_normal = point.copy(), np.zeros_like(point), np.zeros_like(point)
+    albedo, emission = np.zeros_like(point), np.zeros_like(point)
+    emission[:] = np.array(scene.background)[:, None]
+    for number, thing in enumerate(scene.things, 1):
+        here = np.flatnonzero(ids == number)
+        if here.size == 0:
+            continue
+        rotation, position = thing.place[:3, :3], thing.place[:3, 3:]
+        own = rotation.T @ (point[:, here] - position)
+        facing = thing.shape.normal(own)
+        facing = np.where(_dot(rotation @ facing, direction[:, here]) > 0, -facing, facing)
+        local[:, here], object_normal[:, here], normal[:, here] = own, facing, rotation @ facing
+        albedo[:, here], emission[:, here] = (_paint(color, own) for color in (thing.albedo, thing.emission))
+    return _Seen(ids, point, local, normal, object_normal, albedo, emission)
+
+
+def _lighting(scene: Scene, point: Floats, normal: Floats, hit: NDArray[np.bool_]) -> Floats:
+    """What white surfaces would send back at these points."""
+    total = np.where(hit, np.array(scene.ambient)[:, None], 0.0)
+    for light in scene.lights:
+        place = np.array(light.place)[:, None]
+        way = place / np.linalg.norm(place) if light.distant else place - point
+        distance = np.full(hit.size, np.inf) if light.distant else np.sqrt(_dot(way, way))
+        toward = np.broadcast_to(way if light.distant else way / distance, point.shape)
+        cosine = _dot(normal, toward)
+        lit = np.flatnonzero(hit & (cosine > 0))
+        start, direction = point[:, lit] + _CLEARANCE * normal[:, lit], toward[:, lit]
+        free = np.ones(lit.size, bool)
+        for thing in scene.things:
+            if thing.shadow:
+                free &= thing.shape.hit(*_into(thing, start, direction)) >= distance[lit]
+        lit = lit[free]
+        falloff = 1.0 if light.distant else distance[lit] ** -2
+        total[:, lit] += np.array(light.color)[:, None] * (cosine[lit] * falloff)
+    return total
+
+
+def _into(thing: Thing, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    """Rays in the thing's own space; distances along them stay what they were."""
+    rotation, position = thing.place[:3, :3], thing.place[:3, 3:]
+    return rotation.T @ (origin - position), rotation.T @ direction
+
+
+def _sphere(origin: Floats, direction: Floats, radius: float) -> Floats:
+    b, c = _dot(origin, direction), _dot(origin, origin) - radius**2
+    with np.errstate(invalid="ignore"):
+        root = np.sqrt(b * b - c)
+    near, far = -b - root, -b + root
+    t = np.where(near > _CLEARANCE, near, far)
+    return np.where(t > _CLEARANCE, t, np.inf)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # type: ignore[no-any-return]
+
+
+def _either(choice: NDArray[np.bool_], one: Color, other: Color) -> Floats:
+    return np.where(choice, np.array(one)[:, None], np.array(other)[:, None])
+
+
+def _paint(color: Color | Texture, point: Floats) -> Floats:
+    return color(point) if callable(color) else np.array(color, np.float64)[:, None]
+
+
+def centres(camera: Camera) -> Floats:
+    """The (H, W, 2) pixel centres of a camera's image."""
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    return np.stack([x, y], -1)

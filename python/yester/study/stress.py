@@ -1,0 +1,701 @@
+"""Where it fails: methods put through what is known to make them fail, measured against exact truth and judged.
+
+`examine` is for the failures that users report (`yester.study.failures`), `strain` for extreme numbers, sizes and
+buffers, `endure` for sequences of thousands of frames. All give a `Trial` for each method, judged by `LIMITS`. `run`
+does everything and writes it down.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from yester import Camera, Frame
+from yester.io.files import beside
+
+from .failures import FAILURES, SCENARIOS, Scenario, Shot, replaced
+from .methods import PIPELINES, Method, Result, Step
+from .metrics import Picture, edge_sharpness, flicker, ghost, lag, psnr, relmse, srgb
+from .raycast import Light, Rectangle, Scene, Sphere, Thing, checker, noise, shoot, translate, truth, turn, value_noise
+
+__all__ = ["INPUT", "LIMITS", "STRAINS", "Limit", "Report", "Strain", "Trial", "endure", "examine", "run", "strain"]
+
+T = TypeVar("T")
+Image: TypeAlias = NDArray[np.float32]
+Verdict: TypeAlias = Literal["holds", "degrades", "fails"]
+
+_VERDICTS: tuple[Verdict, ...] = ("holds", "degrades", "fails")
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Up to where a measure counts as holding, and up to where as degrading; beyond, it fails.
+
+    Attributes
+    ----------
+    measure : str
+        What it is called.
+    holds, degrades : float
+        Bounds of its magnitude.
+    why : str
+        What is measured, and why the bounds are where they are.
+    """
+
+    measure: str
+    holds: float
+    degrades: float
+    why: str
+
+    def judge(self, value: float) -> Verdict:
+        """What the value is worth."""
+        return "holds" if abs(value) <= self.holds else "degrades" if abs(value) <= self.degrades else "fails"
+
+
+#: By what a method is judged. A measure that does not apply is left out; the worst of the others decides.
+LIMITS: tuple[Limit, ...] = (
+    Limit("lost", 0, 0, "Pixels of the output that are not finite. There is no excuse for one."),
+    Limit(
+        "ghost",
+        0.15,
+        0.5,
+        "Largest share of what is past that still shows, from the event on; of what moves all the time, the past is "
+        "four frames ago. A seventh of an edge's contrast is a faint double image; with half of it, one sees the past "
+        "as well as the present.",
+    ),
+    Limit(
+        "lag",
+        2,
+        8,
+        "Frames after the event until the ghost is below a tenth for good. At 60 frames a second, two frames are as "
+        "long as displays take themselves; eight are 130 ms, which everybody sees.",
+    ),
+    Limit(
+        "flicker",
+        0.01,
+        0.03,
+        "Standard deviation over time, in the last quarter of the frames, of sRGB values from 0 to 1 where the truth "
+        "stands still. 2.5 of 255 steps are at the threshold of what is seen; three times as much is seen at once.",
+    ),
+    Limit(
+        "bias",
+        0.02,
+        0.1,
+        "Relative error of the mean luminance of what is watched, late in the sequence. Two percent are the threshold "
+        "of contrast (Weber's law); with ten, an image is visibly of another brightness.",
+    ),
+    Limit(
+        "blur",
+        0.25,
+        0.5,
+        "How much less steep than the truth's its strongest edges are. A tent of a pixel's radius instead of the "
+        "truth's box costs 0.1 to 0.2 in these scenes, which is a matter of taste; resampling bilinearly half a pixel "
+        "away costs 0.2 to 0.37, and with half the slope every edge is two pixels wide where it was one.",
+    ),
+    Limit(
+        "error",
+        0.5,
+        1,
+        "relMSE of what is watched as a share of the input's, or of 0.01 where the input has less, which is what "
+        "aliasing alone costs here. Half the squared error is what twice the samples give, without any history; more "
+        "than the input's is harm.",
+    ),
+    Limit(
+        "difference",
+        0.02,
+        0.25,
+        "Mean difference from what comes out in ordinary conditions, as a share of its mean. Two percent are not seen; "
+        "a quarter is another image.",
+    ),
+    Limit(
+        "drift",
+        0.002,
+        0.02,
+        "By how much the mean luminance, as a share of the truth's, changes from the begin to the end of a long run, "
+        "by regression. A tenth of what can be seen, and what can.",
+    ),
+    Limit(
+        "growth",
+        0.1,
+        0.5,
+        "By how much relMSE has grown from the first tenth of a long run to the last, as a share. The noise of the "
+        "measurement stays below a tenth.",
+    ),
+    Limit(
+        "memory",
+        4,
+        32,
+        "MiB by which the process has grown after the first tenth of a long run. Allocators round by a few; one row of "
+        "pixels lost with every frame makes five in ten thousand frames.",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One method in one case.
+
+    Attributes
+    ----------
+    part : "failures", "strains" or "endurance"
+    case, method : str
+        Their names.
+    values : dict of str to float
+        By measure: those of `LIMITS` that apply, and others.
+    verdict : "holds", "degrades" or "fails"
+    reason : str
+        The measures that decide, or what went wrong.
+    worst : (H, 4 W, 3) uint8 or None
+        Of the frame with the largest relMSE: input, output, truth and four times the error, from left to right.
+    """
+
+    part: str
+    case: str
+    method: str
+    values: dict[str, float]
+    verdict: Verdict
+    reason: str
+    worst: NDArray[np.uint8] | None = field(default=None, repr=False)
+
+
+#: The noisy frames as they are, for comparison.
+INPUT = Method("input", "input", lambda: lambda frame: Result(frame.color))
+
+
+def examine(
+    scenario: Scenario, methods: Sequence[Method] = PIPELINES, *, seed: int = 0, frames: int | None = None
+) -> list[Trial]:
+    """Put methods through a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    methods : sequence of Method, default `PIPELINES`
+    seed, frames
+        As for `Scenario.shots`.
+
+    Returns
+    -------
+    list of Trial
+        The first is of the input itself; then, in order, of the methods. One that raises an error fails with it.
+    """
+    contestants = [INPUT, *methods]
+    runs = [_Run(method) for method in contestants]
+    shots = []
+    for shot in scenario.shots(seed, frames):
+        if shot.truth is not None:
+            shots.append(shot)
+        for run in runs:
+            run.take(shot.frame, keep=shot.truth is not None)
+    stage = _Stage(scenario, shots)
+    trials: list[Trial] = []
+    for run in runs:
+        values, worst = ({}, None) if run.error else stage.measure(run.images)
+        if values:
+            values["error"] = values["relmse"] / max((trials[0].values if trials else values)["relmse"], 0.01)
+        trials.append(_judged("failures", scenario.name, run, values, worst))
+    return trials
+
+
+@dataclass(frozen=True)
+class Strain:
+    """Something that frames may be, though they seldom are.
+
+    Attributes
+    ----------
+    name : str
+    frames : callable
+        Makes the frames.
+    ordinary : callable or None
+        Makes frames whose last output should be the same, up to `scale`; None if there are none.
+    scale : float, default 1
+        What the output is divided by before it is compared.
+    """
+
+    name: str
+    frames: Callable[[], Sequence[Frame]]
+    ordinary: Callable[[], Sequence[Frame]] | None
+    scale: float = 1.0
+
+
+def strain(case: Strain, methods: Sequence[Method] = PIPELINES) -> list[Trial]:
+    """Feed methods with what a strain makes of a short sequence.
+
+    Parameters
+    ----------
+    case : Strain
+    methods : sequence of Method, default `PIPELINES`
+
+    Returns
+    -------
+    list of Trial
+        With ``lost``, the pixels that are not finite in all frames, and ``difference`` of the last frame, if there is
+        something to compare it with.
+    """
+    trials = []
+    for method in methods:
+        run, usual = _Run(method), _Run(method)
+        for frame in case.frames():
+            run.take(frame)
+        for frame in case.ordinary() if case.ordinary else ():
+            usual.take(frame)
+        values: dict[str, float] = {"lost": _lost(run.images)}
+        if run.images and usual.images:
+            output, expected = np.float64(run.images[-1]) / case.scale, np.float64(usual.images[-1])
+            error = np.abs(np.nan_to_num(output, posinf=0, neginf=0) - expected)
+            values["difference"] = float(np.mean(error) / np.mean(expected))
+        trials.append(_judged("strains", case.name, run, values))
+    return trials
+
+
+def endure(method: Method, *, moving: bool, frames: int = 10_000, seed: int = 0, progress: bool = True) -> Trial:
+    """Let a method run for long: does it keep the energy, the quality and the memory?
+
+    48×32 pixels of a small scene, whose camera stands still or goes slowly, by fractions of a pixel, in circles of 128
+    frames.
+
+    Parameters
+    ----------
+    method : Method
+    moving : bool
+        Whether the camera moves.
+    frames : int, default 10000
+        At least 100.
+    seed : int, default 0
+        Of the noise.
+    progress : bool, default True
+        Whether to show it.
+
+    Returns
+    -------
+    Trial
+        With ``bias``, ``drift``, ``growth``, ``lost``, ``relmse`` of the last tenth and ``memory``, where the system
+        tells it (Linux).
+    """
+    if frames < 100:
+        raise ValueError(f"frames: expected at least 100, got {frames}")
+    tour = _tour(moving)
+    rng = np.random.default_rng(seed)
+    run = _Run(method)
+    lost, begin, energies, errors, times = 0, 0.0, [], [], []
+    case = f"{frames} frames, {'moving' if moving else 'still'}"
+    for i in tqdm(
+        range(frames), f"{method.name}, {case}", unit="frame", disable=None if progress else True, leave=False
+    ):
+        clean, expected = tour[i % len(tour)]
+        assert clean.emission is not None
+        factors = noise(rng, (*clean.shape, 1), 0.5)
+        run.images.clear()
+        run.take(replaced(clean, color=(clean.color - clean.emission) * factors + clean.emission))
+        if run.error is not None:
+            break
+        lost += _lost(run.images)
+        if i == frames // 10:
+            begin = _resident()
+        # The stride has no factor in common with the tour: each of its frames has its turn.
+        if i >= 64 and i % 7 == 0:
+            image = np.nan_to_num(run.images[0])
+            energies.append(np.mean(image @ _LUMINANCE) / np.mean(expected @ _LUMINANCE))
+            errors.append(relmse(image, expected))
+            times.append(i / frames)
+    values: dict[str, float] = {}
+    if run.error is None:
+        tenth = max(len(errors) // 10, 1)
+        values = {
+            "lost": lost,
+            "bias": float(np.mean(energies) - 1),
+            "drift": float(np.polyfit(times, energies, 1)[0]),
+            "growth": float(np.mean(errors[-tenth:]) / np.mean(errors[:tenth]) - 1),
+            "relmse": float(np.mean(errors[-tenth:])),
+        }
+        if begin > 0:
+            values["memory"] = _resident() - begin
+    return _judged("endurance", case, run, values)
+
+
+@dataclass(frozen=True)
+class Report:
+    """What came out of everything.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is written down.
+    trials : list of Trial
+    """
+
+    folder: Path
+    trials: list[Trial]
+
+    def __str__(self) -> str:
+        return "\n".join(_table(part, trials) for part, trials in self.parts.items())
+
+    @property
+    def parts(self) -> dict[str, list[Trial]]:
+        """The trials, by what they are part of."""
+        return {part: [t for t in self.trials if t.part == part] for part in dict.fromkeys(t.part for t in self.trials)}
+
+
+def run(
+    folder: str | os.PathLike[str],
+    scenarios: Iterable[str] | None = None,
+    methods: Iterable[str] | None = None,
+    *,
+    frames: int | None = None,
+    strains: bool = True,
+    endurance: int = 10_000,
+    quick: bool = False,
+    seed: int = 0,
+    pipelines: Sequence[Method] = PIPELINES,
+) -> Report:
+    """Stage all failures and strains, let all methods run for long, and write down what happens.
+
+    Parameters
+    ----------
+    folder : path
+        For ``stress.csv`` with all measures, ``stress.md`` with the verdicts and what they are based on, and
+        ``worst/SCENARIO-METHOD.png`` with, from left to right, input, output, truth and four times the error of the
+        worst frame. Made if it does not exist; files of these names are replaced.
+    scenarios, methods : iterable of str, optional
+        Names of those to run; by default all of `SCENARIOS` and of `pipelines`.
+    frames : int, optional
+        At most so many frames of each scenario; at least 2.
+    strains : bool, default True
+        Whether to run `STRAINS`.
+    endurance : int, default 10000
+        Frames of the long runs, still and moving; 0 for none.
+    quick : bool, default False
+        With 16 frames unless told otherwise, and without strains and long runs.
+    seed : int, default 0
+        Of all noise.
+    pipelines : sequence of Method, default `PIPELINES`
+        What `methods` are chosen from.
+
+    Returns
+    -------
+    Report
+        As text, the verdicts.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or there are too few frames.
+    """
+    staged = _chosen("scenarios", scenarios, {scenario.name: scenario for scenario in SCENARIOS})
+    chosen = _chosen("methods", methods, {method.name: method for method in pipelines})
+    if quick:
+        frames, strains, endurance = frames or 16, False, 0
+    if frames is not None and frames < 2:
+        raise ValueError(f"frames: expected at least 2, got {frames}")
+    if endurance and endurance < 100:
+        raise ValueError(f"endurance: expected 0 or at least 100, got {endurance}")
+    folder = Path(folder)
+    (folder / "worst").mkdir(parents=True, exist_ok=True)
+
+    trials: list[Trial] = []
+    for scenario in _progress(staged, "failures"):
+        for trial in examine(scenario, chosen, seed=seed, frames=frames):
+            trials.append(trial)
+            if trial.worst is not None and trial.method != INPUT.name:
+                _write_picture(folder / "worst" / f"{_slug(trial.case)}-{_slug(trial.method)}.png", trial.worst)
+    for case in _progress(STRAINS if strains else [], "strains"):
+        trials += strain(case, chosen)
+    long = [(method, moving) for moving in (False, True) for method in chosen if endurance]
+    for method, moving in _progress(long, "endurance"):
+        trials.append(endure(method, moving=moving, frames=endurance, seed=seed))
+    report = Report(folder, trials)
+    _write_table(folder / "stress.csv", trials)
+    with beside(folder / "stress.md") as temporary:
+        temporary.write_text(_written(report), encoding="utf-8")
+    return report
+
+
+class _Run:
+    """A method on its way through a sequence."""
+
+    def __init__(self, method: Method) -> None:
+        self.method = method
+        self.step: Step = method.start()
+        self.images: list[Image] = []
+        self.error: Exception | None = None
+
+    def take(self, frame: Frame, keep: bool = True) -> None:
+        if self.error is not None:
+            return
+        try:
+            color = self.step(frame).color
+            if color.shape != frame.color.shape:
+                raise ValueError(f"expected an image of shape {frame.color.shape}, got {color.shape}")
+        except Exception as error:  # whatever it is, it is what came out
+            self.error = error
+            return
+        if keep:
+            self.images.append(color)
+
+
+def _judged(part: str, case: str, run: _Run, values: dict[str, float], worst: NDArray[np.uint8] | None = None) -> Trial:
+    if run.error is not None:
+        return Trial(part, case, run.method.name, {}, "fails", f"{type(run.error).__name__}: {run.error}")
+    verdicts = {limit.measure: limit.judge(values[limit.measure]) for limit in LIMITS if limit.measure in values}
+    verdict = max(verdicts.values(), key=_VERDICTS.index)
+    decisive = [measure for measure, one in verdicts.items() if one == verdict != "holds"]
+    return Trial(part, case, run.method.name, values, verdict, ", ".join(_shown(m, values[m]) for m in decisive), worst)
+
+
+def _shown(measure: str, value: float) -> str:
+    return f"{measure} {value:.0f}" if measure in ("lag", "lost") else f"{measure} {value:.3g}"
+
+
+def _lost(images: Iterable[Image]) -> int:
+    return sum(int(np.count_nonzero(~np.isfinite(image).all(-1))) for image in images)
+
+
+class _Stage:
+    """What the measured frames of a scenario truly show."""
+
+    def __init__(self, scenario: Scenario, shots: list[Shot]) -> None:
+        self.shots = shots
+        self.sudden = scenario.former == "event"
+        self.truths = [Picture(shot.truth, "truth") for shot in shots if shot.truth is not None]
+        self.formers = [None if shot.former is None else Picture(shot.former, "former") for shot in shots]
+        self.settled = len(shots) // 2
+        late = np.stack([true.linear for true in self.truths[self.settled :]])
+        self.still = (np.ptp(late, axis=0) < 1e-6).all(-1) & (scenario.warm_up and len(late) > 1)
+
+    def measure(self, images: list[Image]) -> tuple[dict[str, float], NDArray[np.uint8]]:
+        pictures = [Picture(np.nan_to_num(image, posinf=0, neginf=0)) for image in images]
+        found: dict[str, list[float]] = {name: [] for name in ("ghost", "bias", "blur", "psnr", "relmse")}
+        for i, (shot, picture, true, former) in enumerate(
+            zip(self.shots, pictures, self.truths, self.formers, strict=True)
+        ):
+            watch = np.ones(shot.frame.shape, np.bool_) if shot.watch is None else shot.watch
+            if np.ptp(true.srgb @ _LUMINANCE) > 1e-6:
+                found["blur"].append(1 - edge_sharpness(picture, true))
+            if former is not None and (former.srgb[watch] != true.srgb[watch]).any():
+                found["ghost"].append(ghost(picture, true, former, watch))
+            if not watch.any():
+                found["relmse"].append(0.0)
+                continue
+            # What is watched, as an image of one row.
+            output, expected = (Picture(one.linear[watch][None]) for one in (picture, true))
+            found["psnr"].append(min(psnr(output, expected), 99.0))
+            found["relmse"].append(relmse(output, expected))
+            if i >= self.settled:
+                light, meant = (float(np.sum(one.linear @ _LUMINANCE)) for one in (output, expected))
+                found["bias"].append(light / meant - 1)
+        values = {name: float(np.mean(each)) for name, each in found.items() if each}
+        if found["ghost"]:
+            values["ghost"] = max(found["ghost"], key=abs)
+            if self.sudden:
+                values["lag"] = lag(found["ghost"])
+        if self.still.any():
+            values["flicker"] = flicker(pictures[self.settled :], self.still)
+        values["lost"] = _lost(images)
+        worst = int(np.argmax(found["relmse"]))
+        return values, _comparison(self.shots[worst].frame.color, images[worst], self.truths[worst].linear)
+
+
+def _comparison(*images: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Input, output, truth and four times the error; what is missing is magenta."""
+    shown = [np.where(np.isfinite(image).all(-1, keepdims=True), srgb(image), (1, 0, 1)) for image in images]
+    error = np.clip(4 * np.abs(shown[1] - shown[2]), 0, 1)
+    return np.asarray(np.hstack([*shown, error]) * 255 + 0.5, np.uint8)
+
+
+# What endurance and strains look at.
+
+_SIZE = 48, 32
+
+
+def _view(x: float = 0.0, y: float = 0.0, size: tuple[int, int] = _SIZE) -> Camera:
+    return Camera.from_look_at([x, 1 + y, 4], [x, 0.6, 0], [0, 1, 0], 45, *size)
+
+
+@cache
+def _things() -> tuple[Thing, ...]:
+    return (
+        Thing(Rectangle(), turn([1, 0, 0], -90), value_noise((0.75, 0.68, 0.55), (0.4, 0.33, 0.25), 0.25)),
+        Thing(Rectangle(), translate(0, 0, -2), checker((0.8, 0.78, 0.7), (0.45, 0.5, 0.42), 0.5)),
+        Thing(Sphere(0.6), translate(-0.4, 0.6, 0.3), checker((0.8, 0.15, 0.1), (0.8, 0.78, 0.7), 0.3)),
+    )
+
+
+def _set(camera: Camera) -> Scene:
+    return Scene(_things(), camera, (Light((1.5, 3.0, 2.5), (9.0, 8.0, 6.5)),))
+
+
+@cache
+def _tour(moving: bool) -> list[tuple[Frame, Image]]:
+    """Frames without noise, whose last one leads to the first, and their truths."""
+    angles = np.linspace(0, 2 * np.pi, 128, endpoint=False) if moving else np.zeros(16)
+    scenes = [_set(_view(0.3 * np.cos(angle), 0.1 * np.sin(angle))) for angle in angles]
+    truths = [truth(scene) for scene in scenes] if moving else [truth(scenes[0])] * len(scenes)
+    rng = np.random.default_rng(0)
+    return [(shoot(scene, scenes[i - 1], rng), truths[i]) for i, scene in enumerate(scenes)]
+
+
+@cache
+def _frames(size: tuple[int, int] = _SIZE, count: int = 12) -> tuple[Frame, ...]:
+    """Frames with noise, from a slow camera."""
+    rng = np.random.default_rng(0)
+    scenes = [_set(_view(0.02 * i, size=size)) for i in range(-1, count)]
+    return tuple(shoot(scene, before, rng, deviation=0.5) for before, scene in pairwise(scenes))
+
+
+def _sized(width: int, height: int) -> Strain:
+    return Strain(f"{width}×{height} pixels", lambda: _frames((width, height), 3), None)
+
+
+def _radiance(scale: float) -> Strain:
+    def frames() -> list[Frame]:
+        return [replaced(frame, color=frame.color * np.float32(scale)) for frame in _frames()]
+
+    return Strain(f"radiance × {scale:g}", frames, _frames, scale)
+
+
+def _length(scale: float) -> Strain:
+    """Another unit of length."""
+
+    def scaled(frame: Frame) -> Frame:
+        buffers = frame.buffers()
+        units = {"depth": [scale], "position": [scale], "motion": [1, 1, scale]}
+        changed = {name: buffers[name] * np.array(unit, np.float32) for name, unit in units.items()}
+        assert frame.camera is not None
+        matrix = frame.camera.world_to_clip @ np.diag([1 / scale, 1 / scale, 1 / scale, 1])
+        return replaced(frame, **changed, camera=Camera(matrix, frame.width, frame.height))
+
+    return Strain(f"lengths × {scale:g}", lambda: [scaled(frame) for frame in _frames()], _frames)
+
+
+def _changed(
+    name: str, buffer: str, value: float | None, *, at: int | None = None, like: float | None = None
+) -> Strain:
+    """A buffer is of one value, in one frame or in all; what comes out is as if it were of another, or as ever."""
+
+    def frames(value: float | None) -> list[Frame]:
+        made = list(_frames())
+        for i, frame in enumerate(made):
+            if at in (i, None):
+                array = None if value is None else np.full_like(frame.buffers()[buffer], value)
+                made[i] = replaced(frame, **{buffer: array})
+        return made
+
+    return Strain(name, lambda: frames(value), _frames if at is not None else lambda: frames(like))
+
+
+#: Extreme numbers, sizes and buffers. Radiance may be in any unit, and so may lengths: what comes out should follow.
+STRAINS: tuple[Strain, ...] = (
+    *(_radiance(scale) for scale in (1e-6, 1e-3, 1e3, 1e6, 1e-40, 1e30)),
+    *(_length(scale) for scale in (2.5e-5, 2.5e5)),
+    *(_sized(*size) for size in ((1, 1), (1, 17), (17, 1), (7680, 4))),
+    _changed("normals all zero", "normal", 0.0),
+    *(
+        _changed(f"{buffer} of one frame all NaN", buffer, np.nan, at=5)
+        for buffer in ("color", "albedo", "emission", "normal", "object_normal", "depth", "position", "motion")
+    ),
+)
+
+
+def _resident() -> float:
+    """MiB of memory that this process holds; 0 where the system does not tell."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+# What is written.
+
+
+def _chosen(argument: str, names: Iterable[str] | None, known: dict[str, T]) -> list[T]:
+    wanted = list(known) if names is None else list(names)
+    for name in wanted:
+        if name not in known:
+            raise ValueError(f"{argument}: unknown {name!r}; there are {', '.join(map(repr, known))}")
+    return [known[name] for name in wanted]
+
+
+def _progress(items: Sequence[T], what: str) -> Iterable[T]:
+    shown: Iterable[T] = tqdm(items, what, disable=None)
+    return shown
+
+
+def _slug(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+
+
+def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Three times as large, pixel by pixel."""
+    from PIL import Image as Images
+
+    with beside(path) as temporary:
+        Images.fromarray(picture.repeat(3, 0).repeat(3, 1)).save(temporary, "PNG")
+
+
+def _write_table(path: Path, trials: list[Trial]) -> None:
+    measures = list(dict.fromkeys(name for trial in trials for name in trial.values))
+    failures = {scenario.name: scenario.failure for scenario in SCENARIOS}
+    with beside(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["part", "failure", "case", "method", "verdict", "reason", *measures])
+        for trial in trials:
+            values = (f"{trial.values[name]:.6g}" if name in trial.values else "" for name in measures)
+            about = failures[trial.case] if trial.part == "failures" else ""
+            writer.writerow([trial.part, about, trial.case, trial.method, trial.verdict, trial.reason, *values])
+
+
+def _table(part: str, trials: list[Trial]) -> str:
+    """Cases by methods: the verdict and the first measure that decides; of the input, its PSNR."""
+    methods = list(dict.fromkeys(trial.method for trial in trials))
+    rows = [[part, *methods]]
+    for case in dict.fromkeys(trial.case for trial in trials):
+        cells = {trial.method: trial for trial in trials if trial.case == case}
+        rows.append([case, *(_cell(cells[method]) for method in methods)])
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    rows.insert(1, ["-" * width for width in widths])
+    return "\n".join("| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows) + "\n"
+
+
+def _cell(trial: Trial) -> str:
+    if trial.method == INPUT.name:
+        return f"{trial.values['psnr']:.1f} dB" if "psnr" in trial.values else ""
+    reason = trial.reason.split(", ")[0].split(": ")[0]
+    return f"{trial.verdict}: {reason}" if reason else trial.verdict
+
+
+def _written(report: Report) -> str:
+    failures = "\n".join(
+        f"| {name} | {seen} | {threads} | {', '.join(s.name for s in SCENARIOS if s.failure == name)} |"
+        for name, (seen, threads) in FAILURES.items()
+    )
+    limits = "\n".join(f"| {one.measure} | {one.holds:g} | {one.degrades:g} | {one.why} |" for one in LIMITS)
+    return f"""# Where it fails
+
+{report}
+A verdict is that of the worst measure, which stands behind it. All measures are in `stress.csv`, the worst frames in
+`worst/`.
+
+## What is measured
+
+| measure | holds up to | degrades up to | |
+|---|---|---|---|
+{limits}
+
+## What is staged
+
+| failure | what is seen | reported | scenarios |
+|---|---|---|---|
+{failures}
+"""

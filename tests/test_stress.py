@@ -1,0 +1,462 @@
+import csv
+import re
+from itertools import count
+
+import numpy as np
+import pytest
+from compare import assert_same_bits
+from PIL import Image
+from yester import Frame
+from yester.study import failures, stress
+from yester.study.failures import FAILURES, SCENARIOS
+from yester.study.methods import PIPELINES, Method, Result
+
+NAMED = {scenario.name: scenario for scenario in SCENARIOS}
+FRAMES = 8
+
+
+def method(name, change, *, oracle=()):
+    """What `change` makes of the number and the frame, or where it is known of the truth in its stead."""
+
+    def start():
+        numbers = count()
+
+        def step(frame):
+            number = next(numbers)
+            known = oracle[number] if number < len(oracle) else None
+            return Result(np.float32(change(number, frame.color if known is None else known)))
+
+        return step
+
+    return Method(name, name, start)
+
+
+def truths(scenario, frames=FRAMES):
+    return [shot.truth for shot in scenario.shots(frames=frames)]
+
+
+def trial(name, change, frames=FRAMES):
+    """Of a method that knows the truth and spoils it."""
+    scenario = NAMED[name]
+    _, result = stress.examine(scenario, [method("broken", change, oracle=truths(scenario, frames))], frames=frames)
+    return result
+
+
+def identity(number, image):
+    return image
+
+
+def test_every_failure_is_staged():
+    assert {scenario.failure for scenario in SCENARIOS} == set(FAILURES)
+    assert len(FAILURES) == 17
+    assert len(NAMED) == len(SCENARIOS)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.name)
+def test_scenario(scenario):
+    """It is the same every time, measures the frames from the event on, and the truth holds in every respect."""
+    shots = list(scenario.shots(frames=2))
+    assert [shot.truth is None for shot in shots] == [scenario.warm_up, False]
+    last = shots[-1]
+    assert last.frame.shape == (failures.HEIGHT, failures.WIDTH)
+    assert np.isfinite(last.truth).all()
+    assert np.isfinite(last.frame.color).all()
+    if scenario.deviation > 0:
+        assert last.truth.mean() == pytest.approx(last.frame.color.mean(), rel=0.06 if scenario.fireflies else 0.03)
+    assert (last.former is None) == (scenario.former is None)
+    assert (last.watch is None) == (scenario.watch is None)
+    if last.watch is not None:
+        assert 0 < last.watch.mean() < 1
+
+    numbers = count()
+
+    def step(frame):
+        shot = shots[next(numbers)]
+        for name, array in shot.frame.buffers().items():
+            assert_same_bits(array, frame.buffers()[name])
+        return Result(frame.color if shot.truth is None else shot.truth)
+
+    _, result = stress.examine(scenario, [Method("truth", "truth", lambda: step)], frames=2)
+    assert (result.verdict, result.reason) == ("holds", "")
+    for measure in ("ghost", "lag", "flicker", "bias", "blur", "error", "lost"):
+        assert result.values.get(measure, 0) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["object passes, noisy", "past a mirror, noisy", "wires sway, noisy", "view races"])
+def test_there_is_something_to_see(name):
+    """What moves all the time moves before the event, and each frame differs from the one before."""
+    shots = list(NAMED[name].shots(frames=4))
+    assert [bool(np.abs(shot.frame.motion).max() > 0.1) for shot in shots] == [False, True, True, True]
+    assert np.abs(shots[-1].truth - shots[-2].truth).max() > 0.05
+
+
+def test_noise_depends_on_the_seed():
+    one, other = (next(NAMED["cut, noisy"].shots(seed)).frame.color for seed in (0, 1))
+    assert (one != other).any()
+
+
+def test_uncovered():
+    """What a box leaves behind, and nothing else."""
+    scenario = NAMED["object passes"]
+    before, now = scenario.stage(0), scenario.stage(1)
+    mask = failures.uncovered(now, before)
+    shot = list(scenario.shots(frames=8))[-1]
+    assert 0.005 < mask.mean() < 0.05
+    assert not failures.uncovered(now, now).any()
+    # Three pixels wide, on the side from which the box comes.
+    columns = np.flatnonzero(mask.any(0))
+    box = np.flatnonzero((shot.frame.ids == 3).any(0))
+    assert np.ptp(columns) < 6
+    assert columns.max() < box.max()
+
+
+def test_what_enters_the_view_is_uncovered():
+    scenario = NAMED["view races"]
+    mask = failures.uncovered(scenario.stage(1), scenario.stage(0))
+    assert mask[:, -5:].mean() > 0.9
+
+
+def test_altered_frames():
+    def last(name):
+        return list(NAMED[name].shots(frames=4))[-1].frame
+
+    assert last("ball spins").object_normal is not None
+    assert last("ball spins, world normals").object_normal is None
+    assert last("fine tiles, albedo unknown").albedo is None
+    assert last("screen switches, emission unknown").emission is None
+    bare = last("grazing floor, depth alone")
+    assert bare.camera is None
+    assert set(bare.buffers()) == {"color", "albedo", "depth", "motion", "ids", "emission"}
+    still, shaken = last("jitter"), last("jitter in motion")
+    assert np.abs(still.motion).max() < 1e-6
+    assert np.ptp(shaken.motion, axis=(0, 1)).max() < 1e-5
+    assert np.abs(shaken.motion).max() > 0.1
+
+
+def test_jittered_motion_is_that_of_jittered_cameras():
+    shots = [shot.frame for shot in NAMED["jitter in motion"].shots(frames=4)]
+    cameras = [frame.camera.jittered(frame.jitter) for frame in shots]
+    points = np.float64(shots[3].position)
+    now, before = (camera.project(points)[0] for camera in (cameras[3], cameras[2]))
+    np.testing.assert_allclose(shots[3].motion[..., :2], before - now, atol=1e-4)
+
+
+def test_unannounced_cut():
+    shots = list(NAMED["cut, unannounced"].shots(frames=4))
+    told = list(NAMED["cut"].shots(frames=4))
+    assert not shots[2].frame.motion.any()
+    assert np.abs(told[2].frame.motion).max() > 5
+    assert_same_bits(shots[3].frame.motion, told[3].frame.motion)
+
+
+def test_samples_are_missing_before_the_event():
+    shots = list(NAMED["samples missing"].shots(frames=8))
+    missing = [(~np.isfinite(shot.frame.color)).any(-1).mean() for shot in shots]
+    assert min(missing[:4]) > 0.02
+    assert missing[4:] == [0] * 4
+    [shown, _] = stress.examine(NAMED["samples missing"], [method("same", identity)], frames=8)
+    assert shown.values["lost"] == 0
+
+
+# Methods that are wrong in one respect, and the verdict that they deserve.
+
+
+def test_one_that_stands_still():
+    """It shows for ever what was before the event."""
+    former = list(NAMED["light goes off"].shots(frames=20))[10].former
+    result = trial("light goes off", lambda number, image: former, 20)
+    assert result.verdict == "fails"
+    assert result.values["ghost"] == pytest.approx(1)
+    assert result.values["lag"] == 10
+    assert result.reason.startswith("ghost 1, lag 10, bias")
+
+
+def test_one_that_takes_three_frames():
+    former = list(NAMED["wallpaper swapped"].shots(frames=16))[8].former
+    result = trial("wallpaper swapped", lambda number, image: former if 8 <= number < 11 else image, 16)
+    assert result.values["lag"] == 3
+    assert result.values["flicker"] == 0
+
+
+def test_one_that_is_four_frames_late():
+    """A trail is as long as that."""
+    scenario = NAMED["shadow travels, noisy"]
+    shots = list(scenario.shots(frames=12))
+    assert_same_bits(shots[11].former, shots[7].truth)
+    late = method("late", identity, oracle=[shot.former for shot in shots])
+    _, result = stress.examine(scenario, [late], frames=12)
+    assert result.values["ghost"] == pytest.approx(1)
+    assert "lag" not in result.values
+    assert result.verdict == "fails"
+
+
+def test_one_that_averages_for_long():
+    """The usual cause: a fixed share of the new frame."""
+    scenario = NAMED["light comes on"]
+    memory = {}
+
+    def average(number, image):
+        memory["image"] = image if number == 0 else memory["image"] + 0.2 * (image - memory["image"])
+        return memory["image"]
+
+    _, result = stress.examine(scenario, [method("slow", average)], frames=16)
+    assert result.values["ghost"] > 0.5
+    assert 5 < result.values["lag"] <= 8
+
+
+def test_one_that_flickers():
+    result = trial("wires stand", lambda number, image: image * (1.1 if number % 2 else 0.9))
+    assert result.verdict == "fails"
+    assert result.reason.startswith("flicker")
+    assert abs(result.values["bias"]) < 0.01
+
+
+def test_one_that_darkens():
+    result = trial("fireflies", lambda number, image: 0.8 * image)
+    assert result.verdict == "fails"
+    assert result.values["bias"] == pytest.approx(-0.2, abs=1e-6)
+    assert result.reason == "bias -0.2"
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.5, "degrades"), (1, "fails")])
+def test_one_that_blurs(share, verdict):
+    def blur(number, image):
+        padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), "edge")
+        box = sum(padded[y : y + image.shape[0], x : x + image.shape[1]] for y in range(3) for x in range(3)) / 9
+        return image + share * (box - image)
+
+    result = trial("light goes off, noisy", blur)
+    assert result.verdict == verdict
+    assert result.reason.startswith("blur")
+
+
+def test_one_that_loses_pixels():
+    def hole(number, image):
+        image = image.copy()
+        image[3, 4, 1] = np.nan if number % 2 else np.inf
+        return image
+
+    result = trial("jitter", hole)
+    assert result.values["lost"] == FRAMES // 2
+    assert (result.verdict, result.reason.split(",")[0]) == ("fails", "lost 4")
+    assert (result.worst[3, failures.WIDTH + 4] == (255, 0, 255)).all()
+
+
+def test_one_that_does_nothing():
+    same, result = stress.examine(NAMED["jitter"], [method("same", identity)], frames=FRAMES)
+    assert same.method == "input"
+    assert result.values == same.values
+    assert result.values["error"] == 1
+    assert result.verdict == "fails"
+
+
+def test_one_that_is_a_frame_late():
+    """It loses the last frame of a sequence, as files of some tools do."""
+    scenario = NAMED["three frames"]
+    first, second, _ = truths(scenario)
+    _, result = stress.examine(scenario, [method("late", identity, oracle=[first, first, second])])
+    assert result.verdict == "fails"
+    assert "error" in result.reason
+
+
+def broken(number, image):
+    if number == 3:
+        raise RuntimeError("out of paint")
+    return image
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [(broken, "RuntimeError: out of paint"), (lambda number, image: image[1:], "expected an image of shape")],
+)
+def test_one_that_raises(change, reason):
+    ok = method("same", identity)
+    _, first, failed, last = stress.examine(NAMED["cut"], [ok, method("broken", change), ok], frames=FRAMES)
+    assert failed.verdict == "fails"
+    assert reason in failed.reason
+    assert failed.values == {}
+    assert first.values == last.values
+
+
+def test_the_worst_frame_is_shown():
+    scenario = NAMED["jitter"]
+    result = trial("jitter", lambda number, image: image * (0.5 if number == 6 else 1))
+    height, width = failures.HEIGHT, failures.WIDTH
+    assert result.worst.shape == (height, 4 * width, 3)
+    shot = list(scenario.shots(frames=FRAMES))[6]
+    for column, image in enumerate((shot.frame.color, 0.5 * shot.truth, shot.truth)):
+        encoded = stress.srgb(image) * 255
+        shown = result.worst[:, column * width : (column + 1) * width]
+        assert np.abs(shown - encoded).max() <= 0.5 + 1e-9
+
+
+def test_limits():
+    for limit in stress.LIMITS:
+        assert limit.holds <= limit.degrades
+        assert limit.judge(0) == "holds"
+        assert limit.judge(limit.holds) == limit.judge(-limit.holds) == "holds"
+        assert limit.judge(-limit.degrades * 1.01 - 1e-9) == "fails"
+        assert limit.judge(limit.degrades) in ("holds", "degrades")
+        assert limit.why.endswith(".")
+
+
+@pytest.mark.parametrize("case", stress.STRAINS, ids=lambda case: case.name)
+def test_strain(case):
+    """A method that does nothing stands everything but that its only buffer goes missing."""
+    [result] = stress.strain(case, [method("same", identity)])
+    if case.name == "color of one frame all NaN":
+        assert result.verdict == "fails"
+        assert result.values["lost"] == 48 * 32
+    else:
+        assert result.verdict == "holds"
+        assert result.values["lost"] == 0
+    assert ("difference" in result.values) == (case.ordinary is not None)
+
+
+def test_strain_of_what_depends_on_the_exposure():
+    curve = method("tone", lambda number, image: image / (1 + image))
+    results = {case.name: stress.strain(case, [curve])[0] for case in stress.STRAINS[:6]}
+    assert results["radiance × 1e+06"].verdict == "fails"
+    assert results["radiance × 1e-06"].values["difference"] > 0.3
+
+
+def test_strained_frames():
+    named = {case.name: case for case in stress.STRAINS}
+    [usual, *_], [long, *_] = named["lengths × 250000"].ordinary(), named["lengths × 250000"].frames()
+    assert long.depth.max() > 1e6
+    pixels, depth = long.camera.project(np.float64(long.position))
+    np.testing.assert_allclose(depth, long.depth, rtol=1e-5)
+    np.testing.assert_allclose(pixels, usual.camera.project(np.float64(usual.position))[0], atol=1e-3)
+    frames = named["depth of one frame all NaN"].frames()
+    assert [bool(np.isnan(frame.depth).all()) for frame in frames].index(True) == 5
+    assert sum(bool(np.isnan(frame.depth).any()) for frame in frames) == 1
+    tiny = named["radiance × 1e-40"].frames()[0].color
+    assert 0 < tiny[tiny > 0].min() < np.finfo(np.float32).tiny
+
+
+def endured(change, frames=700, moving=False):
+    return stress.endure(method("one", change), moving=moving, frames=frames, progress=False)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_endurance(moving):
+    """A method that does nothing keeps the energy, the error and the memory."""
+    result = endured(identity, moving=moving)
+    assert result.case == f"700 frames, {'moving' if moving else 'still'}"
+    assert result.verdict == "holds" or result.reason.startswith("drift")
+    assert abs(result.values["bias"]) < 0.01
+    assert abs(result.values["drift"]) < 0.01
+    assert result.values["lost"] == 0
+    assert result.values["relmse"] > 0.1
+
+
+def test_endurance_of_one_that_fades():
+    result = endured(lambda number, image: image * (1 - 1e-4 * number))
+    assert result.values["drift"] == pytest.approx(-0.07, abs=0.01)
+    assert result.verdict == "fails"
+
+
+def test_endurance_of_one_that_gets_worse():
+    rng = np.random.default_rng(0)
+    result = endured(lambda number, image: image + 1e-3 * number * rng.normal(size=image.shape))
+    assert result.values["growth"] > 0.5
+    assert result.verdict == "fails"
+
+
+def test_endurance_of_one_that_leaks():
+    kept = []
+
+    def leak(number, image):
+        kept.append(np.ones((100, 1000)))  # 0.8 MB
+        return image
+
+    result = endured(leak, frames=200)
+    assert result.values["memory"] > 100
+    assert "memory" in result.reason
+    assert result.verdict == "fails"
+
+
+def test_endurance_of_one_that_raises():
+    assert endured(broken).reason == "RuntimeError: out of paint"
+
+
+def test_endurance_of_a_pipeline():
+    [svgf, *_] = PIPELINES
+    result = stress.endure(svgf, moving=True, frames=200, progress=False)
+    assert result.values["lost"] == 0
+    assert abs(result.values["bias"]) < 0.02
+
+
+def test_too_short_to_endure():
+    with pytest.raises(ValueError, match="frames: expected at least 100, got 99"):
+        endured(identity, frames=99)
+
+
+def test_run(tmp_path):
+    names = ["light goes off, noisy", "three frames"]
+    report = stress.run(tmp_path / "new", names, ["SVGF", "TAA seed"], quick=True)
+    assert report.folder == tmp_path / "new"
+    assert [(t.case, t.method) for t in report.trials] == [
+        (name, method) for name in names for method in ("input", "SVGF", "TAA seed")
+    ]
+    written = sorted(path.relative_to(report.folder).as_posix() for path in report.folder.rglob("*.*"))
+    slugs = [f"worst/{name}-{m}.png" for name in ("light-goes-off-noisy", "three-frames") for m in ("svgf", "taa-seed")]
+    assert written == ["stress.csv", "stress.md", *slugs]
+    with Image.open(report.folder / slugs[0]) as picture:
+        assert picture.size == (3 * 4 * failures.WIDTH, 3 * failures.HEIGHT)
+
+    with open(report.folder / "stress.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["case"], row["method"], row["verdict"], row["reason"]) for row in rows] == [
+        (t.case, t.method, t.verdict, t.reason) for t in report.trials
+    ]
+    assert {row["failure"] for row in rows} == {"moving light, light switched", "sequence ends"}
+    for row, one in zip(rows, report.trials, strict=True):
+        for measure, value in one.values.items():
+            assert float(row[measure]) == pytest.approx(value, rel=1e-5)
+
+    table = str(report)
+    text = (report.folder / "stress.md").read_text(encoding="utf-8")
+    assert table in text
+    assert len({len(line) for line in table.strip().splitlines()}) == 1
+    assert re.search(r"\| light goes off, noisy +\| 1\d\.\d dB +\| (holds|degrades|fails)", table)
+    for words in (*FAILURES, *(limit.measure for limit in stress.LIMITS)):
+        assert words in text
+
+    again = stress.run(tmp_path / "again", names, ["SVGF", "TAA seed"], quick=True)
+    for name in ("stress.csv", "stress.md", *slugs):
+        assert (again.folder / name).read_bytes() == (report.folder / name).read_bytes()
+
+
+def test_run_of_all_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr(stress, "STRAINS", stress.STRAINS[:1])
+    one = method("one", lambda number, image: image[: 0 if number == 2 else None])
+    report = stress.run(tmp_path, ["cut"], frames=4, endurance=100, pipelines=[method("same", identity), one])
+    assert list(report.parts) == ["failures", "strains", "endurance"]
+    assert [t.verdict for t in report.trials if t.method == "one"] == ["fails"] * 4
+    assert "fails: ValueError" in str(report)
+    assert len(list(csv.reader((tmp_path / "stress.csv").read_text(encoding="utf-8").splitlines()))) == 10
+    assert not (tmp_path / "worst" / "cut-one.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"scenarios": ["cuts"]}, "scenarios: unknown 'cuts'; there are .*'cut'"),
+        ({"methods": ["SVGF", "NRD"]}, "methods: unknown 'NRD'; there are 'SVGF'"),
+        ({"frames": 1}, "frames: expected at least 2, got 1"),
+        ({"endurance": 50}, "endurance: expected 0 or at least 100, got 50"),
+    ],
+)
+def test_bad_wishes(tmp_path, options, message):
+    """They are refused before anything is done."""
+    with pytest.raises(ValueError, match=message):
+        stress.run(tmp_path / "new", **options)
+    assert not (tmp_path / "new").exists()
+
+
+def test_frames_are_not_copied_needlessly():
+    frame = Frame(np.ones((2, 2, 3), np.float32), depth=np.ones((2, 2)))
+    other = failures.replaced(frame, depth=None)
+    assert other.color is frame.color
+    assert other.depth is None
