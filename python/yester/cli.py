@@ -1,11 +1,11 @@
-"""The command line: `yester demo`, `denoise` and `info`. It parses, calls and reports; the work is elsewhere."""
+"""The command line: it parses, calls and reports; the work is elsewhere."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -87,6 +87,28 @@ def _parser() -> argparse.ArgumentParser:
 
     info = command(_info, "info", "tell what an EXR file holds, what it lacks and what that costs")
     info.add_argument("file", metavar="FILE", type=Path)
+
+    chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
+    chart.add_argument("frames", metavar="FRAMES", nargs="*", help="noisy EXR files: a folder, files or a pattern")
+    chart.add_argument("--references", metavar="REF", nargs="+", help="the same without noise: files of the same names")
+    chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help="%(default)s")
+    chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="by default, all")
+    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="beginnings of names; by default, all")
+    chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
+    chart.add_argument("--ablate", action="store_true", help="instead, switch off each component in turn")
+    render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
+    render("--sequences", metavar="NAME", nargs="+", default=["all"], help="names, tuning, held-out, or all (default)")
+    render("--length", metavar="N", type=_count, default=16, help="frames; %(default)s")
+    render("--size", metavar="WxH", type=_size, default=(256, 192), help="256x192")
+    render("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
+    render("--cache", metavar="DIR", type=Path, help="where they are kept; by default, in the user's cache")
+
+    stress = command(_stress, "stress", "run every pipeline where methods fail, with exact truth, and judge it")
+    stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help="%(default)s")
+    stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="by default, all")
+    stress.add_argument("--methods", metavar="NAME", nargs="+", help="by default, all pipelines and presets")
+    stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
+    stress.add_argument("--quick", action="store_true", help="16 frames of each scenario, and nothing else")
     return parser
 
 
@@ -161,6 +183,77 @@ def _info(options: argparse.Namespace) -> None:
         print("missing:")
         for name, cost in known.missing.items():
             print(f"  {name:<{width}} {cost}")
+
+
+def _chart(options: argparse.Namespace) -> None:
+    _need("study", "OpenEXR", "PIL", "flip_evaluator", "matplotlib", "skimage", "tqdm")
+    from .study import ablation, points
+    from .study.chart import chart
+    from .study.methods import METHODS
+    from .study.metrics import METRICS
+    from .study.peers import peers
+
+    if options.references and not options.frames:
+        raise ValueError("--references: expected FRAMES that they belong to, got none")
+    metrics = options.metrics and _known("--metrics", options.metrics, METRICS)
+    found, absent = ([], {}) if options.no_peers or options.ablate else peers()
+    every = [*METHODS, *found]
+    methods = [m for m in every if not options.methods or m.name.startswith(tuple(options.methods))]
+    if not methods:
+        raise ValueError(f"--methods: expected beginnings of {'; '.join(m.name for m in every)}")
+    folder = _writable(options.output)
+    for name, remedy in absent.items():
+        print(f"not here: {name}: {remedy}", file=sys.stderr)
+    recordings = list(_recordings(options))
+    if not all(recording.references for recording in recordings):
+        print("no references: speed, and steadiness along motion alone, are measured", file=sys.stderr)
+    if options.ablate:
+        chosen = {"metrics": metrics} if metrics else {}
+        effects = ablation.ablate(recordings, folder, **chosen)
+        print(ablation.table([e for e in effects if e.scene == effects[-1].scene]))
+        print(folder / "ablation.csv")
+        return
+    threads, instructions = settings()
+    about = f"yester {__version__}, {threads} threads, {instructions}"
+    measured = chart(recordings, methods, folder, metrics=metrics or METRICS, about=about)
+    print(points.table([point for point in measured if point.scene == measured[-1].scene]))
+    for name in ("report.html", "points.csv"):
+        print(folder / name)
+
+
+def _recordings(options: argparse.Namespace) -> Iterator[Any]:
+    """What to chart: the user's files, or what is rendered, or was before."""
+    from .study.recording import open_recording, record
+
+    if options.frames:
+        yield open_recording(options.frames, options.references)
+        return
+    _need("study", "mitsuba")
+    from .study import scenes
+
+    groups = {"all": scenes.SEQUENCES, "tuning": scenes.TUNING, "held-out": scenes.HELD_OUT}
+    asked = _known("--sequences", options.sequences, [*groups, *scenes.SEQUENCES])
+    width, height = options.size
+    for name in dict.fromkeys(name for one in asked for name in groups.get(one, (one,))):
+        spp = options.reference_spp
+        yield record(name, options.cache, frames=options.length, width=width, height=height, reference_spp=spp)
+
+
+def _known(argument: str, given: list[str], known: Iterable[str]) -> list[str]:
+    for one in given:
+        if one not in known:
+            raise ValueError(f"{argument}: expected some of {', '.join(known)}, got {one}")
+    return given
+
+
+def _stress(options: argparse.Namespace) -> None:
+    _need("study", "PIL", "tqdm")
+    from .study import stress
+
+    named = {"endurance": options.endurance, "quick": options.quick}
+    print(stress.run(options.output, options.scenarios, options.methods, **named))
+    for name in ("stress.md", "stress.csv", "worst"):
+        print(options.output / name)
 
 
 def _vector(values: NDArray[np.float64]) -> str:

@@ -31,6 +31,10 @@ Source = str | os.PathLike[str]
 _REFERENCE_SEEDS = 100_000
 
 
+#: Sequences whose references need more samples than others.
+_HARD = ("many_lights", "switched_light")
+
+
 @dataclass(frozen=True)
 class Recording:
     """A sequence on disk.
@@ -76,7 +80,7 @@ def record(
     height: int = 192,
     seed: int = 0,
     references: Iterable[int] | None = None,
-    reference_spp: int = 256,
+    reference_spp: int | None = None,
 ) -> Recording:
     """Render a sequence of `scenes`, or what is not yet in the cache.
 
@@ -99,8 +103,8 @@ def record(
     references : iterable of int, optional
         Which frames get one: by default the second half, in which methods with memory have warmed up. Measures of
         change need pairs in a row.
-    reference_spp : int, default 256
-        Samples per pixel of references.
+    reference_spp : int, optional
+        Samples per pixel of references: by default 256, or 512 where small lights make more noise.
 
     Returns
     -------
@@ -117,6 +121,8 @@ def record(
     """
     if name not in scenes.SEQUENCES:
         raise ValueError(f"name: expected one of {', '.join(scenes.SEQUENCES)}, got {name!r}")
+    if reference_spp is None:
+        reference_spp = 512 if name in _HARD else 256
     for what, value in dict(frames=frames, width=width, height=height, reference_spp=reference_spp).items():
         if value < 1:
             raise ValueError(f"{what}: expected at least 1, got {value}")

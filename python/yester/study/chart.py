@@ -1,0 +1,243 @@
+"""Speed against accuracy: every method on every sequence, timed in turn and measured."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from yester import Frame, _core, consistency, motion_vectors
+from yester.io.files import beside
+
+from .methods import Method, Result, present
+from .metrics import METRICS, Metric, Picture, metric
+from .points import Point, means, write_csv
+from .recording import Recording
+from .report import save_images, write_figures, write_report
+
+__all__ = ["chart", "measure"]
+
+
+def chart(
+    recordings: Sequence[Recording],
+    methods: Sequence[Method],
+    folder: Path,
+    *,
+    metrics: Iterable[str] = METRICS,
+    images: int = 2,
+    about: str = "",
+) -> list[Point]:
+    """Measure all methods on all sequences, and write what there is to see.
+
+    Writes `points.csv`, a PNG and an SVG for each metric and scene, `report.html`, and below `points/` what `measure`
+    keeps, from which an interrupted run goes on.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        With different names.
+    methods, metrics, images
+        As for `measure`.
+    folder : Path
+        Made if it does not exist.
+    about : str
+        A paragraph at the head of the report.
+
+    Returns
+    -------
+    list of Point
+        Of each scene, and if there are several, their means.
+
+    Raises
+    ------
+    ValueError
+        If two sequences or two methods have the same name, or a metric is unknown.
+    """
+    keys = [metric(key).key for key in metrics]
+    named = {"recordings": [one.name for one in recordings], "methods": [one.name for one in methods]}
+    for what, names in named.items():
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"{what}: expected different names, got {twice[0]} more than once")
+    points = []
+    for recording in recordings:
+        points += measure(recording, methods, folder / "points", metrics=keys, images=images)
+    if len(recordings) > 1:
+        points += means(points)
+    write_csv(points, folder / "points.csv")
+    write_figures(points, folder)
+    write_report(folder / "report.html", points, recordings, about=about)
+    return points
+
+
+def measure(
+    recording: Recording,
+    methods: Sequence[Method],
+    folder: Path,
+    *,
+    metrics: Iterable[str] = METRICS,
+    images: int = 2,
+) -> list[Point]:
+    """Run all methods on one sequence, in turn, frame by frame, and measure what comes out.
+
+    Frames that have a reference are measured, or if none has, those of the second half: then only by metrics that need
+    none. What was measured is kept in the folder; called again with the same methods on the same files, it is read.
+
+    Parameters
+    ----------
+    recording : Recording
+        The sequence.
+    methods : sequence of Method
+        With different names.
+    folder : Path
+        For the points and their images; made if it does not exist.
+    metrics : iterable of str, default all
+        Keys of `METRICS`.
+    images : int, default 2
+        Of how many of the last measured frames images are kept.
+
+    Returns
+    -------
+    list of Point
+        First that of the noisy input, which takes no time; then in the order of the methods.
+
+    Raises
+    ------
+    ValueError
+        If a metric is unknown.
+    """
+    chosen = [metric(key) for key in metrics]
+    place = folder / recording.name
+    known = place / "points.json"
+    methods = [_INPUT, *methods]
+    asked = _identity(recording, methods, chosen, images)
+    if known.exists():
+        kept = json.loads(known.read_text())
+        if kept["asked"] == asked:
+            return [_restored(place, point) for point in kept["points"]]
+    place.mkdir(parents=True, exist_ok=True)
+
+    measured = sorted(recording.references) or [*range(len(recording.frames) // 2, len(recording.frames))]
+    shown = measured[len(measured) - images :] if images else []
+    steps = [method.start() for method in methods]
+    times: list[list[float]] = [[] for _ in methods]
+    values: list[dict[str, list[float]]] = [{} for _ in methods]
+    former: list[Picture] = []
+    frame_before, reference_before = None, None
+    indices = tqdm(range(len(recording.frames)), recording.name, unit="frame", disable=None)
+    for i in indices:
+        frame = recording.frame(i)
+        reference = Picture(recording.reference(i), "reference") if i in recording.references else None
+        flow = _flow(frame_before, frame)
+        pictures = []
+        for number, (method, step) in enumerate(zip(methods, steps, strict=True)):
+            start = time.perf_counter()
+            result = step(frame)
+            times[number].append(1e3 * (time.perf_counter() - start))
+            picture = Picture(result.color, method.name)
+            pictures.append(picture)
+            if i not in measured:
+                continue
+            before = former[number] if former else None
+            given = _given(picture, before, reference, reference_before, flow)
+            for each in chosen:
+                if each.needs in given:
+                    values[number].setdefault(each.key, []).append(each.measure(*given[each.needs]))
+            if i in shown:
+                save_images(place / _file(method.name), i, result, None if reference is None else reference.linear)
+        former, frame_before, reference_before = pictures, frame, reference
+
+    points = []
+    for method, spent, found in zip(methods, times, values, strict=True):
+        # The first frame allocates what the others use.
+        steady = [0.0] if method is _INPUT else spent[1:] or spent
+        low, middle, high = (float(v) for v in np.percentile(steady, [25, 50, 75]))
+        points.append(
+            Point(
+                recording.name,
+                method.name,
+                method.family,
+                method.default,
+                method.peer,
+                middle,
+                (low, high),
+                {each.key: float(np.mean(found[each.key])) for each in chosen if each.key in found},
+                place / _file(method.name) if shown else None,
+            )
+        )
+    text = json.dumps({"asked": asked, "points": [_plain(point) for point in points]}, indent=1)
+    with beside(known) as temporary:
+        temporary.write_text(text)
+    return points
+
+
+#: What the methods start from.
+_INPUT = Method("noisy input", "noisy input", lambda: lambda frame, /: Result(present(frame)))
+
+
+def _given(
+    picture: Picture,
+    before: Picture | None,
+    reference: Picture | None,
+    reference_before: Picture | None,
+    flow: tuple[NDArray[np.float32], NDArray[np.bool_]] | None,
+) -> dict[str, tuple[Any, ...]]:
+    """What there is for metrics that need a reference, two of them, or none."""
+    given: dict[str, tuple[Any, ...]] = {}
+    if reference is not None:
+        given["reference"] = picture, reference
+    if before is not None and reference is not None and reference_before is not None:
+        given["references"] = picture, before, reference, reference_before
+    if before is not None and flow is not None:
+        given["none"] = picture, before, *flow
+    return given
+
+
+def _flow(before: Frame | None, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.bool_]] | None:
+    """The motion from a frame to the one before, and where that shows the same surface; None if unknown."""
+    if before is None:
+        return None
+    motion = frame.motion
+    if motion is None:
+        place = frame.position if frame.position is not None else frame.depth
+        if place is None or frame.camera is None or before.camera is None:
+            return None
+        motion = motion_vectors(place, frame.camera, before.camera)
+    pairs = {name: (getattr(frame, name), getattr(before, name)) for name in ("depth", "normal", "ids")}
+    known = {name: pair for name, pair in pairs.items() if pair[0] is not None and pair[1] is not None}
+    tests = {name: pair[0] for name, pair in known.items()} | {f"previous_{n}": pair[1] for n, pair in known.items()}
+    rejection, _ = consistency(motion, **tests, previous_camera=before.camera)
+    valid = (rejection == 0) & np.isfinite(motion).all(-1)
+    return (motion, valid) if valid.any() else None
+
+
+def _identity(
+    recording: Recording, methods: Sequence[Method], metrics: Sequence[Metric], images: int
+) -> dict[str, Any]:
+    """What must be the same for measurements to be the same."""
+    paths = [*recording.frames, *recording.references.values()]
+    files = [[str(path.resolve()), path.stat().st_mtime_ns] for path in paths]
+    # Until a version is released, its binary tells it from others.
+    built = Path(_core.__file__).stat().st_mtime_ns
+    names = {"methods": [method.name for method in methods], "metrics": [metric.key for metric in metrics]}
+    return {**names, "images": images, "files": files, "built": built}
+
+
+def _file(name: str) -> str:
+    return re.sub(r"[^a-z0-9.]+", "-", name.lower())
+
+
+def _plain(point: Point) -> dict[str, Any]:
+    return asdict(point) | {"images": point.images and point.images.name}
+
+
+def _restored(place: Path, plain: dict[str, Any]) -> Point:
+    images = plain["images"] and place / plain["images"]
+    return Point(**plain | {"ms_range": tuple(plain["ms_range"]), "images": images})

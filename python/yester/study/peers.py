@@ -1,0 +1,184 @@
+"""What others offer: Open Image Denoise, OpenCV's filters, and our own torch reference of SVGF."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import yester
+from yester import Frame, demodulate, remodulate
+from yester._core import settings
+
+from .methods import Method, Result, Step, present
+
+__all__ = ["peers"]
+
+Floats = NDArray[np.float32]
+
+
+def peers() -> tuple[list[Method], dict[str, str]]:
+    """Find the peers that can be had here.
+
+    Returns
+    -------
+    methods : list of Method
+        Open Image Denoise on each frame by itself, with albedo and normals, in three qualities; OpenCV's non-local
+        means on the tone-mapped image, and its joint bilateral and guided filters on the light with normals as
+        guide, each over its main parameter; SVGF as written in torch, in single precision.
+    missing : dict of str to str
+        By name, how to get those that are not here.
+    """
+    found: list[Method] = []
+    missing: dict[str, str] = {}
+    if find_spec("pyoidn"):
+        found += [_peer(f"OIDN {quality}", "OIDN", _oidn, quality) for quality in ("fast", "balanced", "high")]
+    else:
+        missing["Open Image Denoise"] = "pip install 'yester[study]'"
+    if _has_ximgproc():
+        found += [_peer(f"non-local means, h {h:g}", "non-local means", _non_local_means, h) for h in (0.05, 0.1, 0.2)]
+        found += [
+            _peer(f"{family}, {radius} px", family, filter, radius)
+            for family, filter in (("joint bilateral", _joint_bilateral), ("guided filter", _guided))
+            for radius in (4, 8, 16)
+        ]
+    else:
+        missing["OpenCV with ximgproc"] = "pip install 'yester[study]', without other packages of OpenCV beside it"
+    folder = _checkout()
+    if folder and find_spec("torch"):
+        found.append(_peer("SVGF, surfaces only, in torch", "SVGF in torch", _torch_svgf, folder))
+    else:
+        missing["SVGF in torch"] = "run from a checkout, with pip install 'yester[test]'"
+    return found, missing
+
+
+def _peer(name: str, family: str, make: Callable[..., Callable[[Frame], Floats]], *arguments: Any) -> Method:
+    def start() -> Step:
+        step = make(*arguments)
+        return lambda frame, /: Result(step(frame))
+
+    return Method(name, family, start, peer=True)
+
+
+def _oidn(quality: str) -> Callable[[Frame], Floats]:
+    import pyoidn
+
+    device = pyoidn.Device()
+    device.commit()
+    # A filter of its own for each: to change the quality of one builds its network anew.
+    network = pyoidn.Filter(device)
+    network.set_bool("hdr", True)
+    network.set_quality(
+        {"fast": pyoidn.OIDN_QUALITY_FAST, "balanced": pyoidn.OIDN_QUALITY_BALANCED}.get(
+            quality, pyoidn.OIDN_QUALITY_HIGH
+        )
+    )
+    images: dict[str, Floats] = {}
+
+    def step(frame: Frame) -> Floats:
+        given: dict[str, NDArray[Any]] = {"color": present(frame).clip(0)}
+        if frame.albedo is not None:
+            given["albedo"] = frame.albedo.clip(0, 1)
+            # The network knows normals only beside albedo.
+            if frame.normal is not None:
+                given["normal"] = frame.normal
+        if not images:
+            for name in (*given, "output"):
+                images[name] = np.empty_like(frame.color)
+                network.set_image(name, images[name], pyoidn.OIDN_FORMAT_FLOAT3)
+            network.commit()
+        for name, image in given.items():
+            images[name][:] = image
+        network.execute()
+        if error := device.get_error():
+            raise RuntimeError(f"Open Image Denoise: {error}")
+        return images["output"].copy()
+
+    return step
+
+
+def _has_ximgproc() -> bool:
+    return find_spec("cv2") is not None and hasattr(import_module("cv2"), "ximgproc")
+
+
+def _non_local_means(h: float) -> Callable[[Frame], Floats]:
+    import cv2
+
+    def step(frame: Frame) -> Floats:
+        color = present(frame).clip(0)
+        # It wants integers, so that the unbounded is brought to [0, 1): by Reinhard's curve, which keeps highlights.
+        toned = (color / (1 + color) * 65535).astype(np.uint16)
+        clean = cv2.fastNlMeansDenoising(toned, [h * 65535] * 3, None, 5, 15, cv2.NORM_L1) / np.float32(65536)
+        return np.asarray(clean / (1 - clean), np.float32)
+
+    return step
+
+
+def _joint_bilateral(radius: int) -> Callable[[Frame], Floats]:
+    import cv2
+
+    def smooth(light: Floats, guide: Floats) -> Floats:
+        clean = cv2.ximgproc.jointBilateralFilter(guide, light, 2 * radius + 1, 0.2, radius / 2)
+        return np.asarray(clean, np.float32)
+
+    return _on_light(smooth)
+
+
+def _guided(radius: int) -> Callable[[Frame], Floats]:
+    import cv2
+
+    def smooth(light: Floats, guide: Floats) -> Floats:
+        return np.asarray(cv2.ximgproc.guidedFilter(guide, light, radius, 1e-3), np.float32)
+
+    return _on_light(smooth)
+
+
+def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], Floats]:
+    """What textures allow: the filter sees the light without albedo, if that is known, and is guided by normals."""
+
+    def step(frame: Frame) -> Floats:
+        color = present(frame)
+        guide = color if frame.normal is None else frame.normal
+        if frame.albedo is None:
+            return smooth(color, guide)
+        light = demodulate(color, frame.albedo, emission=frame.emission)
+        return remodulate(smooth(light, guide), frame.albedo, emission=frame.emission)
+
+    return step
+
+
+def _checkout() -> Path | None:
+    """Where the torch references are: beside the package's sources, or below the current folder."""
+    for root in (Path(yester.__file__).parents[2], Path.cwd()):
+        folder = root / "tests"
+        if (folder / "reference" / "svgf.py").is_file():
+            return folder
+    return None
+
+
+def _torch_svgf(folder: Path) -> Callable[[Frame], Floats]:
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+    import torch
+
+    reference = import_module("reference")
+    torch.set_num_threads(settings()[0])
+    state = reference.SVGF()
+
+    def step(frame: Frame) -> Floats:
+        absent: Mapping[str, None] = dict.fromkeys(yester.frame.BUFFERS)
+        tensors = {
+            name: torch.from_numpy(array.astype(np.int64) if array.dtype == np.uint32 else array)
+            for name, array in frame.buffers().items()
+        }
+        output = state.step(SimpleNamespace(**{**absent, **tensors}, camera=frame.camera, jitter=frame.jitter))
+        return np.asarray(output.color, np.float32)
+
+    return step

@@ -1,0 +1,147 @@
+"""What was measured: one method on one sequence is a point; means, fronts and tables of them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from yester.io.files import beside
+
+from .metrics import METRICS, Metric
+
+__all__ = ["ALL", "Point", "means", "pareto", "table", "write_csv"]
+
+#: What the scene of a `Point` is called that holds means over all.
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One method on one sequence.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the recording, or `ALL` for means over all of them.
+    method, family : str
+        As in `Method`.
+    default, peer : bool
+        As in `Method`.
+    ms : float
+        Median time of a frame in milliseconds, without the first.
+    ms_range : (float, float)
+        The quartiles.
+    values : dict of str to float
+        By key of `METRICS`: means over the frames that have what the metric needs. Metrics that no frame has it for are
+        absent.
+    images : Path or None
+        The folder with the images of this point.
+    """
+
+    scene: str
+    method: str
+    family: str
+    default: bool
+    peer: bool
+    ms: float
+    ms_range: tuple[float, float]
+    values: dict[str, float]
+    images: Path | None = None
+
+
+def means(points: Sequence[Point]) -> list[Point]:
+    """Average every method over all sequences.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Of several scenes. Methods and metrics that some scene lacks are left out: means over other scenes would not be
+        comparable.
+
+    Returns
+    -------
+    list of Point
+        With the scene `ALL` and without images. Metrics and times are plain means.
+    """
+    scenes = {point.scene for point in points}
+    by_method: dict[str, list[Point]] = {}
+    for point in points:
+        by_method.setdefault(point.method, []).append(point)
+    result = []
+    for same in by_method.values():
+        if len(same) < len(scenes):
+            continue
+        common = [name for name in METRICS if all(name in point.values for point in same)]
+        result.append(
+            replace(
+                same[0],
+                scene=ALL,
+                ms=float(np.mean([point.ms for point in same])),
+                ms_range=tuple(np.mean([point.ms_range for point in same], axis=0).tolist()),
+                values={name: float(np.mean([point.values[name] for point in same])) for name in common},
+                images=None,
+            )
+        )
+    return result
+
+
+def pareto(points: Sequence[Point], metric: Metric) -> list[Point]:
+    """Find the points that no other beats in both time and a metric.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Of one scene. Those without the metric are left out.
+    metric : Metric
+        What counts beside time.
+
+    Returns
+    -------
+    list of Point
+        From the fastest to the best.
+    """
+    sign = -1 if metric.higher_is_better else 1
+    front: list[Point] = []
+    for point in sorted(
+        (point for point in points if metric.key in point.values),
+        key=lambda point: (point.ms, sign * point.values[metric.key]),
+    ):
+        if not front or sign * point.values[metric.key] < sign * front[-1].values[metric.key]:
+            front.append(point)
+    return front
+
+
+def table(points: Sequence[Point]) -> str:
+    """Write the points of one scene as text, the best of each column marked with a star."""
+    metrics = [metric for metric in METRICS.values() if any(metric.key in point.values for point in points)]
+    best = {
+        metric.key: (max if metric.higher_is_better else min)(
+            point.values[metric.key] for point in points if metric.key in point.values
+        )
+        for metric in metrics
+    }
+    width = max(len(point.method) for point in points)
+    head = f"{'':<{width}}{'ms':>9}" + "".join(f"{metric.key:>16}" for metric in metrics)
+    rows = [head]
+    for point in points:
+        cells = []
+        for metric in metrics:
+            value = point.values.get(metric.key)
+            cells.append("" if value is None else f"{value:.4f}{'*' if value == best[metric.key] else ' '}")
+        rows.append(f"{point.method:<{width}}{point.ms:>9.1f}" + "".join(f"{cell:>16}" for cell in cells))
+    return "\n".join(rows)
+
+
+def write_csv(points: Sequence[Point], path: Path) -> None:
+    """Write all points, one a row; cells of metrics that a point has not are empty."""
+    with beside(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["scene", "method", "family", "default", "peer", "ms", "ms_low", "ms_high", *METRICS])
+        for point in points:
+            values = [point.values.get(name, "") for name in METRICS]
+            flags = [int(point.default), int(point.peer)]
+            writer.writerow([point.scene, point.method, point.family, *flags, point.ms, *point.ms_range, *values])

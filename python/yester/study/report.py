@@ -1,0 +1,554 @@
+"""What was measured, to look at: charts as PNG and SVG, and one HTML page with charts, table and images in it.
+
+The page asks the network for nothing and can be sent as it is. Its charts are those of the files.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from tqdm import tqdm
+
+from yester import Rejection
+from yester.io.files import beside
+
+from .methods import Result
+from .metrics import METRICS, Metric, flip_map, metric, srgb
+from .points import ALL, Point, pareto
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .recording import Recording
+
+__all__ = ["draw", "save_images", "stored_images", "write_figures", "write_report"]
+
+#: Where the colours of maps end: the error (FLIP) and the length of history, in frames, that are drawn as the largest.
+WORST, LONGEST = 0.5, 32
+
+# After Okabe and Ito, "Color Universal Design" (2008); the light ones darker, to stand on white as well as on black.
+_COLORS = ("#0072b2", "#d55e00", "#009e73", "#b8589a", "#cc8a00", "#3d9bd1", "#7a7f87")
+_OURS, _PEERS = ("o", "^", "v", "p"), ("D", "s", "X", "P")
+_INK, _GRID, _PAPER = "#1f2328", "#d8dee4", "#ffffff"
+_REJECTIONS = dict(zip(Rejection, ("#4dabf7", "#ffd43b", "#69db7c", "#f783ac", "#ff922b", "#ffffff"), strict=True))
+
+#: How exact images are: colours as far as one sees, the map of errors less, the others entirely.
+_KINDS: dict[str, dict[str, Any]] = {
+    "color": {"quality": 85},
+    "error": {"quality": 50},
+    "history": {"lossless": True},
+    "confidence": {"lossless": True},
+    "rejection": {"lossless": True},
+}
+
+
+def save_images(folder: Path, index: int, result: Result, reference: ArrayLike | None = None) -> None:
+    """Write what a page shows of one frame.
+
+    ``color_0007.webp`` is the image as a display shows it. The others are maps in 8 bits, grey: ``error`` is FLIP from
+    0 to 0.5 and more, ``history`` the length of the history in whole frames from 0 to 32 and more, ``confidence`` goes
+    from 0 to 1, and ``rejection`` has the bits of `yester.Rejection`. What the result or the absent reference cannot
+    tell is not written, and removed if it is there.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it does not exist.
+    index : int
+        Of the frame.
+    result : Result
+        What a method made of the frame.
+    reference : (H, W, 3) array_like of float, optional
+        Linear.
+
+    Raises
+    ------
+    ValueError
+        If the reference has another size than the result, or either has values that are not finite.
+    ImportError
+        If Pillow, or with a reference flip-evaluator, is not installed.
+    """
+    coded = _pictures(result, reference)
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind in _KINDS:
+        path = folder / f"{kind}_{index:04}.webp"
+        if kind in coded:
+            with beside(path) as temporary:
+                temporary.write_bytes(coded[kind])
+        else:
+            path.unlink(missing_ok=True)
+
+
+def stored_images(folder: Path) -> dict[int, dict[str, Path]]:
+    """Find what `save_images` wrote, by frame and kind: ``color``, ``error``, ``history`` and so on.
+
+    Parameters
+    ----------
+    folder : Path
+        Of one method on one sequence.
+
+    Returns
+    -------
+    dict of int to dict of str to Path
+        In order; other files are left out.
+    """
+    found: dict[int, dict[str, Path]] = {}
+    for path in sorted(folder.iterdir()):
+        named = re.fullmatch(r"([a-z]+)_(\d+)\.webp", path.name)
+        if named and named[1] in _KINDS:
+            found.setdefault(int(named[2]), {})[named[1]] = path
+    return dict(sorted(found.items()))
+
+
+def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | None = None) -> Figure:
+    """Draw a metric over the time of a frame.
+
+    A family has one colour, a line, and its name beside it; peers have another shape and are hollow, defaults are
+    ringed. Thin lines are the quartiles of the time. What no other point beats in both time and metric is joined by a
+    pale line. A point that takes no time, such as the noisy input, is a horizontal line.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Of one scene. Those without a finite value of the metric are left out.
+    metric : Metric
+        One of `metrics.METRICS`.
+    among : sequence of Point, optional
+        All points that are to be drawn, in this and other charts: a family has the same colour in them. By default
+        those of this chart.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The markers of ``points[i]`` have the gid ``point-i``.
+
+    Raises
+    ------
+    ValueError
+        If no point has the metric, or they are of several scenes.
+    ImportError
+        If matplotlib is not installed.
+    """
+    scenes = {point.scene for point in points}
+    if len(scenes) > 1:
+        raise ValueError(f"points: expected those of one scene, got {', '.join(sorted(scenes))}")
+    shown = [(i, point) for i, point in enumerate(points) if np.isfinite(point.values.get(metric.key, np.nan))]
+    if not shown:
+        raise ValueError(f"points: expected at least one with a finite {metric.key}, got none")
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("charts need matplotlib: pip install 'yester[study]'") from error
+
+    # At 72 dots per inch a pixel is a point, the unit of offsets.
+    figure = Figure((8.4, 5.4), dpi=72)
+    axes = _axes(figure, metric, [point.values[metric.key] for _, point in shown])
+    styles = _styles(points if among is None else among)
+    families: dict[str, list[tuple[float, float]]] = {}
+    timed = []
+    for i, point in shown:
+        value = point.values[metric.key]
+        if point.ms <= 0:
+            axes.axhline(value, color=_INK, linestyle=(0, (5, 3)), linewidth=1.2, gid=f"point-{i}")
+            words: dict[str, Any] = {"textcoords": "offset points", "color": _INK, "size": 9.5}
+            axes.annotate(point.method, (0, value), (4, 3), ("axes fraction", "data"), **words)
+            continue
+        color, marker = styles[point.family]
+        timed.append(point)
+        families.setdefault(point.family, []).append((point.ms, value))
+        axes.plot(point.ms_range, [value] * 2, color=color, linewidth=1, alpha=0.5, zorder=2)
+        axes.plot(
+            *([point.ms], [value]),
+            marker=marker,
+            markersize=9 if point.default else 6.5,
+            color=_PAPER if point.peer else color,
+            markeredgecolor=_INK if point.default else color,
+            markeredgewidth=1.6 if point.default or point.peer else 0,
+            linestyle="none",
+            zorder=4 + point.default,
+            gid=f"point-{i}",
+        )
+    front = pareto(timed, metric)
+    stairs = [point.ms for point in front], [point.values[metric.key] for point in front]
+    axes.plot(*stairs, color=_INK, alpha=0.13, linewidth=7, solid_capstyle="round", drawstyle="steps-post", zorder=1)
+    axes.autoscale_view()  # else the limits, and with them the places of points, come with the drawing only
+    lines = {family: _ordered(axes, np.array(places)) for family, places in families.items()}
+    for family, line in lines.items():
+        axes.plot(*line.T, color=styles[family][0], linewidth=1.4, alpha=0.8, zorder=3)
+    if lines:
+        _name(axes, lines, {family: _dark(color) for family, (color, _) in styles.items()})
+    figure.text(0.085, 0.955, _title(*scenes), color=_INK, size=13, weight="bold", va="center")
+    _key(figure, default=any(p.default for _, p in shown), peer=any(p.peer for _, p in shown))
+    return figure
+
+
+def write_figures(points: Sequence[Point], folder: Path) -> list[Path]:
+    """Write the charts of all metrics and scenes as PNG and SVG.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Of any number of scenes.
+    folder : Path
+        For ``psnr_all.png`` and so on; made if it does not exist.
+
+    Returns
+    -------
+    list of Path
+        The files written. A metric that no point of a scene has, has no chart for it.
+
+    Raises
+    ------
+    ValueError
+        If there are no points, or they have a metric that is not known.
+    ImportError
+        If matplotlib is not installed.
+    """
+    _known(points)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for scene, each, figure in _charts(points):
+        for kind in ("png", "svg"):
+            path = folder / f"{each.key}_{re.sub(r'[^A-Za-z0-9._-]+', '-', scene)}.{kind}"
+            with beside(path) as temporary, temporary.open("wb") as file:
+                _save(figure, file, kind)
+            written.append(path)
+    return written
+
+
+def write_report(
+    path: Path,
+    points: Sequence[Point],
+    recordings: Iterable[Recording],
+    *,
+    title: str = "Yester: error over time",
+    about: str = "",
+) -> None:
+    """Write the page: charts, a table and images to compare, in one file that needs nothing else.
+
+    Parameters
+    ----------
+    path : Path
+        Of the HTML file.
+    points : sequence of Point
+        Of any number of scenes; those whose `images` is a folder of `save_images` can be looked at.
+    recordings : iterable of Recording
+        The sequences of those points: their references are shown beside the methods' images.
+    title, about : str
+        Heading, and a paragraph below it: on what machine, with what options.
+
+    Raises
+    ------
+    ValueError
+        If there are no points, two of the same scene and method, a metric that is not known, or images of a scene that
+        is not among the recordings.
+    ImportError
+        If matplotlib, Pillow or flip-evaluator is not installed.
+    """
+    _known(points)
+    by_name = {recording.name: recording for recording in recordings}
+    by_scene: dict[str, list[Point]] = {}
+    stored: dict[str, dict[str, dict[int, dict[str, Path]]]] = {}
+    for point in points:
+        same = by_scene.setdefault(point.scene, [])
+        if any(point.method == other.method for other in same):
+            raise ValueError(f"points: expected each method once in {point.scene}, got {point.method} twice")
+        same.append(point)
+        if point.images is not None:
+            if point.scene not in by_name:
+                raise ValueError(f"recordings: expected one named {point.scene}, got {', '.join(by_name) or 'none'}")
+            stored.setdefault(point.scene, {})[point.method] = stored_images(point.images)
+    by_scene = dict(sorted(by_scene.items(), key=lambda item: item[0] != ALL))
+    template = files("yester.study").joinpath("report.html").read_text("utf-8")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with beside(path) as temporary:
+        charts: dict[str, dict[str, str]] = {scene: {} for scene in by_scene}
+        for scene, each, figure in _charts(points):
+            charts[scene][each.key] = _inline(figure)
+        styles = _styles(points)
+        # Parameters that leave a map as it is share it.
+        images: dict[bytes, int] = {}
+        data: dict[str, Any] = {
+            "metrics": [{"key": m.key, "label": m.label, "higher": m.higher_is_better} for m in _metrics(points)],
+            "scenes": [
+                {
+                    "name": scene,
+                    "title": _title(scene),
+                    "points": [_plain(point, styles) for point in same],
+                    "charts": charts[scene],
+                }
+                for scene, same in by_scene.items()
+            ],
+            "sequences": [
+                _sequence(by_name[scene], by_scene[scene], found, images)
+                for scene, found in tqdm(stored.items(), "images", unit="scene", disable=None)
+            ],
+            "maps": {
+                "error": {"label": "error (FLIP)", "high": WORST, "more": True, "colors": _gradient("magma")},
+                "history": {"label": "history length", "high": LONGEST, "more": True, "colors": _gradient("viridis")},
+                "confidence": {"label": "confidence", "high": 1, "more": False, "colors": _gradient("viridis")},
+            },
+            "rejections": [
+                {"bit": bit.value, "name": (bit.name or "").lower(), "color": color}
+                for bit, color in _REJECTIONS.items()
+            ],
+        }
+        data["images"] = [f"data:image/webp;base64,{base64.b64encode(image).decode()}" for image in images]
+        # No text of the data may end the element that it stands in.
+        text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+        colors = "".join(
+            f"--line{i}: color-mix(in srgb, {color} var(--pure), var(--ink)); "
+            f"--name{i}: color-mix(in srgb, {color} 60%, var(--ink)); "
+            for i, color in enumerate(_COLORS)
+        )
+        filled = {"title": html.escape(title), "about": html.escape(about), "colors": colors, "data": text}
+        temporary.write_text(re.sub(r"{{(\w+)}}", lambda name: filled[name[1]], template), "utf-8")
+
+
+def _known(points: Sequence[Point]) -> None:
+    if not points:
+        raise ValueError("points: expected at least one, got none")
+    for key in {key for point in points for key in point.values}:
+        metric(key)
+
+
+def _title(scene: str) -> str:
+    return "Mean over all scenes" if scene == ALL else scene
+
+
+def _metrics(points: Sequence[Point]) -> list[Metric]:
+    """Those that some point can be drawn in."""
+    return [
+        each for each in METRICS.values() if any(np.isfinite(point.values.get(each.key, np.nan)) for point in points)
+    ]
+
+
+def _charts(points: Sequence[Point]) -> Iterable[tuple[str, Metric, Figure]]:
+    """Scene, metric and chart, wherever there is something to draw."""
+    by_scene: dict[str, list[Point]] = {}
+    for point in points:
+        by_scene.setdefault(point.scene, []).append(point)
+    wanted = [(scene, same, each) for scene, same in by_scene.items() for each in _metrics(same)]
+    for scene, same, each in tqdm(wanted, "charts", unit="chart", disable=None):
+        yield scene, each, draw(same, each, among=points)
+
+
+def _axes(figure: Figure, metric: Metric, values: Sequence[float]) -> Any:
+    """Time to the right, the metric upwards; what spans much is logarithmic."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    axes = figure.add_axes((0.085, 0.105, 0.895, 0.775), facecolor="none")
+    spread = not metric.higher_is_better and min(values) > 0 and max(values) > 8 * min(values)
+    axes.set(xscale="log", yscale="log" if spread else "linear")
+    for axis in (axes.xaxis, axes.yaxis)[: 1 + spread]:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.minorticks_off()
+    axes.margins(0.07, 0.08)
+    axes.grid(color=_GRID, linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.tick_params(length=0, labelsize=9, labelcolor=_INK, pad=5)
+    for side, spine in axes.spines.items():
+        spine.set(visible=side in ("left", "bottom"), edgecolor=_GRID)
+    which = "higher" if metric.higher_is_better else "lower"
+    axes.set_xlabel("time of a frame [ms]", color=_INK, size=10)
+    axes.set_ylabel(f"{metric.label}, {which} is better", color=_INK, size=10)
+    return axes
+
+
+def _key(figure: Figure, *, default: bool, peer: bool) -> None:
+    """What the markers mean."""
+    from matplotlib.lines import Line2D
+
+    mark: dict[str, Any] = {"linestyle": "none", "markersize": 7, "color": _INK, "markeredgewidth": 0}
+    ring: dict[str, Any] = {"markeredgecolor": _INK, "markeredgewidth": 1.6}
+    keys = [Line2D([], [], marker="o", label="Yester", **mark)]
+    if default:
+        keys.append(Line2D([], [], marker="o", label="its default", **mark | ring | {"color": _GRID}))
+    if peer:
+        keys.append(Line2D([], [], marker="D", label="others", **mark | ring | {"color": _PAPER}))
+    keys.append(Line2D([], [], color=_INK, alpha=0.13, linewidth=7, label="Pareto front"))
+    place: dict[str, Any] = {"loc": "center right", "bbox_to_anchor": (0.985, 0.955), "frameon": False}
+    figure.legend(handles=keys, ncols=len(keys), fontsize=9, labelcolor=_INK, columnspacing=1.6, **place)
+
+
+def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str]]:
+    """Colour and marker of each family; when colours run out, they come again with other markers."""
+    styles: dict[str, tuple[str, str]] = {}
+    for peer, markers in ((False, _OURS), (True, _PEERS)):
+        families = dict.fromkeys(point.family for point in points if point.peer is peer and point.ms > 0)
+        for i, family in enumerate(families):
+            styles[family] = _COLORS[i % len(_COLORS)], markers[i // len(_COLORS) % len(markers)]
+    return styles
+
+
+def _ordered(axes: Any, line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points of a family along the axis on which they are further apart: parameters may cost time or not."""
+    places = axes.transData.transform(line)
+    return line[np.argsort(places[:, np.ptp(places, axis=0).argmax()], kind="stable")]
+
+
+def _name(axes: Any, lines: dict[str, NDArray[np.float64]], colors: dict[str, str]) -> None:
+    """Write each family's name beside one of its points, where it covers least."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    style: dict[str, Any] = {"size": 9.5, "ha": "center", "va": "center", "zorder": 6}
+    renderer = FigureCanvasAgg(axes.figure).get_renderer()
+    halves = {}
+    for family in lines:
+        text = axes.figure.text(0.5, 0.5, family, **style)
+        halves[family] = text.get_window_extent(renderer).size / 2
+        text.remove()
+    places = {family: axes.transData.transform(line) for family, line in lines.items()}
+    leader = {"arrowstyle": "-", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 5}
+    for family, (point, offset) in _clear(places, halves, axes.get_window_extent(renderer)).items():
+        far = bool((np.abs(offset) - halves[family] > 10).any())
+        arrow = {**leader, "color": colors[family]} if far else None
+        place = {"xytext": offset, "textcoords": "offset points", "color": colors[family]}
+        axes.annotate(family, lines[family][point], arrowprops=arrow, **place, **style)
+
+
+def _dark(color: str) -> str:
+    """A colour of which text can be read on paper."""
+    pure, ink = (np.frombuffer(bytes.fromhex(c[1:]), np.uint8) for c in (color, _INK))
+    return "#" + np.rint(0.6 * pure + 0.4 * ink).astype(np.uint8).tobytes().hex()
+
+
+def _clear(
+    lines: dict[str, NDArray[np.float64]], halves: dict[str, NDArray[np.float64]], frame: Any
+) -> dict[str, tuple[int, NDArray[np.float64]]]:
+    """For each line the point beside which a box of a given half size covers least, and how far from it. In pixels."""
+    marks = np.concatenate([*lines.values()])
+    steps = np.linspace(0, 1, 16)[:, None, None]
+    strokes = np.concatenate([(line[:-1] * (1 - steps) + line[1:] * steps).reshape(-1, 2) for line in lines.values()])
+    sides = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (0.7, 0.7), (-0.7, 0.7), (0.7, -0.7), (-0.7, -0.7)])
+    gaps = np.repeat([8, 18, 32, 50, 75], len(sides))
+    sides = np.tile(sides, (5, 1))
+    taken: dict[str, tuple[int, NDArray[np.float64]]] = {}
+    for _ in range(3):  # the first did not know where the last would be
+        for family, line in lines.items():
+            half = halves[family]
+            offsets = sides * gaps[:, None] + np.sign(sides) * half
+            boxes = (line[:, None] + offsets).reshape(-1, 2)
+            cost = 0.06 * np.tile(gaps, len(line)) + 4 * _inside(marks, boxes, half + 4).sum(1)
+            cost += 0.5 * _inside(strokes, boxes, half + 1).sum(1)
+            for other, (point, offset) in taken.items():
+                if other != family:
+                    cost += 50 * _inside(lines[other][point] + offset[None], boxes, half + halves[other] + 1)[:, 0]
+            cost += 100 * ((boxes - half < frame.min).any(1) | (boxes + half > frame.max).any(1))
+            best = int(cost.argmin())
+            taken[family] = best // len(offsets), offsets[best % len(offsets)]
+    return taken
+
+
+def _inside(points: NDArray[np.float64], middles: NDArray[np.float64], half: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points lie in which boxes, (boxes, points)."""
+    return np.asarray((np.abs(points - middles[:, None]) < half).all(-1), np.bool_)
+
+
+def _save(figure: Figure, file: Any, kind: str, paper: str = _PAPER) -> None:
+    from matplotlib import rc_context
+
+    # The same points give the same bytes.
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "yester"}):
+        metadata = {"Date": None} if kind == "svg" else None
+        figure.savefig(file, format=kind, dpi=160, facecolor=paper, metadata=metadata)
+
+
+def _inline(figure: Figure) -> str:
+    """The SVG as an element of the page, with its colours and its font."""
+    file = StringIO()
+    _save(figure, file, "svg", paper="none")
+    svg = file.getvalue()
+    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    svg = re.sub(r" font-family: [^;\"]*;", "", svg)
+    svg = re.sub(r"\s*\n\s*", "\n", svg)
+    for name, color in (("ink", _INK), ("grid", _GRID), ("paper", _PAPER)):
+        svg = svg.replace(color, f"var(--{name})")
+    for i, color in enumerate(_COLORS):
+        svg = svg.replace(color, f"var(--line{i})").replace(_dark(color), f"var(--name{i})")
+    return svg
+
+
+def _plain(point: Point, styles: dict[str, tuple[str, str]]) -> dict[str, Any]:
+    return {
+        **{name: getattr(point, name) for name in ("method", "default", "peer", "ms")},
+        "range": point.ms_range,
+        "values": {key: value for key, value in point.values.items() if np.isfinite(value)},
+        "color": f"var(--line{_COLORS.index(styles[point.family][0])})" if point.ms > 0 else "var(--ink)",
+    }
+
+
+def _sequence(
+    recording: Recording,
+    points: Sequence[Point],
+    stored: dict[str, dict[int, dict[str, Path]]],
+    images: dict[bytes, int],
+) -> dict[str, Any]:
+    """What there is to see of one sequence: the methods' images and the references."""
+    frames = sorted({index for each in stored.values() for index in each})
+    sources = []
+    for point in points:
+        files = [stored.get(point.method, {}).get(index, {}) for index in frames]
+        read = [{kind: path.read_bytes() for kind, path in each.items()} for each in files]
+        family = point.family if point.ms > 0 else None
+        sources.append(_source(point.method, read, images) | {"family": family, "default": point.default})
+    known = [index in recording.references for index in frames]
+    truth = [_pictures(Result(recording.reference(i))) if has else {} for i, has in zip(frames, known, strict=True)]
+    sources.append(_source("reference", truth, images))
+    return {"name": recording.name, "frames": frames, "sources": [source for source in sources if source["views"]]}
+
+
+def _source(name: str, frames: Sequence[dict[str, bytes]], images: dict[bytes, int]) -> dict[str, Any]:
+    """Something that has images: by kind the number of the image of each frame, or null."""
+    views = {
+        kind: [images.setdefault(frame[kind], len(images)) if kind in frame else None for frame in frames]
+        for kind in _KINDS
+        if any(kind in frame for frame in frames)
+    }
+    return {"name": name, "views": views}
+
+
+def _pictures(result: Result, reference: ArrayLike | None = None) -> dict[str, bytes]:
+    """The files that `save_images` writes, by kind."""
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise ImportError("images of the report need Pillow: pip install 'yester[study]'") from error
+    images = {"color": _bytes(srgb(result.color))}
+    if reference is not None:
+        images["error"] = _bytes(flip_map(result.color, reference) / WORST)
+    if result.history_length is not None:
+        images["history"] = _bytes(np.rint(result.history_length) / LONGEST)
+    if result.confidence is not None:
+        images["confidence"] = _bytes(result.confidence)
+    if result.rejection is not None:
+        images["rejection"] = result.rejection
+    coded = {}
+    for kind, image in images.items():
+        file = BytesIO()
+        Image.fromarray(image).save(file, "webp", **_KINDS[kind])
+        coded[kind] = file.getvalue()
+    return coded
+
+
+def _bytes(values: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    """0 to 1 in 8 bits."""
+    return np.asarray(np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def _gradient(name: str) -> str:
+    """The 256 colours of a colour map, in hexadecimal digits."""
+    from matplotlib import colormaps
+
+    return str(colormaps[name](np.arange(256), bytes=True)[:, :3].tobytes().hex())

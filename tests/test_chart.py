@@ -1,0 +1,199 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yester
+from compare import assert_same_bits
+from yester.io import read_exr, write_exr
+from yester.study import ablation, metrics
+from yester.study.ablation import ABLATIONS, ablate
+from yester.study.chart import chart, measure
+from yester.study.methods import METHODS, PIPELINES, Method, Result, pipeline
+from yester.study.points import ALL
+from yester.study.recording import Recording, record
+
+QUICK = ("psnr", "relmse", "temporal_error", "warped_error")
+SVGF = PIPELINES[0]
+BLACK = Method("black", "black", lambda: lambda frame, /: Result(np.zeros_like(frame.color)))
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Recording:
+    return record("cornell_box", tmp_path_factory.mktemp("cache"), frames=6, width=32, height=24, reference_spp=16)
+
+
+def counted(method):
+    """The method, and how often it was started."""
+    starts = []
+
+    def start():
+        starts.append(1)
+        return method.start()
+
+    return replace(method, start=start), starts
+
+
+def test_names_are_different():
+    assert len({method.name for method in METHODS}) == len(METHODS)
+    assert set(PIPELINES) < set(METHODS)
+    assert [method.name for method in PIPELINES if method.default] == ["SVGF", "TAA best"]
+
+
+@pytest.mark.parametrize("method", PIPELINES, ids=lambda method: method.name)
+def test_methods_are_the_pipelines(method, recording):
+    step = method.start()
+    for i in range(2):
+        result = step(recording.frame(i))
+    assert result.color.shape == (24, 32, 3)
+    assert result.history_length.max() == 2
+    assert result.confidence.max() == 1
+    assert result.rejection.any()
+
+
+def test_values_are_those_of_the_metrics(recording, tmp_path):
+    """Means over the frames that have a reference, of what the pipeline gives."""
+    noisy, svgf, _ = measure(recording, [SVGF, BLACK], tmp_path, metrics=QUICK, images=2)
+    assert (noisy.method, noisy.ms, noisy.scene) == ("noisy input", 0, "cornell_box")
+    assert svgf.default
+    assert svgf.ms_range[0] <= svgf.ms <= svgf.ms_range[1]
+    state, images = yester.SVGF(), []
+    for i in range(6):
+        images.append(state.step(recording.frame(i)).color)
+    truth = {i: recording.reference(i) for i in (3, 4, 5)}
+    for key in ("psnr", "relmse"):
+        want = np.mean([getattr(metrics, key)(images[i], truth[i]) for i in truth])
+        assert svgf.values[key] == pytest.approx(want)
+    pairs = [(images[i], images[i - 1], truth[i], truth[i - 1]) for i in (4, 5)]
+    want = np.mean([metrics.temporal_error(*pair) for pair in pairs])
+    assert svgf.values["temporal_error"] == pytest.approx(want)
+    assert list(svgf.values) == list(QUICK)
+    assert noisy.values["psnr"] == pytest.approx(
+        np.mean([metrics.psnr(recording.frame(i).color, truth[i]) for i in truth])
+    )
+    assert sorted(path.name for path in svgf.images.glob("color*")) == ["color_0004.webp", "color_0005.webp"]
+    assert sorted(path.name for path in svgf.images.glob("history*")) == ["history_0004.webp", "history_0005.webp"]
+
+
+def test_what_is_measured_is_kept(recording, tmp_path):
+    method, starts = counted(SVGF)
+    first = measure(recording, [method], tmp_path, metrics=QUICK)
+    assert measure(recording, [method], tmp_path, metrics=QUICK) == first
+    assert len(starts) == 1
+    measure(recording, [method], tmp_path, metrics=["psnr"])
+    assert len(starts) == 2
+    measure(recording, [replace(method, name="another")], tmp_path, metrics=["psnr"])
+    assert len(starts) == 3
+
+
+def test_an_interrupted_run_goes_on(recording, tmp_path):
+    """Sequences that were finished are not run again; of the others nothing is left half-way."""
+    method, starts = counted(SVGF)
+    shorter = replace(recording, name="shorter", frames=recording.frames[1:], references={})
+
+    def start():
+        seen = []
+
+        def step(frame, /):
+            seen.append(frame)
+            if len(starts) == 2 and len(seen) == 3:
+                raise KeyboardInterrupt
+            return Result(np.zeros_like(frame.color))
+
+        return step
+
+    methods = [method, replace(BLACK, start=start)]
+    with pytest.raises(KeyboardInterrupt):
+        chart([recording, shorter], methods, tmp_path, metrics=QUICK)
+    assert (tmp_path / "points" / "cornell_box" / "points.json").exists()
+    assert not (tmp_path / "points" / "shorter" / "points.json").exists()
+    assert not (tmp_path / "points.csv").exists()
+    points = chart([recording, shorter], methods, tmp_path, metrics=QUICK)
+    assert len(starts) == 3
+    assert chart([recording, shorter], methods, tmp_path, metrics=QUICK) == points
+    assert len(starts) == 3
+
+
+def test_without_references(recording, tmp_path):
+    """Steadiness along motion and speed are all there is."""
+    bare = replace(recording, references={})
+    noisy, svgf = measure(bare, [SVGF], tmp_path)
+    assert set(noisy.values) == set(svgf.values) == {"warped_error"}
+    assert 0 < svgf.values["warped_error"] < 0.5 * noisy.values["warped_error"]
+
+
+def test_frames_of_colour_alone(recording, tmp_path):
+    """Nothing can be measured along a motion that nobody knows."""
+    paths = []
+    for i in range(3):
+        paths.append(tmp_path / f"{i}.exr")
+        write_exr(paths[-1], read_exr(recording.frames[i]).color)
+    points = measure(Recording("bare", paths, {}), [SVGF], tmp_path)
+    assert [point.values for point in points] == [{}, {}]
+
+
+def test_all_is_written(recording, tmp_path):
+    points = chart([recording, replace(recording, name="second")], [SVGF, BLACK], tmp_path, metrics=QUICK, about="here")
+    assert [point.scene for point in points] == ["cornell_box"] * 3 + ["second"] * 3 + [ALL] * 3
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"points.csv", "report.html", "psnr_all.png", "psnr_second.svg", "relmse_cornell_box.png"} < names
+    assert "here" in (tmp_path / "report.html").read_text()
+    assert not [name for name in names if name.endswith(".tmp")]
+
+
+def test_bad_input_does_nothing(recording, tmp_path):
+    folder = tmp_path / "out"
+    with pytest.raises(ValueError, match="recordings: expected different names, got cornell_box more than once"):
+        chart([recording, recording], [SVGF], folder)
+    with pytest.raises(ValueError, match="methods: expected different names, got SVGF more than once"):
+        chart([recording], [SVGF, SVGF], folder)
+    with pytest.raises(ValueError, match="metric: expected one of psnr"):
+        chart([recording], [SVGF], folder, metrics=["nonsense"])
+    assert not folder.exists()
+
+
+def test_a_method_that_breaks_is_named(recording, tmp_path):
+    bad = Method("broken", "broken", lambda: lambda frame, /: Result(np.full_like(frame.color, np.nan)))
+    with pytest.raises(ValueError, match=r"^broken: 2304 of 2304 values are not finite"):
+        measure(recording, [bad], tmp_path, metrics=QUICK)
+
+
+# Ablation
+
+
+@pytest.mark.parametrize("each", ABLATIONS, ids=lambda each: each.method.name)
+def test_each_component_does_something(each, recording):
+    whole, other = each.whole.start(), each.method.start()
+    same = all(np.array_equal(*(step(recording.frame(i)).color for step in (whole, other))) for i in range(6))
+    assert not same
+
+
+def test_the_stage_of_the_ablation_is_svgfs(recording):
+    """Apart, as the ablation has them, both stages give the bits that they give together."""
+    whole, parts = pipeline(yester.SVGF)(), ablation._antialiased()()
+    for i in range(4):
+        frame = recording.frame(i)
+        assert_same_bits(whole(frame).color, parts(frame).color)
+
+
+def test_effects(recording, tmp_path, monkeypatch):
+    """Gains are those of having the component, whether the default has it or not."""
+    known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
+    some = (known["antialiasing"], known["pass 5"])
+    monkeypatch.setattr(ablation, "ABLATIONS", some)
+    recordings = [recording, replace(recording, name="second")]
+    effects = ablate(recordings, tmp_path, metrics=["psnr", "relmse"])
+    assert [(e.scene, e.component) for e in effects] == [
+        (scene, component) for scene in ("cornell_box", "second", ALL) for component in ("antialiasing", "pass 5")
+    ]
+    methods = [known["antialiasing"].whole, *(each.method for each in some)]
+    _, whole, without, more = measure(recording, methods, tmp_path, metrics=["psnr", "relmse"], images=0)
+    first, second = effects[:2]
+    assert first.gains["psnr"] == pytest.approx(whole.values["psnr"] - without.values["psnr"])
+    assert first.gains["relmse"] == pytest.approx(1 - whole.values["relmse"] / without.values["relmse"])
+    assert second.gains["psnr"] == pytest.approx(more.values["psnr"] - whole.values["psnr"])
+    assert effects[-2].gains["psnr"] == pytest.approx(first.gains["psnr"])
+    assert effects[-2].better["psnr"] == 2 * (first.gains["psnr"] > 0)
+    lines = ablation.table(effects[-2:]).splitlines()
+    assert lines[1].startswith("SVGF - antialiasing")
+    assert lines[2].startswith("SVGF + pass 5")
+    assert len((tmp_path / "ablation.csv").read_text().splitlines()) == 7

@@ -1,0 +1,100 @@
+import importlib.util
+
+import numpy as np
+import pyoidn
+import pytest
+import scene
+import yester
+from compare import assert_same_bits
+from yester.study import peers as module
+from yester.study.metrics import relmse
+from yester.study.peers import peers
+
+FOUND, MISSING = peers()
+
+
+def frames(count, *names):
+    """The analytic scene with noise; its buffers, or some of them."""
+    rng, before = np.random.default_rng(0), None
+    for number in range(count):
+        shot = scene.shoot(number, 96, 64)
+        buffers = shot.buffers()
+        if before is not None:
+            moves = scene.transforms(number)
+            motion = yester.motion_vectors(shot.position, shot.camera, before.camera, ids=shot.ids, transforms=moves)
+            buffers["motion"] = motion
+        before = shot
+        given = {name: buffers[name] for name in names or buffers if name in buffers}
+        yield yester.Frame(scene.noisy(shot, rng), **given), shot.color
+
+
+def test_all_are_here():
+    assert MISSING == {}
+    families = {method.family for method in FOUND}
+    assert families == {"OIDN", "non-local means", "joint bilateral", "guided filter", "SVGF in torch"}
+    assert all(method.peer and not method.default for method in FOUND)
+    assert len({method.name for method in FOUND}) == len(FOUND) >= 13
+
+
+@pytest.mark.parametrize("method", FOUND, ids=lambda method: method.name)
+def test_each_denoises(method):
+    step = method.start()
+    for frame, truth in frames(3):
+        result = step(frame)
+        assert result.color.shape == truth.shape
+        assert result.color.dtype == np.float32
+        # Non-local means take the noise of single samples for texture.
+        most = 1.0 if method.family == "non-local means" else 0.5
+        assert relmse(result.color, truth) < most * relmse(frame.color, truth)
+
+
+@pytest.mark.parametrize("names", [["camera"], ["albedo", "camera"], ["normal", "camera"]], ids=str)
+@pytest.mark.parametrize("method", FOUND, ids=lambda method: method.name)
+def test_each_does_with_less(method, names):
+    step = method.start()
+    for frame, truth in frames(2, *names):
+        holed = frame.color.copy()
+        holed[5, 7] = np.nan
+        holed[9, 9, 1] = np.inf
+        given = {name: value for name, value in frame.buffers().items() if name != "color"}
+        color = step(yester.Frame(holed, **given, camera=frame.camera)).color
+        assert np.isfinite(color).all()
+        assert relmse(color, truth) < relmse(frame.color, truth)
+
+
+@pytest.mark.parametrize("method", FOUND, ids=lambda method: method.name)
+def test_highlights_stay(method):
+    """A wide bright spot is not cut off at white."""
+    color = np.full((48, 64, 3), 0.2, np.float32)
+    color[12:36, 16:48] = 20
+    assert method.start()(yester.Frame(color)).color[24, 32].min() > 15
+
+
+def test_oidn_is_itself():
+    for frame, _ in frames(1):
+        for method in FOUND:
+            if method.family == "OIDN":
+                quality = method.name.split()[-1]
+                want = pyoidn.denoise(frame.color, frame.albedo, frame.normal, hdr=True, quality=quality)
+                assert_same_bits(method.start()(frame).color, want)
+
+
+def test_torch_is_ours():
+    (method,) = (method for method in FOUND if method.family == "SVGF in torch")
+    step, svgf = method.start(), yester.SVGF(reflections=())
+    for frame, _ in frames(4):
+        other, ours = step(frame).color, svgf.step(frame).color
+        assert np.mean(np.abs(other - ours) > 1e-3 * np.abs(ours) + 1e-5) < 0.005
+
+
+def test_what_is_missing_is_named(monkeypatch):
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    found, missing = peers()
+    assert found == []
+    assert list(missing) == ["Open Image Denoise", "OpenCV with ximgproc", "SVGF in torch"]
+    assert all("pip install 'yester[" in remedy for remedy in missing.values())
+    monkeypatch.setattr(module, "find_spec", importlib.util.find_spec)
+    monkeypatch.setattr(module, "_checkout", lambda: None)
+    found, missing = peers()
+    assert "checkout" in missing["SVGF in torch"]
+    assert len(found) == len(FOUND) - 1
