@@ -1,9 +1,11 @@
 """Every kernel and pipeline against their torch references at 1920×1080: ``python tests/speed.py``.
 
-All in one run, in turn; prints the medians in ms. The references run in float32, with as many threads as the kernels.
+With beginnings of names, those alone. All in one run, in turn; prints the medians in ms. The references run in float32,
+with as many threads as the kernels.
 """
 
 import statistics
+import sys
 import time
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -31,15 +33,17 @@ def compare(name: str, kernel: Callable, twin: Callable) -> None:
     print(f"{name:<28}{ours:>10.1f}{theirs:>10.1f}{theirs / ours:>8.1f}", flush=True)
 
 
-def kernels() -> None:
+def kernels(chosen: tuple[str, ...]) -> None:
     for name, (kernel, arguments) in calls(HEIGHT, WIDTH).items():
+        if not name.startswith(chosen):
+            continue
         tensors = {key: tensor(value, torch.float32) for key, value in arguments.items()}
         twin = getattr(reference, kernel.__name__)
         compare(name, lambda: kernel(**arguments), lambda: twin(**tensors))  # noqa: B023
 
 
-def pipelines() -> None:
-    """With all defaults, on frames with everything but a replay."""
+def pipelines(chosen: tuple[str, ...]) -> None:
+    """With the defaults that the references know, on frames with everything but a replay."""
     shot = scene.shoot(1, WIDTH, HEIGHT)
     camera = scene.camera(0, WIDTH, HEIGHT)
     buffers = shot.buffers()
@@ -49,7 +53,11 @@ def pipelines() -> None:
     absent = dict.fromkeys(("emission", "object_normal", "replay"))
     frame, twin = yester.Frame(**buffers), SimpleNamespace(**absent, **tensor(buffers, torch.float32))
     for name in ("SVGF", "TAA"):
-        ours, theirs = getattr(yester, name)(), getattr(reference, name)()
+        if not name.startswith(chosen):
+            continue
+        # The reference of SVGF has no reflections.
+        options = {"reflections": ()} if name == "SVGF" else {}
+        ours, theirs = getattr(yester, name)(**options), getattr(reference, name)()
         # The first step has no history to bring along.
         ours.step(frame), theirs.step(twin)
         compare(f"{name}.step", lambda: ours.step(frame), lambda: theirs.step(twin))  # noqa: B023
@@ -59,8 +67,9 @@ def main() -> None:
     threads, instructions = yester._core.settings()
     torch.set_num_threads(threads)
     print(f"{threads} threads, {instructions}; medians of {RUNS}\n{'':<28}{'yester':>10}{'torch':>10}{'ratio':>8}")
-    kernels()
-    pipelines()
+    chosen = tuple(sys.argv[1:]) or ("",)
+    kernels(chosen)
+    pipelines(chosen)
 
 
 if __name__ == "__main__":

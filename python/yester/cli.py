@@ -195,18 +195,28 @@ def _chart(options: argparse.Namespace) -> None:
 
     if options.references and not options.frames:
         raise ValueError("--references: expected FRAMES that they belong to, got none")
+    if options.ablate and options.methods:
+        raise ValueError("--methods: expected none with --ablate, which has its own")
     metrics = options.metrics and _known("--metrics", options.metrics, METRICS)
+    bare = options.frames and not options.references
+    if bare:
+        metrics = [key for key in metrics or METRICS if METRICS[key].needs == "none"]
+        if not metrics:
+            raise ValueError(f"--metrics: expected some that do without --references, got {', '.join(options.metrics)}")
     found, absent = ([], {}) if options.no_peers or options.ablate else peers()
     every = [*METHODS, *found]
+    for one in options.methods or ():
+        if not any(m.name.startswith(one) for m in every):
+            known = "; ".join([*(m.name for m in every), *(f"(not here) {name}" for name in absent)])
+            raise ValueError(f"--methods: expected beginnings of {known}, got {one}")
     methods = [m for m in every if not options.methods or m.name.startswith(tuple(options.methods))]
-    if not methods:
-        raise ValueError(f"--methods: expected beginnings of {'; '.join(m.name for m in every)}")
+    given = _recordings(options)
     folder = _writable(options.output)
     for name, remedy in absent.items():
         print(f"not here: {name}: {remedy}", file=sys.stderr)
-    recordings = list(_recordings(options))
-    if not all(recording.references for recording in recordings):
+    if bare:
         print("no references: speed, and steadiness along motion alone, are measured", file=sys.stderr)
+    recordings = list(given)
     if options.ablate:
         chosen = {"metrics": metrics} if metrics else {}
         effects = ablation.ablate(recordings, folder, **chosen)
@@ -221,22 +231,23 @@ def _chart(options: argparse.Namespace) -> None:
         print(folder / name)
 
 
-def _recordings(options: argparse.Namespace) -> Iterator[Any]:
-    """What to chart: the user's files, or what is rendered, or was before."""
+def _recordings(options: argparse.Namespace) -> Iterable[Any]:
+    """What to chart: the user's files, or what is rendered, or was before, once it is asked for."""
     from .study.recording import open_recording, record
 
     if options.frames:
-        yield open_recording(options.frames, options.references)
-        return
+        return [open_recording(options.frames, options.references)]
     _need("study", "mitsuba")
     from .study import scenes
 
     groups = {"all": scenes.SEQUENCES, "tuning": scenes.TUNING, "held-out": scenes.HELD_OUT}
     asked = _known("--sequences", options.sequences, [*groups, *scenes.SEQUENCES])
+    if options.cache:
+        _writable(options.cache)
     width, height = options.size
-    for name in dict.fromkeys(name for one in asked for name in groups.get(one, (one,))):
-        spp = options.reference_spp
-        yield record(name, options.cache, frames=options.length, width=width, height=height, reference_spp=spp)
+    shape = {"frames": options.length, "width": width, "height": height, "reference_spp": options.reference_spp}
+    names = dict.fromkeys(name for one in asked for name in groups.get(one, (one,)))
+    return (record(name, options.cache, **shape) for name in names)
 
 
 def _known(argument: str, given: list[str], known: Iterable[str]) -> list[str]:

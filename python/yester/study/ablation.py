@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -123,6 +124,8 @@ ABLATIONS = (
         _ablation(_SVGF, component, start, added=True)
         for component, start in {
             "pass 5": pipeline(SVGF, iterations=5),
+            "tolerance of 4 sigma": pipeline(SVGF, sigma_luminance=4),
+            "6 distances": pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf)),
             "feedback": pipeline(SVGF, feedback=True),
             "soft thresholds": pipeline(
                 SVGF, relative_depth=(0.05, 0.15), plane_distance=(0.005, 0.015), normal_angle=(15, 35)

@@ -1,0 +1,320 @@
+"""The commands that chart and stress, run as people run them."""
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import scene
+import yester
+from PIL import Image
+from test_cli import noise, refused, run
+from yester.io import read_exr, write_exr
+from yester.study.ablation import ABLATIONS
+from yester.study.failures import SCENARIOS
+from yester.study.methods import METHODS, PIPELINES
+from yester.study.metrics import METRICS
+
+#: As on a machine where some modules are not installed.
+BARE = """
+import sys
+sys.modules.update(dict.fromkeys(sys.argv.pop(1).split(",")))
+from yester.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+LITTLE = ("--length", 4, "--size", "32x24", "--reference-spp", 4)
+QUICK = ("--metrics", "psnr", "warped_error", "--methods", "SVGF, 6", "TAA best", "--no-peers")
+ALONE = "no references: speed, and steadiness along motion alone, are measured"
+
+
+def without(modules, *arguments, code=0):
+    return run(modules, *arguments, code=code, program=("-c", BARE))
+
+
+def interrupted(*arguments, until):
+    """Press Ctrl-C as soon as something is the case."""
+    command = [sys.executable, "-m", "yester", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while not until():
+            assert process.poll() is None, process.communicate()
+            time.sleep(1e-3)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (130, "yester: interrupted\n")
+
+
+def table(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def files(folder):
+    """Whatever is there, hidden files too: all of them whole."""
+    found = {path for path in folder.rglob("*") if path.is_file()}
+    for path in found:
+        match path.suffix:
+            case ".exr":
+                read_exr(path)
+            case ".png" | ".webp":
+                with Image.open(path) as image:
+                    image.load()
+            case ".json":
+                json.loads(path.read_text())
+            case suffix:
+                assert suffix in (".csv", ".html", ".md", ".svg"), path
+                assert path.stat().st_size > 0
+    return found
+
+
+def ages(folder, pattern):
+    return {path: path.stat().st_mtime_ns for path in folder.rglob(pattern)}
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """Somebody's frames and what they should be, under other names: the analytic scene."""
+    folder = tmp_path_factory.mktemp("own")
+    rng = np.random.default_rng(0)
+    for kind in ("shot", "truth"):
+        (folder / kind).mkdir()
+    for i in range(4):
+        shot = scene.shoot(i, 32, 24)
+        write_exr(folder / "shot" / f"frame{i}.exr", yester.Frame(scene.noisy(shot, rng), **shot.buffers()))
+        write_exr(folder / "truth" / f"clean{i}.exr", shot.color)
+    return folder
+
+
+# Chart
+
+
+def test_chart(tmp_path):
+    out = tmp_path / "new" / "out"
+    arguments = ("--sequences", "cornell_box", *LITTLE, "--cache", tmp_path / "cache", *QUICK)
+    result = run("chart", *arguments, "-o", out)
+    assert result.stderr == ""
+    names = ["noisy input", "SVGF, 6 distances", "TAA best", *(f"TAA best, alpha {a}" for a in (0.03, 0.1, 0.3))]
+    rows = table(out / "points.csv")
+    assert [row["method"] for row in rows] == names
+    assert {row["scene"] for row in rows} == {"cornell_box"}
+    for row in rows:
+        assert [key for key in METRICS if row[key]] == ["psnr", "warped_error"]
+    assert float(rows[1]["psnr"]) > float(rows[0]["psnr"]) + 1
+    assert float(rows[1]["warped_error"]) < 0.5 * float(rows[0]["warped_error"])
+    head, *lines, report, points = result.stdout.splitlines()
+    assert head.split() == ["ms", "psnr", "warped_error"]
+    for row, line in zip(rows, lines, strict=True):
+        assert line.startswith(row["method"])
+        assert f"{float(row['psnr']):.4f}" in line
+    assert (report, points) == (str(out / "report.html"), str(out / "points.csv"))
+    figures = {f"{key}_cornell_box.{kind}" for key in ("psnr", "warped_error") for kind in ("png", "svg")}
+    assert {path.name for path in out.iterdir()} == {"points", "points.csv", "report.html", *figures}
+    text = (out / "report.html").read_text()
+    assert all(name in text for name in (*names, f"yester {yester.__version__}"))
+    assert len(list((tmp_path / "cache").rglob("*.exr"))) == 4 + 2
+    files(tmp_path)
+
+
+def test_chart_of_own_files(own, tmp_path):
+    """In any order on the command line, and without the renderer."""
+    arguments = ("-o", tmp_path, *QUICK[:-1], "--no-peers", own / "shot", "--references", own / "truth")
+    result = without("mitsuba", "chart", *arguments)
+    assert result.stderr == ""
+    noisy, svgf, *_ = table(tmp_path / "points.csv")
+    assert (noisy["scene"], noisy["ms"], svgf["method"]) == ("shot", "0.0", "SVGF, 6 distances")
+    assert float(svgf["psnr"]) > float(noisy["psnr"]) + 1
+    files(tmp_path)
+
+
+def test_chart_without_references(own, tmp_path):
+    """What needs one is left out, and that is said."""
+    result = run("chart", own / "shot", "--no-peers", "--methods", "TAA seed", "-o", tmp_path)
+    assert result.stderr.splitlines() == [ALONE]
+    for row in table(tmp_path / "points.csv"):
+        assert [key for key in METRICS if row[key]] == ["warped_error"]
+    assert {path.name for path in tmp_path.glob("*.png")} == {"warped_error_shot.png"}
+    files(tmp_path)
+
+
+def test_chart_of_colour_alone(tmp_path):
+    """There is nothing but time to measure."""
+    (tmp_path / "plain").mkdir()
+    for i in range(2):
+        write_exr(tmp_path / "plain" / f"{i}.exr", noise(seed=i))
+    result = run("chart", tmp_path / "plain", *QUICK, "-o", tmp_path / "out")
+    assert result.stderr.splitlines() == [ALONE]
+    assert result.stdout.split()[:3] == ["ms", "noisy", "input"]
+    rows = table(tmp_path / "out" / "points.csv")
+    assert not any(row[key] for row in rows for key in METRICS)
+    assert all(float(row["ms"]) > 0 for row in rows[1:])
+    files(tmp_path)
+
+
+@pytest.mark.parametrize("bare", [False, True])
+def test_ablation(own, tmp_path, bare):
+    given = () if bare else ("--references", own / "truth", "--metrics", "psnr", "relmse")
+    result = run("chart", own / "shot", *given, "--ablate", "-o", tmp_path)
+    keys = ["warped_error"] if bare else ["psnr", "relmse"]
+    assert result.stderr.splitlines() == [ALONE] * bare
+    head, *lines, written = result.stdout.splitlines()
+    assert head.split() == [*keys, "costs", "ms"]
+    assert [line[:32].rstrip() for line in lines] == [each.method.name for each in ABLATIONS]
+    assert written == str(tmp_path / "ablation.csv")
+    rows = table(tmp_path / "ablation.csv")
+    assert list(rows[0])[4:] == ["ms", *keys]
+    assert [row["component"] for row in rows] == [each.component for each in ABLATIONS]
+    assert all(row[key] for row in rows for key in keys)
+    assert {path.name for path in tmp_path.iterdir()} == {"ablation", "ablation.csv"}
+    files(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("modules", "absent", "there"),
+    [
+        ("pyoidn,torch", ["Open Image Denoise", "SVGF in torch"], ["guided filter, 4 px", "guided filter, 8 px"]),
+        ("pyoidn,cv2,torch", ["Open Image Denoise", "OpenCV with ximgproc", "SVGF in torch"], []),
+    ],
+)
+def test_missing_peers_are_named(own, tmp_path, modules, absent, there):
+    """And the others are charted."""
+    arguments = ("chart", own / "shot", "--references", own / "truth", "--metrics", "psnr", "-o", tmp_path)
+    methods = ("--methods", "TAA seed, alpha 0.1", *there)
+    result = without(modules, *arguments, *methods)
+    lines = result.stderr.splitlines()
+    assert [line.split(": ")[:2] for line in lines] == [["not here", name] for name in absent]
+    assert all("pip install 'yester[" in line for line in lines)
+    assert [row["method"] for row in table(tmp_path / "points.csv")][1:] == list(methods[1:])
+
+
+def test_chart_refuses_before_work_starts(own, tmp_path):
+    out, cache = tmp_path / "out", tmp_path / "cache"
+    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "wide").mkdir()
+    (tmp_path / "few").mkdir()
+    for i in range(4):
+        write_exr(tmp_path / "wide" / f"{i}.exr", noise(width=40))
+    for i in range(3):
+        write_exr(tmp_path / "few" / f"{i}.exr", noise())
+    there = {path.name for path in tmp_path.iterdir()}
+
+    def chart(*arguments):
+        return refused("chart", *arguments, "--no-peers", "-o", out, "--cache", cache)
+
+    assert all(name in chart("--metrics", "psnr", "pnsr") for name in ("--metrics", "pnsr", "warped_error"))
+    line = chart(*LITTLE, "--methods", "SVGF", "svfg")
+    assert all(name in line for name in ("--methods", "got svfg", *(method.name for method in METHODS)))
+    line = chart(*LITTLE, "--sequences", "tuning", "cornell")
+    assert all(name in line for name in ("--sequences", "got cornell", "held-out", "cornell_box"))
+    assert "--references: expected FRAMES" in chart("--references", own / "truth")
+    assert "--methods" in chart(own / "shot", "--ablate", "--methods", "SVGF")
+    assert "--metrics" in chart(own / "shot", "--metrics", "psnr", "relmse")
+    assert "--length" in chart("--length", 0)
+    assert "32by24" in chart("--size", "32by24")
+    assert "--reference-spp" in chart("--reference-spp", "many")
+    assert "nowhere" in chart(tmp_path / "nowhere")
+    assert "empty: no EXR files" in chart(tmp_path / "empty")
+    assert "file: not an EXR file" in chart(tmp_path / "file")
+    line = chart(own / "shot", "--references", tmp_path / "wide")
+    assert all(part in line for part in (str(tmp_path / "wide" / "0.exr"), "40 x 24", "32 x 24"))
+    line = chart(own / "shot", "--references", tmp_path / "few")
+    assert "references: expected one for each of 4 frames, got 3" in line
+    assert "nowhere" in chart(own / "shot", "--references", tmp_path / "nowhere")
+    assert "0.exr: expected 32 x 24" in chart(own / "shot", tmp_path / "wide")
+    assert {path.name for path in tmp_path.iterdir()} == there
+
+
+def test_places_that_cannot_be_written(tmp_path):
+    """Found out before anything is rendered or staged."""
+    (tmp_path / "file").write_text("in the way")
+    place, cache = tmp_path / "file" / "here", tmp_path / "cache"
+    assert f"{place}: cannot be written" in refused("chart", *LITTLE, *QUICK, "--cache", cache, "-o", place)
+    assert f"{place}: cannot be written" in refused("chart", *LITTLE, *QUICK, "--cache", place, "-o", tmp_path / "out")
+    assert str(place) in refused("stress", "--quick", "-o", place)
+    assert (tmp_path / "file").read_text() == "in the way"
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [tmp_path / "file"]
+
+
+def test_missing_extras_name_their_install_line(tmp_path):
+    for modules in ("skimage", "mitsuba"):
+        result = without(modules, "chart", "-o", tmp_path / "out", code=2)
+        assert result.stderr == f"yester: error: {modules} not installed: pip install 'yester[study]'\n"
+    assert "pip install 'yester[study]'" in without("PIL", "stress", "-o", tmp_path / "out", code=2).stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupted_chart_goes_on(tmp_path):
+    """Interrupted while it renders, and while it measures; what was done is not done again."""
+    out, cache = tmp_path / "out", tmp_path / "cache"
+    arguments = ("chart", "--sequences", "cornell_box", "tapestry", "--length", 8, "--size", "32x24")
+    arguments += ("--reference-spp", 16, "--metrics", "psnr", "--methods", "SVGF", "--no-peers")
+    arguments += ("--cache", cache, "-o", out)
+
+    interrupted(*arguments, until=lambda: [*cache.rglob("*.exr")])
+    files(tmp_path)
+    rendered = ages(cache, "*.exr")
+    assert 0 < len(rendered) < 2 * (8 + 4)
+
+    interrupted(*arguments, until=(out / "points" / "tapestry").exists)
+    files(tmp_path)
+    assert {path.name for path in out.iterdir()} == {"points"}
+    assert [path.parent.name for path in out.rglob("points.json")] == ["cornell_box"]
+    measured = ages(out / "points" / "cornell_box", "*")
+    assert ages(cache, "*.exr").items() > rendered.items()
+    rendered = ages(cache, "*.exr")
+    assert len(rendered) == 2 * (8 + 4)
+
+    text = run(*arguments).stdout
+    files(tmp_path)
+    assert ages(cache, "*.exr") == rendered
+    assert ages(out / "points" / "cornell_box", "*") == measured
+    rows = table(out / "points.csv")
+    assert list(dict.fromkeys(row["scene"] for row in rows)) == ["cornell_box", "tapestry", "all"]
+    # What is printed are the means.
+    assert f"{float(rows[-1]['psnr']):.4f}" in text.splitlines()[-3]
+
+
+# Stress
+
+
+def test_stress(tmp_path):
+    out = tmp_path / "new" / "out"
+    names = ("cut", "light goes off")
+    result = run("stress", "--quick", "--scenarios", *names, "--methods", "SVGF", "-o", out)
+    assert result.stderr == ""
+    head, _, *cells = [line.split("|")[1:-1] for line in result.stdout.splitlines() if line.startswith("|")]
+    assert [cell.strip() for cell in head] == ["failures", "input", "SVGF"]
+    assert [row[0].strip() for row in cells] == list(names)
+    assert all(row[1].strip().endswith(" dB") for row in cells)
+    assert result.stdout.splitlines()[-3:] == [str(out / name) for name in ("stress.md", "stress.csv", "worst")]
+    rows = table(out / "stress.csv")
+    assert [(row["case"], row["method"]) for row in rows] == [(name, by) for name in names for by in ("input", "SVGF")]
+    for row, cell in zip(rows[1::2], cells, strict=True):
+        assert cell[2].strip().startswith(row["verdict"])
+        assert float(row["relmse"]) > 0
+    table_of_verdicts = result.stdout.partition("\n\n")[0]
+    assert table_of_verdicts in (out / "stress.md").read_text()
+    assert {path.name for path in (out / "worst").iterdir()} == {"cut-svgf.png", "light-goes-off-svgf.png"}
+    files(tmp_path)
+
+
+def test_stress_refuses_before_work_starts(tmp_path):
+    def stress(*arguments):
+        return refused("stress", "-o", tmp_path / "out", *arguments)
+
+    line = stress("--scenarios", "cut", "cat")
+    assert all(name in line for name in ("scenarios", "'cat'", *(scenario.name for scenario in SCENARIOS)))
+    line = stress("--methods", "SVGF", "svfg")
+    assert all(name in line for name in ("methods", "'svfg'", *(method.name for method in PIPELINES)))
+    assert "endurance: expected 0 or at least 100, got 50" in stress("--endurance", 50)
+    assert "--endurance" in stress("--endurance", "long")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_an_interrupted_stress_leaves_whole_files(tmp_path):
+    interrupted("stress", "--quick", "--methods", "SVGF", "-o", tmp_path, until=lambda: [*tmp_path.rglob("*.png")])
+    assert 0 < len(files(tmp_path)) < len(SCENARIOS)
+    assert [path.name for path in tmp_path.iterdir()] == ["worst"]
