@@ -1,4 +1,4 @@
-import importlib.util
+import sys
 
 import numpy as np
 import pyoidn
@@ -88,13 +88,24 @@ def test_torch_is_ours():
 
 
 def test_what_is_missing_is_named(monkeypatch):
-    monkeypatch.setattr(module, "find_spec", lambda name: None)
-    found, missing = peers()
+    with monkeypatch.context() as here:
+        for name in ("pyoidn", "cv2", "torch"):
+            here.setitem(sys.modules, name, None)
+        found, missing = peers()
     assert found == []
     assert list(missing) == ["Open Image Denoise", "OpenCV with ximgproc", "SVGF in torch"]
     assert all("pip install 'yester[" in remedy for remedy in missing.values())
-    monkeypatch.setattr(module, "find_spec", importlib.util.find_spec)
     monkeypatch.setattr(module, "_checkout", lambda: None)
     found, missing = peers()
     assert "checkout" in missing["SVGF in torch"]
     assert len(found) == len(FOUND) - 1
+
+
+def test_a_peer_that_does_not_start_is_missing(monkeypatch):
+    """As one whose libraries the system has not."""
+
+    def broken(name):
+        raise OSError("libtbb.so.12: cannot open shared object file")
+
+    monkeypatch.setattr(module, "import_module", broken)
+    assert peers()[0] == []

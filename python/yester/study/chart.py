@@ -134,7 +134,7 @@ def measure(
     indices = tqdm(range(len(recording.frames)), recording.name, unit="frame", disable=None)
     for i in indices:
         frame = recording.frame(i)
-        reference = Picture(recording.reference(i), "reference") if i in recording.references else None
+        reference = _reference(recording, i)
         flow = _flow(frame_before, frame)
         pictures = []
         for number, (method, step) in enumerate(zip(methods, steps, strict=True)):
@@ -180,6 +180,11 @@ def measure(
 
 #: What the methods start from.
 _INPUT = Method("noisy input", "noisy input", lambda: lambda frame, /: Result(present(frame)))
+
+
+def _reference(recording: Recording, index: int) -> Picture | None:
+    path = recording.references.get(index)
+    return None if path is None else Picture(recording.reference(index), str(path))
 
 
 def _given(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -38,7 +37,7 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     """
     found: list[Method] = []
     missing: dict[str, str] = {}
-    if find_spec("pyoidn"):
+    if _imports("pyoidn"):
         found += [_peer(f"OIDN {quality}", "OIDN", _oidn, quality) for quality in ("fast", "balanced", "high")]
     else:
         missing["Open Image Denoise"] = "pip install 'yester[study]'"
@@ -52,11 +51,19 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     else:
         missing["OpenCV with ximgproc"] = "pip install 'yester[study]', without other packages of OpenCV beside it"
     folder = _checkout()
-    if folder and find_spec("torch"):
+    if folder and _imports("torch"):
         found.append(_peer("SVGF, surfaces only, in torch", "SVGF in torch", _torch_svgf, folder))
     else:
         missing["SVGF in torch"] = "run from a checkout, with pip install 'yester[test]'"
     return found, missing
+
+
+def _imports(module: str) -> bool:
+    """Whether it is there, and comes with all the libraries of the system that it needs."""
+    try:
+        return import_module(module) is not None
+    except (ImportError, OSError):
+        return False
 
 
 def _peer(name: str, family: str, make: Callable[..., Callable[[Frame], Floats]], *arguments: Any) -> Method:
@@ -105,7 +112,7 @@ def _oidn(quality: str) -> Callable[[Frame], Floats]:
 
 
 def _has_ximgproc() -> bool:
-    return find_spec("cv2") is not None and hasattr(import_module("cv2"), "ximgproc")
+    return _imports("cv2") and hasattr(import_module("cv2"), "ximgproc")
 
 
 def _non_local_means(h: float) -> Callable[[Frame], Floats]:
