@@ -93,7 +93,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
 def arrays(result) -> list[np.ndarray]:
     """All arrays of a result, in order; a number is one, too."""
     if isinstance(result, float):
-        result = np.array(result)
+        result = np.array(result, np.float32)
     if isinstance(result, yester.Accumulated):
         result = [result.color, result.moments, result.history_length]
     if isinstance(result, np.ndarray):

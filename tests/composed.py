@@ -197,7 +197,8 @@ class SVGF:
             if replays:
                 gradient = more[-1]
             elif self.gradient:
-                gradient = yester.temporal_gradient(held, np.where(covered, history[0], np.float32(np.nan)))
+                known = np.where(covered, history[0], np.float32(np.nan))
+                gradient = yester.temporal_gradient(held, known, noise=2.2, widest=5)
             if reflects:
                 light = np.where(covered, more[0], np.float32(np.nan))
                 mirrored = self.reflect(frame, tests, history, confidence, light, more[1], sample)

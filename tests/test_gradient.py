@@ -36,10 +36,12 @@ def check(color, previous, **named):
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
     noise=st.sampled_from([0.0, 0.5, 1.0, 3.0]),
     passes=st.integers(0, 8),
+    wider=st.integers(0, 3),
     holes=st.sampled_from([0.0, 0.05, 0.8]),
 )
-def test_reference(seed, size, holes, **named):
-    check(*images(np.random.default_rng(seed), *size, holes=holes), **named)
+def test_reference(seed, size, passes, wider, holes, **named):
+    widest = min(passes + wider, 8)
+    check(*images(np.random.default_rng(seed), *size, holes=holes), passes=passes, widest=widest, **named)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
@@ -71,7 +73,7 @@ def test_half_the_light_is_a_half(passes):
     color, _ = images(np.random.default_rng(0), 30, 31, holes=0.1)
     color = np.abs(color)
     for now, before in ((color, color / 2), (color / 2, color)):
-        got = yester.temporal_gradient(now, before, noise=0.0, passes=passes)
+        got = yester.temporal_gradient(now, before, noise=0.0, passes=passes, widest=max(passes, 3))
         assert set(np.unique(got)) <= {0, 0.5}
         assert (got == 0.5).mean() > 0.5
 
@@ -100,6 +102,24 @@ def test_a_step_is_found_where_it_is():
     assert right.mean() < 1e-3
 
 
+def test_the_largest_counts():
+    """Of every blur from the smallest to the widest."""
+    color, previous = images(np.random.default_rng(2), 50, 60)
+    got = yester.temporal_gradient(color, previous, passes=2, widest=5)
+    single = [yester.temporal_gradient(color, previous, passes=n, widest=n) for n in range(2, 6)]
+    assert_same_bits(got, np.max(single, 0))
+    assert all((got > one).any() for one in single)
+
+
+def test_wide_blurs_see_what_is_faint():
+    """A tenth less light everywhere is lost in the noise of a few pixels, but not of many."""
+    rng = np.random.default_rng(5)
+    color, previous = (compare.colors(rng, 96, 96, holes=0.0) for _ in range(2))
+    narrow, wide = (yester.temporal_gradient(0.9 * color, previous, widest=widest) for widest in (3, 6))
+    assert (narrow > 0.03).mean() < 0.3
+    assert (wide > 0.03).mean() > 0.9
+
+
 def test_signs_and_scales_do_not_matter():
     """Brighter or darker, and in whatever unit: the same bits."""
     color, previous = images(np.random.default_rng(3), 30, 33)
@@ -117,18 +137,18 @@ def test_missing_pixels():
     holes = rng.random((30, 40)) < 0.4
     holes[:, :20] |= np.arange(20) < 12
     color[holes] = np.nan
-    got = check(color, previous, noise=0.0, passes=2)
+    got = check(color, previous, noise=0.0, passes=2, widest=2)
     assert np.isfinite(got).all()
     assert not got[:, :9].any()
     assert got[:, 9:].all()
     other = previous.copy()
     other[holes, 1] = -np.inf
-    assert_same_bits(yester.temporal_gradient(color, other, noise=0.0, passes=2), got)
+    assert_same_bits(yester.temporal_gradient(color, other, noise=0.0, passes=2, widest=2), got)
 
 
 def test_bad_input():
     image = np.ones((4, 5, 3), np.float32)
-    for name, values in {"noise": (-1, np.nan, np.inf), "passes": (-1, 9)}.items():
+    for name, values in {"noise": (-1, np.nan, np.inf), "passes": (-1, 9), "widest": (-1, 2, 9)}.items():
         for value in values:
             with pytest.raises(ValueError, match=name):
                 yester.temporal_gradient(image, image, **{name: value})

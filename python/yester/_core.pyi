@@ -35,6 +35,7 @@ __all__ = [
     "demodulate",
     "dilate_motion",
     "estimate_variance",
+    "exposure",
     "fix_history",
     "jitter",
     "morphological_aa",
@@ -294,7 +295,13 @@ def anti_lag(
     out: _Floats | None = None,
 ) -> _Floats: ...
 def temporal_gradient(
-    color: ArrayLike, previous: ArrayLike, *, noise: float = 2.0, passes: int = 3, out: _Floats | None = None
+    color: ArrayLike,
+    previous: ArrayLike,
+    *,
+    noise: float = 2.0,
+    passes: int = 3,
+    widest: int = 3,
+    out: _Floats | None = None,
 ) -> _Floats: ...
 def prediction_gain(
     candidate: ArrayLike,

@@ -540,7 +540,10 @@ pub fn anti_lag_<'py>(
 /// noise : float, default 2.0
 ///     Standard errors of the local mean that count as noise; from 0.
 /// passes : int, default 3
-///     Passes of the blur, 0 to 8; so many reach 2^passes - 1 pixels to each side.
+///     Passes of the smallest blur, 0 to 8; so many reach 2^passes - 1 pixels to each side.
+/// widest : int, default 3
+///     Passes of the widest blur, `passes` to 8. Small blurs tell where the light has changed, wide ones see changes that
+///     are everywhere but small; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.2``.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -561,18 +564,20 @@ pub fn anti_lag_<'py>(
 /// *Gradient Estimation for Real-Time Adaptive Temporal Filtering*, where z = 0 and gradients are exact. `accumulate`
 /// takes the result.
 #[pyfunction]
-#[pyo3(signature = (color, previous, *, noise=2.0, passes=3, out=None))]
+#[pyo3(signature = (color, previous, *, noise=2.0, passes=3, widest=3, out=None))]
 pub fn temporal_gradient<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
     previous: &Bound<'py, PyAny>,
     noise: f32,
     passes: i64,
+    widest: i64,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let params = gradient::Params {
         noise,
-        passes: gradient::Params::passes(passes)?,
+        passes: gradient::Params::passes("passes", passes)?,
+        widest: gradient::Params::passes("widest", widest)?,
     };
     params.check()?;
     let (gradient, out) = {

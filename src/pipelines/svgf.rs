@@ -271,7 +271,14 @@ fn recall(
         None => {
             let mut known = history.values.channels(0..3).to_image();
             forget_uncovered(&mut known, &history.coverage);
-            temporal_gradient(color, known.view(), gradient::Params::default())
+            // A lamp that travels changes all of the light by less than the noise of a few pixels. Three looks find more
+            // that is not there than one: hence the larger margin.
+            let estimated = gradient::Params {
+                noise: 2.2,
+                widest: 5,
+                ..Default::default()
+            };
+            temporal_gradient(color, known.view(), estimated)
         }
     });
     let reflections = reflections

@@ -24,7 +24,7 @@ def _energy(passes: int) -> float:
 
 
 def temporal_gradient(
-    color: Tensor, previous: Tensor, *, noise=2.0, passes=3, margin=False
+    color: Tensor, previous: Tensor, *, noise=2.0, passes=3, widest=3, margin=False
 ) -> Tensor | tuple[Tensor, Tensor]:
     """How much of the light has changed: its smoothed signed difference, less what noise explains, over the larger.
 
@@ -36,8 +36,8 @@ def temporal_gradient(
     ----------
     color, previous : (H, W, 3)
     noise : standard errors that do not count
-    passes : number of à-trous passes
-    margin : also return how many times (H, W) the subtractions multiply roundings
+    passes, widest : fewest and most à-trous passes; the largest gradient counts
+    margin : also return how many times (H, W) a variance that is a small difference multiplies roundings
 
     Returns
     -------
@@ -47,14 +47,16 @@ def temporal_gradient(
     now, before = (luminance(image.where(both[..., None], 0)) for image in (color, previous))  # (H, W), (H, W)
     change = now - before  # (H, W)
     planes = [both.to(now), change, change**2, torch.maximum(now.abs(), before.abs())]  # 4 of (H, W)
-    for i in range(passes):
+    gradient, margins = torch.zeros_like(now), torch.ones_like(now)  # (H, W), (H, W)
+    for i in range(widest + 1):
+        if i >= passes:
+            weight = planes[0]  # (H, W)
+            mean, square, size = (plane / weight for plane in planes[1:])  # (H, W) each
+            variance = (square - mean**2).clamp(min=0)  # (H, W)
+            error = noise * (variance * _energy(i) / weight).sqrt()  # (H, W)
+            found = torch.where((weight > 0) & (size > 0), (mean.abs() - error) / size, 0).clamp(0, 1)  # (H, W)
+            gradient = gradient.maximum(found)  # (H, W)
+            rounded = noise * ((variance + 1e-6 * square) * _energy(i) / weight).sqrt() - error  # (H, W)
+            margins = margins.maximum(1 + (1e5 * rounded / size).nan_to_num(0, 0, 0))  # (H, W)
         planes = [_smooth(plane, 2**i) for plane in planes]
-    weight = planes[0]  # (H, W)
-    mean, square, size = (plane / weight for plane in planes[1:])  # (H, W) each
-    variance = (square - mean**2).clamp(min=0)  # (H, W)
-    error = noise * (variance * _energy(passes) / weight).sqrt()  # (H, W)
-    gradient = torch.where((weight > 0) & (size > 0), (mean.abs() - error) / size, 0).clamp(0, 1)  # (H, W)
-    if not margin:
-        return gradient
-    lost = (square / variance).nan_to_num(0).clamp(max=1e6)  # (H, W)
-    return gradient, 1 + (error * lost / size).nan_to_num(0)  # (H, W), (H, W)
+    return (gradient, margins) if margin else gradient

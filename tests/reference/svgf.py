@@ -88,7 +88,7 @@ class SVGF:
                 gradient = fetched[3]  # (H, W)
             elif self.gradient:
                 known = history[0].where((confidence > 0)[..., None], torch.nan)  # (H, W, 3)
-                gradient = temporal_gradient(light, known)  # (H, W)
+                gradient = temporal_gradient(light, known, noise=2.2, widest=5)  # (H, W)
 
         merged = accumulate(light, *history, gradient=gradient, **self.blend)
         color, moments, length, missing = merged  # (H, W, 3), (H, W, 2), (H, W)

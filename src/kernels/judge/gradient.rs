@@ -8,7 +8,8 @@
 //! the change relative to the larger light, where it exceeds z standard errors. δ keeps its sign while it is blurred, so
 //! that noise cancels (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal
 //! Filtering*). Two renders with the same random numbers have the same noise, and z = 0 gives their exact gradient; for a
-//! new frame and a reprojected history the standard error keeps noise from counting as change.
+//! new frame and a reprojected history the standard error keeps noise from counting as change. Small blurs tell where
+//! light has changed, wide ones see a change that is everywhere but small: of several, the largest λ counts.
 //!
 //! Inputs: two images (3). Output: λ (1) in [0, 1]; 0 where nothing is known.
 
@@ -23,8 +24,10 @@ use crate::rows::{self, Kernel};
 pub struct Params {
     /// z: standard errors that count as noise; ≥ 0; 2.
     pub noise: f32,
-    /// Passes of the blur; 0 to 8; 3.
+    /// Passes of the smallest blur; 0 to 8; 3.
     pub passes: u32,
+    /// Passes of the widest blur; `passes` to 8; 3.
+    pub widest: u32,
 }
 
 impl Default for Params {
@@ -32,19 +35,25 @@ impl Default for Params {
         Self {
             noise: 2.0,
             passes: 3,
+            widest: 3,
         }
     }
 }
 
 impl Params {
-    pub fn passes(value: i64) -> Result<u32> {
-        whole("passes", value, "0 to 8 passes", |&n| n <= 8)
+    pub fn passes(name: &str, value: i64) -> Result<u32> {
+        whole(name, value, "0 to 8 passes", |&n| n <= 8)
     }
 
     pub fn check(&self) -> Result<()> {
         in_range("noise", self.noise, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
+        })?;
+        let known = format!("at least as many as passes, {}", self.passes);
+        whole("widest", i64::from(self.widest), &known, |&n: &u32| {
+            n >= self.passes
         })
+        .map(|_| ())
     }
 }
 
@@ -56,7 +65,19 @@ pub fn temporal_gradient(color: View, previous: View, params: Params) -> Image {
     let mut sums = Image::new(size, CHANNELS);
     rows::run(&Differences { color, previous }, size.height, sums.bands());
     let mut along = Image::new(size, CHANNELS);
-    for pass in 0..params.passes {
+    let mut gradient = Image::new(size, 1);
+    for pass in 0..=params.widest {
+        if pass >= params.passes {
+            let kernel = Gradient {
+                sums: &sums,
+                noise: params.noise,
+                squares: sum_of_squares(pass),
+            };
+            rows::run(&kernel, size.height, gradient.bands());
+        }
+        if pass == params.widest {
+            break;
+        }
         let step = 1 << pass;
         for (dx, dy) in [(1, 0), (0, 1)] {
             let blur = Blur {
@@ -67,13 +88,6 @@ pub fn temporal_gradient(color: View, previous: View, params: Params) -> Image {
             std::mem::swap(&mut sums, &mut along);
         }
     }
-    let mut gradient = Image::new(size, 1);
-    let kernel = Gradient {
-        sums: &sums,
-        noise: params.noise,
-        squares: sum_of_squares(params.passes),
-    };
-    rows::run(&kernel, size.height, gradient.bands());
     gradient
 }
 
@@ -167,6 +181,7 @@ impl<'a> Kernel for Blur<'a> {
     }
 }
 
+/// Raises a gradient to what one blur shows.
 struct Gradient<'a> {
     sums: &'a Image,
     noise: f32,
@@ -187,7 +202,7 @@ impl<'a> Kernel for Gradient<'a> {
                 let error = (variance * self.squares / w).sqrt();
                 let change = (mean.abs() - self.noise * error) / (most[x] / w);
                 // NaN where nothing is known or all is black.
-                *gradient = saturate(change);
+                *gradient = gradient.max(saturate(change));
             }
         }
     }
