@@ -47,11 +47,11 @@ class Ablation:
     added: bool = False
 
 
-def _without(*names: str) -> Callable[[], Step]:
+def _without(*names: str, **options: object) -> Callable[[], Step]:
     """SVGF on frames that lack some buffers."""
 
     def start() -> Step:
-        step = pipeline(SVGF)()
+        step = pipeline(SVGF, **options)()
 
         def bare(frame: Frame, /) -> Result:
             kept = {name: array for name, array in frame.buffers().items() if name not in names}
@@ -83,6 +83,11 @@ def _antialiased(**options: object) -> Callable[[], Step]:
 _SVGF = Method("SVGF", "SVGF", pipeline(SVGF), default=True)
 _TAA = Method("TAA", "TAA", pipeline(TAA), default=True)
 
+_NO_DEPTH_TEST = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}
+_SURFACES = ("normal", "object_normal", "ids")
+#: Where ids and normals do not stand in for it.
+_BARE = Method("SVGF, depth alone", "SVGF", _without(*_SURFACES))
+
 
 def _ablation(whole: Method, component: str, start: Callable[[], Step], *, added: bool = False) -> Ablation:
     sign = "+" if added else "-"
@@ -94,7 +99,7 @@ ABLATIONS = (
     *(
         _ablation(_SVGF, component, start)
         for component, start in {
-            "depth test": pipeline(SVGF, relative_depth=_ENDLESS, plane_distance=_ENDLESS),
+            "depth test": pipeline(SVGF, **_NO_DEPTH_TEST),
             "normal test": pipeline(SVGF, normal_angle=180),
             "id test and weight": _without("ids"),
             "normals": _without("normal", "object_normal"),
@@ -132,6 +137,7 @@ ABLATIONS = (
             ),
         }.items()
     ),
+    _ablation(_BARE, "depth test", _without(*_SURFACES, **_NO_DEPTH_TEST)),
     *(
         _ablation(_TAA, component, start)
         for component, start in {
@@ -205,7 +211,8 @@ def ablate(
         If a metric is unknown.
     """
     keys = [metric(key).key for key in metrics]
-    methods = [_SVGF, _TAA, *(ablation.method for ablation in ABLATIONS)]
+    wholes = dict.fromkeys(ablation.whole for ablation in ABLATIONS)
+    methods = [*wholes, *(ablation.method for ablation in ABLATIONS)]
     effects = []
     for recording in recordings:
         points = measure(recording, methods, folder / "ablation", metrics=keys, images=0)
