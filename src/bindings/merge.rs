@@ -257,8 +257,8 @@ pub fn resolve_<'py>(
 ///     Share of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` gives it. Maps are clamped, and 1
 ///     where they are NaN.
 /// weighting : {"none", "tone", "luminance"}, default "none"
-///     "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold where luminances
-///     differ.
+///     "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold where
+///     luminances differ.
 /// flicker : float, default 1.0
 ///     What is left of alpha, 0 to 1, where history lies on the border of the luminances of the 3×3 pixels around; 1 does
 ///     without.

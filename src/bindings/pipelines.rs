@@ -278,7 +278,7 @@ impl SVGF {
 /// -----
 /// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
 /// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without tests or fallback,
-/// `blend_factor`, `clip_history`, `blend`. The share of the N-th sample of a pixel is at least 1/N.
+/// `blend_factor`, `exposure`, `clip_history`, `blend`. The share of the N-th sample of a pixel is at least 1/N.
 #[pyclass(module = "yester")]
 pub struct TAA {
     inner: taa::Taa,

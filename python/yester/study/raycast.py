@@ -601,7 +601,8 @@ def _sphere(origin: Floats, direction: Floats, radius: float) -> Floats:
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]  # type: ignore[no-any-return]
+    product: Floats = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
 
 
 def _either(choice: NDArray[np.bool_], one: Color, other: Color) -> Floats:
