@@ -25,6 +25,7 @@ pub mod image;
 pub mod kernels;
 pub mod math;
 pub mod pipelines;
+pub mod pixels;
 pub mod rows;
 
 use pyo3::prelude::*;

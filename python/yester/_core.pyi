@@ -274,6 +274,7 @@ def clip_history(
     space: _Space = "ycocg",
     response: _Response = "center",
     exposure: float = 1.0,
+    alpha: float | ArrayLike | None = None,
     out: _Floats | None = None,
 ) -> _Floats: ...
 def exposure(color: ArrayLike) -> float: ...

@@ -9,6 +9,7 @@ use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::{Error, Kind};
 use crate::image::{Image, Size, View};
+use crate::pixels::Pixels;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -286,6 +287,12 @@ impl<'a, T: Number> Interleaved<'a, T> {
     }
 }
 
+impl<'a> Interleaved<'a, f32> {
+    pub fn pixels(self) -> Pixels<'a> {
+        Pixels::new(self.size, self.channels, self.data)
+    }
+}
+
 /// A planar image that is borrowed where the array already was planar.
 pub enum Planes<'a, T = f32> {
     Borrowed(View<'a, T>),
@@ -378,6 +385,51 @@ impl<'py, T: Element> Out<'py, T> {
             return Err(Error::value("out", expected, "one that is read-only or strided").into());
         }
         Ok(Self(Some(array.clone())))
+    }
+}
+
+impl<'py> Out<'py> {
+    /// Has `write` fill the caller's array, or a new one of this shape: while inputs are borrowed, one of which the
+    /// caller's may be.
+    pub fn fill(
+        self,
+        py: Python<'py>,
+        shape: &[usize],
+        write: impl FnOnce(&mut [f32]) + Send,
+    ) -> PyResult<Filled<'py>> {
+        let array = self
+            .0
+            .unwrap_or_else(|| PyArrayDyn::zeros(py, shape, false));
+        let data = match array.try_readwrite() {
+            Ok(mut borrowed) => {
+                let data = borrowed.as_slice_mut()?;
+                py.detach(|| write(data));
+                None
+            }
+            Err(_) => Some(py.detach(|| {
+                let mut data = vec![0.0; shape.iter().product()];
+                write(&mut data);
+                data
+            })),
+        };
+        Ok(Filled { array, data })
+    }
+}
+
+/// An array with its contents, unless these wait for an input that it is.
+pub struct Filled<'py> {
+    array: Bound<'py, PyArrayDyn<f32>>,
+    data: Option<Vec<f32>>,
+}
+
+impl<'py> Filled<'py> {
+    /// After the inputs.
+    pub fn array(self) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        if let Some(data) = self.data {
+            let mut array = self.array.try_readwrite()?;
+            array.as_slice_mut()?.copy_from_slice(&data);
+        }
+        Ok(self.array)
     }
 }
 

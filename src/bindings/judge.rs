@@ -8,6 +8,7 @@ use super::arrays::{
     COLOR, Channels, Input, Interleaved, MOTION, Number, Out, Outgoing, Planes, choice, parts,
 };
 use super::camera::{Camera, check_size};
+use super::merge::AlphaArg;
 use crate::error::{Error, whole};
 use crate::image::{Size, View};
 use crate::kernels::camera::pinhole::{self, Rays};
@@ -15,6 +16,7 @@ use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plan
 use crate::kernels::judge::{
     anti_lag, blend_factor, consistency, exposure, gradient, neighborhood, prediction,
 };
+use crate::pixels::PixelsMut;
 
 /// A threshold: a number, or the differences up to which trust is full and beyond which there is none.
 #[derive(Clone, Copy)]
@@ -320,18 +322,21 @@ pub fn consistency_<'py>(
 ///     1) in YCoCg, (1, 1, 1) in RGB, which needs `box` "variance".
 /// exposure : float, default 1.0
 ///     The radiance that the tone-mapped spaces take for 1, above 0: as `exposure` finds it.
+/// alpha : float or (H, W) array_like of float, optional
+///     Share of the new sample, as in `blend`: the clipped history is at once blended with `color`, which saves a pass over
+///     memory. By default it is not.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// history : (H, W, 3) float32
-///     A colour inside its box keeps its bits.
+///     A colour inside its box keeps its bits. With `alpha`, the bits of ``blend(color, clip_history(...), alpha)``.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes, an unknown mode (the error lists the modes), `gamma` or `exposure` out of range.
+///     On wrong shapes, an unknown mode (the error lists the modes), `gamma`, `exposure` or `alpha` out of range.
 ///
 /// Notes
 /// -----
@@ -340,7 +345,7 @@ pub fn consistency_<'py>(
 /// (centre), AMD FSR 3.1 (ellipsoid).
 #[pyfunction]
 #[pyo3(name = "clip_history", signature = (history, color, *, r#box="variance", gamma=1.0, window="3x3", space="ycocg",
-    response="center", exposure=1.0, out=None))]
+    response="center", exposure=1.0, alpha=None, out=None))]
 pub fn clip_history_<'py>(
     py: Python<'py>,
     history: &Bound<'py, PyAny>,
@@ -351,6 +356,7 @@ pub fn clip_history_<'py>(
     space: &str,
     response: &str,
     exposure: f32,
+    alpha: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let params = neighborhood::Params {
@@ -362,19 +368,21 @@ pub fn clip_history_<'py>(
         exposure,
     };
     params.check()?;
-    let (clipped, out) = {
+    let clipped = {
         let history = Input::<f32>::new(history, "history", COLOR)?;
         let color = Input::<f32>::new(color, "color", COLOR)?.sized("color", history.size())?;
+        let alpha = alpha
+            .map(|alpha| AlphaArg::new(alpha, history.size()))
+            .transpose()?;
         let out = Out::given(out, history.shape())?;
-        let data = [history.data(), color.data()];
-        let clipped = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [history, color] = planes.each_ref().map(Planes::view);
-            Outgoing::new(neighborhood::clip_history(history, color, params))
-        });
-        (clipped, out)
+        let [old, new] = [history.data(), color.data()].map(Interleaved::pixels);
+        let alpha = alpha.as_ref().map(AlphaArg::data);
+        out.fill(py, history.shape(), |clipped| {
+            let clipped = PixelsMut::bands(new.size(), 3, clipped);
+            neighborhood::clip_history(old, new, alpha, params, clipped);
+        })?
     };
-    clipped.array(py, out)
+    clipped.array()
 }
 
 /// The radiance that a frame's tone curves take for 1.

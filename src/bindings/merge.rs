@@ -9,6 +9,7 @@ use super::arrays::{
 use crate::error::{Error, in_range};
 use crate::image::Size;
 use crate::kernels::merge::{accumulate, blend, resolve};
+use crate::pixels::PixelsMut;
 
 const MOMENTS: Channels = Channels::Of(&[2]);
 
@@ -305,45 +306,55 @@ pub fn blend_<'py>(
         exposure,
     };
     params.check()?;
-    let (blended, out) = {
+    let blended = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
+        let alpha = match alpha {
+            None => AlphaArg::Constant(0.05),
+            Some(alpha) => AlphaArg::new(alpha, size)?,
+        };
+        let out = Out::given(out, color.shape())?;
+        let [new, old] = [color.data(), history.data()].map(Interleaved::pixels);
+        let alpha = alpha.data();
+        out.fill(py, color.shape(), |blended| {
+            blend::blend(new, old, alpha, params, PixelsMut::bands(size, 3, blended));
+        })?
+    };
+    blended.array()
+}
+
+/// The share of the new sample, for all pixels or for each.
+pub enum AlphaArg<'py> {
+    Constant(f32),
+    Map(Input<'py>),
+}
+
+impl<'py> AlphaArg<'py> {
+    pub fn new(alpha: &Bound<'py, PyAny>, size: Size) -> PyResult<Self> {
         // An array of one pixel would pass for a number.
-        let is_image = |alpha: &Bound<PyAny>| {
-            let axes = alpha
-                .getattr("ndim")
-                .and_then(|axes| axes.extract::<usize>());
-            alpha.is_instance_of::<PyUntypedArray>() || axes.is_ok_and(|axes| axes > 0)
-        };
-        let constant = match alpha {
-            None => Some(0.05),
-            Some(alpha) if is_image(alpha) => None,
-            Some(alpha) => alpha.extract::<f32>().ok(),
-        };
-        let map = match constant {
-            Some(share) => {
+        let axes = alpha
+            .getattr("ndim")
+            .and_then(|axes| axes.extract::<usize>());
+        let is_image = alpha.is_instance_of::<PyUntypedArray>() || axes.is_ok_and(|axes| axes > 0);
+        match alpha.extract() {
+            Ok(share) if !is_image => {
                 in_range("alpha", share, "a share from 0 to 1", |v| {
                     (0.0..=1.0).contains(&v)
                 })?;
-                None
+                Ok(Self::Constant(share))
             }
-            None => Input::<f32>::optional(alpha, "alpha", Channels::One, size)?,
-        };
-        let out = Out::given(out, color.shape())?;
-        let data = [color.data(), history.data()];
-        let map = map.as_ref().map(Input::data);
-        let blended = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [color, history] = planes.each_ref().map(Planes::view);
-            let map = map.map(Interleaved::planes);
-            let alpha = match &map {
-                Some(map) => blend::Alpha::Map(map.view()),
-                None => blend::Alpha::Constant(constant.unwrap_or_default()),
-            };
-            Outgoing::new(blend::blend(color, history, alpha, params))
-        });
-        (blended, out)
-    };
-    blended.array(py, out)
+            _ => {
+                let map = Input::new(alpha, "alpha", Channels::One)?;
+                Ok(Self::Map(map.sized("alpha", size)?))
+            }
+        }
+    }
+
+    pub fn data(&self) -> blend::Alpha<'_> {
+        match self {
+            Self::Constant(share) => blend::Alpha::Constant(*share),
+            Self::Map(map) => blend::Alpha::Map(map.data().flat()),
+        }
+    }
 }

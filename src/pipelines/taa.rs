@@ -21,6 +21,7 @@ use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::merge::resolve::{self, Resolve};
 use crate::math::is_present;
+use crate::pixels::{Pixels, PixelsMut};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -201,7 +202,14 @@ pub fn antialias(
         exposure,
         ..params.clip
     };
-    let clipped = clip_history(values.channels(0..3), color, clip);
+    let mut clipped = Image::new(size, 3);
+    clip_history(
+        Pixels::Planar(values.channels(0..3)),
+        Pixels::Planar(color),
+        None,
+        clip,
+        clipped.bands().map(PixelsMut::Planar),
+    );
     let mut alpha = blend_factor(coverage.view(), Some(motion), params.blend_factor);
     let mut history = Image::new(size, CHANNELS);
     let kernel = WarmUp {
@@ -210,14 +218,16 @@ pub fn antialias(
         longest: 1.0 / params.blend_factor.alpha,
     };
     rows::run(&kernel, size.height, alpha.bands().zip(history.bands()));
-    let blended = blend(
-        color,
-        clipped.view(),
+    let mut blended = Image::new(size, 3);
+    blend(
+        Pixels::Planar(color),
+        Pixels::Planar(clipped.view()),
         Alpha::Map(alpha.view()),
         blend::Params {
             exposure,
             ..params.blend
         },
+        blended.bands().map(PixelsMut::Planar),
     );
     history.set_channels(0, blended.view());
     Antialiased {

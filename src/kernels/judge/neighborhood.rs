@@ -20,13 +20,20 @@
 //!
 //! Inputs: history (3), colour (3). Output: history; a colour inside keeps its bits. Pixels of the neighbourhood that lie
 //! outside the image or are missing do not count; where none counts, and where history is missing, it stays.
+//!
+//! Statistics are taken of the columns first, and of these across; what deviates is put together as Chan, Golub and LeVeque
+//! 1983, *Algorithms for Computing the Sample Variance*, do, since a mean of squares would cancel.
 
 use std::ops::Range;
 
 use super::hull::{Hull, Polygon, Polytope, enter, toward};
 use crate::error::{Error, Result, in_range};
-use crate::image::{BandMut, Image, Run, SEGMENT, Tap, View};
+use crate::image::Run;
+use crate::kernels::merge::blend::{self, Alpha, Weighting};
 use crate::math::is_present;
+use crate::pixels::{
+    Around, Columns, LANES, Pixels, PixelsMut, Row, TILE, lanes, larger, smaller, tiles,
+};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -181,7 +188,7 @@ fn from_ycocg([y, co, cg]: Color) -> Color {
 
 #[inline(always)]
 fn brightest([r, g, b]: Color) -> f32 {
-    r.max(g).max(b).max(0.0)
+    larger(larger(larger(r, g), b), 0.0)
 }
 
 #[inline(always)]
@@ -199,281 +206,281 @@ fn untone_mapped(rgb: Color, exposure: f32, most: f32) -> Color {
     rgb.map(|c| c * scale)
 }
 
-/// Brings the colours of `history` to those that `color` has around each pixel.
-pub fn clip_history(history: View, color: View, params: Params) -> Image {
-    let size = color.size;
-    let mut converted = Image::new(size, 4);
-    rows::run(&Convert { color, params }, size.height, converted.bands());
-    let mut clipped = Image::new(size, 3);
+struct Clip<'a> {
+    history: Pixels<'a>,
+    color: Pixels<'a>,
+    alpha: Option<Alpha<'a>>,
+    params: Params,
+}
+
+/// Brings the colours of `history` to those that `color` has around each pixel, and blends them with it if there is
+/// an alpha.
+pub fn clip_history<'a>(
+    history: Pixels<'a>,
+    color: Pixels<'a>,
+    alpha: Option<Alpha<'a>>,
+    params: Params,
+    clipped: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let height = color.size().height;
     let kernel = Clip {
         history,
-        color: converted.channels(0..3),
-        brightest: converted.channels(3..4),
+        color,
+        alpha,
         params,
     };
-    rows::run(&kernel, size.height, clipped.bands());
-    clipped
-}
-
-/// To the space of the box, and the brightest channel.
-struct Convert<'a> {
-    color: View<'a>,
-    params: Params,
-}
-
-impl<'a> Kernel for Convert<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let [r, g, b] = self.color.rows(y);
-            let [o0, o1, o2, most] = out.rows(y);
-            for x in 0..r.len() {
-                let rgb = [r[x], g[x], b[x]];
-                let color = if is_present(rgb) {
-                    self.params.space.of(rgb, self.params.exposure)
-                } else {
-                    [f32::NAN; 3]
-                };
-                [o0[x], o1[x], o2[x]] = color;
-                most[x] = if is_present(rgb) { brightest(rgb) } else { 0.0 };
-            }
-        }
-    }
-}
-
-struct Clip<'a> {
-    history: View<'a>,
-    /// In the space of the box; NaN where missing.
-    color: View<'a>,
-    /// Of each pixel, the brightest channel.
-    brightest: View<'a>,
-    params: Params,
+    rows::run(&kernel, height, clipped);
 }
 
 impl<'a> Kernel for Clip<'a> {
-    type Out = BandMut<'a>;
+    type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let width = self.color.size.width;
-        for y in rows {
-            for x in (0..width).step_by(SEGMENT) {
-                let run = Run {
-                    y,
-                    x,
-                    len: SEGMENT.min(width - x),
+    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+        let mut window = Window::new(self.params);
+        let mut clipped = [[0.0; TILE]; 3];
+        let mut blended = [[0.0; TILE]; 3];
+        let mut shares = [0.0; TILE];
+        for tile in tiles(self.color.size()) {
+            for y in rows.clone() {
+                let run = Run { y, ..tile };
+                window.roll(self.color, run, y == rows.start);
+                let [r, g, b] = &mut clipped;
+                self.history
+                    .read(run, [r, g, b].map(|row| &mut row[..run.len]));
+                window.clip(run, &mut clipped);
+                let Some(alpha) = self.alpha else {
+                    out.write(run, clipped.each_ref().map(Row::as_slice));
+                    continue;
                 };
-                let out = out.rows(y).map(|row| &mut row[x..][..run.len]);
-                match self.params.bounds {
-                    Bounds::Hull => self.each(run, out, |i, color| {
-                        self.enter_hull(run, i, color, Polytope::of)
-                    }),
-                    Bounds::ChromaHull => {
-                        self.each(run, out, |i, color| {
-                            self.enter_hull(run, i, color, Polygon::of)
-                        });
-                    }
-                    _ => self.clip_to_boxes(run, out),
-                }
+                alpha.read(run, &mut shares);
+                let own = window.around.own(run);
+                blend::mix(own, &clipped, &shares, Weighting::None, 1.0, &mut blended);
+                out.write(run, blended.each_ref().map(Row::as_slice));
             }
         }
     }
 }
 
-impl Clip<'_> {
-    /// Clips the pixels of a run: `clipped` tells where a history colour goes, in the space of the box, or that it stays.
+/// The colours around the pixels of a run, which rolls down a tile.
+pub struct Window {
+    params: Params,
+    pub around: Around,
+    /// In the space of the box; NaN where missing.
+    converted: [[Columns; 3]; 5],
+    /// The brightest channel, where it is asked for; 0 where missing.
+    brightest: [Columns; 5],
+}
+
+impl Window {
     #[inline(always)]
-    fn each(
-        &self,
-        run: Run,
-        [o0, o1, o2]: [&mut [f32]; 3],
-        clipped: impl Fn(usize, Color) -> Option<Color>,
-    ) {
-        let [r, g, b] = self
-            .history
-            .rows(run.y)
-            .map(|row: &[f32]| &row[run.x..][..run.len]);
+    pub fn new(params: Params) -> Self {
+        Self {
+            params,
+            around: Around::new(params.radius as usize),
+            converted: [[[0.0; TILE + LANES]; 3]; 5],
+            brightest: [[0.0; TILE + LANES]; 5],
+        }
+    }
+
+    /// Goes to a run, which is below the one before unless it is the first.
+    #[inline(always)]
+    pub fn roll(&mut self, color: Pixels, run: Run, first: bool) {
         let Params {
             space, exposure, ..
         } = self.params;
-        let mut most = [0.0_f32; SEGMENT];
-        if space.is_tone_mapped() {
-            self.for_each_place(run, |at, here, tap| {
-                let there = tap.of(here);
-                let taps = &self.brightest.row(0, there.y)[there.x..][..there.len];
-                for (most, &tap) in most[at..].iter_mut().zip(taps) {
-                    *most = most.max(tap);
-                }
-            });
-        }
-        for i in 0..run.len {
-            let rgb = [r[i], g[i], b[i]];
-            let new = clipped(i, space.of(rgb, exposure));
-            let most = most[i].max(brightest(rgb));
-            let new = new.map_or(rgb, |color| space.to_rgb(color, exposure, most));
-            let kept = !is_present(rgb);
-            let pick = |c: usize| if kept { rgb[c] } else { new[c] };
-            (o0[i], o1[i], o2[i]) = (pick(0), pick(1), pick(2));
-        }
-    }
-
-    #[inline(always)]
-    fn clip_to_boxes(&self, run: Run, out: [&mut [f32]; 3]) {
-        let boxes = self.boxes(run);
-        let own = self
-            .color
-            .rows(run.y)
-            .map(|row: &[f32]| &row[run.x..][..run.len]);
-        match self.params.response {
-            Response::Clamp => self.each(run, out, |i, color| boxes.at(i).clamp(color)),
-            Response::Center => self.each(run, out, |i, color| boxes.at(i).to_center(color)),
-            Response::Current => self.each(run, out, |i, color| {
-                boxes.at(i).to_current(color, own.map(|row| row[i]))
-            }),
-            Response::Ellipsoid => {
-                let axes = self
-                    .params
-                    .space
-                    .axes()
-                    .map(|axis| self.params.gamma * axis);
-                self.each(run, out, |i, color| boxes.at(i).to_ellipsoid(color, axes));
-            }
-        }
-    }
-
-    /// What the neighbours of a run's pixels are, those that are inside and present.
-    #[inline(always)]
-    fn boxes(&self, run: Run) -> Boxes {
-        let Params { bounds, gamma, .. } = self.params;
-        let mut boxes = Boxes::new();
-        let mut cross = [[f32::INFINITY; SEGMENT], [f32::NEG_INFINITY; SEGMENT]];
-        self.for_each_tap(run, |at, _, taps| {
-            for (count, tap) in boxes.count[at..].iter_mut().zip(taps[0]) {
-                *count += if tap.is_nan() { 0.0 } else { 1.0 };
-            }
-        });
-        for c in 0..3 {
-            let (low, high) = (&mut boxes.low[c], &mut boxes.high[c]);
-            let (mean, deviation) = (&mut boxes.mean[c], &mut boxes.deviation[c]);
-            let uses_range = bounds != Bounds::Variance;
-            let uses_variance = matches!(bounds, Bounds::Variance | Bounds::Intersection);
-            if uses_range {
-                self.for_each_tap(run, |at, _, taps| widen([low, high], at, taps[c]));
-            }
-            if bounds == Bounds::Rounded {
-                cross[0].fill(f32::INFINITY);
-                cross[1].fill(f32::NEG_INFINITY);
-                let [least, most] = &mut cross;
-                self.for_each_tap(run, |at, tap, taps| {
-                    if tap.dx == 0 || tap.dy == 0 {
-                        widen([least, most], at, taps[c]);
-                    }
-                });
-                for i in 0..run.len {
-                    // Where all of the cross is missing, the square is all there is.
-                    let some = cross[0][i] <= cross[1][i];
-                    let half = |a: f32, b: f32| if some { 0.5 * (a + b) } else { a };
-                    low[i] = half(low[i], cross[0][i]);
-                    high[i] = half(high[i], cross[1][i]);
-                }
-            }
-            if uses_variance {
-                self.for_each_tap(run, |at, _, taps| {
-                    for (mean, &tap) in mean[at..].iter_mut().zip(taps[c]) {
-                        *mean += if tap.is_nan() { 0.0 } else { tap };
-                    }
-                });
-                for i in 0..run.len {
-                    mean[i] *= 1.0 / boxes.count[i];
-                }
-                // From the mean, not from the mean of squares, which would cancel.
-                self.for_each_tap(run, |at, _, taps| {
-                    let deviations = deviation[at..].iter_mut().zip(&mean[at..]);
-                    for ((deviation, mean), &tap) in deviations.zip(taps[c]) {
-                        let square = (tap - mean) * (tap - mean);
-                        *deviation += if tap.is_nan() { 0.0 } else { square };
-                    }
-                });
-                for i in 0..run.len {
-                    deviation[i] = (deviation[i] * (1.0 / boxes.count[i])).sqrt();
-                    let (below, above) = (
-                        mean[i] - gamma * deviation[i],
-                        mean[i] + gamma * deviation[i],
-                    );
-                    low[i] = if uses_range { low[i].max(below) } else { below };
-                    high[i] = if uses_range {
-                        high[i].min(above)
-                    } else {
-                        above
-                    };
-                }
-            }
-        }
-        boxes
-    }
-
-    /// Calls `f` for each tap of the window with where the part of the run that has it inside begins, and that part.
-    #[inline(always)]
-    fn for_each_place(&self, run: Run, mut f: impl FnMut(usize, Run, Tap)) {
-        let radius = self.params.radius;
-        for dy in -radius..=radius {
-            for dx in -radius..=radius {
-                let tap = Tap { dx, dy, step: 1 };
-                if let Some(here) = tap.inside(run, self.color.size) {
-                    f(here.x - run.x, here, tap);
-                }
-            }
-        }
-    }
-
-    /// The same, with the part's taps.
-    #[inline(always)]
-    fn for_each_tap(&self, run: Run, mut f: impl FnMut(usize, Tap, [&[f32]; 3])) {
-        self.for_each_place(run, |at, here, tap| {
-            let there = tap.of(here);
-            let taps = self.color.rows(there.y);
-            f(
-                at,
-                tap,
-                taps.map(|row: &[f32]| &row[there.x..][..there.len]),
+        let (converted, bright) = (&mut self.converted, &mut self.brightest);
+        self.around.roll(color, run, first, |slot, colors| {
+            let converted = converted[slot].each_mut();
+            space.convert(
+                colors,
+                converted.map(|row| &mut row[..colors[0].len()]),
+                exposure,
             );
+            if space.is_tone_mapped() {
+                mark_brightest(colors, &mut bright[slot][..colors[0].len()]);
+            }
         });
     }
 
-    /// On the way to the pixel's own colour, which is one of the hull's, or to their mean where it is missing.
+    /// Brings the run's history to the colours around.
     #[inline(always)]
-    fn enter_hull<H: Hull>(
-        &self,
-        run: Run,
-        i: usize,
-        color: Color,
-        hull: impl Fn(&[Color]) -> H,
-    ) -> Option<Color> {
+    pub fn clip(&self, run: Run, history: &mut [Row; 3]) {
+        match self.params.radius {
+            1 => self.clip_among::<3>(run, history),
+            _ => self.clip_among::<5>(run, history),
+        }
+    }
+
+    #[inline(always)]
+    fn clip_among<const N: usize>(&self, run: Run, history: &mut [Row; 3]) {
+        let n = lanes(run);
+        let Params {
+            bounds,
+            response,
+            space,
+            exposure,
+            gamma,
+            ..
+        } = self.params;
+        let slots: [usize; N] =
+            std::array::from_fn(|i| self.around.slot(run, i as isize - (N / 2) as isize));
+        let rows = slots.map(|slot| &self.converted[slot]);
+        let mut new = [[0.0; TILE]; 3];
+        {
+            let history = history.each_ref().map(|row| &row[..n]);
+            space.convert(history, new.each_mut().map(|row| &mut row[..n]), exposure);
+        }
+        match bounds {
+            Bounds::Hull => enter_hulls(run.len, rows, &mut new, Polytope::of),
+            Bounds::ChromaHull => enter_hulls(run.len, rows, &mut new, Polygon::of),
+            _ => {
+                let mut boxes = Boxes::new();
+                boxes.find(n, rows, bounds, gamma);
+                let axes = space.axes().map(|axis| gamma * axis);
+                let own = rows[N / 2].each_ref().map(|row| &row[N / 2..][..n]);
+                match response {
+                    Response::Clamp => boxes.move_in(n, &mut new, |b, _, color| b.clamp(color)),
+                    Response::Center => {
+                        boxes.move_in(n, &mut new, |b, _, color| b.to_center(color))
+                    }
+                    Response::Current => boxes.move_in(n, &mut new, |b, i, color| {
+                        b.to_current(color, own.map(|row| row[i]))
+                    }),
+                    Response::Ellipsoid => {
+                        boxes.move_in(n, &mut new, |b, _, color| b.to_ellipsoid(color, axes));
+                    }
+                }
+            }
+        }
+        let mut most = [0.0; TILE];
+        if space.is_tone_mapped() {
+            let mut columns = [0.0; TILE + LANES];
+            for slot in slots {
+                let row = &self.brightest[slot];
+                for i in 0..n + LANES {
+                    columns[i] = larger(columns[i], row[i]);
+                }
+            }
+            for i in 0..n {
+                for dx in 0..N {
+                    most[i] = larger(most[i], columns[i + dx]);
+                }
+            }
+        }
+        space.replace(n, history, &new, exposure, &most);
+    }
+}
+
+impl Space {
+    /// Colours in this space; NaN where missing.
+    #[inline(always)]
+    fn convert(self, colors: [&[f32]; 3], into: [&mut [f32]; 3], exposure: f32) {
+        #[inline(always)]
+        fn each([r, g, b]: [&[f32]; 3], into: [&mut [f32]; 3], of: impl Fn(Color) -> Color) {
+            let n = r.len();
+            let [o0, o1, o2] = into.map(|row| &mut row[..n]);
+            let (g, b) = (&g[..n], &b[..n]);
+            for i in 0..n {
+                let rgb = [r[i], g[i], b[i]];
+                let (present, color) = (is_present(rgb), of(rgb));
+                let [c0, c1, c2] = color.map(|c| if present { c } else { f32::NAN });
+                (o0[i], o1[i], o2[i]) = (c0, c1, c2);
+            }
+        }
+        match self {
+            Self::Rgb => each(colors, into, |rgb| Self::Rgb.of(rgb, exposure)),
+            Self::YCoCg => each(colors, into, |rgb| Self::YCoCg.of(rgb, exposure)),
+            Self::ToneMappedRgb => each(colors, into, |rgb| Self::ToneMappedRgb.of(rgb, exposure)),
+            Self::ToneMappedYCoCg => {
+                each(colors, into, |rgb| Self::ToneMappedYCoCg.of(rgb, exposure));
+            }
+        }
+    }
+
+    /// Puts the new colours, of this space, in place of `colors`; NaN stands for those that stay.
+    #[inline(always)]
+    fn replace(self, n: usize, colors: &mut [Row; 3], new: &[Row; 3], exposure: f32, most: &Row) {
+        #[inline(always)]
+        fn each(
+            n: usize,
+            [r, g, b]: &mut [Row; 3],
+            [n0, n1, n2]: &[Row; 3],
+            most: &Row,
+            to_rgb: impl Fn(Color, f32) -> Color,
+        ) {
+            for i in 0..n {
+                let rgb = [r[i], g[i], b[i]];
+                let new = to_rgb([n0[i], n1[i], n2[i]], larger(brightest(rgb), most[i]));
+                let stays = n0[i].is_nan();
+                let pick = |c: usize| if stays { rgb[c] } else { new[c] };
+                (r[i], g[i], b[i]) = (pick(0), pick(1), pick(2));
+            }
+        }
+        match self {
+            Self::Rgb => each(n, colors, new, most, |c, most| {
+                Self::Rgb.to_rgb(c, exposure, most)
+            }),
+            Self::YCoCg => each(n, colors, new, most, |c, most| {
+                Self::YCoCg.to_rgb(c, exposure, most)
+            }),
+            Self::ToneMappedRgb => each(n, colors, new, most, |c, most| {
+                Self::ToneMappedRgb.to_rgb(c, exposure, most)
+            }),
+            Self::ToneMappedYCoCg => each(n, colors, new, most, |c, most| {
+                Self::ToneMappedYCoCg.to_rgb(c, exposure, most)
+            }),
+        }
+    }
+}
+
+/// Of present pixels the brightest channel, of others 0.
+#[inline(always)]
+fn mark_brightest([r, g, b]: [&[f32]; 3], into: &mut [f32]) {
+    let n = into.len();
+    let (r, g, b) = (&r[..n], &g[..n], &b[..n]);
+    for i in 0..n {
+        let rgb = [r[i], g[i], b[i]];
+        into[i] = if is_present(rgb) { brightest(rgb) } else { 0.0 };
+    }
+}
+
+/// On the way to the pixel's own colour, which is one of the hull's, or to their mean where it is missing.
+#[inline(always)]
+fn enter_hulls<const N: usize, H: Hull>(
+    n: usize,
+    rows: [&[Columns; 3]; N],
+    colors: &mut [Row; 3],
+    hull: impl Fn(&[Color]) -> H,
+) {
+    for i in 0..n {
         let mut taps = [[0.0; 3]; 25];
         let mut count = 0;
-        let pixel = Run {
-            y: run.y,
-            x: run.x + i,
-            len: 1,
-        };
-        let mut own = None;
-        self.for_each_tap(pixel, |_, tap, planes| {
-            let color = planes.map(|plane| plane[0]);
-            if !color[0].is_nan() {
-                taps[count] = color;
-                count += 1;
-                if tap.dx == 0 && tap.dy == 0 {
-                    own = Some(color);
+        for row in rows {
+            for x in i..i + N {
+                let tap = row.each_ref().map(|row| row[x]);
+                if !tap[0].is_nan() {
+                    taps[count] = tap;
+                    count += 1;
                 }
             }
-        });
-        let taps = &taps[..count];
-        if taps.is_empty() || !is_present(color) {
-            return None;
         }
-        enter(&hull(taps), color, own.unwrap_or_else(|| mean(taps)))
+        let taps = &taps[..count];
+        let color = colors.each_ref().map(|row| row[i]);
+        let own = rows[N / 2].each_ref().map(|row| row[i + N / 2]);
+        let new = if taps.is_empty() || color[0].is_nan() {
+            None
+        } else {
+            enter(
+                &hull(taps),
+                color,
+                if own[0].is_nan() { mean(taps) } else { own },
+            )
+        };
+        let new = new.unwrap_or([f32::NAN; 3]);
+        for c in 0..3 {
+            colors[c][i] = new[c];
+        }
     }
 }
 
@@ -483,46 +490,237 @@ fn mean(taps: &[Color]) -> Color {
     [0, 1, 2].map(|c| taps.iter().fold(0.0, |sum, tap| sum + tap[c]) * share)
 }
 
-/// Takes taps, from `at` on, into a range; NaN is none.
-#[inline(always)]
-fn widen([low, high]: [&mut [f32; SEGMENT]; 2], at: usize, taps: &[f32]) {
-    for ((low, high), &tap) in low[at..].iter_mut().zip(&mut high[at..]).zip(taps) {
-        *low = low.min(tap);
-        *high = high.max(tap);
-    }
-}
-
 /// Who is outside a box, and how far, is judged with some room, this share of the box's largest coordinate: where a
 /// neighbourhood is flat along an axis, rounding shall not decide.
 const ROOM: f32 = 1e-6;
 
 /// Statistics of the neighbourhoods of a run's pixels.
 struct Boxes {
-    count: [f32; SEGMENT],
-    mean: [[f32; SEGMENT]; 3],
-    deviation: [[f32; SEGMENT]; 3],
-    low: [[f32; SEGMENT]; 3],
-    high: [[f32; SEGMENT]; 3],
+    count: Row,
+    mean: [Row; 3],
+    deviation: [Row; 3],
+    low: [Row; 3],
+    high: [Row; 3],
+}
+
+/// Statistics of the columns of such neighbourhoods.
+struct ColumnSums {
+    count: Columns,
+    sum: [Columns; 3],
+    mean: [Columns; 3],
+    /// Of the deviations from the column's mean.
+    squares: [Columns; 3],
+}
+
+impl ColumnSums {
+    #[inline(always)]
+    fn of<const N: usize>(n: usize, rows: [&[Columns; 3]; N]) -> Self {
+        let mut sums = Self {
+            count: [0.0; TILE + LANES],
+            sum: [[0.0; TILE + LANES]; 3],
+            mean: [[0.0; TILE + LANES]; 3],
+            squares: [[0.0; TILE + LANES]; 3],
+        };
+        let n = n.min(TILE) + LANES;
+        for i in 0..n {
+            let mut count = 0.0;
+            for row in rows {
+                count += if row[0][i].is_nan() { 0.0 } else { 1.0 };
+            }
+            sums.count[i] = count;
+            let share = 1.0 / larger(count, 1.0);
+            for c in 0..3 {
+                let mut sum = 0.0;
+                for row in rows {
+                    let tap = row[c][i];
+                    sum += if tap.is_nan() { 0.0 } else { tap };
+                }
+                let mean = sum * share;
+                let mut squares = 0.0;
+                for row in rows {
+                    let off = row[c][i] - mean;
+                    squares += if off.is_nan() { 0.0 } else { off * off };
+                }
+                sums.sum[c][i] = sum;
+                sums.mean[c][i] = mean;
+                sums.squares[c][i] = squares;
+            }
+        }
+        sums
+    }
+}
+
+/// Ranges of columns.
+struct ColumnRanges {
+    low: [Columns; 3],
+    high: [Columns; 3],
+}
+
+impl ColumnRanges {
+    #[inline(always)]
+    fn of<const N: usize>(n: usize, rows: [&[Columns; 3]; N]) -> Self {
+        let mut ranges = Self {
+            low: [[0.0; TILE + LANES]; 3],
+            high: [[0.0; TILE + LANES]; 3],
+        };
+        let n = n.min(TILE) + LANES;
+        for c in 0..3 {
+            for i in 0..n {
+                let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+                for row in rows {
+                    let tap = row[c][i];
+                    (low, high) = (smaller(tap, low), larger(tap, high));
+                }
+                (ranges.low[c][i], ranges.high[c][i]) = (low, high);
+            }
+        }
+        ranges
+    }
 }
 
 impl Boxes {
     #[inline(always)]
     fn new() -> Self {
         Self {
-            count: [0.0; SEGMENT],
-            mean: [[0.0; SEGMENT]; 3],
-            deviation: [[0.0; SEGMENT]; 3],
-            low: [[f32::INFINITY; SEGMENT]; 3],
-            high: [[f32::NEG_INFINITY; SEGMENT]; 3],
+            count: [0.0; TILE],
+            mean: [[0.0; TILE]; 3],
+            deviation: [[0.0; TILE]; 3],
+            low: [[0.0; TILE]; 3],
+            high: [[0.0; TILE]; 3],
+        }
+    }
+
+    /// What the neighbours of a run's pixels are, those that are inside and present.
+    #[inline(always)]
+    fn find<const N: usize>(
+        &mut self,
+        n: usize,
+        rows: [&[Columns; 3]; N],
+        bounds: Bounds,
+        gamma: f32,
+    ) {
+        let n = n.min(TILE);
+        if bounds != Bounds::Variance {
+            self.find_ranges(n, rows);
+        }
+        if bounds == Bounds::Rounded {
+            self.round(n, rows);
+        }
+        match bounds {
+            Bounds::Variance => self.find_deviations(n, rows, |mean, reach, _| {
+                [mean - gamma * reach, mean + gamma * reach]
+            }),
+            Bounds::Intersection => self.find_deviations(n, rows, |mean, reach, [low, high]| {
+                [
+                    larger(low, mean - gamma * reach),
+                    smaller(high, mean + gamma * reach),
+                ]
+            }),
+            _ => {}
+        }
+    }
+
+    #[inline(always)]
+    fn find_ranges<const N: usize>(&mut self, n: usize, rows: [&[Columns; 3]; N]) {
+        let columns = ColumnRanges::of(n, rows);
+        for c in 0..3 {
+            for i in 0..n {
+                let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+                for dx in 0..N {
+                    low = smaller(columns.low[c][i + dx], low);
+                    high = larger(columns.high[c][i + dx], high);
+                }
+                (self.low[c][i], self.high[c][i]) = (low, high);
+            }
+        }
+        for i in 0..n {
+            self.count[i] = if self.low[0][i] <= self.high[0][i] {
+                1.0
+            } else {
+                0.0
+            };
+        }
+    }
+
+    /// Takes the mean with the ranges of the crosses.
+    #[inline(always)]
+    fn round<const N: usize>(&mut self, n: usize, rows: [&[Columns; 3]; N]) {
+        let columns = ColumnRanges::of(n, rows);
+        for c in 0..3 {
+            for i in 0..n {
+                let (mut low, mut high) = (columns.low[c][i + N / 2], columns.high[c][i + N / 2]);
+                for dx in 0..N {
+                    let tap = rows[N / 2][c][i + dx];
+                    (low, high) = (smaller(tap, low), larger(tap, high));
+                }
+                // Where all of the cross is missing, the square is all there is.
+                let some = low <= high;
+                let half = |a: f32, b: f32| if some { 0.5 * (a + b) } else { a };
+                self.low[c][i] = half(self.low[c][i], low);
+                self.high[c][i] = half(self.high[c][i], high);
+            }
+        }
+    }
+
+    /// Finds means, deviations, and the bounds that are drawn from them and the range.
+    #[inline(always)]
+    fn find_deviations<const N: usize>(
+        &mut self,
+        n: usize,
+        rows: [&[Columns; 3]; N],
+        bounds: impl Fn(f32, f32, [f32; 2]) -> [f32; 2],
+    ) {
+        let columns = ColumnSums::of(n, rows);
+        for i in 0..n {
+            let mut count = 0.0;
+            for dx in 0..N {
+                count += columns.count[i + dx];
+            }
+            self.count[i] = count;
+            let share = 1.0 / count;
+            for c in 0..3 {
+                let mut sum = 0.0;
+                for dx in 0..N {
+                    sum += columns.sum[c][i + dx];
+                }
+                let mean = sum * share;
+                let mut squares = 0.0;
+                for dx in 0..N {
+                    let off = columns.mean[c][i + dx] - mean;
+                    squares += columns.squares[c][i + dx] + columns.count[i + dx] * (off * off);
+                }
+                let deviation = (squares * share).sqrt();
+                let range = [self.low[c][i], self.high[c][i]];
+                [self.low[c][i], self.high[c][i]] = bounds(mean, deviation, range);
+                self.mean[c][i] = mean;
+                self.deviation[c][i] = deviation;
+            }
+        }
+    }
+
+    /// Moves colours to where `place` finds them to go; NaN where they stay.
+    #[inline(always)]
+    fn move_in(
+        &self,
+        n: usize,
+        [c0, c1, c2]: &mut [Row; 3],
+        place: impl Fn(&Neighborhood, usize, Color) -> Option<Color>,
+    ) {
+        for i in 0..n.min(TILE) {
+            let color = [c0[i], c1[i], c2[i]];
+            let new = place(&self.at(i), i, color);
+            let known = !color[0].is_nan();
+            let new = new.filter(|_| known).unwrap_or([f32::NAN; 3]);
+            (c0[i], c1[i], c2[i]) = (new[0], new[1], new[2]);
         }
     }
 
     #[inline(always)]
     fn at(&self, i: usize) -> Neighborhood {
-        let of = |planes: &[[f32; SEGMENT]; 3]| [planes[0][i], planes[1][i], planes[2][i]];
+        let of = |planes: &[Row; 3]| [planes[0][i], planes[1][i], planes[2][i]];
         let (low, high) = (of(&self.low), of(&self.high));
         let largest = (low.iter().zip(high)).fold(0.0_f32, |most, (low, high)| {
-            most.max(low.abs()).max(high.abs())
+            larger(larger(most, low.abs()), high.abs())
         });
         let room = ROOM * largest;
         Neighborhood {
@@ -560,7 +758,7 @@ impl Neighborhood {
 
     #[inline(always)]
     fn held(&self, color: Color) -> Color {
-        [0, 1, 2].map(|c| color[c].max(self.low[c]).min(self.high[c]))
+        [0, 1, 2].map(|c| smaller(larger(color[c], self.low[c]), self.high[c]))
     }
 
     #[inline(always)]
@@ -577,9 +775,14 @@ impl Neighborhood {
     #[inline(always)]
     fn to_center(&self, color: Color) -> Option<Color> {
         let ([low, high], center) = (self.wide, self.center());
-        let share = |c: usize| beyond(color[c] - center[c], 0.5 * (high[c] - low[c]));
-        let most = share(0).max(share(1)).max(share(2));
-        let clipped = self.held([0, 1, 2].map(|c| center[c] + (color[c] - center[c]) / most));
+        // Along an axis where the colour is at the centre, any share of the way will do.
+        let share = (0..3).fold(1.0, |share, c| {
+            smaller(
+                0.5 * (high[c] - low[c]) / (color[c] - center[c]).abs(),
+                share,
+            )
+        });
+        let clipped = self.held([0, 1, 2].map(|c| center[c] + share * (color[c] - center[c])));
         (!self.keeps(color)).then_some(clipped)
     }
 
@@ -598,7 +801,8 @@ impl Neighborhood {
                 1.0
             }
         };
-        let clipped = self.held(toward(color, target, exit(0).min(exit(1)).min(exit(2))));
+        let share = smaller(exit(0), smaller(exit(1), exit(2)));
+        let clipped = self.held(toward(color, target, share));
         (!self.keeps(color)).then_some(clipped)
     }
 

@@ -15,8 +15,9 @@
 use std::ops::Range;
 
 use crate::error::{Result, in_range};
-use crate::image::{BandMut, Image, View};
+use crate::image::{Run, View};
 use crate::math::{is_present, luminance, saturate};
+use crate::pixels::{Around, LANES, Pixels, PixelsMut, Row, TILE, lanes, larger, smaller, tiles};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,105 +61,146 @@ pub enum Alpha<'a> {
     Map(View<'a>),
 }
 
+impl Alpha<'_> {
+    /// The shares of a run.
+    #[inline(always)]
+    pub fn read(&self, run: Run, shares: &mut [f32]) {
+        let shares = &mut shares[..run.len];
+        match self {
+            Self::Constant(alpha) => shares.fill(*alpha),
+            Self::Map(map) => {
+                let alphas = &map.row(0, run.y)[run.x..][..run.len];
+                for (share, &alpha) in shares.iter_mut().zip(alphas) {
+                    *share = if alpha.is_nan() { 1.0 } else { saturate(alpha) };
+                }
+            }
+        }
+    }
+}
+
 struct Blend<'a> {
-    color: View<'a>,
-    history: View<'a>,
+    color: Pixels<'a>,
+    history: Pixels<'a>,
     alpha: Alpha<'a>,
     params: Params,
 }
 
-pub fn blend(color: View, history: View, alpha: Alpha, params: Params) -> Image {
-    let mut blended = Image::new(color.size, 3);
+pub fn blend<'a>(
+    color: Pixels<'a>,
+    history: Pixels<'a>,
+    alpha: Alpha<'a>,
+    params: Params,
+    blended: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let height = color.size().height;
     let kernel = Blend {
         color,
         history,
         alpha,
         params,
     };
-    rows::run(&kernel, color.size.height, blended.bands());
-    blended
+    rows::run(&kernel, height, blended);
 }
 
 impl<'a> Kernel for Blend<'a> {
-    type Out = BandMut<'a>;
+    type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut blended: BandMut<'a>) {
-        let width = self.color.size.width;
-        let mut shares = vec![0.0; width];
-        for y in rows {
-            match self.alpha {
-                Alpha::Constant(alpha) => shares.fill(alpha),
-                Alpha::Map(map) => {
-                    for (share, &alpha) in shares.iter_mut().zip(map.row(0, y)) {
-                        *share = if alpha.is_nan() { 1.0 } else { saturate(alpha) };
-                    }
+    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+        let Params {
+            weighting,
+            flicker,
+            exposure,
+        } = self.params;
+        let mut around = Around::new(if flicker < 1.0 { 1 } else { 0 });
+        let mut history = [[0.0; TILE]; 3];
+        let mut blended = [[0.0; TILE]; 3];
+        let mut shares = [0.0; TILE];
+        for tile in tiles(self.color.size()) {
+            for y in rows.clone() {
+                let run = Run { y, ..tile };
+                around.roll(self.color, run, y == rows.start, |_, _| {});
+                self.history
+                    .read(run, history.each_mut().map(|row| &mut row[..run.len]));
+                self.alpha.read(run, &mut shares);
+                if flicker < 1.0 {
+                    calm(&around, run, &history, flicker, &mut shares);
                 }
-            }
-            if self.params.flicker < 1.0 {
-                self.calm(y, &mut shares);
-            }
-            let exposure = self.params.exposure;
-            let (color, history, out) = (self.color.rows(y), self.history.rows(y), blended.rows(y));
-            match self.params.weighting {
-                Weighting::None => mix(color, history, &shares, out, |a, _, _| a),
-                // The weights' ratio as one share.
-                Weighting::Tone => mix(color, history, &shares, out, |a, c, h| {
-                    let (new, old) = (
-                        a / (exposure + c.max(0.0)),
-                        (1.0 - a) / (exposure + h.max(0.0)),
-                    );
-                    new / (new + old)
-                }),
-                Weighting::Luminance => mix(color, history, &shares, out, |a, c, h| {
-                    let alike = (1.0 - (c - h).abs() / c.max(h).max(0.2 * exposure)).max(0.0);
-                    let most = (4.0 * a).min(1.0);
-                    most + alike * alike * (a - most)
-                }),
+                let own = around.own(run);
+                mix(own, &history, &shares, weighting, exposure, &mut blended);
+                out.write(run, blended.each_ref().map(Row::as_slice));
             }
         }
     }
 }
 
-impl Blend<'_> {
-    /// Lessens the shares where history lies near the border of what surrounds the pixel.
-    #[inline(always)]
-    fn calm(&self, y: usize, shares: &mut [f32]) {
-        let size = self.color.size;
-        let rows = y.saturating_sub(1)..(y + 2).min(size.height);
-        let [hr, hg, hb] = self.history.rows(y);
-        for (x, share) in shares.iter_mut().enumerate() {
-            let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-            for y in rows.clone() {
-                let [r, g, b] = self.color.rows(y);
-                for x in x.saturating_sub(1)..(x + 2).min(size.width) {
-                    let l = luminance(r[x], g[x], b[x]);
-                    let counts = is_present([r[x], g[x], b[x]]);
-                    low = if counts { low.min(l) } else { low };
-                    high = if counts { high.max(l) } else { high };
-                }
-            }
-            let l = luminance(hr[x], hg[x], hb[x]);
-            let inside = (l - low).min(high - l) / (0.5 * (high - low));
-            let inside = if high > low { saturate(inside) } else { 1.0 };
-            let kept = self.params.flicker + (1.0 - self.params.flicker) * inside;
-            *share *= kept + *share * (1.0 - kept);
+/// Lessens the shares where history lies near the border of what surrounds the pixel.
+#[inline(always)]
+pub fn calm(around: &Around, run: Run, history: &[Row; 3], flicker: f32, shares: &mut Row) {
+    let n = lanes(run);
+    let mut lows = [f32::INFINITY; TILE + LANES];
+    let mut highs = [f32::NEG_INFINITY; TILE + LANES];
+    for dy in -1..=1 {
+        let [r, g, b] = around.columns(run, dy);
+        for i in 0..n + LANES {
+            let l = luminance(r[i], g[i], b[i]);
+            let counts = is_present([r[i], g[i], b[i]]);
+            lows[i] = if counts & (l < lows[i]) { l } else { lows[i] };
+            highs[i] = if counts & (l > highs[i]) { l } else { highs[i] };
         }
+    }
+    let first = around.radius - 1;
+    let (lows, highs) = (&lows[first..][..n + 2], &highs[first..][..n + 2]);
+    let [r, g, b] = history;
+    for i in 0..n {
+        let low = smaller(lows[i], smaller(lows[i + 1], lows[i + 2]));
+        let high = larger(highs[i], larger(highs[i + 1], highs[i + 2]));
+        let l = luminance(r[i], g[i], b[i]);
+        let inside = (l - low).min(high - l) / (0.5 * (high - low));
+        let inside = if high > low { saturate(inside) } else { 1.0 };
+        let kept = flicker + (1.0 - flicker) * inside;
+        shares[i] *= kept + shares[i] * (1.0 - kept);
+    }
+}
+
+/// Blends a run by the shares of its colours.
+#[inline(always)]
+pub fn mix(
+    color: [&[f32]; 3],
+    history: &[Row; 3],
+    shares: &Row,
+    weighting: Weighting,
+    exposure: f32,
+    blended: &mut [Row; 3],
+) {
+    match weighting {
+        Weighting::None => mix_by(color, history, shares, blended, |a, _, _| a),
+        // The weights' ratio as one share.
+        Weighting::Tone => mix_by(color, history, shares, blended, |a, c, h| {
+            let (new, old) = (
+                a / (exposure + c.max(0.0)),
+                (1.0 - a) / (exposure + h.max(0.0)),
+            );
+            new / (new + old)
+        }),
+        Weighting::Luminance => mix_by(color, history, shares, blended, |a, c, h| {
+            let alike = (1.0 - (c - h).abs() / c.max(h).max(0.2 * exposure)).max(0.0);
+            let most = (4.0 * a).min(1.0);
+            most + alike * alike * (a - most)
+        }),
     }
 }
 
 #[inline(always)]
-fn mix(
+fn mix_by(
     color: [&[f32]; 3],
-    history: [&[f32]; 3],
-    shares: &[f32],
-    out: [&mut [f32]; 3],
+    [hr, hg, hb]: &[Row; 3],
+    shares: &Row,
+    [or, og, ob]: &mut [Row; 3],
     share: impl Fn(f32, f32, f32) -> f32,
 ) {
-    let n = shares.len();
+    let n = color[0].len().min(TILE);
     let [cr, cg, cb] = color.map(|row| &row[..n]);
-    let [hr, hg, hb] = history.map(|row| &row[..n]);
-    let [or, og, ob] = out.map(|row| &mut row[..n]);
     for x in 0..n {
         let (c, h) = ([cr[x], cg[x], cb[x]], [hr[x], hg[x], hb[x]]);
         let present = is_present(c);
@@ -173,8 +215,6 @@ fn mix(
             let kept = if remembered { h } else { f32::NAN };
             if present { known } else { kept }
         };
-        or[x] = mixed(c[0], h[0]);
-        og[x] = mixed(c[1], h[1]);
-        ob[x] = mixed(c[2], h[2]);
+        (or[x], og[x], ob[x]) = (mixed(c[0], h[0]), mixed(c[1], h[1]), mixed(c[2], h[2]));
     }
 }
