@@ -412,7 +412,7 @@ impl Space {
             for i in 0..n {
                 let rgb = [r[i], g[i], b[i]];
                 let new = to_rgb([n0[i], n1[i], n2[i]], larger(brightest(rgb), most[i]));
-                let stays = n0[i].is_nan();
+                let stays = n0[i].is_nan() | !is_present(rgb);
                 let pick = |c: usize| if stays { rgb[c] } else { new[c] };
                 (r[i], g[i], b[i]) = (pick(0), pick(1), pick(2));
             }
@@ -704,14 +704,11 @@ impl Boxes {
         &self,
         n: usize,
         [c0, c1, c2]: &mut [Row; 3],
-        place: impl Fn(&Neighborhood, usize, Color) -> Option<Color>,
+        place: impl Fn(&Neighborhood, usize, Color) -> Color,
     ) {
         for i in 0..n.min(TILE) {
             let color = [c0[i], c1[i], c2[i]];
-            let new = place(&self.at(i), i, color);
-            let known = !color[0].is_nan();
-            let new = new.filter(|_| known).unwrap_or([f32::NAN; 3]);
-            (c0[i], c1[i], c2[i]) = (new[0], new[1], new[2]);
+            [c0[i], c1[i], c2[i]] = place(&self.at(i), i, color);
         }
     }
 
@@ -747,13 +744,19 @@ struct Neighborhood {
     room: f32,
 }
 
-/// Where a colour goes; `None` where it stays.
+/// Where a colour goes; NaN where it stays.
 impl Neighborhood {
     #[inline(always)]
     fn keeps(&self, color: Color) -> bool {
         let [low, high] = self.wide;
         let inside = |c: usize| (low[c] <= color[c]) & (color[c] <= high[c]);
         self.empty | (inside(0) & inside(1) & inside(2))
+    }
+
+    #[inline(always)]
+    fn unless_kept(&self, color: Color, clipped: Color) -> Color {
+        let kept = self.keeps(color);
+        clipped.map(|c| if kept { f32::NAN } else { c })
     }
 
     #[inline(always)]
@@ -767,13 +770,13 @@ impl Neighborhood {
     }
 
     #[inline(always)]
-    fn clamp(&self, color: Color) -> Option<Color> {
+    fn clamp(&self, color: Color) -> Color {
         let held = self.held(color);
-        (!self.keeps(color)).then_some(held)
+        self.unless_kept(color, held)
     }
 
     #[inline(always)]
-    fn to_center(&self, color: Color) -> Option<Color> {
+    fn to_center(&self, color: Color) -> Color {
         let ([low, high], center) = (self.wide, self.center());
         // Along an axis where the colour is at the centre, any share of the way will do.
         let share = (0..3).fold(1.0, |share, c| {
@@ -783,11 +786,11 @@ impl Neighborhood {
             )
         });
         let clipped = self.held([0, 1, 2].map(|c| center[c] + share * (color[c] - center[c])));
-        (!self.keeps(color)).then_some(clipped)
+        self.unless_kept(color, clipped)
     }
 
     #[inline(always)]
-    fn to_current(&self, color: Color, own: Color) -> Option<Color> {
+    fn to_current(&self, color: Color, own: Color) -> Color {
         let (center, held) = (self.center(), self.held(own));
         let target = [0, 1, 2].map(|c| if own[0].is_nan() { center[c] } else { held[c] });
         let [low, high] = self.wide;
@@ -803,12 +806,12 @@ impl Neighborhood {
         };
         let share = smaller(exit(0), smaller(exit(1), exit(2)));
         let clipped = self.held(toward(color, target, share));
-        (!self.keeps(color)).then_some(clipped)
+        self.unless_kept(color, clipped)
     }
 
     /// The half-axes are multiples of the deviations.
     #[inline(always)]
-    fn to_ellipsoid(&self, color: Color, axes: Color) -> Option<Color> {
+    fn to_ellipsoid(&self, color: Color, axes: Color) -> Color {
         let v = [0, 1, 2].map(|c| {
             beyond(
                 color[c] - self.mean[c],
@@ -817,7 +820,8 @@ impl Neighborhood {
         });
         let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
         let clipped = [0, 1, 2].map(|c| self.mean[c] + (color[c] - self.mean[c]) / length);
-        ((length > 1.0) & !self.empty).then_some(clipped)
+        let moves = (length > 1.0) & !self.empty;
+        clipped.map(|c| if moves { c } else { f32::NAN })
     }
 }
 
