@@ -1,9 +1,11 @@
-//! Images in either layout, plane by plane or pixel by pixel, worked on tile by tile.
+//! Images in either layout, plane by plane or pixel by pixel, worked on run by run.
 //!
-//! What is known of a tile's row stays in the first-level cache. No planar copy of the whole is needed: channels are
-//! taken apart, and put together again, there.
+//! What is known of a run stays in the first-level cache, and the rows around it in the second. No planar copy of the
+//! whole is needed: channels are taken apart, and put together again, on the way.
 
-use crate::image::{BandMut, Run, Size, View};
+use std::ops::RangeInclusive;
+
+use crate::image::{BandMut, Run, SEGMENT, Size, View};
 use crate::rows::{self, BAND};
 
 /// A borrowed image.
@@ -123,116 +125,120 @@ impl<'a> PixelsMut<'a> {
     }
 }
 
-/// Pixels of a row that are worked on at a time.
-pub const TILE: usize = 192;
-
 /// Scratch is worked on in multiples of so many pixels, whole vectors at every level.
 pub const LANES: usize = 16;
 
-/// Values of a tile's row.
-pub type Row = [f32; TILE];
+/// Values of a run's pixels.
+pub type Row = [f32; SEGMENT];
 
-/// Values of a tile's row, with those to the sides.
-pub type Columns = [f32; TILE + LANES];
+/// Values of a run's columns and those to its sides.
+pub type Columns = [f32; SEGMENT + LANES];
 
-/// The runs of an image's first row that tiles begin with.
-pub fn tiles(size: Size) -> impl Iterator<Item = Run> {
+/// The runs of a row that are worked on at a time.
+pub fn runs(size: Size, y: usize) -> impl Iterator<Item = Run> {
     let width = size.width;
-    (0..width).step_by(TILE).map(move |x| Run {
-        y: 0,
+    (0..width).step_by(SEGMENT).map(move |x| Run {
+        y,
         x,
-        len: TILE.min(width - x),
+        len: SEGMENT.min(width - x),
     })
 }
 
-/// As many pixels as a tile's row has, in whole vectors.
+/// As many pixels as a run has, in whole vectors.
 #[inline(always)]
 pub fn lanes(run: Run) -> usize {
-    run.len.next_multiple_of(LANES).min(TILE)
+    run.len.next_multiple_of(LANES).min(SEGMENT)
 }
 
-/// Rows of a window of at most so many.
-const WIDEST: usize = 5;
-
-/// The colours in and around a row of a tile, down which it rolls.
-pub struct Around {
+/// Rows of an image with columns to either side, of which the last few are held, in turn.
+pub struct Rolling<const C: usize> {
     pub radius: usize,
-    /// As they are; NaN outside of the image. The rows take turns.
-    rows: [[Columns; 3]; WIDEST],
+    length: usize,
+    data: Vec<f32>,
 }
 
-impl Around {
+impl<const C: usize> Rolling<C> {
+    /// For windows that reach so far to each side.
     #[inline(always)]
-    pub fn new(radius: usize) -> Self {
+    pub fn new(width: usize, radius: usize) -> Self {
+        let length = width.next_multiple_of(SEGMENT) + LANES;
         Self {
             radius,
-            rows: [[[0.0; TILE + LANES]; 3]; WIDEST],
+            length,
+            data: vec![0.0; (2 * radius + 1) * C * length],
         }
     }
 
-    /// The row that is read `dy` below a run is held here.
     #[inline(always)]
-    pub fn slot(&self, run: Run, dy: isize) -> usize {
+    fn start(&self, y: isize) -> usize {
         let rows = 2 * self.radius as isize + 1;
-        (run.y as isize + dy).rem_euclid(rows) as usize
+        y.rem_euclid(rows) as usize * C * self.length
     }
 
-    /// Goes to a run, which is below the one before unless it is the first; calls `each` for all rows that are read, with
-    /// where they are held.
+    /// Row `y` of the channels, of which the image's begin `radius` columns further on.
     #[inline(always)]
-    pub fn roll(
-        &mut self,
-        color: Pixels,
-        run: Run,
-        first: bool,
-        mut each: impl FnMut(usize, [&[f32]; 3]),
-    ) {
-        let radius = self.radius as isize;
-        for dy in if first { -radius } else { radius }..=radius {
-            self.read(color, run, dy);
-            let slot = self.slot(run, dy);
-            let columns = lanes(run) + LANES;
-            each(slot, self.rows[slot].each_ref().map(|row| &row[..columns]));
+    pub fn row(&self, y: isize) -> [&[f32]; C] {
+        let rows = &self.data[self.start(y)..][..C * self.length];
+        std::array::from_fn(|c| &rows[c * self.length..][..self.length])
+    }
+
+    #[inline(always)]
+    pub fn row_mut(&mut self, y: isize) -> [&mut [f32]; C] {
+        let start = self.start(y);
+        let mut rows = self.data[start..][..C * self.length].chunks_exact_mut(self.length);
+        std::array::from_fn(|_| rows.next().expect("as many rows as channels"))
+    }
+
+    /// The columns of a run's pixels and those around, `dy` below.
+    #[inline(always)]
+    pub fn columns(&self, run: Run, dy: isize) -> [&Columns; C] {
+        self.row(run.y as isize + dy).map(|row| {
+            row[run.x..]
+                .first_chunk()
+                .expect("rows are of whole segments")
+        })
+    }
+
+    /// The run's pixels.
+    #[inline(always)]
+    pub fn own(&self, run: Run) -> [&[f32]; C] {
+        self.columns(run, 0)
+            .map(|row| &row[self.radius..][..lanes(run)])
+    }
+
+    /// Reads the rows around `y` that are not held since row `y - 1`, if that was before, and returns which; NaN where
+    /// they are outside of the image.
+    #[inline(always)]
+    pub fn roll(&mut self, pixels: Pixels, y: usize, first: bool) -> RangeInclusive<isize> {
+        let (y, radius) = (y as isize, self.radius);
+        let last = y + radius as isize;
+        let new = if first { y - radius as isize } else { last }..=last;
+        let Size { height, width } = pixels.size();
+        for y in new.clone() {
+            let inside = (0..height as isize).contains(&y);
+            let rows = self.row_mut(y);
+            if !inside {
+                rows.into_iter().for_each(|row| row.fill(f32::NAN));
+                continue;
+            }
+            let rows = rows.map(|row| {
+                let (before, row) = row.split_at_mut(radius);
+                let (row, after) = row.split_at_mut(width);
+                before.fill(f32::NAN);
+                after.fill(f32::NAN);
+                row
+            });
+            let y = y as usize;
+            pixels.read(
+                Run {
+                    y,
+                    x: 0,
+                    len: width,
+                },
+                rows,
+            );
         }
-    }
-
-    #[inline(always)]
-    fn read(&mut self, color: Pixels, run: Run, dy: isize) {
-        let slot = self.slot(run, dy);
-        let Size { height, width } = color.size();
-        let columns = lanes(run) + LANES;
-        let y = run.y as isize + dy;
-        let inside = if (0..height as isize).contains(&y) {
-            self.radius.saturating_sub(run.x)..(width + self.radius - run.x).min(columns)
-        } else {
-            0..0
-        };
-        let rows = &mut self.rows[slot];
-        for row in rows.iter_mut() {
-            row[..inside.start].fill(f32::NAN);
-            row[inside.end..].fill(f32::NAN);
-        }
-        if !inside.is_empty() {
-            let there = Run {
-                y: y as usize,
-                x: run.x + inside.start - self.radius,
-                len: inside.len(),
-            };
-            color.read(there, rows.each_mut().map(|row| &mut row[inside.clone()]));
-        }
-    }
-
-    /// The colours of the run's columns, `dy` below.
-    #[inline(always)]
-    pub fn columns(&self, run: Run, dy: isize) -> &[Columns; 3] {
-        &self.rows[self.slot(run, dy)]
-    }
-
-    /// The colours of the run itself.
-    #[inline(always)]
-    pub fn own(&self, run: Run) -> [&[f32]; 3] {
-        let row = self.columns(run, 0).each_ref();
-        row.map(|row| &row[self.radius..][..lanes(run)])
+        new
     }
 }
 

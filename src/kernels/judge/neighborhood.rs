@@ -28,11 +28,11 @@ use std::ops::Range;
 
 use super::hull::{Hull, Polygon, Polytope, enter, toward};
 use crate::error::{Error, Result, in_range};
-use crate::image::Run;
+use crate::image::{Run, SEGMENT};
 use crate::kernels::merge::blend::{self, Alpha, Weighting};
 use crate::math::is_present;
 use crate::pixels::{
-    Around, Columns, LANES, Pixels, PixelsMut, Row, TILE, lanes, larger, smaller, tiles,
+    Columns, LANES, Pixels, PixelsMut, Rolling, Row, lanes, larger, runs, smaller,
 };
 use crate::rows::{self, Kernel};
 
@@ -237,24 +237,23 @@ impl<'a> Kernel for Clip<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
-        let mut window = Window::new(self.params);
-        let mut clipped = [[0.0; TILE]; 3];
-        let mut blended = [[0.0; TILE]; 3];
-        let mut shares = [0.0; TILE];
-        for tile in tiles(self.color.size()) {
-            for y in rows.clone() {
-                let run = Run { y, ..tile };
-                window.roll(self.color, run, y == rows.start);
-                let [r, g, b] = &mut clipped;
+        let size = self.color.size();
+        let mut window = Window::new(size.width, self.params);
+        let mut clipped = [[0.0; SEGMENT]; 3];
+        let mut blended = [[0.0; SEGMENT]; 3];
+        let mut shares = [0.0; SEGMENT];
+        for y in rows.clone() {
+            window.roll(self.color, y, y == rows.start);
+            for run in runs(size, y) {
                 self.history
-                    .read(run, [r, g, b].map(|row| &mut row[..run.len]));
+                    .read(run, clipped.each_mut().map(|row| &mut row[..run.len]));
                 window.clip(run, &mut clipped);
                 let Some(alpha) = self.alpha else {
                     out.write(run, clipped.each_ref().map(Row::as_slice));
                     continue;
                 };
                 alpha.read(run, &mut shares);
-                let own = window.around.own(run);
+                let own = window.colors.own(run);
                 blend::mix(own, &clipped, &shares, Weighting::None, 1.0, &mut blended);
                 out.write(run, blended.each_ref().map(Row::as_slice));
             }
@@ -262,45 +261,44 @@ impl<'a> Kernel for Clip<'a> {
     }
 }
 
-/// The colours around the pixels of a run, which rolls down a tile.
+/// The colours around the pixels of a row.
 pub struct Window {
     params: Params,
-    pub around: Around,
+    /// As they are.
+    pub colors: Rolling<3>,
     /// In the space of the box; NaN where missing.
-    converted: [[Columns; 3]; 5],
-    /// The brightest channel, where it is asked for; 0 where missing.
-    brightest: [Columns; 5],
+    converted: Rolling<3>,
+    /// The brightest channel, where tone curves ask for it; 0 where missing.
+    brightest: Option<Rolling<1>>,
 }
 
 impl Window {
     #[inline(always)]
-    pub fn new(params: Params) -> Self {
+    pub fn new(width: usize, params: Params) -> Self {
+        let radius = params.radius as usize;
+        let toned = params.space.is_tone_mapped();
         Self {
             params,
-            around: Around::new(params.radius as usize),
-            converted: [[[0.0; TILE + LANES]; 3]; 5],
-            brightest: [[0.0; TILE + LANES]; 5],
+            colors: Rolling::new(width, radius),
+            converted: Rolling::new(width, radius),
+            brightest: toned.then(|| Rolling::new(width, radius)),
         }
     }
 
-    /// Goes to a run, which is below the one before unless it is the first.
+    /// Goes to a row, which is below the one before unless it is the first.
     #[inline(always)]
-    pub fn roll(&mut self, color: Pixels, run: Run, first: bool) {
+    pub fn roll(&mut self, color: Pixels, y: usize, first: bool) {
         let Params {
             space, exposure, ..
         } = self.params;
-        let (converted, bright) = (&mut self.converted, &mut self.brightest);
-        self.around.roll(color, run, first, |slot, colors| {
-            let converted = converted[slot].each_mut();
-            space.convert(
-                colors,
-                converted.map(|row| &mut row[..colors[0].len()]),
-                exposure,
-            );
-            if space.is_tone_mapped() {
-                mark_brightest(colors, &mut bright[slot][..colors[0].len()]);
+        for y in self.colors.roll(color, y, first) {
+            let colors = self.colors.row(y);
+            space.convert(colors, self.converted.row_mut(y), exposure);
+            if let Some(brightest) = &mut self.brightest {
+                let [row] = brightest.row_mut(y);
+                mark_brightest(colors, row);
             }
-        });
+        }
     }
 
     /// Brings the run's history to the colours around.
@@ -323,10 +321,10 @@ impl Window {
             gamma,
             ..
         } = self.params;
-        let slots: [usize; N] =
-            std::array::from_fn(|i| self.around.slot(run, i as isize - (N / 2) as isize));
-        let rows = slots.map(|slot| &self.converted[slot]);
-        let mut new = [[0.0; TILE]; 3];
+        let below = |i: usize| i as isize - (N / 2) as isize;
+        let rows: [[&Columns; 3]; N] =
+            std::array::from_fn(|i| self.converted.columns(run, below(i)));
+        let mut new = [[0.0; SEGMENT]; 3];
         {
             let history = history.each_ref().map(|row| &row[..n]);
             space.convert(history, new.each_mut().map(|row| &mut row[..n]), exposure);
@@ -338,7 +336,7 @@ impl Window {
                 let mut boxes = Boxes::new();
                 boxes.find(n, rows, bounds, gamma);
                 let axes = space.axes().map(|axis| gamma * axis);
-                let own = rows[N / 2].each_ref().map(|row| &row[N / 2..][..n]);
+                let own = self.converted.own(run);
                 match response {
                     Response::Clamp => boxes.move_in(n, &mut new, |b, _, color| b.clamp(color)),
                     Response::Center => {
@@ -353,13 +351,13 @@ impl Window {
                 }
             }
         }
-        let mut most = [0.0; TILE];
-        if space.is_tone_mapped() {
-            let mut columns = [0.0; TILE + LANES];
-            for slot in slots {
-                let row = &self.brightest[slot];
-                for i in 0..n + LANES {
-                    columns[i] = larger(columns[i], row[i]);
+        let mut most = [0.0; SEGMENT];
+        if let Some(brightest) = &self.brightest {
+            let mut columns: Columns = [0.0; _];
+            for i in 0..N {
+                let [row] = brightest.columns(run, below(i));
+                for (column, &light) in columns[..n + LANES].iter_mut().zip(row) {
+                    *column = larger(*column, light);
                 }
             }
             for i in 0..n {
@@ -449,7 +447,7 @@ fn mark_brightest([r, g, b]: [&[f32]; 3], into: &mut [f32]) {
 #[inline(always)]
 fn enter_hulls<const N: usize, H: Hull>(
     n: usize,
-    rows: [&[Columns; 3]; N],
+    rows: [[&Columns; 3]; N],
     colors: &mut [Row; 3],
     hull: impl Fn(&[Color]) -> H,
 ) {
@@ -458,7 +456,7 @@ fn enter_hulls<const N: usize, H: Hull>(
         let mut count = 0;
         for row in rows {
             for x in i..i + N {
-                let tap = row.each_ref().map(|row| row[x]);
+                let tap = row.map(|row| row[x]);
                 if !tap[0].is_nan() {
                     taps[count] = tap;
                     count += 1;
@@ -467,7 +465,7 @@ fn enter_hulls<const N: usize, H: Hull>(
         }
         let taps = &taps[..count];
         let color = colors.each_ref().map(|row| row[i]);
-        let own = rows[N / 2].each_ref().map(|row| row[i + N / 2]);
+        let own = rows[N / 2].map(|row| row[i + N / 2]);
         let new = if taps.is_empty() || color[0].is_nan() {
             None
         } else {
@@ -514,15 +512,14 @@ struct ColumnSums {
 
 impl ColumnSums {
     #[inline(always)]
-    fn of<const N: usize>(n: usize, rows: [&[Columns; 3]; N]) -> Self {
+    fn of<const N: usize>(n: usize, rows: [[&Columns; 3]; N]) -> Self {
         let mut sums = Self {
-            count: [0.0; TILE + LANES],
-            sum: [[0.0; TILE + LANES]; 3],
-            mean: [[0.0; TILE + LANES]; 3],
-            squares: [[0.0; TILE + LANES]; 3],
+            count: [0.0; _],
+            sum: [[0.0; _]; 3],
+            mean: [[0.0; _]; 3],
+            squares: [[0.0; _]; 3],
         };
-        let n = n.min(TILE) + LANES;
-        for i in 0..n {
+        for i in 0..n.min(SEGMENT) + LANES {
             let mut count = 0.0;
             for row in rows {
                 count += if row[0][i].is_nan() { 0.0 } else { 1.0 };
@@ -558,14 +555,13 @@ struct ColumnRanges {
 
 impl ColumnRanges {
     #[inline(always)]
-    fn of<const N: usize>(n: usize, rows: [&[Columns; 3]; N]) -> Self {
+    fn of<const N: usize>(n: usize, rows: [[&Columns; 3]; N]) -> Self {
         let mut ranges = Self {
-            low: [[0.0; TILE + LANES]; 3],
-            high: [[0.0; TILE + LANES]; 3],
+            low: [[0.0; _]; 3],
+            high: [[0.0; _]; 3],
         };
-        let n = n.min(TILE) + LANES;
         for c in 0..3 {
-            for i in 0..n {
+            for i in 0..n.min(SEGMENT) + LANES {
                 let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
                 for row in rows {
                     let tap = row[c][i];
@@ -582,11 +578,11 @@ impl Boxes {
     #[inline(always)]
     fn new() -> Self {
         Self {
-            count: [0.0; TILE],
-            mean: [[0.0; TILE]; 3],
-            deviation: [[0.0; TILE]; 3],
-            low: [[0.0; TILE]; 3],
-            high: [[0.0; TILE]; 3],
+            count: [0.0; SEGMENT],
+            mean: [[0.0; SEGMENT]; 3],
+            deviation: [[0.0; SEGMENT]; 3],
+            low: [[0.0; SEGMENT]; 3],
+            high: [[0.0; SEGMENT]; 3],
         }
     }
 
@@ -595,11 +591,11 @@ impl Boxes {
     fn find<const N: usize>(
         &mut self,
         n: usize,
-        rows: [&[Columns; 3]; N],
+        rows: [[&Columns; 3]; N],
         bounds: Bounds,
         gamma: f32,
     ) {
-        let n = n.min(TILE);
+        let n = n.min(SEGMENT);
         if bounds != Bounds::Variance {
             self.find_ranges(n, rows);
         }
@@ -621,7 +617,7 @@ impl Boxes {
     }
 
     #[inline(always)]
-    fn find_ranges<const N: usize>(&mut self, n: usize, rows: [&[Columns; 3]; N]) {
+    fn find_ranges<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
         let columns = ColumnRanges::of(n, rows);
         for c in 0..3 {
             for i in 0..n {
@@ -644,7 +640,7 @@ impl Boxes {
 
     /// Takes the mean with the ranges of the crosses.
     #[inline(always)]
-    fn round<const N: usize>(&mut self, n: usize, rows: [&[Columns; 3]; N]) {
+    fn round<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
         let columns = ColumnRanges::of(n, rows);
         for c in 0..3 {
             for i in 0..n {
@@ -667,7 +663,7 @@ impl Boxes {
     fn find_deviations<const N: usize>(
         &mut self,
         n: usize,
-        rows: [&[Columns; 3]; N],
+        rows: [[&Columns; 3]; N],
         bounds: impl Fn(f32, f32, [f32; 2]) -> [f32; 2],
     ) {
         let columns = ColumnSums::of(n, rows);
@@ -706,7 +702,7 @@ impl Boxes {
         [c0, c1, c2]: &mut [Row; 3],
         place: impl Fn(&Neighborhood, usize, Color) -> Color,
     ) {
-        for i in 0..n.min(TILE) {
+        for i in 0..n.min(SEGMENT) {
             let color = [c0[i], c1[i], c2[i]];
             [c0[i], c1[i], c2[i]] = place(&self.at(i), i, color);
         }

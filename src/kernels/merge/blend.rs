@@ -15,9 +15,11 @@
 use std::ops::Range;
 
 use crate::error::{Result, in_range};
-use crate::image::{Run, View};
+use crate::image::{Run, SEGMENT, View};
 use crate::math::{is_present, luminance, saturate};
-use crate::pixels::{Around, LANES, Pixels, PixelsMut, Row, TILE, lanes, larger, smaller, tiles};
+use crate::pixels::{
+    Columns, LANES, Pixels, PixelsMut, Rolling, Row, lanes, larger, runs, smaller,
+};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,21 +114,21 @@ impl<'a> Kernel for Blend<'a> {
             flicker,
             exposure,
         } = self.params;
-        let mut around = Around::new(if flicker < 1.0 { 1 } else { 0 });
-        let mut history = [[0.0; TILE]; 3];
-        let mut blended = [[0.0; TILE]; 3];
-        let mut shares = [0.0; TILE];
-        for tile in tiles(self.color.size()) {
-            for y in rows.clone() {
-                let run = Run { y, ..tile };
-                around.roll(self.color, run, y == rows.start, |_, _| {});
+        let size = self.color.size();
+        let mut colors = Rolling::new(size.width, if flicker < 1.0 { 1 } else { 0 });
+        let mut history = [[0.0; SEGMENT]; 3];
+        let mut blended = [[0.0; SEGMENT]; 3];
+        let mut shares = [0.0; SEGMENT];
+        for y in rows.clone() {
+            colors.roll(self.color, y, y == rows.start);
+            for run in runs(size, y) {
                 self.history
                     .read(run, history.each_mut().map(|row| &mut row[..run.len]));
                 self.alpha.read(run, &mut shares);
                 if flicker < 1.0 {
-                    calm(&around, run, &history, flicker, &mut shares);
+                    calm(&colors, run, &history, flicker, &mut shares);
                 }
-                let own = around.own(run);
+                let own = colors.own(run);
                 mix(own, &history, &shares, weighting, exposure, &mut blended);
                 out.write(run, blended.each_ref().map(Row::as_slice));
             }
@@ -136,12 +138,12 @@ impl<'a> Kernel for Blend<'a> {
 
 /// Lessens the shares where history lies near the border of what surrounds the pixel.
 #[inline(always)]
-pub fn calm(around: &Around, run: Run, history: &[Row; 3], flicker: f32, shares: &mut Row) {
+pub fn calm(colors: &Rolling<3>, run: Run, history: &[Row; 3], flicker: f32, shares: &mut Row) {
     let n = lanes(run);
-    let mut lows = [f32::INFINITY; TILE + LANES];
-    let mut highs = [f32::NEG_INFINITY; TILE + LANES];
+    let mut lows: Columns = [f32::INFINITY; _];
+    let mut highs: Columns = [f32::NEG_INFINITY; _];
     for dy in -1..=1 {
-        let [r, g, b] = around.columns(run, dy);
+        let [r, g, b] = colors.columns(run, dy);
         for i in 0..n + LANES {
             let l = luminance(r[i], g[i], b[i]);
             let counts = is_present([r[i], g[i], b[i]]);
@@ -149,7 +151,7 @@ pub fn calm(around: &Around, run: Run, history: &[Row; 3], flicker: f32, shares:
             highs[i] = if counts & (l > highs[i]) { l } else { highs[i] };
         }
     }
-    let first = around.radius - 1;
+    let first = colors.radius - 1;
     let (lows, highs) = (&lows[first..][..n + 2], &highs[first..][..n + 2]);
     let [r, g, b] = history;
     for i in 0..n {
@@ -199,7 +201,7 @@ fn mix_by(
     [or, og, ob]: &mut [Row; 3],
     share: impl Fn(f32, f32, f32) -> f32,
 ) {
-    let n = color[0].len().min(TILE);
+    let n = color[0].len().min(SEGMENT);
     let [cr, cg, cb] = color.map(|row| &row[..n]);
     for x in 0..n {
         let (c, h) = ([cr[x], cg[x], cb[x]], [hr[x], hg[x], hb[x]]);
