@@ -196,6 +196,15 @@ impl<T> BandMut<'_, T> {
         &mut self.planes[channel][(y - self.rows.start) * self.width..][..self.width]
     }
 
+    /// The run's pixels in each channel.
+    #[inline(always)]
+    pub fn parts(&mut self, run: Run) -> impl ExactSizeIterator<Item = &mut [T]> {
+        let start = (run.y - self.rows.start) * self.width + run.x;
+        self.planes
+            .iter_mut()
+            .map(move |plane| &mut plane[start..][..run.len])
+    }
+
     /// The same row of the first `N` channels.
     #[inline(always)]
     pub fn rows<const N: usize>(&mut self, y: usize) -> [&mut [T]; N] {
@@ -210,6 +219,16 @@ impl<T> BandMut<'_, T> {
 
 /// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache.
 pub const SEGMENT: usize = 256;
+
+/// The runs of up to [`SEGMENT`] pixels of a row.
+#[inline(always)]
+pub fn segments(y: usize, width: usize) -> impl Iterator<Item = Run> {
+    (0..width).step_by(SEGMENT).map(move |x| Run {
+        y,
+        x,
+        len: SEGMENT.min(width - x),
+    })
+}
 
 /// Consecutive pixels of one row.
 #[derive(Clone, Copy)]
@@ -332,6 +351,63 @@ impl Tiles {
     }
 }
 
+/// Takes records of pixels apart; `outs` are as long as there are pixels.
+#[inline(always)]
+fn deinterleave<'a, T: Copy + 'a>(records: &[T], outs: impl ExactSizeIterator<Item = &'a mut [T]>) {
+    #[inline(always)]
+    fn strided<T: Copy, const C: usize>(records: &[T], channel: usize, out: &mut [T]) {
+        for (to, from) in out.iter_mut().zip(records.as_chunks::<C>().0) {
+            *to = from[channel];
+        }
+    }
+    let channels = outs.len();
+    for (channel, out) in outs.enumerate() {
+        // A stride that is known makes shuffles of the copies.
+        match channels {
+            1 => out.copy_from_slice(records),
+            2 => strided::<T, 2>(records, channel, out),
+            3 => strided::<T, 3>(records, channel, out),
+            4 => strided::<T, 4>(records, channel, out),
+            _ => {
+                for (to, from) in out.iter_mut().zip(records.chunks_exact(channels)) {
+                    *to = from[channel];
+                }
+            }
+        }
+    }
+}
+
+/// Puts records of pixels together; `rows` are as long as there are pixels.
+#[inline(always)]
+fn interleave<'a, T: Copy + 'a>(rows: impl ExactSizeIterator<Item = &'a [T]>, records: &mut [T]) {
+    #[inline(always)]
+    fn all<'a, T: Copy + 'a, const C: usize>(
+        mut rows: impl Iterator<Item = &'a [T]>,
+        records: &mut [T],
+    ) {
+        let records = records.as_chunks_mut::<C>().0;
+        let rows: [&[T]; C] =
+            std::array::from_fn(|_| &rows.next().expect("C rows")[..records.len()]);
+        for (x, record) in records.iter_mut().enumerate() {
+            *record = std::array::from_fn(|channel| rows[channel][x]);
+        }
+    }
+    let channels = rows.len();
+    match channels {
+        1 => rows.for_each(|row| records.copy_from_slice(row)),
+        2 => all::<T, 2>(rows, records),
+        3 => all::<T, 3>(rows, records),
+        4 => all::<T, 4>(rows, records),
+        _ => {
+            for (channel, row) in rows.enumerate() {
+                for (to, &from) in records.chunks_exact_mut(channels).zip(row) {
+                    to[channel] = from;
+                }
+            }
+        }
+    }
+}
+
 struct Deinterleave<'a, T> {
     interleaved: &'a [T],
     channels: usize,
@@ -344,16 +420,11 @@ impl<'a, T: Copy + Send + Sync + 'a> Kernel for Deinterleave<'a, T> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a, T>) {
         for y in rows {
-            let row =
-                &self.interleaved[y * self.width * self.channels..][..self.width * self.channels];
-            for channel in 0..self.channels {
-                for (to, from) in out
-                    .row(channel, y)
-                    .iter_mut()
-                    .zip(row.chunks_exact(self.channels))
-                {
-                    *to = from[channel];
-                }
+            // Part by part, so that every channel finds the records in the first-level cache.
+            for run in segments(y, self.width) {
+                let start = (y * self.width + run.x) * self.channels;
+                let records = &self.interleaved[start..][..run.len * self.channels];
+                deinterleave(records, out.parts(run));
             }
         }
     }
@@ -368,15 +439,12 @@ impl<'a, T: Copy + Send + Sync + 'a> Kernel for Interleave<'a, T> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, out: &'a mut [T]) {
-        let channels = self.planes.channels;
-        for (y, row) in rows.zip(out.chunks_exact_mut(self.planes.size.width * channels)) {
-            for channel in 0..channels {
-                for (to, &from) in row
-                    .chunks_exact_mut(channels)
-                    .zip(self.planes.row(channel, y))
-                {
-                    to[channel] = from;
-                }
+        let View { size, channels, .. } = self.planes;
+        for (y, row) in rows.zip(out.chunks_exact_mut(size.width * channels)) {
+            for run in segments(y, size.width) {
+                let records = &mut row[run.x * channels..][..run.len * channels];
+                let parts = (0..channels).map(|c| &self.planes.row(c, y)[run.x..][..run.len]);
+                interleave(parts, records);
             }
         }
     }
