@@ -9,9 +9,9 @@ use super::arrays::{
 };
 use super::camera::{Camera, check_size};
 use crate::error::{Error, whole};
-use crate::image::{Size, View};
+use crate::image::{Pixels, Size};
 use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
+use crate::kernels::judge::surface::{self, Buffers, Tests, Threshold, check_plane_test};
 use crate::kernels::judge::{
     anti_lag, blend_factor, consistency, exposure, gradient, neighborhood, prediction,
 };
@@ -146,30 +146,19 @@ pub struct SurfaceData<'a> {
     params: surface::Params,
 }
 
-impl SurfaceData<'_> {
-    /// Calls `f` with the tests.
-    pub fn with<R>(self, size: Size, f: impl FnOnce(Tests) -> R) -> R {
-        fn view<'a, T: Number>(pair: &'a Pair<Planes<'_, T>>, i: usize) -> Option<View<'a, T>> {
-            pair.as_ref().map(|pair| pair[i].view())
+impl<'a> SurfaceData<'a> {
+    pub fn tests(self) -> Tests<'a> {
+        fn part<'a, T: Number>(pair: Pair<Interleaved<'a, T>>, i: usize) -> Option<Pixels<'a, T>> {
+            pair.map(|pair| pair[i].pixels())
         }
-        let [depth, normal, object_normal, color] =
-            [self.depth, self.normal, self.object_normal, self.color]
-                .map(|pair| pair.map(|pair| pair.map(Interleaved::planes)));
-        let ids = self.ids.map(|pair| pair.map(Interleaved::planes));
-        let surface = |i: usize| Surface {
-            depth: view(&depth, i),
-            normal: view(&normal, i),
-            ids: view(&ids, i),
-            object_normal: view(&object_normal, i),
-            color: view(&color, i),
+        let buffers = |i: usize| Buffers {
+            depth: part(self.depth, i),
+            normal: part(self.normal, i),
+            ids: part(self.ids, i),
+            object_normal: part(self.object_normal, i),
+            color: part(self.color, i),
         };
-        f(Tests::new(
-            size,
-            surface(0),
-            surface(1),
-            self.rays,
-            &self.params,
-        ))
+        Tests::new(buffers(0), buffers(1), self.rays, &self.params)
     }
 }
 
@@ -283,10 +272,8 @@ pub fn consistency_<'py>(
         );
         let (motion, surface) = (motion.data(), surface.data());
         let judged = py.detach(|| {
-            let motion: Planes = motion.planes();
-            let motion = motion.view();
             let (rejection, confidence) =
-                surface.with(motion.size, |tests| consistency::consistency(motion, tests));
+                consistency::consistency(motion.pixels(), surface.tests());
             (Outgoing::new(rejection), Outgoing::new(confidence))
         });
         (judged, out)

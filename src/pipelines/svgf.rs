@@ -9,7 +9,7 @@ use super::frame::{Frame, Output, blacken_missing, check_size};
 use super::reflections::{self, forget_uncovered};
 use super::taa::{self, antialias};
 use crate::error::{Error, Result, in_range};
-use crate::image::{Image, View};
+use crate::image::{Image, Pixels, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
@@ -232,13 +232,7 @@ fn recall(
         .as_ref()
         .filter(|_| motion.channels == 3)
         .map(Camera::rays);
-    let tests = Tests::new(
-        motion.size,
-        frame.surface,
-        memory.surface(),
-        rays,
-        &params.surface,
-    );
+    let tests = Tests::new(frame.surface, memory.surface(), rays, &params.surface);
     let before = memory.color.as_ref();
     let replayed = frame.replay.zip(before).map(|(replay, before)| {
         // The same random numbers make the same noise.
@@ -251,17 +245,18 @@ fn recall(
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
 
-    let mut planes = vec![memory.history.view()];
+    let mut planes = vec![memory.history.view().into()];
     if let Some(reflections) = reflections {
-        planes.extend([reflections.light.view(), reflections.scores.image.view()]);
+        planes
+            .extend([reflections.light.view(), reflections.scores.image.view()].map(Pixels::from));
     }
-    planes.extend(replayed.as_ref().map(Image::view));
+    planes.extend(replayed.as_ref().map(|image| Pixels::from(image.view())));
     let bilinear = reproject::Params {
         filter: Filter::Bilinear,
         fallback: true,
         dering: true,
     };
-    let mut history = reproject(&planes, motion, tests, bilinear);
+    let mut history = reproject(&planes, motion.into(), tests, bilinear);
 
     let gradient = params.gradient.then(|| match replayed {
         Some(_) => {

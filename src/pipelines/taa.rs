@@ -234,13 +234,13 @@ fn recall(params: &Params, history: &Image, motion: View, depth: Option<View>) -
     });
     let motion = dilated.as_ref().map_or(motion, Image::view);
     let (nothing, limits) = (Surface::default(), surface::Params::default());
-    let tests = Tests::new(motion.size, nothing, nothing, None, &limits);
+    let tests = Tests::new(nothing, nothing, None, &limits);
     let params = reproject::Params {
         filter: params.filter,
         fallback: false,
         dering: true,
     };
-    reproject(&[history.view()], motion, tests, params)
+    reproject(&[history.view().into()], motion.into(), tests, params)
 }
 
 /// Averages the first samples equally: the share of the N-th is at least 1/N, until the least share bounds N.
