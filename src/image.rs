@@ -85,38 +85,13 @@ impl<T: Copy + Default + Send + Sync> Image<T> {
             return self.data;
         }
         let mut interleaved = vec![T::default(); self.data.len()];
-        self.interleave(&mut interleaved);
+        self.view().interleave(&mut interleaved);
         interleaved
-    }
-
-    /// Writes the pixels one after the other.
-    pub fn interleave(&self, into: &mut [T]) {
-        let bands = into.chunks_mut(BAND * self.size.width * self.channels);
-        rows::run(
-            &Interleave {
-                planes: self.view(),
-            },
-            self.size.height,
-            bands,
-        );
     }
 
     /// The image's bands of rows, to be written by different threads.
     pub fn bands(&mut self) -> impl Iterator<Item = BandMut<'_, T>> {
-        let Size { width, height } = self.size;
-        let mut planes: Vec<_> = self
-            .data
-            .chunks_mut(self.size.pixels())
-            .map(|plane| plane.chunks_mut(BAND * width))
-            .collect();
-        rows::bands(height).map(move |rows| BandMut {
-            rows,
-            width,
-            planes: planes
-                .iter_mut()
-                .map(|bands| bands.next().expect("as many bands as rows give"))
-                .collect(),
-        })
+        bands_of(&mut self.data, self.size)
     }
 }
 
@@ -132,6 +107,14 @@ pub struct View<'a, T = f32> {
     pub size: Size,
     pub channels: usize,
     data: &'a [T],
+}
+
+impl<T: Copy + Send + Sync> View<'_, T> {
+    /// Writes the pixels one after the other.
+    pub fn interleave(&self, into: &mut [T]) {
+        let bands = into.chunks_mut(BAND * self.size.width * self.channels);
+        rows::run(&Interleave { planes: *self }, self.size.height, bands);
+    }
 }
 
 impl<T: Copy> View<'_, T> {
@@ -183,6 +166,196 @@ impl<'a, T> View<'a, T> {
     }
 }
 
+/// A borrowed image in either layout: planes, or records of a pixel's channels.
+#[derive(Clone, Copy, Debug)]
+pub struct Pixels<'a, T = f32> {
+    pub size: Size,
+    pub channels: usize,
+    data: &'a [T],
+    /// From a pixel to the next, and from a channel to the next.
+    steps: [usize; 2],
+}
+
+impl<'a, T> From<View<'a, T>> for Pixels<'a, T> {
+    fn from(view: View<'a, T>) -> Self {
+        let View {
+            size,
+            channels,
+            data,
+        } = view;
+        Self {
+            size,
+            channels,
+            data,
+            steps: [1, size.pixels()],
+        }
+    }
+}
+
+impl<'a, T: Copy + Default> Pixels<'a, T> {
+    /// Views interleaved data; its length must fit.
+    pub fn records(size: Size, channels: usize, data: &'a [T]) -> Self {
+        assert_eq!(data.len(), size.pixels() * channels);
+        Self {
+            size,
+            channels,
+            data,
+            steps: [channels, 1],
+        }
+    }
+
+    /// Consecutive channels.
+    pub fn part(self, channels: Range<usize>) -> Self {
+        Self {
+            channels: channels.len(),
+            data: &self.data[channels.start * self.steps[1]..],
+            ..self
+        }
+    }
+
+    /// The same image as parts whose channels lie side by side: itself, or every plane.
+    pub fn side_by_side(self) -> impl Iterator<Item = Self> {
+        let width = if self.steps[1] == 1 { self.channels } else { 1 };
+        (0..self.channels)
+            .step_by(width)
+            .map(move |first| self.part(first..first + width))
+    }
+
+    #[inline(always)]
+    pub fn at(&self, pixel: usize, channel: usize) -> T {
+        self.data[pixel * self.steps[0] + channel * self.steps[1]]
+    }
+
+    /// `N` numbers from the pixel's first channel on, of those that lie side by side; what follows the last channel means
+    /// nothing.
+    #[inline(always)]
+    pub fn record<const N: usize>(&self, pixel: usize) -> [T; N] {
+        let start = pixel * self.steps[0];
+        match self.data.get(start..start + N) {
+            Some(record) => record.try_into().expect("N numbers"),
+            None => self.last_record(start),
+        }
+    }
+
+    /// Where fewer than `N` numbers are left.
+    #[cold]
+    fn last_record<const N: usize>(&self, start: usize) -> [T; N] {
+        std::array::from_fn(|i| self.data.get(start + i).copied().unwrap_or_default())
+    }
+
+    /// Three channels of a pixel.
+    #[inline(always)]
+    pub fn vector(&self, pixel: usize) -> [T; 3] {
+        [0, 1, 2].map(|channel| self.at(pixel, channel))
+    }
+
+    /// The same, and a number that means nothing: one load where channels lie side by side.
+    #[inline(always)]
+    pub fn padded(&self, pixel: usize) -> [T; 4] {
+        if self.steps[1] == 1 {
+            return self.record(pixel);
+        }
+        let [x, y, z] = self.vector(pixel);
+        [x, y, z, T::default()]
+    }
+
+    /// Copies a channel of a run.
+    #[inline(always)]
+    pub fn load(&self, run: Run, channel: usize, into: &mut [T]) {
+        #[inline(always)]
+        fn strided<T: Copy, const STEP: usize>(data: &[T], into: &mut [T]) {
+            // The last pixel has no whole step.
+            let (last, into) = into.split_last_mut().expect("at least one pixel");
+            for (to, from) in into.iter_mut().zip(data.as_chunks::<STEP>().0) {
+                *to = from[0];
+            }
+            *last = data[into.len() * STEP];
+        }
+        let first = run.y * self.size.width + run.x;
+        let data = &self.data[first * self.steps[0] + channel * self.steps[1]..];
+        match self.steps[0] {
+            1 => into.copy_from_slice(&data[..into.len()]),
+            2 => strided::<T, 2>(data, into),
+            3 => strided::<T, 3>(data, into),
+            4 => strided::<T, 4>(data, into),
+            step => {
+                for (to, from) in into.iter_mut().zip(data.chunks(step)) {
+                    *to = from[0];
+                }
+            }
+        }
+    }
+}
+
+impl Pixels<'_> {
+    /// Copies the first `N` channels of a run: all at once where they lie side by side.
+    #[inline(always)]
+    pub fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
+        #[inline(always)]
+        fn all<const C: usize, const N: usize>(records: &[[f32; C]], into: [&mut [f32]; N]) {
+            let into = into.map(|row| &mut row[..records.len()]);
+            for i in 0..records.len() {
+                for c in 0..N {
+                    into[c][i] = records[i][c];
+                }
+            }
+        }
+        let start = (run.y * self.size.width + run.x) * self.steps[0];
+        let records = |channels: usize| &self.data[start..][..run.len * channels];
+        match self.steps {
+            [3, 1] => all(records(3).as_chunks::<3>().0, into),
+            [4, 1] => all(records(4).as_chunks::<4>().0, into),
+            _ => {
+                for (channel, into) in into.into_iter().enumerate() {
+                    self.load(run, channel, &mut into[..run.len]);
+                }
+            }
+        }
+    }
+}
+
+/// An owned image of records.
+#[derive(Clone, Debug)]
+pub struct Records<T = f32> {
+    size: Size,
+    channels: usize,
+    data: Vec<T>,
+}
+
+impl<T: Copy + Default + Send + Sync> Records<T> {
+    /// The channels of all planes.
+    pub fn of(image: View<T>) -> Self {
+        let mut data = vec![T::default(); image.data.len()];
+        image.interleave(&mut data);
+        Self {
+            size: image.size,
+            channels: image.channels,
+            data,
+        }
+    }
+
+    pub fn pixels(&self) -> Pixels<'_, T> {
+        Pixels::records(self.size, self.channels, &self.data)
+    }
+}
+
+/// The bands of rows of planes, one after the other in `data`, to be written by different threads.
+pub fn bands_of<T>(data: &mut [T], size: Size) -> impl Iterator<Item = BandMut<'_, T>> {
+    let Size { width, height } = size;
+    let mut planes: Vec<_> = data
+        .chunks_mut(size.pixels())
+        .map(|plane| plane.chunks_mut(BAND * width))
+        .collect();
+    rows::bands(height).map(move |rows| BandMut {
+        rows,
+        width,
+        planes: planes
+            .iter_mut()
+            .map(|bands| bands.next().expect("as many bands as rows give"))
+            .collect(),
+    })
+}
+
 /// One band of rows of a mutable image.
 pub struct BandMut<'a, T = f32> {
     rows: Range<usize>,
@@ -194,6 +367,28 @@ impl<T> BandMut<'_, T> {
     #[inline(always)]
     pub fn row(&mut self, channel: usize, y: usize) -> &mut [T] {
         &mut self.planes[channel][(y - self.rows.start) * self.width..][..self.width]
+    }
+
+    /// The run's pixels in each channel.
+    #[inline(always)]
+    pub fn parts(&mut self, run: Run) -> impl ExactSizeIterator<Item = &mut [T]> {
+        let start = (run.y - self.rows.start) * self.width + run.x;
+        self.planes
+            .iter_mut()
+            .map(move |plane| &mut plane[start..][..run.len])
+    }
+
+    /// Writes a run's records: plane by plane, or as they are where the band has the records of an image for its row.
+    #[inline(always)]
+    pub fn put(&mut self, run: Run, records: &[T], channels: usize)
+    where
+        T: Copy,
+    {
+        if self.planes.len() == channels {
+            deinterleave(records, self.parts(run));
+        } else {
+            self.row(0, run.y)[run.x * channels..][..records.len()].copy_from_slice(records);
+        }
     }
 
     /// The same row of the first `N` channels.
@@ -210,6 +405,16 @@ impl<T> BandMut<'_, T> {
 
 /// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache.
 pub const SEGMENT: usize = 256;
+
+/// The runs of up to [`SEGMENT`] pixels of a row.
+#[inline(always)]
+pub fn segments(y: usize, width: usize) -> impl Iterator<Item = Run> {
+    (0..width).step_by(SEGMENT).map(move |x| Run {
+        y,
+        x,
+        len: SEGMENT.min(width - x),
+    })
+}
 
 /// Consecutive pixels of one row.
 #[derive(Clone, Copy)]
@@ -332,6 +537,63 @@ impl Tiles {
     }
 }
 
+/// Takes records of pixels apart; `outs` are as long as there are pixels.
+#[inline(always)]
+fn deinterleave<'a, T: Copy + 'a>(records: &[T], outs: impl ExactSizeIterator<Item = &'a mut [T]>) {
+    #[inline(always)]
+    fn strided<T: Copy, const C: usize>(records: &[T], channel: usize, out: &mut [T]) {
+        for (to, from) in out.iter_mut().zip(records.as_chunks::<C>().0) {
+            *to = from[channel];
+        }
+    }
+    let channels = outs.len();
+    for (channel, out) in outs.enumerate() {
+        // A stride that is known makes shuffles of the copies.
+        match channels {
+            1 => out.copy_from_slice(records),
+            2 => strided::<T, 2>(records, channel, out),
+            3 => strided::<T, 3>(records, channel, out),
+            4 => strided::<T, 4>(records, channel, out),
+            _ => {
+                for (to, from) in out.iter_mut().zip(records.chunks_exact(channels)) {
+                    *to = from[channel];
+                }
+            }
+        }
+    }
+}
+
+/// Puts records of pixels together; `rows` are as long as there are pixels.
+#[inline(always)]
+fn interleave<'a, T: Copy + 'a>(rows: impl ExactSizeIterator<Item = &'a [T]>, records: &mut [T]) {
+    #[inline(always)]
+    fn all<'a, T: Copy + 'a, const C: usize>(
+        mut rows: impl Iterator<Item = &'a [T]>,
+        records: &mut [T],
+    ) {
+        let records = records.as_chunks_mut::<C>().0;
+        let rows: [&[T]; C] =
+            std::array::from_fn(|_| &rows.next().expect("C rows")[..records.len()]);
+        for (x, record) in records.iter_mut().enumerate() {
+            *record = std::array::from_fn(|channel| rows[channel][x]);
+        }
+    }
+    let channels = rows.len();
+    match channels {
+        1 => rows.for_each(|row| records.copy_from_slice(row)),
+        2 => all::<T, 2>(rows, records),
+        3 => all::<T, 3>(rows, records),
+        4 => all::<T, 4>(rows, records),
+        _ => {
+            for (channel, row) in rows.enumerate() {
+                for (to, &from) in records.chunks_exact_mut(channels).zip(row) {
+                    to[channel] = from;
+                }
+            }
+        }
+    }
+}
+
 struct Deinterleave<'a, T> {
     interleaved: &'a [T],
     channels: usize,
@@ -344,16 +606,11 @@ impl<'a, T: Copy + Send + Sync + 'a> Kernel for Deinterleave<'a, T> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a, T>) {
         for y in rows {
-            let row =
-                &self.interleaved[y * self.width * self.channels..][..self.width * self.channels];
-            for channel in 0..self.channels {
-                for (to, from) in out
-                    .row(channel, y)
-                    .iter_mut()
-                    .zip(row.chunks_exact(self.channels))
-                {
-                    *to = from[channel];
-                }
+            // Part by part, so that every channel finds the records in the first-level cache.
+            for run in segments(y, self.width) {
+                let start = (y * self.width + run.x) * self.channels;
+                let records = &self.interleaved[start..][..run.len * self.channels];
+                deinterleave(records, out.parts(run));
             }
         }
     }
@@ -368,15 +625,12 @@ impl<'a, T: Copy + Send + Sync + 'a> Kernel for Interleave<'a, T> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, out: &'a mut [T]) {
-        let channels = self.planes.channels;
-        for (y, row) in rows.zip(out.chunks_exact_mut(self.planes.size.width * channels)) {
-            for channel in 0..channels {
-                for (to, &from) in row
-                    .chunks_exact_mut(channels)
-                    .zip(self.planes.row(channel, y))
-                {
-                    to[channel] = from;
-                }
+        let View { size, channels, .. } = self.planes;
+        for (y, row) in rows.zip(out.chunks_exact_mut(size.width * channels)) {
+            for run in segments(y, size.width) {
+                let records = &mut row[run.x * channels..][..run.len * channels];
+                let parts = (0..channels).map(|c| &self.planes.row(c, y)[run.x..][..run.len]);
+                interleave(parts, records);
             }
         }
     }

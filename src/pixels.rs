@@ -5,75 +5,8 @@
 
 use std::ops::RangeInclusive;
 
-use crate::image::{BandMut, Run, SEGMENT, Size, View};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size};
 use crate::rows::{self, BAND};
-
-/// A borrowed image.
-#[derive(Clone, Copy)]
-pub enum Pixels<'a> {
-    Planar(View<'a>),
-    /// (height, width, channels), with 2, 3 or 4 channels.
-    Interleaved {
-        size: Size,
-        channels: usize,
-        data: &'a [f32],
-    },
-}
-
-impl<'a> Pixels<'a> {
-    /// (height, width, channels) data of 1 to 4 channels, whose length the caller has checked.
-    pub fn new(size: Size, channels: usize, data: &'a [f32]) -> Self {
-        match channels {
-            1 => Self::Planar(View::new(size, 1, data)),
-            _ => Self::Interleaved {
-                size,
-                channels,
-                data,
-            },
-        }
-    }
-
-    pub fn size(&self) -> Size {
-        match self {
-            Self::Planar(view) => view.size,
-            Self::Interleaved { size, .. } => *size,
-        }
-    }
-
-    /// Copies the first `N` channels of a run.
-    #[inline(always)]
-    pub fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
-        match *self {
-            Self::Planar(view) => {
-                for (row, into) in view.rows::<N>(run.y).into_iter().zip(into) {
-                    into.copy_from_slice(&row[run.x..][..run.len]);
-                }
-            }
-            Self::Interleaved {
-                size,
-                channels,
-                data,
-            } => {
-                let pixels = &data[(run.y * size.width + run.x) * channels..][..run.len * channels];
-                match channels {
-                    2 => take_apart(pixels.as_chunks::<2>().0, into),
-                    3 => take_apart(pixels.as_chunks::<3>().0, into),
-                    _ => take_apart(pixels.as_chunks::<4>().0, into),
-                }
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn take_apart<const C: usize, const N: usize>(pixels: &[[f32; C]], into: [&mut [f32]; N]) {
-    let into = into.map(|row| &mut row[..pixels.len()]);
-    for i in 0..pixels.len() {
-        for c in 0..N {
-            into[c][i] = pixels[i][c];
-        }
-    }
-}
 
 /// A band of rows of a mutable image.
 pub enum PixelsMut<'a> {
@@ -133,16 +66,6 @@ pub type Row = [f32; SEGMENT];
 
 /// Values of a run's columns and those to its sides.
 pub type Columns = [f32; SEGMENT + LANES];
-
-/// The runs of a row that are worked on at a time.
-pub fn runs(size: Size, y: usize) -> impl Iterator<Item = Run> {
-    let width = size.width;
-    (0..width).step_by(SEGMENT).map(move |x| Run {
-        y,
-        x,
-        len: SEGMENT.min(width - x),
-    })
-}
 
 /// As many pixels as a run has, in whole vectors.
 #[inline(always)]
@@ -206,39 +129,50 @@ impl<const C: usize> Rolling<C> {
             .map(|row| &row[self.radius..][..lanes(run)])
     }
 
-    /// Reads the rows around `y` that are not held since row `y - 1`, if that was before, and returns which; NaN where
-    /// they are outside of the image.
+    /// The rows around `y` that are not held since row `y - 1`, if that was before.
+    pub fn due(&self, y: usize, first: bool) -> RangeInclusive<isize> {
+        let (y, radius) = (y as isize, self.radius as isize);
+        let last = y + radius;
+        if first {
+            y - radius..=last
+        } else {
+            last..=last
+        }
+    }
+
+    /// The row to be filled, of an image of this size; around it, and where none is, NaN.
+    #[inline(always)]
+    pub fn fresh(&mut self, y: isize, size: Size) -> Option<[&mut [f32]; C]> {
+        let radius = self.radius;
+        let mut rows = self.row_mut(y);
+        if !(0..size.height as isize).contains(&y) {
+            rows.iter_mut().for_each(|row| row.fill(f32::NAN));
+            return None;
+        }
+        Some(rows.map(|row| {
+            let (before, row) = row.split_at_mut(radius);
+            let (row, after) = row.split_at_mut(size.width);
+            before.fill(f32::NAN);
+            after.fill(f32::NAN);
+            row
+        }))
+    }
+
+    /// Goes to row `y`, which is below the one before unless it is the first, and returns the rows that this adds.
     #[inline(always)]
     pub fn roll(&mut self, pixels: Pixels, y: usize, first: bool) -> RangeInclusive<isize> {
-        let (y, radius) = (y as isize, self.radius);
-        let last = y + radius as isize;
-        let new = if first { y - radius as isize } else { last }..=last;
-        let Size { height, width } = pixels.size();
-        for y in new.clone() {
-            let inside = (0..height as isize).contains(&y);
-            let rows = self.row_mut(y);
-            if !inside {
-                rows.into_iter().for_each(|row| row.fill(f32::NAN));
-                continue;
-            }
-            let rows = rows.map(|row| {
-                let (before, row) = row.split_at_mut(radius);
-                let (row, after) = row.split_at_mut(width);
-                before.fill(f32::NAN);
-                after.fill(f32::NAN);
-                row
-            });
-            let y = y as usize;
-            pixels.read(
-                Run {
-                    y,
+        let due = self.due(y, first);
+        for y in due.clone() {
+            if let Some(rows) = self.fresh(y, pixels.size) {
+                let row = Run {
+                    y: y as usize,
                     x: 0,
-                    len: width,
-                },
-                rows,
-            );
+                    len: pixels.size.width,
+                };
+                pixels.read(row, rows);
+            }
         }
-        new
+        due
     }
 }
 

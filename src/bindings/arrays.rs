@@ -8,8 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::{Error, Kind};
-use crate::image::{Image, Size, View};
-use crate::pixels::Pixels;
+use crate::image::{Image, Pixels, Size, View};
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -279,17 +278,15 @@ impl<'a, T: Number> Interleaved<'a, T> {
         )
     }
 
+    pub fn pixels(self) -> Pixels<'a, T> {
+        Pixels::records(self.size, self.channels, self.data)
+    }
+
     pub fn planes(self) -> Planes<'a, T> {
         match self.channels {
             1 => Planes::Borrowed(View::new(self.size, 1, self.data)),
             _ => Planes::Owned(Image::from_interleaved(self.size, self.channels, self.data)),
         }
-    }
-}
-
-impl<'a> Interleaved<'a, f32> {
-    pub fn pixels(self) -> Pixels<'a> {
-        Pixels::new(self.size, self.channels, self.data)
     }
 }
 
@@ -346,7 +343,7 @@ impl<T: Element + Copy + Default + Send + Sync> Outgoing<T> {
         };
         let mut array = out.try_readwrite()?;
         let slice = array.as_slice_mut()?;
-        py.detach(|| self.image.interleave(slice));
+        py.detach(|| self.image.view().interleave(slice));
         Ok(out)
     }
 }

@@ -17,6 +17,7 @@ use crate::kernels::camera::jitter::{self, Sequence};
 use crate::kernels::camera::motion::{self, Geometry, Transforms};
 use crate::kernels::camera::pinhole::{self, FovAxis, Rows4};
 use crate::kernels::camera::virtual_motion;
+use crate::pixels::PixelsMut;
 
 /// A pinhole camera: where world points appear in the image, and the rays of its pixels.
 ///
@@ -578,25 +579,22 @@ pub fn dilate_motion<'py>(
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let nearest = choice("choose", choose, &[("nearest", true), ("longest", false)])?;
     let window = choice("window", window, &Window::NAMES)?;
-    let (dilated, out) = {
+    let dilated = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let depth = Input::<f32>::optional(depth, "depth", Channels::One, motion.size())?;
         if nearest && depth.is_none() {
             return Err(Error::needs("choose=\"nearest\"", "depth").into());
         }
         let out = Out::given(out, motion.shape())?;
-        let motion = motion.data();
         let depth = depth.as_ref().filter(|_| nearest).map(Input::data);
-        let dilated = py.detach(|| {
-            let (motion, depth) = (motion.planes(), depth.map(Interleaved::planes));
-            let choice = depth
-                .as_ref()
-                .map_or(Choice::Longest, |depth| Choice::Nearest(depth.view()));
-            Outgoing::new(dilate::dilate_motion(motion.view(), choice, window))
-        });
-        (dilated, out)
+        let choice = depth.map_or(Choice::Longest, |depth| Choice::Nearest(depth.flat()));
+        let pixels = motion.data().pixels();
+        out.fill(py, motion.shape(), |dilated| {
+            let dilated = PixelsMut::bands(pixels.size, pixels.channels, dilated);
+            dilate::dilate_motion(pixels, choice, window, dilated);
+        })?
     };
-    dilated.array(py, out)
+    dilated.array()
 }
 
 fn size(width: i64, height: i64) -> crate::error::Result<Size> {

@@ -4,11 +4,11 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 
-use super::arrays::{Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, choice, parts};
+use super::arrays::{Channels, Input, Interleaved, MOTION, Out, Outgoing, choice, parts};
 use super::camera::Camera;
 use super::judge::{Bounds, SurfaceArgs};
 use crate::error::Error;
-use crate::image::{Size, View};
+use crate::image::Size;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject;
 use crate::kernels::judge::surface::{self, Threshold};
@@ -172,18 +172,14 @@ pub fn reproject_<'py>(
             .collect::<PyResult<Vec<_>>>()?;
         let out = (values, Out::given(second, &[height, width])?);
         let carried = py.detach(|| {
-            let motion: Planes = motion.planes();
-            let motion = motion.view();
-            let planes: Vec<_> = data.into_iter().map(Interleaved::planes).collect();
-            let history: Vec<View> = planes.iter().map(Planes::view).collect();
+            let history: Vec<_> = data.into_iter().map(Interleaved::pixels).collect();
             let params = reproject::Params {
                 filter,
                 fallback,
                 dering,
             };
-            let reprojected = surface.with(motion.size, |tests| {
-                reproject::reproject(&history, motion, tests, params)
-            });
+            let reprojected =
+                reproject::reproject(&history, motion.pixels(), surface.tests(), params);
             let mut first = 0;
             let values = history.iter().zip(axes).map(|(image, axis)| {
                 let channels = first..first + image.channels;

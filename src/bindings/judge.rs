@@ -10,9 +10,9 @@ use super::arrays::{
 use super::camera::{Camera, check_size};
 use super::merge::AlphaArg;
 use crate::error::{Error, whole};
-use crate::image::{Size, View};
+use crate::image::{Pixels, Size};
 use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
+use crate::kernels::judge::surface::{self, Buffers, Tests, Threshold, check_plane_test};
 use crate::kernels::judge::{
     anti_lag, blend_factor, consistency, exposure, gradient, neighborhood, prediction,
 };
@@ -148,30 +148,19 @@ pub struct SurfaceData<'a> {
     params: surface::Params,
 }
 
-impl SurfaceData<'_> {
-    /// Calls `f` with the tests.
-    pub fn with<R>(self, size: Size, f: impl FnOnce(Tests) -> R) -> R {
-        fn view<'a, T: Number>(pair: &'a Pair<Planes<'_, T>>, i: usize) -> Option<View<'a, T>> {
-            pair.as_ref().map(|pair| pair[i].view())
+impl<'a> SurfaceData<'a> {
+    pub fn tests(self) -> Tests<'a> {
+        fn part<'a, T: Number>(pair: Pair<Interleaved<'a, T>>, i: usize) -> Option<Pixels<'a, T>> {
+            pair.map(|pair| pair[i].pixels())
         }
-        let [depth, normal, object_normal, color] =
-            [self.depth, self.normal, self.object_normal, self.color]
-                .map(|pair| pair.map(|pair| pair.map(Interleaved::planes)));
-        let ids = self.ids.map(|pair| pair.map(Interleaved::planes));
-        let surface = |i: usize| Surface {
-            depth: view(&depth, i),
-            normal: view(&normal, i),
-            ids: view(&ids, i),
-            object_normal: view(&object_normal, i),
-            color: view(&color, i),
+        let buffers = |i: usize| Buffers {
+            depth: part(self.depth, i),
+            normal: part(self.normal, i),
+            ids: part(self.ids, i),
+            object_normal: part(self.object_normal, i),
+            color: part(self.color, i),
         };
-        f(Tests::new(
-            size,
-            surface(0),
-            surface(1),
-            self.rays,
-            &self.params,
-        ))
+        Tests::new(buffers(0), buffers(1), self.rays, &self.params)
     }
 }
 
@@ -285,10 +274,8 @@ pub fn consistency_<'py>(
         );
         let (motion, surface) = (motion.data(), surface.data());
         let judged = py.detach(|| {
-            let motion: Planes = motion.planes();
-            let motion = motion.view();
             let (rejection, confidence) =
-                surface.with(motion.size, |tests| consistency::consistency(motion, tests));
+                consistency::consistency(motion.pixels(), surface.tests());
             (Outgoing::new(rejection), Outgoing::new(confidence))
         });
         (judged, out)
@@ -378,7 +365,7 @@ pub fn clip_history_<'py>(
         let [old, new] = [history.data(), color.data()].map(Interleaved::pixels);
         let alpha = alpha.as_ref().map(AlphaArg::data);
         out.fill(py, history.shape(), |clipped| {
-            let clipped = PixelsMut::bands(new.size(), 3, clipped);
+            let clipped = PixelsMut::bands(new.size, 3, clipped);
             neighborhood::clip_history(old, new, alpha, params, clipped);
         })?
     };
@@ -412,7 +399,7 @@ pub fn clip_history_<'py>(
 pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
     let color = Input::<f32>::new(color, "color", COLOR)?;
     let color = color.data();
-    Ok(py.detach(|| exposure::exposure(color.planes().view())))
+    Ok(py.detach(|| exposure::exposure(color.pixels())))
 }
 
 /// The share of the new sample, from the confidence in history and from speed.
@@ -462,23 +449,18 @@ pub fn blend_factor_<'py>(
         speed: speed.into(),
     };
     params.check()?;
-    let (factor, out) = {
+    let factor = {
         let confidence = Input::<f32>::new(confidence, "confidence", Channels::One)?;
         let motion = Input::<f32>::optional(motion, "motion", MOTION, confidence.size())?;
         let out = Out::given(out, confidence.shape())?;
-        let (confidence, motion) = (confidence.data(), motion.as_ref().map(Input::data));
-        let factor = py.detach(|| {
-            let (confidence, motion) = (confidence.planes(), motion.map(Interleaved::planes));
-            let motion = motion.as_ref().map(Planes::view);
-            Outgoing::new(blend_factor::blend_factor(
-                confidence.view(),
-                motion,
-                params,
-            ))
-        });
-        (factor, out)
+        let motion = motion.as_ref().map(|motion| motion.data().pixels());
+        let known = confidence.data().flat();
+        out.fill(py, confidence.shape(), |alpha| {
+            let alpha = PixelsMut::bands(known.size, 1, alpha);
+            blend_factor::blend_factor(known, motion, params, alpha);
+        })?
     };
-    factor.array(py, out)
+    factor.array()
 }
 
 /// Histories shortened by how far clipping has moved them.

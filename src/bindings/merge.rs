@@ -237,7 +237,7 @@ pub fn resolve_<'py>(
         let image = py.detach(|| {
             let mut resolve = resolve::Resolve::new(size, channels, filter);
             for (samples, offset) in data.into_iter().zip(offsets) {
-                resolve.add(samples.planes().view(), offset);
+                resolve.add(samples.pixels(), offset);
             }
             Outgoing::with_axis(resolve.finish(), axis)
         });

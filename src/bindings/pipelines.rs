@@ -1,6 +1,6 @@
 //! The pipelines.
 
-use numpy::{PyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -10,7 +10,7 @@ use super::arrays::{
 use super::camera::Camera;
 use super::judge::Bounds;
 use crate::error::Error;
-use crate::image::View;
+use crate::image::{Size, View};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::judge::neighborhood;
@@ -362,8 +362,36 @@ impl TAA {
     ///     If the size changes without `reset` in between.
     fn step<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
-        let output = frame.with(py, |frame| self.inner.step(frame))?;
-        Output::new(py, output)
+        let Size { height, width } = frame.size();
+        let color = PyArrayDyn::zeros(py, [height, width, 3].as_slice(), false);
+        let [history_length, confidence] =
+            [(); 2].map(|()| PyArrayDyn::zeros(py, [height, width].as_slice(), false));
+        let rejection = PyArrayDyn::zeros(py, [height, width].as_slice(), false);
+        let (used, missing) = {
+            let mut arrays = [
+                color.try_readwrite()?,
+                history_length.try_readwrite()?,
+                confidence.try_readwrite()?,
+            ];
+            let mut rejection = rejection.try_readwrite()?;
+            let [color, history_length, confidence] = arrays.each_mut();
+            let color = color.as_slice_mut()?;
+            let details = taa::Details {
+                history_length: history_length.as_slice_mut()?,
+                confidence: confidence.as_slice_mut()?,
+                rejection: rejection.as_slice_mut()?,
+            };
+            frame.antialias(py, |frame| self.inner.step(frame, color, details))?
+        };
+        Ok(Output {
+            color: color.unbind(),
+            variance: None,
+            history_length: history_length.unbind(),
+            confidence: confidence.unbind(),
+            rejection: rejection.unbind(),
+            used: PyTuple::new(py, used)?.unbind(),
+            missing,
+        })
     }
 
     /// Forgets the sequence; the next frame is a first one.
@@ -412,6 +440,45 @@ impl<'py> FrameArgs<'py> {
             camera: camera.map(|camera| camera.inner),
             jitter: frame.getattr("jitter")?.extract()?,
         })
+    }
+
+    fn buffer(&self, name: &str) -> Option<Interleaved<'_, f32>> {
+        let place = Self::FLOATS.iter().position(|(known, _)| *known == name)?;
+        self.floats[place].as_ref().map(Input::data)
+    }
+
+    fn color(&self) -> Interleaved<'_, f32> {
+        self.buffer("color").expect("every frame has colour")
+    }
+
+    fn size(&self) -> Size {
+        self.color().pixels().size
+    }
+
+    /// Calls `step` with what antialiasing asks for, without the interpreter.
+    fn antialias<R: Send>(
+        &self,
+        py: Python<'_>,
+        step: impl FnOnce(&taa::Frame) -> crate::error::Result<R> + Send,
+    ) -> PyResult<R> {
+        let color = self.color();
+        let [motion, depth, position] =
+            ["motion", "depth", "position"].map(|name| self.buffer(name));
+        let (camera, jitter) = (self.camera, self.jitter);
+        let result = py.detach(|| {
+            // Without motion, it may be computed from positions.
+            let position = position.filter(|_| motion.is_none() && camera.is_some());
+            let position = position.map(Interleaved::planes);
+            step(&taa::Frame {
+                color: color.pixels(),
+                motion: motion.map(Interleaved::pixels),
+                depth: depth.map(Interleaved::flat),
+                position: view(&position),
+                camera,
+                jitter,
+            })
+        });
+        Ok(result?)
     }
 
     /// Calls `step` without the interpreter.

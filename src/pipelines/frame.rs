@@ -5,7 +5,6 @@ use crate::image::{Image, Size, View};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
-use crate::kernels::merge::accumulate;
 
 /// One frame's buffers.
 pub struct Frame<'a> {
@@ -31,18 +30,32 @@ impl<'a> Frame<'a> {
     /// The motion that came with the frame; or, if both cameras are known and where surfaces are, computed; or none.
     pub fn motion(&self, previous: Option<&Camera>, used: &mut Vec<&'static str>) -> Motion<'a> {
         let cameras = self.camera.as_ref().zip(previous);
-        match (self.motion, cameras, self.geometry()) {
-            (Some(motion), ..) => {
+        match self.motion {
+            Some(motion) => {
                 used.push("motion");
                 Motion::Given(motion)
             }
-            (None, Some((camera, previous)), Some(geometry)) => {
-                used.push("camera");
-                let still = Transforms::default();
-                Motion::Computed(motion_vectors(geometry, camera, previous, None, &still))
+            None => {
+                let size = self.color.size;
+                Motion::Computed(find_motion(size, cameras, self.geometry(), used))
             }
-            _ => Motion::Computed(Image::new(self.color.size, 2)),
         }
+    }
+}
+
+/// The motion of what stands still, if both cameras are known and where surfaces are; or none.
+pub fn find_motion(
+    size: Size,
+    cameras: Option<(&Camera, &Camera)>,
+    geometry: Option<Geometry>,
+    used: &mut Vec<&'static str>,
+) -> Image {
+    match cameras.zip(geometry) {
+        Some(((camera, previous), geometry)) => {
+            used.push("camera");
+            motion_vectors(geometry, camera, previous, None, &Transforms::default())
+        }
+        None => Image::new(size, 2),
     }
 }
 
@@ -88,10 +101,4 @@ pub fn check_size(before: Size, now: Size) -> Result<()> {
 pub fn blacken_missing(color: &mut Image) {
     let missing = color.data_mut().iter_mut().filter(|v| !v.is_finite());
     missing.for_each(|v| *v = 0.0);
-}
-
-/// Pixels whose sample is missing.
-pub fn count_missing(color: View) -> usize {
-    let rows = 0..color.size.height;
-    rows.map(|y| accumulate::count_missing(color.rows(y))).sum()
 }

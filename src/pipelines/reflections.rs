@@ -90,14 +90,14 @@ pub fn choose(
             color: None,
             ..surface
         });
-        let tests = Tests::new(size, now, before, None, &surface::Params::default());
+        let tests = Tests::new(now, before, None, &surface::Params::default());
         let fetch = |image: View, motion: View| {
             let params = reproject::Params {
                 filter: Filter::Bilinear,
                 fallback: false,
                 dering: true,
             };
-            reproject(&[image], motion, tests, params)
+            reproject(&[image.into()], motion.into(), tests, params)
         };
         let first = history.channels;
         let mut light = base.values.channels(first..first + 3).to_image();

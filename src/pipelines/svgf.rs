@@ -7,9 +7,9 @@
 
 use super::frame::{Frame, Output, blacken_missing, check_size};
 use super::reflections::{self, forget_uncovered};
-use super::taa::{self, antialias};
+use super::taa::{self, Stage};
 use crate::error::{Error, Result, in_range};
-use crate::image::{Image, View};
+use crate::image::{Image, Pixels, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
@@ -21,6 +21,7 @@ use crate::kernels::smooth::demodulate::{demodulate, remodulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, estimate_variance};
+use crate::pixels::PixelsMut;
 
 #[derive(Clone, Debug, Default)]
 pub struct Params {
@@ -66,7 +67,6 @@ struct Memory {
     /// As it came, for its replay.
     color: Option<Image>,
     reflections: Option<reflections::Memory>,
-    antialiased: Option<Image>,
     depth: Option<Image>,
     normal: Option<Image>,
     object_normal: Option<Image>,
@@ -98,12 +98,14 @@ struct Recalled {
 pub struct Svgf {
     params: Params,
     memory: Option<Memory>,
+    antialias: Option<Stage>,
 }
 
 impl Svgf {
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
         Ok(Self {
+            antialias: params.antialias.map(Stage::new),
             params,
             memory: None,
         })
@@ -112,6 +114,7 @@ impl Svgf {
     /// Forgets the sequence.
     pub fn reset(&mut self) {
         self.memory = None;
+        self.antialias.iter_mut().for_each(Stage::reset);
     }
 
     pub fn step(&mut self, frame: &Frame) -> Result<Output> {
@@ -165,15 +168,20 @@ impl Svgf {
         if let Some(albedo) = frame.albedo {
             color = remodulate(color.view(), albedo, frame.emission);
         }
-        let antialiased = params.antialias.as_ref().map(|params| {
-            let before = memory.and_then(|memory| memory.antialiased.as_ref());
-            let depth = frame.surface.depth;
-            antialias(params, before, color.view(), motion.view(), depth).history
-        });
-        if let Some(antialiased) = &antialiased {
-            color = antialiased.channels(0..3).to_image();
+        match &mut self.antialias {
+            Some(stage) => {
+                let mut antialiased = Image::new(size, 3);
+                stage.step(
+                    color.view().into(),
+                    motion.view().into(),
+                    frame.surface.depth,
+                    antialiased.bands().map(PixelsMut::Planar),
+                    None,
+                );
+                color = antialiased;
+            }
+            None => blacken_missing(&mut color),
         }
-        blacken_missing(&mut color);
 
         used.extend(list_used(frame, &guide));
         let before = memory.is_some();
@@ -199,7 +207,6 @@ impl Svgf {
                     .reflections
                     .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
             }),
-            antialiased,
             depth: frame.surface.depth.map(|v| v.to_image()),
             normal: frame.surface.normal.map(|v| v.to_image()),
             object_normal: frame.surface.object_normal.map(|v| v.to_image()),
@@ -232,13 +239,7 @@ fn recall(
         .as_ref()
         .filter(|_| motion.channels == 3)
         .map(Camera::rays);
-    let tests = Tests::new(
-        motion.size,
-        frame.surface,
-        memory.surface(),
-        rays,
-        &params.surface,
-    );
+    let tests = Tests::new(frame.surface, memory.surface(), rays, &params.surface);
     let before = memory.color.as_ref();
     let replayed = frame.replay.zip(before).map(|(replay, before)| {
         // The same random numbers make the same noise.
@@ -251,17 +252,18 @@ fn recall(
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
 
-    let mut planes = vec![memory.history.view()];
+    let mut planes = vec![memory.history.view().into()];
     if let Some(reflections) = reflections {
-        planes.extend([reflections.light.view(), reflections.scores.image.view()]);
+        planes
+            .extend([reflections.light.view(), reflections.scores.image.view()].map(Pixels::from));
     }
-    planes.extend(replayed.as_ref().map(Image::view));
+    planes.extend(replayed.as_ref().map(|image| Pixels::from(image.view())));
     let bilinear = reproject::Params {
         filter: Filter::Bilinear,
         fallback: true,
         dering: true,
     };
-    let mut history = reproject(&planes, motion, tests, bilinear);
+    let mut history = reproject(&planes, motion.into(), tests, bilinear);
 
     let gradient = params.gradient.then(|| match replayed {
         Some(_) => {

@@ -1,28 +1,32 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
-//!   (resolve the jittered sample) → (motion from cameras) → dilate → reproject → expose → clip → blend
+//!   (resolve the jittered sample) → (motion from cameras) → (expose) → dilate → reproject → clip → blend
+//!
+//! From dilation on all is one pass: what one kernel knows of a run of pixels, the next takes from the first-level cache.
 //!
 //! It works on colours across surfaces: no test of depth, normal or id refuses history, since along an edge that would
 //! refuse what antialiases it. The neighbourhood's colours decide instead.
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, blacken_missing, check_size, count_missing};
+use super::frame::{check_size, find_motion};
 use crate::error::Result;
-use crate::image::{BandMut, Image, View};
-use crate::kernels::camera::dilate::{Choice, Window, dilate_motion};
+use crate::image::{Pixels, SEGMENT, Size, View, segments};
+use crate::kernels::camera::dilate::{Choice, Dilation, Window};
+use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::fetch::footprint::{Filter, Wide};
-use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
-use crate::kernels::judge::blend_factor::{self, blend_factor};
+use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes, Wide};
+use crate::kernels::fetch::reproject::{self, Fetch};
+use crate::kernels::judge::blend_factor;
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
+use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
-use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
+use crate::kernels::merge::accumulate::count_missing;
+use crate::kernels::merge::blend::{self, Weighting, calm, mix};
 use crate::kernels::merge::resolve::{self, Resolve};
 use crate::math::is_present;
-use crate::pixels::{Pixels, PixelsMut};
-use crate::rows::{self, Kernel};
+use crate::pixels::{PixelsMut, Row, lanes};
+use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -161,199 +165,337 @@ impl Params {
         self.blend_factor.check()?;
         self.blend.check()
     }
+
+    /// Whether there are tone curves.
+    fn is_exposed(&self) -> bool {
+        self.clip.space.is_tone_mapped() || self.blend.weighting != Weighting::None
+    }
 }
 
 /// Channels of a history image: colour 0 to 2, length 3.
 const CHANNELS: usize = 4;
 
-/// A history image with a new one merged in, and what was thought of the former.
-pub struct Antialiased {
-    pub history: Image,
-    pub coverage: Image,
-    pub rejection: Image<u8>,
+/// What was thought of the history, to be written: its length, its coverage, and the tests that it failed.
+pub struct Details<'a> {
+    pub history_length: &'a mut [f32],
+    pub confidence: &'a mut [f32],
+    pub rejection: &'a mut [u8],
 }
 
-impl Antialiased {
-    pub fn color(&self) -> Image {
-        self.history.channels(0..3).to_image()
+impl<'a> Details<'a> {
+    /// Band by band.
+    fn bands(self, width: usize) -> impl Iterator<Item = Details<'a>> {
+        let Self {
+            history_length,
+            confidence,
+            rejection,
+        } = self;
+        let band = BAND * width;
+        (history_length.chunks_mut(band))
+            .zip(confidence.chunks_mut(band))
+            .zip(rejection.chunks_mut(band))
+            .map(|((history_length, confidence), rejection)| Details {
+                history_length,
+                confidence,
+                rejection,
+            })
     }
 }
 
-/// Merges a colour into the history of those before, which came along `motion`.
-pub fn antialias(
-    params: &Params,
-    history: Option<&Image>,
-    color: View,
-    motion: View,
-    depth: Option<View>,
-) -> Antialiased {
-    let size = color.size;
-    let Reprojected {
-        values,
-        coverage,
-        rejection,
-    } = match history {
-        Some(history) => recall(params, history, motion, depth),
-        None => Reprojected::nothing(size, CHANNELS),
-    };
-    // Tone curves are for images that are exposed as photographs are.
-    let exposure = exposure(color);
-    let clip = neighborhood::Params {
-        exposure,
-        ..params.clip
-    };
-    let mut clipped = Image::new(size, 3);
-    clip_history(
-        Pixels::Planar(values.channels(0..3)),
-        Pixels::Planar(color),
-        None,
-        clip,
-        clipped.bands().map(PixelsMut::Planar),
-    );
-    let mut alpha = blend_factor(coverage.view(), Some(motion), params.blend_factor);
-    let mut history = Image::new(size, CHANNELS);
-    let kernel = WarmUp {
-        color,
-        length: values.channels(3..4),
-        longest: 1.0 / params.blend_factor.alpha,
-    };
-    rows::run(&kernel, size.height, alpha.bands().zip(history.bands()));
-    let mut blended = Image::new(size, 3);
-    blend(
-        Pixels::Planar(color),
-        Pixels::Planar(clipped.view()),
-        Alpha::Map(alpha.view()),
-        blend::Params {
-            exposure,
-            ..params.blend
-        },
-        blended.bands().map(PixelsMut::Planar),
-    );
-    history.set_channels(0, blended.view());
-    Antialiased {
-        history,
-        coverage,
-        rejection,
+/// Merges colours into the history of those before.
+pub struct Stage {
+    params: Params,
+    size: Option<Size>,
+    /// Records of the last frame.
+    history: Vec<f32>,
+    /// Memory for those of the next.
+    next: Vec<f32>,
+}
+
+impl Stage {
+    pub fn new(params: Params) -> Self {
+        Self {
+            params,
+            size: None,
+            history: vec![],
+            next: vec![],
+        }
+    }
+
+    /// Forgets the sequence.
+    pub fn reset(&mut self) {
+        self.size = None;
+    }
+
+    /// Merges the next colour, whose history came along `motion`; what is nowhere known becomes black. Returns how many
+    /// pixels of the colour are missing.
+    pub fn step<'a>(
+        &mut self,
+        color: Pixels<'a>,
+        motion: Pixels<'a>,
+        depth: Option<View<'a>>,
+        merged: impl Iterator<Item = PixelsMut<'a>>,
+        details: Option<Details<'a>>,
+    ) -> usize {
+        let Self {
+            params,
+            size: before,
+            history,
+            next,
+        } = self;
+        let size = color.size;
+        next.resize(size.pixels() * CHANNELS, 0.0);
+        let (nothing, limits) = (Surface::default(), surface::Params::default());
+        let fetch = before.map(|_| {
+            let history = Pixels::records(size, CHANNELS, history);
+            let tests = Tests::new(nothing, nothing, None, &limits);
+            let params = reproject::Params {
+                filter: params.filter,
+                fallback: false,
+                dering: true,
+            };
+            Fetch::new(&[history], size, tests, params)
+        });
+        // Tone curves are for images that are exposed as photographs are.
+        let exposure = if params.is_exposed() {
+            exposure(color)
+        } else {
+            1.0
+        };
+        let kernel = Antialias {
+            params: Params {
+                clip: neighborhood::Params {
+                    exposure,
+                    ..params.clip
+                },
+                blend: blend::Params {
+                    exposure,
+                    ..params.blend
+                },
+                ..*params
+            },
+            color,
+            motion,
+            choice: depth.map_or(Choice::Longest, Choice::Nearest),
+            fetch,
+        };
+        let mut missing = vec![0; size.height.div_ceil(BAND)];
+        let mut details = details.map(|details| details.bands(size.width));
+        let outs = PixelsMut::bands(size, CHANNELS, next)
+            .zip(merged)
+            .zip(&mut missing)
+            .map(|((history, merged), missing)| Outs {
+                history,
+                merged,
+                missing,
+                details: details.as_mut().and_then(Iterator::next),
+            });
+        rows::run(&kernel, size.height, outs);
+        drop(kernel);
+        std::mem::swap(history, next);
+        *before = Some(size);
+        missing.iter().sum()
     }
 }
 
-fn recall(params: &Params, history: &Image, motion: View, depth: Option<View>) -> Reprojected {
-    let dilated = params.dilate.map(|window| {
-        let choice = depth.map_or(Choice::Longest, Choice::Nearest);
-        dilate_motion(motion, choice, window)
-    });
-    let motion = dilated.as_ref().map_or(motion, Image::view);
-    let (nothing, limits) = (Surface::default(), surface::Params::default());
-    let tests = Tests::new(motion.size, nothing, nothing, None, &limits);
-    let params = reproject::Params {
-        filter: params.filter,
-        fallback: false,
-        dering: true,
-    };
-    reproject(&[history.view()], motion, tests, params)
+struct Antialias<'a> {
+    params: Params,
+    color: Pixels<'a>,
+    motion: Pixels<'a>,
+    choice: Choice<'a>,
+    /// None for a first frame.
+    fetch: Option<Fetch<'a>>,
 }
 
-/// Averages the first samples equally: the share of the N-th is at least 1/N, until the least share bounds N.
-struct WarmUp<'a> {
-    color: View<'a>,
-    /// Samples so far; 0 without history.
-    length: View<'a>,
-    longest: f32,
+struct Outs<'a> {
+    history: PixelsMut<'a>,
+    merged: PixelsMut<'a>,
+    missing: &'a mut usize,
+    details: Option<Details<'a>>,
 }
 
-impl<'a> Kernel for WarmUp<'a> {
-    type Out = (BandMut<'a>, BandMut<'a>);
+impl<'a> Kernel for Antialias<'a> {
+    type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut alpha, mut history): Self::Out) {
-        for y in rows {
-            let [r, g, b] = self.color.rows(y);
-            let before = self.length.row(0, y);
-            let alpha = alpha.row(0, y);
-            let [_, _, _, length] = history.rows(y);
-            for x in 0..before.len() {
-                let present = is_present([r[x], g[x], b[x]]);
-                let counted = (before[x] + 1.0).min(self.longest);
-                alpha[x] = alpha[x].max(1.0 / counted);
-                length[x] = if present { counted } else { before[x] };
+    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+        let Params {
+            clip,
+            blend,
+            blend_factor,
+            ..
+        } = self.params;
+        let size = self.color.size;
+        let longest = 1.0 / blend_factor.alpha;
+        let mut window = neighborhood::Window::new(size.width, clip);
+        let window_of = self.params.dilate.filter(|_| self.fetch.is_some());
+        let mut dilation = window_of.map(|window| Dilation::new(self.motion, self.choice, window));
+        let mut fetched = self.fetch.as_ref().map(Fetch::room);
+        let mut own_motion = MotionLanes::new();
+        let mut dilated = [[0.0; SEGMENT]; 3];
+        let mut history = [[0.0; SEGMENT]; 3];
+        let mut merged = [[0.0; SEGMENT]; 3];
+        let (mut length, mut coverage) = ([0.0; SEGMENT], [0.0; SEGMENT]);
+        let mut shares = [0.0; SEGMENT];
+        for y in rows.clone() {
+            window.roll(self.color, y, y == rows.start);
+            if let Some(dilation) = &mut dilation {
+                dilation.roll(y, y == rows.start);
+            }
+            for run in segments(y, size.width) {
+                let n = run.len;
+                let motion = own_motion.load(&self.motion, run);
+                if let Some((fetch, fetched)) = self.fetch.as_ref().zip(fetched.as_mut()) {
+                    let from = match &dilation {
+                        Some(dilation) => {
+                            dilation.choose(run, &mut dilated);
+                            let [x, y, depth] = dilated.each_ref().map(|row| &row[..n]);
+                            Motion {
+                                x,
+                                y,
+                                depth: motion.depth.map(|_| depth),
+                            }
+                        }
+                        None => motion,
+                    };
+                    fetch.run(run, from, fetched);
+                    let records = fetched.values(0)[..n * CHANNELS].as_chunks::<CHANNELS>().0;
+                    let [r, g, b] = history.each_mut();
+                    for (i, record) in records.iter().enumerate() {
+                        [r[i], g[i], b[i], length[i]] = *record;
+                    }
+                    coverage = fetched.coverage;
+                } else {
+                    history = [[0.0; SEGMENT]; 3];
+                    length = [0.0; SEGMENT];
+                }
+                window.clip(run, &mut history);
+                let colors = window.colors.own(run);
+                blend_factor.shares(&coverage[..n], Some(motion), &mut shares);
+                warm_up(colors, longest, &mut shares, &mut length);
+                if blend.flicker < 1.0 {
+                    calm(&window.colors, run, &history, blend.flicker, &mut shares);
+                }
+                let (weighting, exposure) = (blend.weighting, blend.exposure);
+                mix(colors, &history, &shares, weighting, exposure, &mut merged);
+                let [r, g, b] = merged.each_ref().map(Row::as_slice);
+                out.history.write(run, [r, g, b, &length]);
+                *out.missing += count_missing(colors.map(|row| &row[..n]));
+                for row in &mut merged {
+                    blacken_missing(&mut row[..lanes(run)]);
+                }
+                out.merged.write(run, merged.each_ref().map(Row::as_slice));
+                if let Some(details) = &mut out.details {
+                    let place = (y - rows.start) * size.width + run.x;
+                    details.history_length[place..][..n].copy_from_slice(&length[..n]);
+                    details.confidence[place..][..n].copy_from_slice(&coverage[..n]);
+                    let rejection = &mut details.rejection[place..][..n];
+                    match &fetched {
+                        Some(fetched) => rejection.copy_from_slice(&fetched.rejection[..n]),
+                        None => rejection.fill(0),
+                    }
+                }
             }
         }
     }
 }
 
-/// What one frame leaves to the next.
-struct Memory {
-    history: Image,
-    camera: Option<Camera>,
+/// Averages the first samples equally: the share of the N-th is at least 1/N, until the least share bounds N. Turns the
+/// lengths before, 0 without history, into those after.
+#[inline(always)]
+fn warm_up([r, g, b]: [&[f32]; 3], longest: f32, shares: &mut Row, length: &mut Row) {
+    let n = r.len().min(SEGMENT);
+    let (r, g, b) = (&r[..n], &g[..n], &b[..n]);
+    for i in 0..n {
+        let present = is_present([r[i], g[i], b[i]]);
+        let counted = (length[i] + 1.0).min(longest);
+        shares[i] = shares[i].max(1.0 / counted);
+        length[i] = if present { counted } else { length[i] };
+    }
+}
+
+/// Where nobody has seen anything there is black.
+#[inline(always)]
+fn blacken_missing(row: &mut [f32]) {
+    for value in row {
+        *value = if value.is_finite() { *value } else { 0.0 };
+    }
+}
+
+/// One frame's buffers, those that take part.
+pub struct Frame<'a> {
+    pub color: Pixels<'a>,
+    pub motion: Option<Pixels<'a>>,
+    pub depth: Option<View<'a>>,
+    pub position: Option<View<'a>>,
+    pub camera: Option<Camera>,
+    pub jitter: Option<[f64; 2]>,
 }
 
 pub struct Taa {
-    params: Params,
-    memory: Option<Memory>,
+    stage: Stage,
+    camera: Option<Camera>,
 }
 
 impl Taa {
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
         Ok(Self {
-            params,
-            memory: None,
+            stage: Stage::new(params),
+            camera: None,
         })
     }
 
     /// Forgets the sequence.
     pub fn reset(&mut self) {
-        self.memory = None;
+        self.stage.reset();
+        self.camera = None;
     }
 
-    pub fn step(&mut self, frame: &Frame) -> Result<Output> {
+    /// Writes records of the next frame's colours, and the rest; returns the names of the buffers that took part, and the
+    /// number of samples that were not finite.
+    pub fn step(
+        &mut self,
+        frame: &Frame,
+        color: &mut [f32],
+        details: Details,
+    ) -> Result<(Vec<&'static str>, usize)> {
         let size = frame.color.size;
-        if let Some(memory) = &self.memory {
-            check_size(memory.history.size, size)?;
+        if let Some(before) = self.stage.size {
+            check_size(before, size)?;
         }
         let mut used = vec![];
-        let resolved = self
-            .params
+        let params = &self.stage.params;
+        let resolved = params
             .reconstruct
             .zip(frame.jitter)
             .map(|(filter, jitter)| {
                 used.push("jitter");
                 let mut resolve = Resolve::new(size, 3, filter);
-                resolve.add(frame.color, jitter);
-                resolve.finish()
+                let missing = resolve.add(frame.color, jitter);
+                (resolve.finish(), missing)
             });
-        let color = resolved.as_ref().map_or(frame.color, Image::view);
-        let previous = self.memory.as_ref();
-        let motion = frame.motion(
-            previous.and_then(|memory| memory.camera.as_ref()),
-            &mut used,
-        );
-        let depth = frame.surface.depth.filter(|_| self.params.dilate.is_some());
+        let source = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.view().into());
+        let cameras = frame.camera.as_ref().zip(self.camera.as_ref());
+        let geometry =
+            (frame.position.map(Geometry::Position)).or(frame.depth.map(Geometry::Depth));
+        let computed = match frame.motion {
+            Some(_) => {
+                used.push("motion");
+                None
+            }
+            None => Some(find_motion(size, cameras, geometry, &mut used)),
+        };
+        let motion = (frame.motion)
+            .or(computed.as_ref().map(|image| image.view().into()))
+            .expect("given or computed");
+        let depth = frame.depth.filter(|_| params.dilate.is_some());
         if depth.is_some() {
             used.push("depth");
         }
-        let antialiased = antialias(
-            &self.params,
-            previous.map(|memory| &memory.history),
-            color,
-            motion.view(),
-            depth,
-        );
-        let mut color = antialiased.color();
-        blacken_missing(&mut color);
-        let history_length = antialiased.history.channels(3..4).to_image();
-        self.memory = Some(Memory {
-            history: antialiased.history,
-            camera: frame.camera,
-        });
-        Ok(Output {
-            color,
-            variance: None,
-            history_length,
-            confidence: antialiased.coverage,
-            rejection: antialiased.rejection,
-            used,
-            missing: count_missing(frame.color),
-        })
+        let color = PixelsMut::bands(size, 3, color);
+        let missing = self.stage.step(source, motion, depth, color, Some(details));
+        self.camera = frame.camera;
+        Ok((used, resolved.map_or(missing, |(_, missing)| missing)))
     }
 }

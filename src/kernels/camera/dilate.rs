@@ -9,7 +9,8 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Run, Tap, View};
+use crate::image::{Pixels, Run, SEGMENT, View, segments};
+use crate::pixels::{PixelsMut, Rolling, Row, lanes};
 use crate::rows::{self, Kernel};
 
 /// The neighbours that are looked at.
@@ -23,11 +24,6 @@ pub enum Window {
 
 impl Window {
     pub const NAMES: [(&str, Self); 2] = [("3x3", Self::Square), ("cross", Self::Cross)];
-
-    #[inline(always)]
-    fn has(self, dx: isize, dy: isize) -> bool {
-        self == Self::Square || dx == 0 || dy == 0
-    }
 }
 
 /// Whose motion is taken.
@@ -37,122 +33,146 @@ pub enum Choice<'a> {
     Longest,
 }
 
-pub fn dilate_motion(motion: View, choice: Choice, window: Window) -> Image {
-    let size = motion.size;
-    let mut ranks = Image::new(size, 1);
-    rows::run(&Ranks { motion, choice }, size.height, ranks.bands());
-    let mut dilated = Image::new(size, motion.channels);
-    let kernel = Dilate {
-        motion,
-        ranks: &ranks,
-        window,
-    };
-    rows::run(&kernel, size.height, dilated.bands());
-    dilated
-}
-
-/// The lowest is chosen: depth, or minus the squared length. Infinite depth comes behind all others, and what is not
-/// known, which is infinity here, behind that.
-struct Ranks<'a> {
-    motion: View<'a>,
+/// The motion around the pixels of a row.
+pub struct Dilation<'a> {
+    motion: Pixels<'a>,
     choice: Choice<'a>,
+    window: Window,
+    /// Ranks, of which the lowest is chosen, and the motion's channels. Depth ranks by itself, length by minus its square;
+    /// infinite depth comes behind all others, and motion that is not known, which is infinity here, behind that.
+    rows: Rolling<4>,
 }
 
-impl<'a> Kernel for Ranks<'a> {
-    type Out = BandMut<'a>;
+impl<'a> Dilation<'a> {
+    pub fn new(motion: Pixels<'a>, choice: Choice<'a>, window: Window) -> Self {
+        Self {
+            motion,
+            choice,
+            window,
+            rows: Rolling::new(motion.size.width, 1),
+        }
+    }
 
+    /// Goes to a row, which is below the one before unless it is the first.
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut ranks: BandMut<'a>) {
-        for y in rows {
-            let ranks = ranks.row(0, y);
-            match self.choice {
-                Choice::Nearest(depth) => {
-                    for (rank, &z) in ranks.iter_mut().zip(depth.row(0, y)) {
-                        *rank = if z > 0.0 { z.min(f32::MAX) } else { f32::MAX };
-                    }
-                }
-                Choice::Longest => {
-                    let (x, y) = (self.motion.row(0, y), self.motion.row(1, y));
-                    for (rank, (x, y)) in ranks.iter_mut().zip(x.iter().zip(y)) {
-                        *rank = -(x * x + y * y);
-                    }
-                }
-            }
-            for channel in 0..self.motion.channels {
-                for (rank, motion) in ranks.iter_mut().zip(self.motion.row(channel, y)) {
-                    *rank = if motion.is_finite() {
-                        *rank
-                    } else {
-                        f32::INFINITY
-                    };
-                }
+    pub fn roll(&mut self, y: usize, first: bool) {
+        for y in self.rows.due(y, first) {
+            if let Some(rows) = self.rows.fresh(y, self.motion.size) {
+                let row = Run {
+                    y: y as usize,
+                    x: 0,
+                    len: self.motion.size.width,
+                };
+                rank(&self.motion, self.choice, row, rows);
             }
         }
+    }
+
+    /// The motion that the pixels of a run take.
+    #[inline(always)]
+    pub fn choose(&self, run: Run, chosen: &mut [Row; 3]) {
+        match self.window {
+            Window::Square => self.choose_among(run, chosen, |_, _| true),
+            Window::Cross => self.choose_among(run, chosen, |dx, dy| dx == 1 || dy == 1),
+        }
+    }
+
+    #[inline(always)]
+    fn choose_among(
+        &self,
+        run: Run,
+        [cx, cy, cz]: &mut [Row; 3],
+        has: impl Fn(usize, usize) -> bool,
+    ) {
+        let rows = [-1, 0, 1].map(|dy| self.rows.columns(run, dy));
+        for i in 0..lanes(run) {
+            // The pixel's own first: of equals it wins.
+            let [mut best, mut x, mut y, mut z] = rows[1].map(|row| row[i + 1]);
+            for dy in 0..3 {
+                for dx in 0..3 {
+                    if has(dx, dy) {
+                        let [rank, tx, ty, tz] = rows[dy].map(|row| row[i + dx]);
+                        let nearer = rank < best;
+                        best = if nearer { rank } else { best };
+                        x = if nearer { tx } else { x };
+                        y = if nearer { ty } else { y };
+                        z = if nearer { tz } else { z };
+                    }
+                }
+            }
+            (cx[i], cy[i], cz[i]) = (x, y, z);
+        }
+    }
+}
+
+#[inline(always)]
+fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, x, y, z]: [&mut [f32]; 4]) {
+    let n = row.len;
+    let (ranks, x, y, z) = (&mut ranks[..n], &mut x[..n], &mut y[..n], &mut z[..n]);
+    motion.load(row, 0, x);
+    motion.load(row, 1, y);
+    if motion.channels == 3 {
+        motion.load(row, 2, z);
+    } else {
+        z.fill(0.0);
+    }
+    match choice {
+        Choice::Nearest(depth) => {
+            for (rank, &depth) in ranks.iter_mut().zip(depth.row(0, row.y)) {
+                let near = (depth > 0.0) & (depth < f32::MAX);
+                *rank = if near { depth } else { f32::MAX };
+            }
+        }
+        Choice::Longest => {
+            for i in 0..n {
+                ranks[i] = -(x[i] * x[i] + y[i] * y[i]);
+            }
+        }
+    }
+    for i in 0..n {
+        let known = x[i].is_finite() & y[i].is_finite() & z[i].is_finite();
+        ranks[i] = if known { ranks[i] } else { f32::INFINITY };
     }
 }
 
 struct Dilate<'a> {
-    motion: View<'a>,
-    ranks: &'a Image,
+    motion: Pixels<'a>,
+    choice: Choice<'a>,
     window: Window,
 }
 
-impl<'a> Kernel for Dilate<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut dilated: BandMut<'a>) {
-        let size = self.motion.size;
-        let mut best = vec![0.0; size.width];
-        for y in rows {
-            // The pixel's own first: of equals it wins.
-            best.copy_from_slice(self.ranks.view().row(0, y));
-            for channel in 0..self.motion.channels {
-                let own = self.motion.row(channel, y);
-                dilated.row(channel, y).copy_from_slice(own);
-            }
-            let row = Run {
-                y,
-                x: 0,
-                len: size.width,
-            };
-            for dy in -1..=1 {
-                for dx in -1..=1 {
-                    let tap = Tap { dx, dy, step: 1 };
-                    if self.window.has(dx, dy)
-                        && let Some(here) = tap.inside(row, size)
-                    {
-                        self.take(here, tap.of(here), &mut best, &mut dilated);
-                    }
-                }
-            }
-        }
-    }
+pub fn dilate_motion<'a>(
+    motion: Pixels<'a>,
+    choice: Choice<'a>,
+    window: Window,
+    dilated: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let kernel = Dilate {
+        motion,
+        choice,
+        window,
+    };
+    rows::run(&kernel, motion.size.height, dilated);
 }
 
-impl Dilate<'_> {
-    /// Takes the motion of the taps that rank lower than the best so far.
+impl<'a> Kernel for Dilate<'a> {
+    type Out = PixelsMut<'a>;
+
     #[inline(always)]
-    fn take(&self, here: Run, there: Run, best: &mut [f32], dilated: &mut BandMut) {
-        let best = &mut best[here.x..][..here.len];
-        let [ranks]: [&[f32]; 1] = there.rows(self.ranks);
-        for channel in 0..self.motion.channels {
-            let motion = &self.motion.row(channel, there.y)[there.x..][..there.len];
-            let dilated = &mut dilated.row(channel, here.y)[here.x..][..here.len];
-            for i in 0..here.len {
-                dilated[i] = if ranks[i] < best[i] {
-                    motion[i]
+    fn rows(&self, rows: Range<usize>, mut dilated: PixelsMut<'a>) {
+        let mut dilation = Dilation::new(self.motion, self.choice, self.window);
+        let mut chosen = [[0.0; SEGMENT]; 3];
+        for y in rows.clone() {
+            dilation.roll(y, y == rows.start);
+            for run in segments(y, self.motion.size.width) {
+                dilation.choose(run, &mut chosen);
+                let [x, y, z] = chosen.each_ref().map(Row::as_slice);
+                if self.motion.channels == 3 {
+                    dilated.write(run, [x, y, z]);
                 } else {
-                    dilated[i]
-                };
+                    dilated.write(run, [x, y]);
+                }
             }
-        }
-        for i in 0..here.len {
-            best[i] = if ranks[i] < best[i] {
-                ranks[i]
-            } else {
-                best[i]
-            };
         }
     }
 }

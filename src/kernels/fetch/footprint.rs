@@ -1,9 +1,7 @@
 //! Where a pixel's history lies in the previous frame, and which of those pixels may be used.
 
-use glam::Vec2;
-
-use crate::image::{Size, View};
-use crate::kernels::judge::surface::{Expected, Tests, rejection};
+use crate::image::{Pixels, Run, SEGMENT, Size};
+use crate::kernels::judge::surface::{Expected, Judged, Lane, Tests, rejection};
 
 /// Below this share of valid weight, a footprint says too little (Falcor's SVGF has the same bound).
 pub const MIN_COVERAGE: f32 = 0.01;
@@ -39,26 +37,20 @@ pub enum Wide {
 }
 
 impl Wide {
-    /// The weights of the taps from above on, row by row; 0 for those that do not count.
+    /// The weights of the columns and of the rows, which together sum to one.
     #[inline(always)]
-    pub fn matrix(self, f: Vec2) -> [[f32; 4]; 4] {
-        let (along, down) = (self.weights(f.x), self.weights(f.y));
-        let weight = |row: usize, column: usize| {
-            if self.has(column, row) {
-                along[column] * down[row]
-            } else {
-                0.0
-            }
-        };
-        [0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| weight(row, column)))
+    pub fn weights(self, f: [f32; 2]) -> [[f32; 4]; 2] {
+        let [along, down] = f.map(|f| self.side(f));
+        let middle = along[1] + along[2];
+        let all = along[0] + middle + along[3];
+        let outer = if self.has_corners() { all } else { middle };
+        let total = (down[0] + down[3]) * outer + (down[1] + down[2]) * all;
+        [along, down.map(|weight| weight / total)]
     }
 
     #[inline(always)]
-    fn weights(self, f: f32) -> [f32; 4] {
-        if f == 0.0 {
-            return [0.0, 1.0, 0.0, 0.0];
-        }
-        match self {
+    fn side(self, f: f32) -> [f32; 4] {
+        let weights = match self {
             Self::CatmullRom | Self::CatmullRom5 => {
                 let (f2, f3) = (f * f, f * f * f);
                 let w0 = f2 - 0.5 * (f3 + f);
@@ -79,53 +71,53 @@ impl Wide {
                     over(2.0 - f, -whole * s),
                 ]
             }
+        };
+        // Exactly, so that what stands still keeps its bits; the sinc has a gap there.
+        let still = [0.0, 1.0, 0.0, 0.0];
+        [0, 1, 2, 3].map(|i| if f == 0.0 { still[i] } else { weights[i] })
+    }
+
+    pub const fn has_corners(self) -> bool {
+        !matches!(self, Self::CatmullRom5)
+    }
+
+    /// The columns that count in a row.
+    #[inline(always)]
+    pub fn columns(corners: bool, row: usize) -> std::ops::Range<usize> {
+        if corners || matches!(row, 1 | 2) {
+            0..4
+        } else {
+            1..3
         }
     }
-
-    #[inline(always)]
-    fn has(self, column: usize, row: usize) -> bool {
-        self != Self::CatmullRom5 || !(matches!(column, 0 | 3) && matches!(row, 0 | 3))
-    }
 }
 
-/// The weights of the 2×2 taps at (0, 0), (1, 0), (0, 1) and (1, 1).
-#[inline(always)]
-pub fn bilinear(f: Vec2) -> [f32; 4] {
-    [
-        (1.0 - f.x) * (1.0 - f.y),
-        f.x * (1.0 - f.y),
-        (1.0 - f.x) * f.y,
-        f.x * f.y,
-    ]
-}
-
-/// Up to `N` taps with their weights.
+/// Pixels of the previous frame, with weights.
 pub struct Taps<const N: usize> {
     taps: [(usize, f32); N],
     count: usize,
 }
 
 impl<const N: usize> Taps<N> {
-    #[inline(always)]
-    fn empty() -> Self {
-        Self {
+    /// Those that have weight and are `usable`.
+    fn of(taps: impl Iterator<Item = (usize, f32)>, usable: impl Fn(usize) -> bool) -> Self {
+        let mut found = Self {
             taps: [(0, 0.0); N],
             count: 0,
+        };
+        for (at, weight) in taps {
+            if weight > 0.0 && usable(at) {
+                found.taps[found.count] = (at, weight);
+                found.count += 1;
+            }
         }
+        found
     }
 
-    #[inline(always)]
-    fn push(&mut self, index: usize, weight: f32) {
-        self.taps[self.count] = (index, weight);
-        self.count += 1;
-    }
-
-    #[inline(always)]
     pub fn as_slice(&self) -> &[(usize, f32)] {
         &self.taps[..self.count]
     }
 
-    #[inline(always)]
     pub fn weight(&self) -> f32 {
         // Not `sum`, whose zero is negative.
         self.as_slice()
@@ -134,168 +126,278 @@ impl<const N: usize> Taps<N> {
     }
 }
 
-/// The motion of a frame, applied to its pixels.
+/// The motion of a run of pixels; the third channel, if there is one, is the change of depth.
 #[derive(Clone, Copy)]
 pub struct Motion<'a> {
-    x: &'a [f32],
-    y: &'a [f32],
-    depth: Option<&'a [f32]>,
-    size: Size,
+    pub x: &'a [f32],
+    pub y: &'a [f32],
+    pub depth: Option<&'a [f32]>,
 }
 
-/// A pixel's place in the previous frame, in index space (pixel centres at whole numbers).
-pub struct Origin {
-    pub from: Vec2,
-    pub expected: Expected,
-}
+/// Room for the motion of a run.
+pub struct MotionLanes([Lane; 3]);
 
-impl<'a> Motion<'a> {
-    pub fn new(motion: View<'a>) -> Self {
-        let depth = (motion.channels == 3).then(|| motion.plane(2));
-        Self {
-            x: motion.plane(0),
-            y: motion.plane(1),
-            depth,
-            size: motion.size,
-        }
-    }
-
-    pub fn size(&self) -> Size {
-        self.size
+impl MotionLanes {
+    pub fn new() -> Self {
+        Self([[0.0; SEGMENT]; 3])
     }
 
     #[inline(always)]
-    pub fn origin(&self, x: usize, y: usize, tests: &Tests) -> Origin {
-        let i = y * self.size.width + x;
-        let change = self.depth.map_or(0.0, |depth| depth[i]);
-        // Motion that is not finite in one of its channels leads nowhere.
-        let known = if change.is_finite() { 0.0 } else { f32::NAN };
-        let from = Vec2::new(x as f32 + self.x[i] + known, y as f32 + self.y[i]);
-        let motion = Vec2::new(self.x[i], self.y[i]);
-        Origin {
-            from,
-            expected: tests.expected(i, from, motion, change),
+    pub fn load(&mut self, motion: &Pixels, run: Run) -> Motion<'_> {
+        let Self(lanes) = self;
+        for (channel, lane) in lanes.iter_mut().enumerate().take(motion.channels) {
+            motion.load(run, channel, &mut lane[..run.len]);
+        }
+        let [x, y, depth] = lanes.each_ref().map(|lane| &lane[..run.len]);
+        Motion {
+            x,
+            y,
+            depth: (motion.channels == 3).then_some(depth),
         }
     }
 }
 
-/// The taps of `filter` around an origin that lie inside, pass the tests, and that `usable` accepts; and the bits of
-/// the tests that the others fail.
-#[inline(always)]
-pub fn footprint(
+/// The 2×2 pixels of the previous frame around where each pixel of a run comes from: upper left, upper right, lower left
+/// and lower right. They lie inside, wherever the pixel comes from; what does not has no weight.
+pub struct Footprints {
     size: Size,
-    origin: &Origin,
-    tests: &Tests,
-    filter: Filter,
-    usable: impl Fn(usize) -> bool,
-) -> (Taps<4>, u8) {
-    let mut taps = Taps::empty();
-    if !reaches(size, origin.from) {
-        return (taps, rejection::OUTSIDE);
+    /// In index space (pixel centres at whole numbers).
+    from: [Lane; 2],
+    /// The upper left one.
+    corner: [Lane; 2],
+    pub at: Lane<u32>,
+    pub weights: [Lane; 4],
+    /// The sum of the weights.
+    pub coverage: Lane,
+    /// The bits of the tests that taps fail.
+    pub failed: Lane<u32>,
+    expected: Expected,
+    judged: Judged,
+}
+
+impl Footprints {
+    pub fn new(size: Size) -> Self {
+        Self {
+            size,
+            from: [[0.0; SEGMENT]; 2],
+            corner: [[0.0; SEGMENT]; 2],
+            at: [0; SEGMENT],
+            weights: [[0.0; SEGMENT]; 4],
+            coverage: [0.0; SEGMENT],
+            failed: [0; SEGMENT],
+            expected: Expected::new(),
+            judged: Judged::new(),
+        }
     }
-    let corner = match filter {
-        Filter::Nearest => (origin.from + 0.5).floor(),
-        Filter::Bilinear | Filter::Wide(_) => origin.from.floor(),
+
+    /// From a pixel to that on its right, and to that below.
+    #[inline(always)]
+    pub fn steps(&self) -> [usize; 2] {
+        let Size { height, width } = self.size;
+        [(width > 1).into(), if height > 1 { width } else { 0 }]
+    }
+
+    /// Where the pixels of a run come from, and what is thought of it.
+    #[inline(always)]
+    pub fn find(&mut self, run: Run, motion: Motion, nearest: bool, tests: &Tests) {
+        self.place(run, motion, nearest);
+        if !tests.accept_all() {
+            let from = self.from.each_ref().map(|lane| &lane[..run.len]);
+            tests.expect(run, from, motion, &mut self.expected);
+            self.judge(run.len, tests);
+        }
+        let coverage = &mut self.coverage[..run.len];
+        let [w, x, y, z] = self.weights.each_ref().map(|lane| &lane[..run.len]);
+        for i in 0..run.len {
+            coverage[i] = w[i] + x[i] + y[i] + z[i];
+        }
+    }
+
+    #[inline(always)]
+    fn place(&mut self, run: Run, motion: Motion, nearest: bool) {
+        let len = run.len;
+        let [from_x, from_y] = self.from.each_mut().map(|lane| &mut lane[..len]);
+        let (mx, my) = (&motion.x[..len], &motion.y[..len]);
+        for i in 0..len {
+            from_x[i] = (run.x as i32 + i as i32) as f32 + mx[i];
+            from_y[i] = run.y as f32 + my[i];
+        }
+        if let Some(depth) = motion.depth {
+            // Motion that is not finite in one of its channels leads nowhere.
+            for (from, change) in from_x.iter_mut().zip(&depth[..len]) {
+                *from = if change.is_finite() { *from } else { f32::NAN };
+            }
+        }
+        let (width, height) = (self.size.width as f32, self.size.height as f32);
+        let columns = self.size.width as u32;
+        let [left, top] = self.corner.each_mut().map(|lane| &mut lane[..len]);
+        let (at, failed) = (&mut self.at[..len], &mut self.failed[..len]);
+        let [w, x, y, z] = self.weights.each_mut().map(|lane| &mut lane[..len]);
+        for i in 0..len {
+            let across = pair(from_x[i], width, nearest);
+            let down = pair(from_y[i], height, nearest);
+            (left[i], top[i]) = (across.start, down.start);
+            at[i] = (down.start as i32 as u32)
+                .wrapping_mul(columns)
+                .wrapping_add(across.start as i32 as u32);
+            w[i] = across.weights[0] * down.weights[0];
+            x[i] = across.weights[1] * down.weights[0];
+            y[i] = across.weights[0] * down.weights[1];
+            z[i] = across.weights[1] * down.weights[1];
+            let inside = across.inside & down.inside;
+            failed[i] = if inside { 0 } else { rejection::OUTSIDE.into() };
+        }
+    }
+
+    #[inline(always)]
+    fn judge(&mut self, len: usize, tests: &Tests) {
+        let [dx, dy] = self.steps();
+        for (tap, weights) in self.weights.iter_mut().enumerate() {
+            let (right, below) = (tap % 2, tap / 2);
+            let step = (right * dx + below * dy) as u32;
+            let [left, top] = self.corner.each_ref().map(|lane| &lane[..len]);
+            let at = &self.at[..len];
+            self.judged.look(len, |i| {
+                (at[i] + step, left[i] + right as f32, top[i] + below as f32)
+            });
+            tests.judge(&self.expected, len, &mut self.judged);
+            let (trust, failures) = (&self.judged.trust[..len], &self.judged.failed[..len]);
+            let (weights, failed) = (&mut weights[..len], &mut self.failed[..len]);
+            for i in 0..len {
+                failed[i] |= if weights[i] > 0.0 { failures[i] } else { 0 };
+                weights[i] *= trust[i];
+            }
+        }
+    }
+
+    /// The usable taps of the footprint of pixel `i` of the run.
+    pub fn taps(&self, i: usize, usable: impl Fn(usize) -> bool) -> Taps<4> {
+        let [dx, dy] = self.steps();
+        let at = self.at[i] as usize;
+        let weights = self.weights.iter().map(|lane| lane[i]);
+        Taps::of(
+            [at, at + dx, at + dy, at + dy + dx]
+                .into_iter()
+                .zip(weights),
+            usable,
+        )
+    }
+
+    /// The usable taps of the 3×3 window around where pixel `i` comes from, with equal weights: for thin geometry whose
+    /// own pixels the 2×2 footprint missed.
+    pub fn window(&self, i: usize, tests: &Tests, usable: impl Fn(usize) -> bool) -> Taps<9> {
+        let places = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]));
+        let taps = places.filter_map(|[dx, dy]| {
+            let [x, y] = self.from.each_ref().map(|lane| (lane[i] + 0.5).floor());
+            self.trusted(i, tests, x + dx as f32, y + dy as f32)
+        });
+        Taps::of(taps.map(|(at, trust)| (at, trust / 9.0)), usable)
+    }
+
+    /// The distance of where pixel `i` comes from to the pixel before it, and the 4×4 pixels from the one before that on;
+    /// none in the place of those that may not be used.
+    pub fn grid(
+        &self,
+        i: usize,
+        tests: &Tests,
+        usable: impl Fn(usize) -> bool,
+    ) -> ([f32; 2], [[Option<usize>; 4]; 4]) {
+        let from = self.from.each_ref().map(|lane| lane[i]);
+        let [left, top] = from.map(f32::floor);
+        let grid = [0, 1, 2, 3].map(|row| {
+            [0, 1, 2, 3].map(|column| {
+                let (x, y) = (left + column as f32 - 1.0, top + row as f32 - 1.0);
+                let (at, trust) = self.trusted(i, tests, x, y)?;
+                (trust > 0.0 && usable(at)).then_some(at)
+            })
+        });
+        ([from[0] - left, from[1] - top], grid)
+    }
+
+    /// The index of pixel (x, y) and its trust, where it lies inside.
+    fn trusted(&self, i: usize, tests: &Tests, x: f32, y: f32) -> Option<(usize, f32)> {
+        let Size { height, width } = self.size;
+        let inside = x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
+        if !inside {
+            return None;
+        }
+        let at = y as usize * width + x as usize;
+        Some((at, tests.trust(&self.expected, i, [x, y], at)))
+    }
+
+    /// The weights of a wide kernel for each pixel whose 4×4 taps lie inside.
+    #[inline(always)]
+    pub fn widen(&self, kernel: Wide, len: usize, wide: &mut WideLanes) {
+        let Size { height, width } = self.size;
+        let WideLanes {
+            along,
+            down,
+            inside,
+        } = wide;
+        let [x, y] = self.from.each_ref().map(|lane| &lane[..len]);
+        let [a0, a1, a2, a3] = along.each_mut().map(|lane| &mut lane[..len]);
+        let [d0, d1, d2, d3] = down.each_mut().map(|lane| &mut lane[..len]);
+        let inside = &mut inside[..len];
+        let fits = |at: f32, side: usize| (at >= 1.0) & (at + 2.0 < side as f32);
+        for i in 0..len {
+            let (left, top) = (x[i].floor(), y[i].floor());
+            let [along, down] = kernel.weights([x[i] - left, y[i] - top]);
+            [a0[i], a1[i], a2[i], a3[i]] = along;
+            [d0[i], d1[i], d2[i], d3[i]] = down;
+            inside[i] = (fits(left, width) & fits(top, height)).into();
+        }
+    }
+}
+
+/// The weights of a wide kernel.
+pub struct WideLanes {
+    pub along: [Lane; 4],
+    pub down: [Lane; 4],
+    /// 1 where all taps lie inside, or 0.
+    pub inside: Lane<u32>,
+}
+
+impl WideLanes {
+    pub fn new() -> Self {
+        Self {
+            along: [[0.0; SEGMENT]; 4],
+            down: [[0.0; SEGMENT]; 4],
+            inside: [0; SEGMENT],
+        }
+    }
+}
+
+/// Two neighbours along an axis.
+struct Pair {
+    start: f32,
+    weights: [f32; 2],
+    /// Whether no weight lies outside.
+    inside: bool,
+}
+
+/// The two that are nearest to a place, or, where one of those lies outside, the two at the border.
+#[inline(always)]
+fn pair(from: f32, side: f32, nearest: bool) -> Pair {
+    let corner = if nearest { from + 0.5 } else { from }.floor();
+    let f = if nearest { 0.0 } else { from - corner };
+    // Not NaN.
+    let start = if corner > 0.0 { corner } else { 0.0 };
+    let start = start.min(side - 2.0).max(0.0);
+    let weight = |at: f32| {
+        let before = if at == corner { 1.0 - f } else { 0.0 };
+        if at == corner + 1.0 { f } else { before }
     };
-    let f = if filter == Filter::Nearest {
-        Vec2::ZERO
-    } else {
-        origin.from - corner
-    };
-    let (left, top) = (corner.x as i32, corner.y as i32);
-    let mut failed = 0;
-    for ((dx, dy), weight) in [(0, 0), (1, 0), (0, 1), (1, 1)]
-        .into_iter()
-        .zip(bilinear(f))
-    {
-        if weight > 0.0 {
-            match judge(size, origin, tests, left + dx, top + dy) {
-                Ok((index, trust)) if usable(index) => taps.push(index, weight * trust),
-                Ok(_) => {}
-                Err(failures) => failed |= failures,
-            }
-        }
-    }
-    (taps, failed)
-}
-
-/// The taps of a wide kernel around an origin, if every one of them may be used.
-#[inline(always)]
-pub fn wide(
-    size: Size,
-    origin: &Origin,
-    tests: &Tests,
-    kernel: Wide,
-    usable: impl Fn(usize) -> bool,
-) -> Option<Taps<16>> {
-    let mut taps = Taps::empty();
-    if !reaches(size, origin.from) {
-        return None;
-    }
-    let corner = origin.from.floor();
-    let (left, top) = (corner.x as i32 - 1, corner.y as i32 - 1);
-    let rows = kernel.matrix(origin.from - corner).into_iter();
-    for (row, weights) in rows.enumerate() {
-        for (column, weight) in weights.into_iter().enumerate() {
-            if weight != 0.0 {
-                let tap = judge(size, origin, tests, left + column as i32, top + row as i32);
-                let (index, _) = tap.ok().filter(|&(index, _)| usable(index))?;
-                taps.push(index, weight);
-            }
-        }
-    }
-    Some(taps)
-}
-
-/// The usable taps of the 3×3 window around an origin, with equal weights: for thin geometry whose own pixels the
-/// 2×2 footprint missed.
-#[inline(always)]
-pub fn window(
-    size: Size,
-    origin: &Origin,
-    tests: &Tests,
-    usable: impl Fn(usize) -> bool,
-) -> Taps<9> {
-    let mut taps = Taps::empty();
-    if !reaches(size, origin.from) {
-        return taps;
-    }
-    let centre = (origin.from + 0.5).floor();
-    for dy in -1..=1 {
-        for dx in -1..=1 {
-            if let Ok((index, trust)) = judge(
-                size,
-                origin,
-                tests,
-                centre.x as i32 + dx,
-                centre.y as i32 + dy,
-            ) && usable(index)
-            {
-                taps.push(index, trust / 9.0);
-            }
-        }
-    }
-    taps
-}
-
-/// Whether any tap can lie inside; false for NaN. Bounds the numbers that are turned into integers.
-#[inline(always)]
-fn reaches(size: Size, from: Vec2) -> bool {
-    from.x > -2.0
-        && from.y > -2.0
-        && from.x < size.width as f32 + 1.0
-        && from.y < size.height as f32 + 1.0
-}
-
-/// The index of pixel (x, y) and the trust in it, or the bits of the tests that leave none.
-#[inline(always)]
-fn judge(size: Size, origin: &Origin, tests: &Tests, x: i32, y: i32) -> Result<(usize, f32), u8> {
-    if x < 0 || y < 0 || x >= size.width as i32 || y >= size.height as i32 {
-        return Err(rejection::OUTSIDE);
-    }
-    let (x, y) = (x as usize, y as usize);
-    match tests.judge(&origin.expected, x, y) {
-        (trust, 0) => Ok((y * size.width + x, trust)),
-        (_, failures) => Err(failures),
+    let last = side - 1.0;
+    Pair {
+        start,
+        weights: [
+            weight(start),
+            if start < last {
+                weight(start + 1.0)
+            } else {
+                0.0
+            },
+        ],
+        inside: (corner >= 0.0) & (corner <= last) & ((corner < last) | (f == 0.0)),
     }
 }

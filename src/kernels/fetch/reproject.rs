@@ -15,12 +15,15 @@
 
 use std::ops::Range;
 
-use glam::Vec2;
-
-use super::footprint::{Filter, MIN_COVERAGE, Motion, Taps, bilinear, footprint, wide, window};
-use crate::image::{BandMut, Image, Size, View};
-use crate::kernels::judge::surface::Tests;
+use super::footprint::{
+    Filter, Footprints, MIN_COVERAGE, Motion, MotionLanes, Taps, Wide, WideLanes,
+};
+use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, segments};
+use crate::kernels::judge::surface::{Lane, Tests};
 use crate::rows::{self, Kernel};
+
+/// Channels that are fetched at once: a vector of most CPUs.
+const WIDEST: usize = 8;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -32,13 +35,385 @@ pub struct Params {
     pub dering: bool,
 }
 
-struct Reproject<'a> {
-    history: Vec<&'a [f32]>,
-    motion: Motion<'a>,
+/// Where history is read, and what of it counts.
+pub struct Fetch<'a> {
+    size: Size,
+    /// Channels side by side.
+    history: Vec<Pixels<'a>>,
     tests: Tests<'a>,
-    /// Whether there are none.
-    untested: bool,
     params: Params,
+}
+
+/// What a run of pixels fetches.
+pub struct Fetched {
+    footprints: Footprints,
+    wide: WideLanes,
+    /// The weights of the 2×2 taps, which sum to one.
+    shares: [Lane; 4],
+    /// Whether a pixel has its values.
+    done: Lane<bool>,
+    /// Records of each part of the history.
+    values: Vec<Vec<f32>>,
+    pub coverage: Lane,
+    pub rejection: Lane<u8>,
+}
+
+impl Fetched {
+    /// The records of a part of the history.
+    #[inline(always)]
+    pub fn values(&self, part: usize) -> &[f32] {
+        &self.values[part]
+    }
+}
+
+impl<'a> Fetch<'a> {
+    /// Images are taken as they are where their channels lie side by side, otherwise plane by plane.
+    pub fn new(history: &[Pixels<'a>], size: Size, tests: Tests<'a>, params: Params) -> Self {
+        let history = history.iter().flat_map(|image| image.side_by_side());
+        Self {
+            size,
+            history: history.collect(),
+            tests,
+            params,
+        }
+    }
+
+    /// Room for what runs fetch.
+    pub fn room(&self) -> Fetched {
+        let values = self.history.iter();
+        Fetched {
+            footprints: Footprints::new(self.size),
+            wide: WideLanes::new(),
+            shares: [[0.0; SEGMENT]; 4],
+            done: [false; SEGMENT],
+            values: values
+                .map(|image| vec![0.0; SEGMENT * image.channels + WIDEST])
+                .collect(),
+            coverage: [0.0; SEGMENT],
+            rejection: [0; SEGMENT],
+        }
+    }
+
+    /// Fetches what a run of pixels comes from.
+    #[inline(always)]
+    pub fn run(&self, run: Run, motion: Motion, to: &mut Fetched) {
+        let len = run.len;
+        let Params { filter, dering, .. } = self.params;
+        let nearest = filter == Filter::Nearest;
+        to.footprints.find(run, motion, nearest, &self.tests);
+        for i in 0..len {
+            to.coverage[i] = to.footprints.coverage[i].min(1.0);
+            to.rejection[i] = to.footprints.failed[i] as u8;
+        }
+        match filter {
+            Filter::Wide(kernel) if self.tests.accept_all() => {
+                to.footprints.widen(kernel, len, &mut to.wide);
+                for i in 0..len {
+                    to.done[i] = to.wide.inside[i] != 0;
+                }
+                match kernel.has_corners() {
+                    true => self.each_part(len, to, &Grid::<true> { dering }),
+                    false => self.each_part(len, to, &Grid::<false> { dering }),
+                }
+            }
+            Filter::Wide(_) => to.done[..len].fill(false),
+            Filter::Nearest | Filter::Bilinear => {
+                self.share(len, to);
+                self.each_part(len, to, &Quad);
+            }
+        }
+        for i in 0..len {
+            if !to.done[i] {
+                self.mend(i, to);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn share(&self, len: usize, to: &mut Fetched) {
+        let (weights, shares) = (&to.footprints.weights, &mut to.shares);
+        let coverage = &mut to.coverage[..len];
+        let [w, x, y, z] = weights.each_ref().map(|lane| &lane[..len]);
+        let [sw, sx, sy, sz] = shares.each_mut().map(|lane| &mut lane[..len]);
+        let sums = &to.footprints.coverage[..len];
+        let done = &mut to.done[..len];
+        for i in 0..len {
+            let enough = sums[i] >= MIN_COVERAGE;
+            let scale = if enough { 1.0 / sums[i] } else { 0.0 };
+            (sw[i], sx[i]) = (w[i] * scale, x[i] * scale);
+            (sy[i], sz[i]) = (y[i] * scale, z[i] * scale);
+            coverage[i] = if enough { coverage[i] } else { 0.0 };
+            done[i] = enough | !self.params.fallback;
+        }
+    }
+
+    /// Averages the taps of each part of the history, up to [`WIDEST`] channels at once.
+    #[inline(always)]
+    fn each_part(&self, len: usize, to: &mut Fetched, average: &impl Average) {
+        let Fetched {
+            footprints,
+            wide,
+            shares,
+            done,
+            values,
+            ..
+        } = to;
+        for (image, values) in self.history.iter().zip(values) {
+            let stride = image.channels;
+            // From behind, since what follows a record's last channel is written over.
+            for first in (0..stride).step_by(WIDEST).rev() {
+                let part = image.part(first..(first + WIDEST).min(stride));
+                let taps = Surroundings {
+                    image: part,
+                    footprints,
+                    wide,
+                    shares,
+                };
+                let out = (&mut values[first..], stride);
+                match part.channels {
+                    1 => taps.average::<1>(len, average, out, done),
+                    2 => taps.average::<2>(len, average, out, done),
+                    3 | 4 => taps.average::<4>(len, average, out, done),
+                    _ => taps.average::<WIDEST>(len, average, out, done),
+                }
+            }
+        }
+    }
+
+    /// The values of pixel `i` where not all is as it mostly is: by a look at each tap.
+    #[cold]
+    fn mend(&self, i: usize, to: &mut Fetched) {
+        let usable = |at: usize| self.history.iter().all(|image| is_finite(image, at));
+        let (tests, footprints) = (&self.tests, &to.footprints);
+        let near = footprints.taps(i, usable);
+        to.coverage[i] = near.weight().min(1.0);
+        if let Filter::Wide(kernel) = self.params.filter
+            && to.rejection[i] == 0
+        {
+            let (f, grid) = footprints.grid(i, tests, usable);
+            let weights = kernel.weights(f);
+            if all_count(kernel, &weights, &grid) {
+                self.write(i, &mut to.values, |image, channel| {
+                    let tap = |row: usize, column: usize| {
+                        [grid[row][column].map_or(0.0, |at| image.at(at, channel))]
+                    };
+                    let [mean] = match kernel.has_corners() {
+                        true => wide_mean::<true, 1>(weights, tap),
+                        false => wide_mean::<false, 1>(weights, tap),
+                    };
+                    let near = near.as_slice().iter().map(|&(at, _)| image.at(at, channel));
+                    if self.params.dering {
+                        held(mean, near)
+                    } else {
+                        mean
+                    }
+                });
+                return;
+            }
+        }
+        if near.weight() >= MIN_COVERAGE {
+            return self.write_mean(i, &near, &mut to.values);
+        }
+        if self.params.fallback {
+            let around = footprints.window(i, tests, usable);
+            to.coverage[i] = around.weight().min(1.0);
+            return self.write_mean(i, &around, &mut to.values);
+        }
+        to.coverage[i] = 0.0;
+        self.write(i, &mut to.values, |_, _| 0.0);
+    }
+
+    fn write_mean<const N: usize>(&self, i: usize, taps: &Taps<N>, values: &mut [Vec<f32>]) {
+        let weight = taps.weight();
+        let scale = if weight > 0.0 { 1.0 / weight } else { 0.0 };
+        self.write(i, values, |image, channel| {
+            let taps = taps.as_slice().iter();
+            taps.fold(0.0, |sum, &(at, weight)| {
+                sum + weight * scale * image.at(at, channel)
+            })
+        });
+    }
+
+    fn write(&self, i: usize, values: &mut [Vec<f32>], value: impl Fn(&Pixels, usize) -> f32) {
+        for (image, values) in self.history.iter().zip(values) {
+            let record = &mut values[i * image.channels..][..image.channels];
+            for (channel, to) in record.iter_mut().enumerate() {
+                *to = value(image, channel);
+            }
+        }
+    }
+}
+
+fn is_finite(image: &Pixels, at: usize) -> bool {
+    (0..image.channels).all(|channel| image.at(at, channel).is_finite())
+}
+
+/// Whether there is a pixel for each weight.
+fn all_count(kernel: Wide, [along, down]: &[[f32; 4]; 2], grid: &[[Option<usize>; 4]; 4]) -> bool {
+    (0..4).all(|row| {
+        let mut columns = Wide::columns(kernel.has_corners(), row);
+        columns
+            .all(|column| grid[row][column].is_some() || along[column] == 0.0 || down[row] == 0.0)
+    })
+}
+
+/// Up to [`WIDEST`] channels of history around where the pixels of a run come from.
+struct Surroundings<'a> {
+    image: Pixels<'a>,
+    footprints: &'a Footprints,
+    wide: &'a WideLanes,
+    shares: &'a [Lane; 4],
+}
+
+impl Surroundings<'_> {
+    /// Writes the means, and whether they are numbers, of the pixels that are not ruled out.
+    #[inline(always)]
+    fn average<const N: usize>(
+        &self,
+        len: usize,
+        average: &impl Average,
+        (values, stride): (&mut [f32], usize),
+        done: &mut Lane<bool>,
+    ) {
+        let done = &mut done[..len];
+        for i in 0..len {
+            let mean: Option<[f32; N]> = if done[i] { average.mean(self, i) } else { None };
+            match mean {
+                Some(mean) => values[i * stride..][..N].copy_from_slice(&mean),
+                None => done[i] = false,
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn quad<const N: usize>(&self, i: usize) -> [[f32; N]; 4] {
+        let at = self.footprints.at[i] as usize;
+        let [dx, dy] = self.footprints.steps();
+        [at, at + dx, at + dy, at + dy + dx].map(|at| self.image.record(at))
+    }
+}
+
+/// How a pixel's taps become one; none where the mean is no number.
+trait Average {
+    fn mean<const N: usize>(&self, taps: &Surroundings, i: usize) -> Option<[f32; N]>;
+}
+
+/// 2×2 taps.
+struct Quad;
+
+impl Average for Quad {
+    #[inline(always)]
+    fn mean<const N: usize>(&self, taps: &Surroundings, i: usize) -> Option<[f32; N]> {
+        let shares = taps.shares.each_ref().map(|lane| lane[i]);
+        let mut mean = [-0.0; N];
+        for (tap, share) in taps.quad::<N>(i).iter().zip(shares) {
+            add(&mut mean, share, tap);
+        }
+        all_finite(&mean).then_some(mean)
+    }
+}
+
+/// 4×4 taps.
+struct Grid<const CORNERS: bool> {
+    dering: bool,
+}
+
+impl<const CORNERS: bool> Average for Grid<CORNERS> {
+    #[inline(always)]
+    fn mean<const N: usize>(&self, taps: &Surroundings, i: usize) -> Option<[f32; N]> {
+        let width = taps.footprints.steps()[1];
+        let first = taps.footprints.at[i] as usize - width - 1;
+        let [along, down] = [&taps.wide.along, &taps.wide.down];
+        let weights = [along, down].map(|lanes| lanes.each_ref().map(|lane| lane[i]));
+        let mean = wide_mean::<CORNERS, N>(weights, |row, column| {
+            taps.image.record(first + row * width + column)
+        });
+        if !all_finite(&mean) {
+            return None;
+        }
+        if !self.dering {
+            return Some(mean);
+        }
+        // Taps of no weight do not count.
+        let [[_, _, right, _], [_, _, below, _]] = weights;
+        let [a, b, c, d] = taps.quad::<N>(i);
+        let [b, d] = if right == 0.0 { [a, c] } else { [b, d] };
+        let [c, d] = if below == 0.0 { [a, b] } else { [c, d] };
+        let near = |k: usize| [a[k], b[k], c[k], d[k]].into_iter();
+        Some(std::array::from_fn(|k| held(mean[k], near(k))))
+    }
+}
+
+/// Adds a weighted tap; a sum that begins with −0 keeps the bits of its first tap.
+#[inline(always)]
+fn add<const N: usize>(sum: &mut [f32; N], weight: f32, tap: &[f32; N]) {
+    for (sum, tap) in sum.iter_mut().zip(tap) {
+        *sum += weight * tap;
+    }
+}
+
+#[inline(always)]
+fn all_finite<const N: usize>(values: &[f32; N]) -> bool {
+    values
+        .iter()
+        .fold(true, |all, value| all & value.is_finite())
+}
+
+/// The weighted mean of 4×4 taps.
+#[inline(always)]
+fn wide_mean<const CORNERS: bool, const N: usize>(
+    [along, down]: [[f32; 4]; 2],
+    tap: impl Fn(usize, usize) -> [f32; N],
+) -> [f32; N] {
+    let mut sum = [-0.0; N];
+    for row in 0..4 {
+        let mut line = [-0.0; N];
+        for column in Wide::columns(CORNERS, row) {
+            add(&mut line, along[column], &tap(row, column));
+        }
+        add(&mut sum, down[row], &line);
+    }
+    sum
+}
+
+/// A value held to the range of the taps.
+#[inline(always)]
+fn held(value: f32, taps: impl Iterator<Item = f32>) -> f32 {
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    for tap in taps {
+        low = if tap < low { tap } else { low };
+        high = if tap > high { tap } else { high };
+    }
+    let value = if value < low { low } else { value };
+    if value > high { high } else { value }
+}
+
+struct Reproject<'a> {
+    fetch: Fetch<'a>,
+    motion: Pixels<'a>,
+}
+
+impl<'a> Kernel for Reproject<'a> {
+    /// The parts of the history, the coverage, and, if asked for, the rejection.
+    type Out = (Vec<BandMut<'a>>, BandMut<'a>, Option<BandMut<'a, u8>>);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (mut values, mut coverage, mut rejection): Self::Out) {
+        let mut lanes = MotionLanes::new();
+        let mut fetched = self.fetch.room();
+        for run in rows.flat_map(|y| segments(y, self.motion.size.width)) {
+            let motion = lanes.load(&self.motion, run);
+            self.fetch.run(run, motion, &mut fetched);
+            for (part, out) in values.iter_mut().enumerate() {
+                let channels = self.fetch.history[part].channels;
+                out.put(run, &fetched.values(part)[..run.len * channels], channels);
+            }
+            coverage.put(run, &fetched.coverage[..run.len], 1);
+            if let Some(rejection) = &mut rejection {
+                rejection.put(run, &fetched.rejection[..run.len], 1);
+            }
+        }
+    }
 }
 
 /// History as it appears in the current frame.
@@ -60,181 +435,48 @@ impl Reprojected {
     }
 }
 
-pub fn reproject(history: &[View], motion: View, tests: Tests, params: Params) -> Reprojected {
+pub fn reproject(history: &[Pixels], motion: Pixels, tests: Tests, params: Params) -> Reprojected {
     let size = motion.size;
-    let history: Vec<_> = history.iter().flat_map(View::planes).collect();
-    let mut values = Image::new(size, history.len());
-    let mut coverage = Image::new(size, 1);
-    let mut rejection = Image::new(size, 1);
-    let kernel = Reproject {
-        history,
-        motion: Motion::new(motion),
-        tests,
-        untested: tests.accept_all(),
-        params,
-    };
-    rows::run(
-        &kernel,
-        size.height,
-        values.bands().zip(coverage.bands().zip(rejection.bands())),
-    );
-    Reprojected {
-        values,
-        coverage,
-        rejection,
+    let channels = history.iter().map(|image| image.channels).sum();
+    let mut reprojected = Reprojected::nothing(size, channels);
+    let fetch = Fetch::new(history, size, tests, params);
+    let mut rest = reprojected.values.data_mut();
+    let mut parts = vec![];
+    for image in &fetch.history {
+        let (part, others) = rest.split_at_mut(image.channels * size.pixels());
+        parts.push(bands_of(part, size));
+        rest = others;
     }
+    let coverage = reprojected.coverage.bands();
+    let rejection = reprojected.rejection.bands().map(Some);
+    let outs = together(parts).zip(coverage).zip(rejection);
+    let outs = outs.map(|((values, coverage), rejection)| (values, coverage, rejection));
+    rows::run(&Reproject { fetch, motion }, size.height, outs);
+    reprojected
 }
 
-impl<'a> Kernel for Reproject<'a> {
-    type Out = (BandMut<'a>, (BandMut<'a>, BandMut<'a, u8>));
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut values, (mut coverage, mut rejection)): Self::Out) {
-        for y in rows {
-            for x in 0..self.motion.size().width {
-                (coverage.row(0, y)[x], rejection.row(0, y)[x]) = self.pixel(x, y, &mut values);
-            }
-        }
-    }
+/// The same on records, which it writes as well: for each image, and the coverage.
+pub fn reproject_records(
+    history: &[Pixels],
+    motion: Pixels,
+    tests: Tests,
+    params: Params,
+    values: Vec<&mut [f32]>,
+    coverage: &mut [f32],
+) {
+    let size = motion.size;
+    let fetch = Fetch::new(history, size, tests, params);
+    let bands = values.into_iter().zip(history).map(|(values, image)| {
+        // A record's channels lie one after the other, as if they were pixels.
+        let width = size.width * image.channels;
+        bands_of(values, Size { width, ..size })
+    });
+    let outs = together(bands.collect()).zip(bands_of(coverage, size));
+    let outs = outs.map(|(values, coverage)| (values, coverage, None));
+    rows::run(&Reproject { fetch, motion }, size.height, outs);
 }
 
-impl Reproject<'_> {
-    #[inline(always)]
-    fn pixel(&self, x: usize, y: usize, values: &mut BandMut) -> (f32, u8) {
-        let origin = self.motion.origin(x, y, &self.tests);
-        let size = self.motion.size();
-        if self.untested
-            && let Some(coverage) = self.inside(origin.from, x, y, values)
-        {
-            return (coverage, 0);
-        }
-        let finite = |i: usize| self.history.iter().all(|plane| plane[i].is_finite());
-        let filter = self.params.filter;
-        let (taps, failed) = footprint(size, &origin, &self.tests, filter, finite);
-        if let Filter::Wide(kernel) = filter
-            && failed == 0
-            && let Some(wide) = wide(size, &origin, &self.tests, kernel, finite)
-        {
-            self.mean(&wide, x, y, values);
-            if self.params.dering {
-                self.hold(&taps, x, y, values);
-            }
-            return (taps.weight().min(1.0), failed);
-        }
-        if taps.weight() >= MIN_COVERAGE {
-            return (self.mean(&taps, x, y, values), failed);
-        }
-        if self.params.fallback {
-            return (
-                self.mean(&window(size, &origin, &self.tests, finite), x, y, values),
-                failed,
-            );
-        }
-        (0.0, failed)
-    }
-
-    /// The same without a look at each tap, where nothing is tested: if all taps are inside, and finite, which their sum
-    /// tells.
-    #[inline(always)]
-    fn inside(&self, from: Vec2, x: usize, y: usize, values: &mut BandMut) -> Option<f32> {
-        let size = self.motion.size();
-        let (before, after) = match self.params.filter {
-            Filter::Nearest => return None,
-            Filter::Bilinear => (0.0, 1.0),
-            Filter::Wide(_) => (1.0, 2.0),
-        };
-        let corner = from.floor();
-        let reaches = |at: f32, side: usize| at >= before && at + after < side as f32;
-        if !(reaches(corner.x, size.width) && reaches(corner.y, size.height)) {
-            return None;
-        }
-        let f = from - corner;
-        let index = corner.y as usize * size.width + corner.x as usize;
-        let near = bilinear(f);
-        let weight = near[0] + near[1] + near[2] + near[3];
-        let wide = match self.params.filter {
-            Filter::Wide(kernel) => Some(kernel.matrix(f)),
-            _ => None,
-        };
-        let mut finite = true;
-        for (channel, plane) in self.history.iter().enumerate() {
-            let tap = |dx: usize, dy: usize| plane[index + dy * size.width + dx];
-            let taps = [tap(0, 0), tap(1, 0), tap(0, 1), tap(1, 1)];
-            let mean = match &wide {
-                Some(weights) => wide_mean(weights, &plane[index - size.width - 1..], size.width),
-                None => {
-                    let sum = (near.iter().zip(taps)).fold(0.0, |sum, (&weight, tap)| {
-                        sum + if weight > 0.0 { weight * tap } else { 0.0 }
-                    });
-                    sum / weight
-                }
-            };
-            finite &= mean.is_finite();
-            values.row(channel, y)[x] = if wide.is_some() && self.params.dering {
-                let counting = near.iter().zip(taps).filter(|&(&weight, _)| weight > 0.0);
-                held(mean, counting.map(|(_, tap)| tap))
-            } else {
-                mean
-            };
-        }
-        if !finite {
-            for channel in 0..self.history.len() {
-                values.row(channel, y)[x] = 0.0;
-            }
-            return None;
-        }
-        Some(weight.min(1.0))
-    }
-
-    /// Writes the weighted mean of the taps and returns the sum of their weights.
-    #[inline(always)]
-    fn mean<const N: usize>(
-        &self,
-        taps: &Taps<N>,
-        x: usize,
-        y: usize,
-        values: &mut BandMut,
-    ) -> f32 {
-        let weight = taps.weight();
-        if weight > 0.0 {
-            for (channel, plane) in self.history.iter().enumerate() {
-                let taps = taps.as_slice().iter();
-                let sum = taps.fold(0.0, |sum, &(i, w)| sum + w * plane[i]);
-                values.row(channel, y)[x] = sum / weight;
-            }
-        }
-        weight.min(1.0)
-    }
-
-    /// Holds the values to the range of the taps.
-    #[inline(always)]
-    fn hold(&self, taps: &Taps<4>, x: usize, y: usize, values: &mut BandMut) {
-        for (channel, plane) in self.history.iter().enumerate() {
-            let value = &mut values.row(channel, y)[x];
-            *value = held(*value, taps.as_slice().iter().map(|&(i, _)| plane[i]));
-        }
-    }
-}
-
-/// The mean of 4×4 taps, of which the first begins `plane`.
-#[inline(always)]
-fn wide_mean(weights: &[[f32; 4]; 4], plane: &[f32], width: usize) -> f32 {
-    let (mut sum, mut total) = (0.0, 0.0);
-    for (row, weights) in weights.iter().enumerate() {
-        for (weight, tap) in weights.iter().zip(&plane[row * width..][..4]) {
-            sum += if *weight != 0.0 { weight * tap } else { 0.0 };
-            total += weight;
-        }
-    }
-    sum / total
-}
-
-/// A value held to the range of the taps.
-#[inline(always)]
-fn held(value: f32, taps: impl Iterator<Item = f32>) -> f32 {
-    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-    for tap in taps {
-        (low, high) = (low.min(tap), high.max(tap));
-    }
-    value.max(low).min(high)
+/// One item of each, again and again.
+fn together<I: Iterator>(mut all: Vec<I>) -> impl Iterator<Item = Vec<I::Item>> {
+    std::iter::from_fn(move || all.iter_mut().map(Iterator::next).collect())
 }

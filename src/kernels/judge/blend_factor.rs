@@ -11,8 +11,10 @@ use std::ops::Range;
 
 use super::surface::Threshold;
 use crate::error::{Result, in_range};
-use crate::image::{BandMut, Image, View};
+use crate::image::{Pixels, SEGMENT, View, segments};
+use crate::kernels::fetch::footprint::{Motion, MotionLanes};
 use crate::math::saturate;
+use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -38,53 +40,69 @@ impl Params {
 
 struct BlendFactor<'a> {
     confidence: View<'a>,
-    motion: Option<View<'a>>,
+    motion: Option<Pixels<'a>>,
     params: Params,
 }
 
-pub fn blend_factor(confidence: View, motion: Option<View>, params: Params) -> Image {
-    let mut alpha = Image::new(confidence.size, 1);
+pub fn blend_factor<'a>(
+    confidence: View<'a>,
+    motion: Option<Pixels<'a>>,
+    params: Params,
+    alpha: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let height = confidence.size.height;
     let kernel = BlendFactor {
         confidence,
         motion,
         params,
     };
-    rows::run(&kernel, confidence.size.height, alpha.bands());
-    alpha
+    rows::run(&kernel, height, alpha);
 }
 
 impl<'a> Kernel for BlendFactor<'a> {
-    type Out = BandMut<'a>;
+    type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut alpha: BandMut<'a>) {
-        let Params {
+    fn rows(&self, rows: Range<usize>, mut alpha: PixelsMut<'a>) {
+        let mut lanes = MotionLanes::new();
+        let mut shares = [0.0; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.confidence.size.width)) {
+            let motion = self.motion.as_ref().map(|motion| lanes.load(motion, run));
+            let confidence = &self.confidence.row(0, run.y)[run.x..][..run.len];
+            self.params.shares(confidence, motion, &mut shares);
+            alpha.write(run, [&shares]);
+        }
+    }
+}
+
+impl Params {
+    /// The shares of a run.
+    #[inline(always)]
+    pub fn shares(self, confidence: &[f32], motion: Option<Motion>, shares: &mut Row) {
+        let Self {
             alpha: least,
             fast_alpha,
             speed,
-        } = self.params;
-        for y in rows {
-            let out = alpha.row(0, y);
-            out.fill(least);
-            if let Some(motion) = self.motion {
-                for (alpha, (&x, &y)) in out
-                    .iter_mut()
-                    .zip(motion.row(0, y).iter().zip(motion.row(1, y)))
-                {
-                    let length = (x * x + y * y).sqrt();
-                    let haste = 1.0 - speed.trust(length, 1.0);
-                    *alpha = least + haste * (fast_alpha.max(least) - least);
-                }
-                for channel in 0..motion.channels {
-                    for (alpha, motion) in out.iter_mut().zip(motion.row(channel, y)) {
-                        *alpha = if motion.is_finite() { *alpha } else { 1.0 };
-                    }
-                }
+        } = self;
+        let n = confidence.len();
+        let shares = &mut shares[..n];
+        shares.fill(least);
+        if let Some(motion) = motion {
+            let (x, y) = (&motion.x[..n], &motion.y[..n]);
+            for i in 0..n {
+                let length = (x[i] * x[i] + y[i] * y[i]).sqrt();
+                let haste = 1.0 - speed.trust(length, 1.0);
+                let share = least + haste * (fast_alpha.max(least) - least);
+                let known = x[i].is_finite() & y[i].is_finite();
+                shares[i] = if known { share } else { 1.0 };
             }
-            for (alpha, &confidence) in out.iter_mut().zip(self.confidence.row(0, y)) {
-                let doubt = 1.0 - saturate(confidence);
-                *alpha += doubt * (1.0 - *alpha);
+            for (share, change) in shares.iter_mut().zip(motion.depth.unwrap_or_default()) {
+                *share = if change.is_finite() { *share } else { 1.0 };
             }
+        }
+        for (share, &confidence) in shares.iter_mut().zip(confidence) {
+            let doubt = 1.0 - saturate(confidence);
+            *share += doubt * (1.0 - *share);
         }
     }
 }

@@ -7,24 +7,21 @@
 use std::ops::Range;
 
 use super::surface::Tests;
-use crate::image::{BandMut, Image, View};
-use crate::kernels::fetch::footprint::{Filter, Motion, footprint};
+use crate::image::{BandMut, Image, Pixels, segments};
+use crate::kernels::fetch::footprint::{Footprints, MotionLanes};
 use crate::rows::{self, Kernel};
 
 struct Consistency<'a> {
-    motion: Motion<'a>,
+    motion: Pixels<'a>,
     tests: Tests<'a>,
 }
 
 /// The mask of failed tests and the confidence in [0, 1].
-pub fn consistency(motion: View, tests: Tests) -> (Image<u8>, Image) {
+pub fn consistency(motion: Pixels, tests: Tests) -> (Image<u8>, Image) {
     let size = motion.size;
     let mut rejection = Image::new(size, 1);
     let mut confidence = Image::new(size, 1);
-    let kernel = Consistency {
-        motion: Motion::new(motion),
-        tests,
-    };
+    let kernel = Consistency { motion, tests };
     rows::run(
         &kernel,
         size.height,
@@ -38,14 +35,20 @@ impl<'a> Kernel for Consistency<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, (mut rejection, mut confidence): Self::Out) {
-        let size = self.motion.size();
-        for y in rows {
-            let (rejection, confidence) = (rejection.row(0, y), confidence.row(0, y));
-            for x in 0..size.width {
-                let origin = self.motion.origin(x, y, &self.tests);
-                let (taps, failed) =
-                    footprint(size, &origin, &self.tests, Filter::Bilinear, |_| true);
-                (rejection[x], confidence[x]) = (failed, taps.weight().min(1.0));
+        let size = self.motion.size;
+        let mut lanes = MotionLanes::new();
+        let mut footprints = Footprints::new(size);
+        for run in rows.flat_map(|y| segments(y, size.width)) {
+            let motion = lanes.load(&self.motion, run);
+            footprints.find(run, motion, false, &self.tests);
+            let part = run.x..run.x + run.len;
+            let (rejection, confidence) = (
+                &mut rejection.row(0, run.y)[part.clone()],
+                &mut confidence.row(0, run.y)[part],
+            );
+            for i in 0..run.len {
+                rejection[i] = footprints.failed[i] as u8;
+                confidence[i] = footprints.coverage[i].min(1.0);
             }
         }
     }

@@ -8,16 +8,14 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Size, View};
+use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
 use crate::math::{is_present, luminance};
+use crate::pixels::{LANES, Row};
 use crate::rows::{self, Kernel};
 
 const FACTOR: f64 = 8.0;
 
-/// Sums beside each other: one would wait for itself.
-const LANES: usize = 16;
-
-pub fn exposure(color: View) -> f32 {
+pub fn exposure(color: Pixels) -> f32 {
     let height = color.size.height;
     let mut sums = Image::new(Size { height, width: 1 }, 2);
     rows::run(&Sums { color }, height, sums.bands());
@@ -38,7 +36,7 @@ pub fn exposure(color: View) -> f32 {
 
 /// For each row: the sum of the roots, and of the pixels.
 struct Sums<'a> {
-    color: View<'a>,
+    color: Pixels<'a>,
 }
 
 impl<'a> Kernel for Sums<'a> {
@@ -46,17 +44,24 @@ impl<'a> Kernel for Sums<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut sums: BandMut<'a>) {
+        let mut colors = [[0.0; SEGMENT]; 3];
         for y in rows {
-            let [r, g, b] = self.color.rows(y);
+            // Sums beside each other: one would wait for itself.
             let (mut roots, mut counts) = ([0.0_f32; LANES], [0.0_f32; LANES]);
-            for x in (0..r.len()).step_by(LANES) {
-                let len = LANES.min(r.len() - x);
-                let (r, g, b) = (&r[x..][..len], &g[x..][..len], &b[x..][..len]);
-                for i in 0..len {
-                    let present = is_present([r[i], g[i], b[i]]);
-                    let root = luminance(r[i], g[i], b[i]).max(0.0).sqrt();
-                    roots[i] += if present { root } else { 0.0 };
-                    counts[i] += if present { 1.0 } else { 0.0 };
+            for run in segments(y, self.color.size.width) {
+                self.color
+                    .read(run, colors.each_mut().map(Row::as_mut_slice));
+                let [r, g, b] = colors.each_mut();
+                // What follows the image's last pixel is missing.
+                r[run.len..].fill(f32::NAN);
+                for x in (0..run.len).step_by(LANES) {
+                    for i in 0..LANES {
+                        let rgb = [r[x + i], g[x + i], b[x + i]];
+                        let present = is_present(rgb);
+                        let root = luminance(rgb[0], rgb[1], rgb[2]).max(0.0).sqrt();
+                        roots[i] += if present { root } else { 0.0 };
+                        counts[i] += if present { 1.0 } else { 0.0 };
+                    }
                 }
             }
             sums.row(0, y)[0] = roots.iter().sum();

@@ -28,12 +28,10 @@ use std::ops::Range;
 
 use super::hull::{Hull, Polygon, Polytope, enter, toward};
 use crate::error::{Error, Result, in_range};
-use crate::image::{Run, SEGMENT};
+use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::kernels::merge::blend::{self, Alpha, Weighting};
 use crate::math::is_present;
-use crate::pixels::{
-    Columns, LANES, Pixels, PixelsMut, Rolling, Row, lanes, larger, runs, smaller,
-};
+use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -158,7 +156,7 @@ impl Space {
         }
     }
 
-    fn is_tone_mapped(self) -> bool {
+    pub fn is_tone_mapped(self) -> bool {
         matches!(self, Self::ToneMappedRgb | Self::ToneMappedYCoCg)
     }
 
@@ -222,7 +220,7 @@ pub fn clip_history<'a>(
     params: Params,
     clipped: impl Iterator<Item = PixelsMut<'a>>,
 ) {
-    let height = color.size().height;
+    let height = color.size.height;
     let kernel = Clip {
         history,
         color,
@@ -237,16 +235,16 @@ impl<'a> Kernel for Clip<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
-        let size = self.color.size();
+        let size = self.color.size;
         let mut window = Window::new(size.width, self.params);
         let mut clipped = [[0.0; SEGMENT]; 3];
         let mut blended = [[0.0; SEGMENT]; 3];
         let mut shares = [0.0; SEGMENT];
         for y in rows.clone() {
             window.roll(self.color, y, y == rows.start);
-            for run in runs(size, y) {
+            for run in segments(y, size.width) {
                 self.history
-                    .read(run, clipped.each_mut().map(|row| &mut row[..run.len]));
+                    .read(run, clipped.each_mut().map(Row::as_mut_slice));
                 window.clip(run, &mut clipped);
                 let Some(alpha) = self.alpha else {
                     out.write(run, clipped.each_ref().map(Row::as_slice));

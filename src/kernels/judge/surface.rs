@@ -14,11 +14,12 @@
 //! - **luminance**: |l − l′| / max(|l|, |l′|) ≤ t; missing samples pass.
 //! - **speed**: the length of the motion in pixels.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 use crate::error::{Error, Result, in_range};
-use crate::image::{Size, View};
+use crate::image::{Pixels, Run, SEGMENT, View};
 use crate::kernels::camera::pinhole::Rays;
+use crate::kernels::fetch::footprint::Motion;
 use crate::math::luminance;
 
 /// Why a pixel's history is refused; bits of a mask.
@@ -136,19 +137,42 @@ impl Params {
     }
 }
 
+/// The same in either layout, as the tests read it.
+#[derive(Clone, Copy, Default)]
+pub struct Buffers<'a> {
+    pub depth: Option<Pixels<'a>>,
+    pub normal: Option<Pixels<'a>>,
+    pub ids: Option<Pixels<'a, u32>>,
+    pub object_normal: Option<Pixels<'a>>,
+    pub color: Option<Pixels<'a>>,
+}
+
+impl<'a> From<Surface<'a>> for Buffers<'a> {
+    fn from(surface: Surface<'a>) -> Self {
+        Self {
+            depth: surface.depth.map(Pixels::from),
+            normal: surface.normal.map(Pixels::from),
+            ids: surface.ids.map(Pixels::from),
+            object_normal: surface.object_normal.map(Pixels::from),
+            color: surface.color.map(Pixels::from),
+        }
+    }
+}
+
 /// A buffer of the current and of the previous frame.
-type Pair<T> = Option<[T; 2]>;
+type Pair<'a, T = f32> = Option<[Pixels<'a, T>; 2]>;
 
 /// The tests between two frames: those that both frames have the buffers for.
 #[derive(Clone, Copy)]
 pub struct Tests<'a> {
-    size: Size,
-    depth: Pair<&'a [f32]>,
-    /// What the plane test needs, and what directions are compared of.
-    normal: Pair<[&'a [f32]; 3]>,
-    direction: Pair<[&'a [f32]; 3]>,
-    ids: Pair<&'a [u32]>,
-    color: Pair<[&'a [f32]; 3]>,
+    depth: Pair<'a>,
+    /// What directions are compared of.
+    direction: Pair<'a>,
+    /// The previous frame's, which the plane test needs, and whether they are the directions.
+    normal: Option<Pixels<'a>>,
+    normal_is_direction: bool,
+    ids: Pair<'a, u32>,
+    color: Pair<'a>,
     /// The previous camera's rays, where planes are tested.
     rays: Option<Rays>,
     params: Params,
@@ -156,43 +180,97 @@ pub struct Tests<'a> {
     turn: Threshold,
 }
 
-/// What a pixel expects of its history.
+/// A number for each pixel of a run.
+pub type Lane<T = f32> = [T; SEGMENT];
+
+/// What the pixels of a run expect of their history.
 pub struct Expected {
-    depth: f32,
+    depth: Lane,
     /// Relative to the previous camera.
-    point: Vec3,
-    direction: Vec3,
-    id: u32,
-    luminance: f32,
-    /// Trust that does not depend on the tap, and the bits of the tests that failed.
-    trust: f32,
-    failed: u8,
+    point: [Lane; 3],
+    direction: [Lane; 3],
+    length: Lane,
+    id: Lane<u32>,
+    luminance: Lane,
+    /// Trust that does not depend on the tap.
+    trust: Lane,
 }
 
-fn both<T, U>(now: Option<T>, before: Option<T>, part: impl Fn(T) -> U) -> Pair<U> {
-    now.zip(before)
-        .map(|(now, before)| [part(now), part(before)])
+impl Expected {
+    pub fn new() -> Self {
+        Self {
+            depth: [0.0; SEGMENT],
+            point: [[0.0; SEGMENT]; 3],
+            direction: [[0.0; SEGMENT]; 3],
+            length: [0.0; SEGMENT],
+            id: [0; SEGMENT],
+            luminance: [0.0; SEGMENT],
+            trust: [1.0; SEGMENT],
+        }
+    }
+}
+
+/// One pixel of the previous frame for each of a run, and what is thought of it.
+pub struct Judged {
+    at: Lane<u32>,
+    x: Lane,
+    y: Lane,
+    pub trust: Lane,
+    /// The bits of the tests that leave no trust.
+    pub failed: Lane<u32>,
+    records: [[f32; 4]; SEGMENT],
+    lengths: Lane,
+    ids: Lane<u32>,
+    depth: Lane,
+}
+
+impl Judged {
+    pub fn new() -> Self {
+        Self {
+            at: [0; SEGMENT],
+            x: [0.0; SEGMENT],
+            y: [0.0; SEGMENT],
+            trust: [0.0; SEGMENT],
+            failed: [0; SEGMENT],
+            records: [[0.0; 4]; SEGMENT],
+            lengths: [0.0; SEGMENT],
+            ids: [0; SEGMENT],
+            depth: [0.0; SEGMENT],
+        }
+    }
+
+    /// Takes the pixels at these indices and places.
+    #[inline(always)]
+    pub fn look(&mut self, len: usize, tap: impl Fn(usize) -> (u32, f32, f32)) {
+        let (at, x, y) = (&mut self.at[..len], &mut self.x[..len], &mut self.y[..len]);
+        for i in 0..len {
+            (at[i], x[i], y[i]) = tap(i);
+        }
+    }
 }
 
 impl<'a> Tests<'a> {
     pub fn new(
-        size: Size,
-        now: Surface<'a>,
-        before: Surface<'a>,
+        now: impl Into<Buffers<'a>>,
+        before: impl Into<Buffers<'a>>,
         rays: Option<Rays>,
         params: &Params,
     ) -> Self {
-        let vectors = |view: View<'a>| [0, 1, 2].map(|c| view.plane(c));
+        let (now, before) = (now.into(), before.into());
+        fn both<'a, T>(now: Option<Pixels<'a, T>>, before: Option<Pixels<'a, T>>) -> Pair<'a, T> {
+            now.zip(before).map(|(now, before)| [now, before])
+        }
         let minus_cosine = |angle: f32| -libm::cos(f64::from(angle).to_radians()) as f32;
-        let depth = both(now.depth, before.depth, |view| view.plane(0));
-        let normal = both(now.normal, before.normal, vectors);
+        let depth = both(now.depth, before.depth);
+        let normal = both(now.normal, before.normal);
+        let object_normal = both(now.object_normal, before.object_normal);
         Self {
-            size,
             depth,
-            normal,
-            direction: both(now.object_normal, before.object_normal, vectors).or(normal),
-            ids: both(now.ids, before.ids, |view| view.plane(0)),
-            color: both(now.color, before.color, vectors),
+            direction: object_normal.or(normal),
+            normal: normal.map(|[_, before]| before),
+            normal_is_direction: object_normal.is_none(),
+            ids: both(now.ids, before.ids),
+            color: both(now.color, before.color),
             rays: rays.filter(|_| depth.is_some() && normal.is_some()),
             params: *params,
             turn: Threshold {
@@ -208,119 +286,257 @@ impl<'a> Tests<'a> {
         untested && self.color.is_none() && self.params.speed.is_none()
     }
 
-    /// What pixel `i` expects where it comes from: index-space position `from`, after `motion`, at the pixel's depth
-    /// plus `change`.
+    /// What the pixels of a run expect where they come from: at index-space positions `from`, after `motion`.
     #[inline(always)]
-    pub fn expected(&self, i: usize, from: Vec2, motion: Vec2, change: f32) -> Expected {
-        let depth = self.depth.map_or(0.0, |[now, _]| {
-            if now[i] > 0.0 {
-                now[i] + change
-            } else {
-                f32::NAN
+    pub fn expect(&self, run: Run, from: [&[f32]; 2], motion: Motion, expected: &mut Expected) {
+        let len = run.len;
+        if let Some([now, _]) = self.depth {
+            let depths = &mut expected.depth[..len];
+            now.load(run, 0, depths);
+            let known = |depth: f32| if depth > 0.0 { depth } else { f32::NAN };
+            match motion.depth {
+                None => depths.iter_mut().for_each(|depth| *depth = known(*depth)),
+                Some(change) => {
+                    for (depth, change) in depths.iter_mut().zip(change) {
+                        *depth = known(*depth) + change;
+                    }
+                }
             }
-        });
-        let trust = self
-            .params
-            .speed
-            .map_or(1.0, |speed| speed.trust(motion.length(), 1.0));
-        Expected {
-            depth,
-            point: self.rays.map_or(Vec3::ZERO, |rays| {
-                rays.at(from.x + 0.5, from.y + 0.5) * depth
-            }),
-            direction: self
-                .direction
-                .map_or(Vec3::ZERO, |[now, _]| vector(&now, i)),
-            id: self.ids.map_or(0, |[now, _]| now[i]),
-            luminance: self.color.map_or(0.0, |[now, _]| brightness(&now, i)),
-            trust,
-            failed: if trust > 0.0 { 0 } else { rejection::VELOCITY },
+        }
+        if let Some(rays) = self.rays {
+            let depth = &expected.depth[..len];
+            let [px, py, pz] = expected.point.each_mut().map(|lane| &mut lane[..len]);
+            let [x, y] = from.map(|lane| &lane[..len]);
+            for i in 0..len {
+                let point = rays.at(x[i] + 0.5, y[i] + 0.5) * depth[i];
+                (px[i], py[i], pz[i]) = (point.x, point.y, point.z);
+            }
+        }
+        if let Some([now, _]) = self.direction {
+            for (channel, lane) in expected.direction.iter_mut().enumerate() {
+                now.load(run, channel, &mut lane[..len]);
+            }
+            let [x, y, z] = expected.direction.each_ref().map(|lane| &lane[..len]);
+            let lengths = &mut expected.length[..len];
+            for i in 0..len {
+                lengths[i] = length([x[i], y[i], z[i]]);
+            }
+        }
+        if let Some([now, _]) = self.ids {
+            now.load(run, 0, &mut expected.id[..len]);
+        }
+        if let Some([now, _]) = self.color {
+            let first = run.y * now.size.width + run.x;
+            for (i, lane) in expected.luminance[..len].iter_mut().enumerate() {
+                *lane = brightness(now.vector(first + i));
+            }
+        }
+        if let Some(speed) = self.params.speed {
+            let (x, y) = (&motion.x[..len], &motion.y[..len]);
+            for (i, lane) in expected.trust[..len].iter_mut().enumerate() {
+                *lane = speed.trust((x[i] * x[i] + y[i] * y[i]).sqrt(), 1.0);
+            }
         }
     }
 
-    /// The trust in the previous frame's pixel (x, y), and the bits of the tests that leave none.
+    /// Judges a tap of each pixel.
     #[inline(always)]
-    pub fn judge(&self, expected: &Expected, x: usize, y: usize) -> (f32, u8) {
-        let i = y * self.size.width + x;
-        let (mut trust, mut failed) = (expected.trust, expected.failed);
-        let mut count = |this: f32, bit: u8| {
-            trust *= this;
-            failed |= if this > 0.0 { 0 } else { bit };
-        };
-        if let Some([_, before]) = self.ids {
-            let same = before[i] == expected.id;
-            count(if same { 1.0 } else { 0.0 }, rejection::ID);
+    pub fn judge(&self, expected: &Expected, len: usize, taps: &mut Judged) {
+        let Judged {
+            at,
+            x,
+            y,
+            trust,
+            failed,
+            records,
+            lengths,
+            ids,
+            depth,
+        } = taps;
+        let (at, x, y) = (&at[..len], &x[..len], &y[..len]);
+        let (trust, failed) = (&mut trust[..len], &mut failed[..len]);
+        for i in 0..len {
+            trust[i] = expected.trust[i];
+            failed[i] = bit(trust[i], rejection::VELOCITY);
         }
+        if let Some([_, before]) = self.ids {
+            let ids = &mut ids[..len];
+            for i in 0..len {
+                ids[i] = before.at(at[i] as usize, 0);
+            }
+            for i in 0..len {
+                let this = same(expected.id[i], ids[i]);
+                trust[i] *= this;
+                failed[i] |= bit(this, rejection::ID);
+            }
+        }
+        let records = &mut records[..len];
+        let lengths = &mut lengths[..len];
         if let Some([_, before]) = self.direction {
-            let direction = vector(&before, i);
-            let lengths = (expected.direction.length_squared() * direction.length_squared()).sqrt();
-            let turn = -expected.direction.dot(direction);
-            count(self.turn.trust(turn, lengths), rejection::NORMAL);
+            gather(&before, at, records, lengths);
+            let [ex, ey, ez] = expected.direction.each_ref().map(|lane| &lane[..len]);
+            for i in 0..len {
+                let [x, y, z, _] = records[i];
+                let direction = [ex[i], ey[i], ez[i]];
+                let this = self.turn_trust(direction, expected.length[i], [x, y, z], lengths[i]);
+                trust[i] *= this;
+                failed[i] |= bit(this, rejection::NORMAL);
+            }
         }
         if let Some([_, before]) = self.depth {
-            let normal = self
-                .normal
-                .map_or(Vec3::ZERO, |[_, before]| vector(&before, i));
-            count(
-                self.depth_trust(expected, before[i], normal, x, y),
-                rejection::DEPTH,
-            );
-        }
-        if let Some([_, before]) = self.color {
-            let (l, other) = (expected.luminance, brightness(&before, i));
-            let larger = l.abs().max(other.abs());
-            let known = l.is_finite() & other.is_finite();
-            if known {
-                let trust = self
-                    .params
-                    .relative_luminance
-                    .trust((l - other).abs(), larger);
-                count(trust, rejection::LUMINANCE);
+            let depth = &mut depth[..len];
+            for i in 0..len {
+                depth[i] = before.at(at[i] as usize, 0);
+            }
+            match (self.rays, self.normal) {
+                (Some(rays), Some(before)) => {
+                    if !self.normal_is_direction {
+                        gather(&before, at, records, lengths);
+                    }
+                    let [px, py, pz] = expected.point.each_ref().map(|lane| &lane[..len]);
+                    for i in 0..len {
+                        let [nx, ny, nz, _] = records[i];
+                        let point = Vec3::new(px[i], py[i], pz[i]);
+                        let normal = Vec3::new(nx, ny, nz);
+                        let tap = rays.at(x[i] + 0.5, y[i] + 0.5) * depth[i];
+                        let distance = (point - tap).dot(normal);
+                        let this =
+                            self.plane_trust(expected.depth[i], depth[i], distance, lengths[i]);
+                        trust[i] *= this;
+                        failed[i] |= bit(this, rejection::DEPTH);
+                    }
+                }
+                _ => {
+                    for i in 0..len {
+                        let this = self.depth_trust(expected.depth[i], depth[i]);
+                        trust[i] *= this;
+                        failed[i] |= bit(this, rejection::DEPTH);
+                    }
+                }
             }
         }
-        (trust, failed)
+        if let Some([_, before]) = self.color {
+            for i in 0..len {
+                let other = brightness(before.vector(at[i] as usize));
+                let this = self.luminance_trust(expected.luminance[i], other);
+                trust[i] *= this;
+                failed[i] |= bit(this, rejection::LUMINANCE);
+            }
+        }
+    }
+
+    /// The trust of pixel `i` of the run in the previous frame's pixel (x, y).
+    #[inline(always)]
+    pub fn trust(&self, expected: &Expected, i: usize, [x, y]: [f32; 2], at: usize) -> f32 {
+        let mut trust = expected.trust[i];
+        if let Some([_, before]) = self.ids {
+            trust *= same(expected.id[i], before.at(at, 0));
+        }
+        if let Some([_, before]) = self.direction {
+            let direction = before.vector(at);
+            let own = expected.direction.each_ref().map(|lane| lane[i]);
+            trust *= self.turn_trust(own, expected.length[i], direction, length(direction));
+        }
+        if let Some([_, before]) = self.depth {
+            let depth = before.at(at, 0);
+            trust *= match (self.rays, self.normal) {
+                (Some(rays), Some(before)) => {
+                    let normal = before.vector(at);
+                    let [px, py, pz] = expected.point.each_ref().map(|lane| lane[i]);
+                    let tap = rays.at(x + 0.5, y + 0.5) * depth;
+                    let distance = (Vec3::new(px, py, pz) - tap).dot(Vec3::from(normal));
+                    self.plane_trust(expected.depth[i], depth, distance, length(normal))
+                }
+                _ => self.depth_trust(expected.depth[i], depth),
+            };
+        }
+        if let Some([_, before]) = self.color {
+            trust *= self.luminance_trust(expected.luminance[i], brightness(before.vector(at)));
+        }
+        trust
     }
 
     #[inline(always)]
-    fn depth_trust(
-        &self,
-        expected: &Expected,
-        depth: f32,
-        normal: Vec3,
-        x: usize,
-        y: usize,
-    ) -> f32 {
-        if expected.depth == f32::INFINITY || depth == f32::INFINITY {
-            return if expected.depth == depth { 1.0 } else { 0.0 };
+    fn turn_trust(&self, expected: [f32; 3], length: f32, direction: [f32; 3], other: f32) -> f32 {
+        let turn = -Vec3::from(expected).dot(Vec3::from(direction));
+        self.turn.trust(turn, length * other)
+    }
+
+    #[inline(always)]
+    fn depth_trust(&self, expected: f32, depth: f32) -> f32 {
+        let relative = self.params.relative_depth;
+        let trust = relative.trust((depth - expected).abs(), expected);
+        surface_trust(expected, depth, trust)
+    }
+
+    /// `distance` is measured along a normal of this length; without normals, depth itself is compared.
+    #[inline(always)]
+    fn plane_trust(&self, expected: f32, depth: f32, distance: f32, length: f32) -> f32 {
+        let plane = self.params.plane_distance;
+        let trust = plane.trust(distance.abs(), expected * length);
+        let trust = surface_trust(expected, depth, trust);
+        if length > 0.0 {
+            trust
+        } else {
+            self.depth_trust(expected, depth)
         }
-        if !(expected.depth > 0.0 && depth > 0.0) {
-            return 0.0;
-        }
-        let length = normal.length();
-        match self.rays {
-            Some(rays) if length > 0.0 => {
-                let tap = rays.at(x as f32 + 0.5, y as f32 + 0.5) * depth;
-                let distance = (expected.point - tap).dot(normal) / length;
-                self.params
-                    .plane_distance
-                    .trust(distance.abs(), expected.depth)
-            }
-            _ => self
-                .params
-                .relative_depth
-                .trust((depth - expected.depth).abs(), expected.depth),
+    }
+
+    #[inline(always)]
+    fn luminance_trust(&self, l: f32, other: f32) -> f32 {
+        let larger = l.abs().max(other.abs());
+        let trust = self.params.relative_luminance;
+        let trust = trust.trust((l - other).abs(), larger);
+        if l.is_finite() & other.is_finite() {
+            trust
+        } else {
+            1.0
         }
     }
 }
 
 #[inline(always)]
-fn vector(planes: &[&[f32]; 3], i: usize) -> Vec3 {
-    Vec3::new(planes[0][i], planes[1][i], planes[2][i])
+fn same(id: u32, other: u32) -> f32 {
+    if id == other { 1.0 } else { 0.0 }
 }
 
 #[inline(always)]
-fn brightness(planes: &[&[f32]; 3], i: usize) -> f32 {
-    luminance(planes[0][i], planes[1][i], planes[2][i])
+fn bit(trust: f32, bit: u8) -> u32 {
+    if trust > 0.0 { 0 } else { u32::from(bit) }
+}
+
+/// What remains of the trust between two depths: background finds background alone, and what is no depth nothing.
+#[inline(always)]
+fn surface_trust(expected: f32, depth: f32, trust: f32) -> f32 {
+    let background = (expected == f32::INFINITY) | (depth == f32::INFINITY);
+    let trust = if (expected > 0.0) & (depth > 0.0) {
+        trust
+    } else {
+        0.0
+    };
+    let both = if expected == depth { 1.0 } else { 0.0 };
+    if background { both } else { trust }
+}
+
+/// The vectors at these pixels, each with a number that means nothing, and their lengths.
+#[inline(always)]
+fn gather(vectors: &Pixels, at: &[u32], records: &mut [[f32; 4]], lengths: &mut [f32]) {
+    for (record, &at) in records.iter_mut().zip(at) {
+        *record = vectors.padded(at as usize);
+    }
+    for (length_, &[x, y, z, _]) in lengths.iter_mut().zip(&*records) {
+        *length_ = length([x, y, z]);
+    }
+}
+
+#[inline(always)]
+fn length([x, y, z]: [f32; 3]) -> f32 {
+    (x * x + y * y + z * z).sqrt()
+}
+
+#[inline(always)]
+fn brightness([r, g, b]: [f32; 3]) -> f32 {
+    luminance(r, g, b)
 }
 
 /// The plane test needs depths, normals and motion with a change of depth.

@@ -15,11 +15,9 @@
 use std::ops::Range;
 
 use crate::error::{Result, in_range};
-use crate::image::{Run, SEGMENT, View};
+use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::math::{is_present, luminance, saturate};
-use crate::pixels::{
-    Columns, LANES, Pixels, PixelsMut, Rolling, Row, lanes, larger, runs, smaller,
-};
+use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +92,7 @@ pub fn blend<'a>(
     params: Params,
     blended: impl Iterator<Item = PixelsMut<'a>>,
 ) {
-    let height = color.size().height;
+    let height = color.size.height;
     let kernel = Blend {
         color,
         history,
@@ -114,16 +112,16 @@ impl<'a> Kernel for Blend<'a> {
             flicker,
             exposure,
         } = self.params;
-        let size = self.color.size();
+        let size = self.color.size;
         let mut colors = Rolling::new(size.width, if flicker < 1.0 { 1 } else { 0 });
         let mut history = [[0.0; SEGMENT]; 3];
         let mut blended = [[0.0; SEGMENT]; 3];
         let mut shares = [0.0; SEGMENT];
         for y in rows.clone() {
             colors.roll(self.color, y, y == rows.start);
-            for run in runs(size, y) {
+            for run in segments(y, size.width) {
                 self.history
-                    .read(run, history.each_mut().map(|row| &mut row[..run.len]));
+                    .read(run, history.each_mut().map(Row::as_mut_slice));
                 self.alpha.read(run, &mut shares);
                 if flicker < 1.0 {
                     calm(&colors, run, &history, flicker, &mut shares);

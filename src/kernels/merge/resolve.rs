@@ -14,8 +14,8 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Run, Size, Tap, View};
-use crate::rows::{self, Kernel};
+use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, Tap, segments};
+use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
@@ -71,11 +71,14 @@ impl Resolve {
         }
     }
 
-    /// Adds a frame whose samples lie `offset` beside their pixels' centres, by at most half a pixel.
-    pub fn add(&mut self, samples: View, offset: [f64; 2]) {
+    /// Adds a frame whose samples lie `offset` beside their pixels' centres, by at most half a pixel. Returns how many are
+    /// missing.
+    pub fn add(&mut self, samples: Pixels, offset: [f64; 2]) -> usize {
         let size = self.sums.size;
         let mut present = Image::new(size, self.channels + 1);
-        rows::run(&Present { samples }, size.height, present.bands());
+        let mut missing = vec![0; size.height.div_ceil(BAND)];
+        let outs = present.bands().zip(&mut missing);
+        rows::run(&Present { samples }, size.height, outs);
         let weights = offset
             .map(|d| std::array::from_fn(|i| self.filter.weight(i as f64 - REACH as f64 + d)));
         let kernel = Add {
@@ -83,6 +86,7 @@ impl Resolve {
             weights,
         };
         rows::run(&kernel, size.height, self.sums.bands());
+        missing.iter().sum()
     }
 
     pub fn finish(self) -> Image {
@@ -98,30 +102,33 @@ impl Resolve {
 
 /// Samples with 0 where missing, and whether they are there (1 or 0) as last channel.
 struct Present<'a> {
-    samples: View<'a>,
+    samples: Pixels<'a>,
 }
 
 impl<'a> Kernel for Present<'a> {
-    type Out = BandMut<'a>;
+    type Out = (BandMut<'a>, &'a mut usize);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows(&self, rows: Range<usize>, (mut out, missing): Self::Out) {
         let channels = self.samples.channels;
-        for y in rows {
-            out.row(channels, y).fill(1.0);
+        for run in rows.flat_map(|y| segments(y, self.samples.size.width)) {
+            let mut here = [1.0; SEGMENT];
             for channel in 0..channels {
-                let samples = self.samples.row(channel, y);
-                for (here, sample) in out.row(channels, y).iter_mut().zip(samples) {
+                let out = &mut out.row(channel, run.y)[run.x..][..run.len];
+                self.samples.load(run, channel, out);
+                for (here, sample) in here.iter_mut().zip(out) {
                     *here = if sample.is_finite() { *here } else { 0.0 };
                 }
             }
             for channel in 0..channels {
-                let samples = self.samples.row(channel, y);
-                for x in 0..samples.len() {
-                    let here = out.row(channels, y)[x] > 0.0;
-                    out.row(channel, y)[x] = if here { samples[x] } else { 0.0 };
+                let out = &mut out.row(channel, run.y)[run.x..][..run.len];
+                for (out, here) in out.iter_mut().zip(here) {
+                    *out = if here > 0.0 { *out } else { 0.0 };
                 }
             }
+            let here = &here[..run.len];
+            out.row(channels, run.y)[run.x..][..run.len].copy_from_slice(here);
+            *missing += here.iter().filter(|&&here| here == 0.0).count();
         }
     }
 }
