@@ -9,7 +9,7 @@
 use std::ops::Range;
 use std::sync::OnceLock;
 
-use pulp::NullaryFnOnce;
+pub use pulp::NullaryFnOnce as Part;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
@@ -49,13 +49,19 @@ pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::O
     }
 }
 
+/// Calls a part of a kernel as a function of its own, compiled for the same instruction set: what several kernels have in
+/// common is compiled once, and none grows so large that compilers no longer vectorise it.
+pub fn apart(part: impl Part<Output = ()>) {
+    Settings::get().level.call(part);
+}
+
 struct Band<'k, K: Kernel> {
     kernel: &'k K,
     rows: Range<usize>,
     out: K::Out,
 }
 
-impl<K: Kernel> NullaryFnOnce for Band<'_, K> {
+impl<K: Kernel> Part for Band<'_, K> {
     type Output = ();
 
     #[inline(always)]
@@ -102,7 +108,7 @@ impl Level {
         }
     }
 
-    fn call(self, job: impl NullaryFnOnce<Output = ()>) {
+    fn call(self, job: impl Part<Output = ()>) {
         match self {
             Self::Baseline => job.call(),
             #[cfg(target_arch = "x86_64")]

@@ -32,7 +32,7 @@ use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::kernels::merge::blend::{self, Alpha, Weighting};
 use crate::math::is_present;
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Part};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounds {
@@ -300,12 +300,12 @@ impl Window {
     }
 
     /// Brings the run's history to the colours around.
-    #[inline(always)]
     pub fn clip(&self, run: Run, history: &mut [Row; 3]) {
-        match self.params.radius {
-            1 => self.clip_among::<3>(run, history),
-            _ => self.clip_among::<5>(run, history),
-        }
+        rows::apart(ClipRun {
+            window: self,
+            run,
+            history,
+        });
     }
 
     #[inline(always)]
@@ -365,6 +365,29 @@ impl Window {
             }
         }
         space.replace(n, history, &new, exposure, &most);
+    }
+}
+
+struct ClipRun<'a> {
+    window: &'a Window,
+    run: Run,
+    history: &'a mut [Row; 3],
+}
+
+impl Part for ClipRun<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            window,
+            run,
+            history,
+        } = self;
+        match window.params.radius {
+            1 => window.clip_among::<3>(run, history),
+            _ => window.clip_among::<5>(run, history),
+        }
     }
 }
 

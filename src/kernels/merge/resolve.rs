@@ -14,7 +14,8 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, Tap, segments};
+use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, segments};
+use crate::pixels::{Columns, LANES, Rolling, lanes};
 use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,7 +27,10 @@ pub enum Filter {
 }
 
 /// Pixels to each side that the widest filter reaches with offsets of up to half a pixel.
-const REACH: isize = 2;
+const REACH: usize = 2;
+
+/// So many of them, then.
+const WINDOW: usize = 2 * REACH + 1;
 
 impl Filter {
     pub const NAMES: [(&str, Self); 4] = [
@@ -75,17 +79,12 @@ impl Resolve {
     /// missing.
     pub fn add(&mut self, samples: Pixels, offset: [f64; 2]) -> usize {
         let size = self.sums.size;
-        let mut present = Image::new(size, self.channels + 1);
+        let weights = offset.map(|d| {
+            std::array::from_fn(|i| self.filter.weight(i as f64 - REACH as f64 + d) as f32)
+        });
         let mut missing = vec![0; size.height.div_ceil(BAND)];
-        let outs = present.bands().zip(&mut missing);
-        rows::run(&Present { samples }, size.height, outs);
-        let weights = offset
-            .map(|d| std::array::from_fn(|i| self.filter.weight(i as f64 - REACH as f64 + d)));
-        let kernel = Add {
-            samples: &present,
-            weights,
-        };
-        rows::run(&kernel, size.height, self.sums.bands());
+        let outs = self.sums.bands().zip(&mut missing);
+        rows::run(&Add { samples, weights }, size.height, outs);
         missing.iter().sum()
     }
 
@@ -100,67 +99,35 @@ impl Resolve {
     }
 }
 
-/// Samples with 0 where missing, and whether they are there (1 or 0) as last channel.
-struct Present<'a> {
-    samples: Pixels<'a>,
-}
-
-impl<'a> Kernel for Present<'a> {
-    type Out = (BandMut<'a>, &'a mut usize);
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut out, missing): Self::Out) {
-        let channels = self.samples.channels;
-        for run in rows.flat_map(|y| segments(y, self.samples.size.width)) {
-            let mut here = [1.0; SEGMENT];
-            for channel in 0..channels {
-                let out = &mut out.row(channel, run.y)[run.x..][..run.len];
-                self.samples.load(run, channel, out);
-                for (here, sample) in here.iter_mut().zip(out) {
-                    *here = if sample.is_finite() { *here } else { 0.0 };
-                }
-            }
-            for channel in 0..channels {
-                let out = &mut out.row(channel, run.y)[run.x..][..run.len];
-                for (out, here) in out.iter_mut().zip(here) {
-                    *out = if here > 0.0 { *out } else { 0.0 };
-                }
-            }
-            let here = &here[..run.len];
-            out.row(channels, run.y)[run.x..][..run.len].copy_from_slice(here);
-            *missing += here.iter().filter(|&&here| here == 0.0).count();
-        }
-    }
-}
-
 struct Add<'a> {
-    samples: &'a Image,
+    samples: Pixels<'a>,
     /// Along x and y, for pixels from −[`REACH`] to [`REACH`].
-    weights: [[f64; 2 * REACH as usize + 1]; 2],
+    weights: [[f32; WINDOW]; 2],
 }
 
 impl<'a> Kernel for Add<'a> {
-    type Out = BandMut<'a>;
+    type Out = (BandMut<'a>, &'a mut usize);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut sums: BandMut<'a>) {
+    fn rows(&self, rows: Range<usize>, (mut sums, missing): Self::Out) {
         let size = self.samples.size;
-        let along = || (-REACH..=REACH).enumerate();
-        for y in rows {
-            for (j, dy) in along() {
-                for (i, dx) in along() {
-                    let weight = (self.weights[0][i] * self.weights[1][j]) as f32;
-                    let tap = Tap { dx, dy, step: 1 };
-                    let row = Run {
-                        y,
-                        x: 0,
-                        len: size.width,
-                    };
-                    if weight != 0.0
-                        && let Some(here) = tap.inside(row, size)
-                    {
-                        self.add(weight, here, tap.of(here), &mut sums);
-                    }
+        let channels = self.samples.channels;
+        // Samples, 0 where missing, and whether they are there, 1 or 0.
+        let mut around: Vec<_> = (0..=channels)
+            .map(|_| Rolling::<1>::new(size.width, REACH))
+            .collect();
+        for y in rows.clone() {
+            let (here, around_samples) = around.split_last_mut().expect("at least one");
+            for due in here.due(y, y == rows.start) {
+                let there = self.load(due, around_samples, here);
+                if rows.contains(&(due as usize)) {
+                    *missing += size.width - there;
+                }
+            }
+            for run in segments(y, size.width) {
+                for (channel, around) in around.iter().enumerate() {
+                    let sums = &mut sums.row(channel, y)[run.x..][..run.len];
+                    self.add(around, run, sums);
                 }
             }
         }
@@ -168,13 +135,50 @@ impl<'a> Kernel for Add<'a> {
 }
 
 impl Add<'_> {
+    /// Reads a row, and returns how many of its samples are there.
     #[inline(always)]
-    fn add(&self, weight: f32, here: Run, there: Run, sums: &mut BandMut) {
-        for channel in 0..self.samples.channels {
-            let samples = &self.samples.view().row(channel, there.y)[there.x..][..there.len];
-            let sums = &mut sums.row(channel, here.y)[here.x..][..here.len];
-            for (sum, &sample) in sums.iter_mut().zip(samples) {
-                *sum += weight * sample;
+    fn load(&self, y: isize, samples: &mut [Rolling<1>], here: &mut Rolling<1>) -> usize {
+        let size = self.samples.size;
+        let [here] = here.row_mut(y);
+        here.fill(1.0);
+        for (channel, samples) in samples.iter_mut().enumerate() {
+            if let Some([row]) = samples.fresh(y, size) {
+                for run in segments(y as usize, size.width) {
+                    let row = &mut row[run.x..][..run.len];
+                    self.samples.load(run, channel, row);
+                }
+            }
+            let [row] = samples.row(y);
+            for (here, sample) in here.iter_mut().zip(row) {
+                *here = if sample.is_finite() { *here } else { 0.0 };
+            }
+        }
+        for samples in samples {
+            let [row] = samples.row_mut(y);
+            for (sample, &here) in row.iter_mut().zip(&*here) {
+                *sample = if here > 0.0 { *sample } else { 0.0 };
+            }
+        }
+        here.iter().filter(|&&here| here > 0.0).count()
+    }
+
+    /// Adds the weighted samples around a run: down the columns first.
+    #[inline(always)]
+    fn add(&self, around: &Rolling<1>, run: Run, sums: &mut [f32]) {
+        let [along, down] = self.weights;
+        let rows: [&Columns; WINDOW] =
+            std::array::from_fn(|i| around.columns(run, i as isize - REACH as isize)[0]);
+        let mut columns: Columns = [0.0; _];
+        for i in 0..lanes(run) + LANES {
+            let mut sum = 0.0;
+            for (row, weight) in rows.into_iter().zip(down) {
+                sum += weight * row[i];
+            }
+            columns[i] = sum;
+        }
+        for i in 0..sums.len().min(SEGMENT) {
+            for (dx, weight) in along.into_iter().enumerate() {
+                sums[i] += weight * columns[i + dx];
             }
         }
     }
