@@ -226,21 +226,10 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         self.data[pixel * self.steps[0] + channel * self.steps[1]]
     }
 
-    /// `N` numbers from the pixel's first channel on, of those that lie side by side; what follows the last channel means
-    /// nothing.
+    /// All numbers, and how many lie between a pixel and the next.
     #[inline(always)]
-    pub fn record<const N: usize>(&self, pixel: usize) -> [T; N] {
-        let start = pixel * self.steps[0];
-        match self.data.get(start..start + N) {
-            Some(record) => record.try_into().expect("N numbers"),
-            None => self.last_record(start),
-        }
-    }
-
-    /// Where fewer than `N` numbers are left.
-    #[cold]
-    fn last_record<const N: usize>(&self, start: usize) -> [T; N] {
-        std::array::from_fn(|i| self.data.get(start + i).copied().unwrap_or_default())
+    pub fn numbers(&self) -> (&'a [T], usize) {
+        (self.data, self.steps[0])
     }
 
     /// Three channels of a pixel.
@@ -249,14 +238,39 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         [0, 1, 2].map(|channel| self.at(pixel, channel))
     }
 
-    /// The same, and a number that means nothing: one load where channels lie side by side.
+    /// The first channel of these pixels.
     #[inline(always)]
-    pub fn padded(&self, pixel: usize) -> [T; 4] {
-        if self.steps[1] == 1 {
-            return self.record(pixel);
+    pub fn gather(&self, pixels: &[u32], into: &mut [T]) {
+        let (data, step) = (self.data, self.steps[0]);
+        for (to, &pixel) in into.iter_mut().zip(pixels) {
+            *to = data[pixel as usize * step];
         }
-        let [x, y, z] = self.vector(pixel);
-        [x, y, z, T::default()]
+    }
+
+    /// The first three channels of these pixels; `records` is scratch.
+    #[inline(always)]
+    pub fn gather_vectors(&self, pixels: &[u32], records: &mut [[T; 4]], into: [&mut [T]; 3]) {
+        if self.steps[1] == 1 {
+            // One load for each, of a number too many.
+            let records = &mut records[..pixels.len()];
+            let (data, step) = (self.data, self.steps[0]);
+            for (record, &pixel) in records.iter_mut().zip(pixels) {
+                let rest = &data[pixel as usize * step..];
+                match rest.first_chunk() {
+                    Some(whole) => *record = *whole,
+                    None => *record = few(rest),
+                }
+            }
+            for (channel, out) in into.into_iter().enumerate() {
+                for (to, record) in out.iter_mut().zip(&*records) {
+                    *to = record[channel];
+                }
+            }
+        } else {
+            for (channel, out) in into.into_iter().enumerate() {
+                self.part(channel..channel + 1).gather(pixels, out);
+            }
+        }
     }
 
     /// Copies a channel of a run.
@@ -285,6 +299,22 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
             }
         }
     }
+}
+
+/// The `N` numbers from the `start` of a record on; what follows its last channel means nothing.
+#[inline(always)]
+pub fn record<T: Copy + Default, const N: usize>(data: &[T], start: usize) -> [T; N] {
+    let rest = &data[start..];
+    match rest.first_chunk() {
+        Some(record) => *record,
+        None => few(rest),
+    }
+}
+
+/// Where fewer than `N` numbers are left.
+#[cold]
+fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
+    std::array::from_fn(|i| rest.get(i).copied().unwrap_or_default())
 }
 
 /// An owned image of records.

@@ -1,7 +1,8 @@
 //! numpy in, numpy out: the checks that every argument passes once, and the copies at the door.
 
 use numpy::{
-    Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -382,6 +383,55 @@ impl<'py, T: Element> Out<'py, T> {
             return Err(Error::value("out", expected, "one that is read-only or strided").into());
         }
         Ok(Self(Some(array.clone())))
+    }
+}
+
+/// Where a kernel writes a result as numpy has it, without a copy unless the memory is an input's as well.
+pub struct Direct<'py, T: Number = f32> {
+    array: Bound<'py, PyArrayDyn<T>>,
+    memory: Memory<'py, T>,
+}
+
+enum Memory<'py, T: Number> {
+    Own(PyReadwriteArrayDyn<'py, T>),
+    /// The array is written last.
+    Shared(Vec<T>),
+}
+
+impl<'py, T: Number> Direct<'py, T> {
+    /// To be asked for while the inputs are borrowed.
+    pub fn new(py: Python<'py>, out: Out<'py, T>, shape: &[usize]) -> PyResult<Self> {
+        let array = match out.0 {
+            Some(array) => array,
+            // Of numpy's own memory, which comes in large pages.
+            None => py
+                .import("numpy")?
+                .call_method1("empty", (shape.to_vec(), T::get_dtype(py)))?
+                .cast_into()?,
+        };
+        let memory = match array.try_readwrite() {
+            Ok(own) => Memory::Own(own),
+            Err(_) => Memory::Shared(vec![T::default(); array.len()]),
+        };
+        Ok(Self { array, memory })
+    }
+
+    pub fn data(&mut self) -> PyResult<&mut [T]> {
+        Ok(match &mut self.memory {
+            Memory::Own(own) => own.as_slice_mut()?,
+            Memory::Shared(data) => data,
+        })
+    }
+
+    /// To be called when the inputs are no longer borrowed.
+    pub fn array(self) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+        if let Memory::Shared(data) = self.memory {
+            self.array
+                .try_readwrite()?
+                .as_slice_mut()?
+                .copy_from_slice(&data);
+        }
+        Ok(self.array)
     }
 }
 
