@@ -45,6 +45,10 @@ impl<T: Copy + Default + Send + Sync> Image<T> {
         }
     }
 
+    pub fn pixels(&self) -> Pixels<'_, T> {
+        self.view().into()
+    }
+
     pub fn plane(&self, channel: usize) -> &[T] {
         self.view().plane(channel)
     }
@@ -320,21 +324,24 @@ fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
 /// An owned image of records.
 #[derive(Clone, Debug)]
 pub struct Records<T = f32> {
-    size: Size,
+    pub size: Size,
     channels: usize,
     data: Vec<T>,
 }
 
 impl<T: Copy + Default + Send + Sync> Records<T> {
-    /// The channels of all planes.
-    pub fn of(image: View<T>) -> Self {
-        let mut data = vec![T::default(); image.data.len()];
-        image.interleave(&mut data);
+    pub fn new(size: Size, channels: usize) -> Self {
         Self {
-            size: image.size,
-            channels: image.channels,
-            data,
+            size,
+            channels,
+            data: vec![T::default(); size.pixels() * channels],
         }
+    }
+
+    pub fn of(image: View<T>) -> Self {
+        let mut records = Self::new(image.size, image.channels);
+        image.interleave(&mut records.data);
+        records
     }
 
     pub fn pixels(&self) -> Pixels<'_, T> {
@@ -557,6 +564,7 @@ fn deinterleave<'a, T: Copy + 'a>(records: &[T], outs: impl ExactSizeIterator<It
             2 => strided::<T, 2>(records, channel, out),
             3 => strided::<T, 3>(records, channel, out),
             4 => strided::<T, 4>(records, channel, out),
+            6 => strided::<T, 6>(records, channel, out),
             _ => {
                 for (to, from) in out.iter_mut().zip(records.chunks_exact(channels)) {
                     *to = from[channel];
@@ -587,6 +595,7 @@ fn interleave<'a, T: Copy + 'a>(rows: impl ExactSizeIterator<Item = &'a [T]>, re
         2 => all::<T, 2>(rows, records),
         3 => all::<T, 3>(rows, records),
         4 => all::<T, 4>(rows, records),
+        6 => all::<T, 6>(rows, records),
         _ => {
             for (channel, row) in rows.enumerate() {
                 for (to, &from) in records.chunks_exact_mut(channels).zip(row) {

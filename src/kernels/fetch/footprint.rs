@@ -110,6 +110,7 @@ pub struct Taps<const N: usize> {
 
 impl<const N: usize> Taps<N> {
     /// Those that have weight and are `usable`.
+    #[inline(always)]
     fn of(taps: impl Iterator<Item = (usize, f32)>, usable: impl Fn(usize) -> bool) -> Self {
         let mut found = Self {
             taps: [(0, 0.0); N],
@@ -285,6 +286,7 @@ impl Footprints {
     }
 
     /// The usable taps of the footprint of pixel `i` of the run.
+    #[inline(always)]
     pub fn taps(&self, i: usize, usable: impl Fn(usize) -> bool) -> Taps<4> {
         let [dx, dy] = self.steps();
         let at = self.at[i] as usize;
@@ -299,12 +301,11 @@ impl Footprints {
 
     /// The usable taps of the 3×3 window around where pixel `i` comes from, with equal weights: for thin geometry whose
     /// own pixels the 2×2 footprint missed.
+    #[inline(always)]
     pub fn window(&self, i: usize, tests: &Tests, usable: impl Fn(usize) -> bool) -> Taps<9> {
-        let places = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]));
-        let taps = places.filter_map(|[dx, dy]| {
-            let [x, y] = self.from.each_ref().map(|lane| (lane[i] + 0.5).floor());
-            self.trusted(i, tests, x + dx as f32, y + dy as f32)
-        });
+        let [x, y] = self.from.each_ref().map(|lane| (lane[i] + 0.5).floor());
+        let places = (0..9).map(|k| (x + (k % 3 - 1) as f32, y + (k / 3 - 1) as f32));
+        let taps = places.filter_map(|(x, y)| self.trusted(i, tests, x, y));
         Taps::of(taps.map(|(at, trust)| (at, trust / 9.0)), usable)
     }
 
@@ -329,6 +330,7 @@ impl Footprints {
     }
 
     /// The index of pixel (x, y) and its trust, where it lies inside.
+    #[inline(always)]
     fn trusted(&self, i: usize, tests: &Tests, x: f32, y: f32) -> Option<(usize, f32)> {
         let Size { height, width } = self.size;
         let inside = x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;

@@ -181,7 +181,7 @@ impl<'a> Fetch<'a> {
     }
 
     /// The values of pixel `i` where not all is as it mostly is: by a look at each tap.
-    #[cold]
+    #[inline(always)]
     fn mend(&self, i: usize, to: &mut Fetched) {
         let usable = |at: usize| self.history.iter().all(|image| is_finite(image, at));
         let (tests, footprints) = (&self.tests, &to.footprints);
@@ -229,6 +229,7 @@ impl<'a> Fetch<'a> {
         self.write(i, &mut to.values, |_, _| 0.0);
     }
 
+    #[inline(always)]
     fn write_mean<const N: usize>(&self, i: usize, taps: &Taps<N>, values: &mut [Vec<f32>]) {
         let weight = taps.weight();
         let scale = if weight > 0.0 { 1.0 / weight } else { 0.0 };
@@ -250,6 +251,7 @@ impl<'a> Fetch<'a> {
     }
 }
 
+#[inline(always)]
 fn is_finite(image: &Pixels, at: usize) -> bool {
     (0..image.channels).all(|channel| image.at(at, channel).is_finite())
 }

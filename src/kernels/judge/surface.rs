@@ -445,6 +445,7 @@ impl<'a> Tests<'a> {
     }
 
     /// The trust of pixel `i` of the run in the previous frame's pixel (x, y).
+    #[inline(always)]
     pub fn trust(&self, expected: &Expected, i: usize, [x, y]: [f32; 2], at: usize) -> f32 {
         let mut trust = expected.trust[i];
         if let Some([_, before]) = self.ids {
