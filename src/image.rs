@@ -45,6 +45,10 @@ impl<T: Copy + Default + Send + Sync> Image<T> {
         }
     }
 
+    pub fn pixels(&self) -> Pixels<'_, T> {
+        self.view().into()
+    }
+
     pub fn plane(&self, channel: usize) -> &[T] {
         self.view().plane(channel)
     }
@@ -226,21 +230,10 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         self.data[pixel * self.steps[0] + channel * self.steps[1]]
     }
 
-    /// `N` numbers from the pixel's first channel on, of those that lie side by side; what follows the last channel means
-    /// nothing.
+    /// All numbers, and how many lie between a pixel and the next.
     #[inline(always)]
-    pub fn record<const N: usize>(&self, pixel: usize) -> [T; N] {
-        let start = pixel * self.steps[0];
-        match self.data.get(start..start + N) {
-            Some(record) => record.try_into().expect("N numbers"),
-            None => self.last_record(start),
-        }
-    }
-
-    /// Where fewer than `N` numbers are left.
-    #[cold]
-    fn last_record<const N: usize>(&self, start: usize) -> [T; N] {
-        std::array::from_fn(|i| self.data.get(start + i).copied().unwrap_or_default())
+    pub fn numbers(&self) -> (&'a [T], usize) {
+        (self.data, self.steps[0])
     }
 
     /// Three channels of a pixel.
@@ -249,14 +242,39 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         [0, 1, 2].map(|channel| self.at(pixel, channel))
     }
 
-    /// The same, and a number that means nothing: one load where channels lie side by side.
+    /// The first channel of these pixels.
     #[inline(always)]
-    pub fn padded(&self, pixel: usize) -> [T; 4] {
-        if self.steps[1] == 1 {
-            return self.record(pixel);
+    pub fn gather(&self, pixels: &[u32], into: &mut [T]) {
+        let (data, step) = (self.data, self.steps[0]);
+        for (to, &pixel) in into.iter_mut().zip(pixels) {
+            *to = data[pixel as usize * step];
         }
-        let [x, y, z] = self.vector(pixel);
-        [x, y, z, T::default()]
+    }
+
+    /// The first three channels of these pixels; `records` is scratch.
+    #[inline(always)]
+    pub fn gather_vectors(&self, pixels: &[u32], records: &mut [[T; 4]], into: [&mut [T]; 3]) {
+        if self.steps[1] == 1 {
+            // One load for each, of a number too many.
+            let records = &mut records[..pixels.len()];
+            let (data, step) = (self.data, self.steps[0]);
+            for (record, &pixel) in records.iter_mut().zip(pixels) {
+                let rest = &data[pixel as usize * step..];
+                match rest.first_chunk() {
+                    Some(whole) => *record = *whole,
+                    None => *record = few(rest),
+                }
+            }
+            for (channel, out) in into.into_iter().enumerate() {
+                for (to, record) in out.iter_mut().zip(&*records) {
+                    *to = record[channel];
+                }
+            }
+        } else {
+            for (channel, out) in into.into_iter().enumerate() {
+                self.part(channel..channel + 1).gather(pixels, out);
+            }
+        }
     }
 
     /// Copies a channel of a run.
@@ -314,24 +332,43 @@ impl Pixels<'_> {
     }
 }
 
+/// The `N` numbers from the `start` of a record on; what follows its last channel means nothing.
+#[inline(always)]
+pub fn record<T: Copy + Default, const N: usize>(data: &[T], start: usize) -> [T; N] {
+    let rest = &data[start..];
+    match rest.first_chunk() {
+        Some(record) => *record,
+        None => few(rest),
+    }
+}
+
+/// Where fewer than `N` numbers are left.
+#[cold]
+fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
+    std::array::from_fn(|i| rest.get(i).copied().unwrap_or_default())
+}
+
 /// An owned image of records.
 #[derive(Clone, Debug)]
 pub struct Records<T = f32> {
-    size: Size,
+    pub size: Size,
     channels: usize,
     data: Vec<T>,
 }
 
 impl<T: Copy + Default + Send + Sync> Records<T> {
-    /// The channels of all planes.
-    pub fn of(image: View<T>) -> Self {
-        let mut data = vec![T::default(); image.data.len()];
-        image.interleave(&mut data);
+    pub fn new(size: Size, channels: usize) -> Self {
         Self {
-            size: image.size,
-            channels: image.channels,
-            data,
+            size,
+            channels,
+            data: vec![T::default(); size.pixels() * channels],
         }
+    }
+
+    pub fn of(image: View<T>) -> Self {
+        let mut records = Self::new(image.size, image.channels);
+        image.interleave(&mut records.data);
+        records
     }
 
     pub fn pixels(&self) -> Pixels<'_, T> {
@@ -554,6 +591,7 @@ fn deinterleave<'a, T: Copy + 'a>(records: &[T], outs: impl ExactSizeIterator<It
             2 => strided::<T, 2>(records, channel, out),
             3 => strided::<T, 3>(records, channel, out),
             4 => strided::<T, 4>(records, channel, out),
+            6 => strided::<T, 6>(records, channel, out),
             _ => {
                 for (to, from) in out.iter_mut().zip(records.chunks_exact(channels)) {
                     *to = from[channel];
@@ -584,6 +622,7 @@ fn interleave<'a, T: Copy + 'a>(rows: impl ExactSizeIterator<Item = &'a [T]>, re
         2 => all::<T, 2>(rows, records),
         3 => all::<T, 3>(rows, records),
         4 => all::<T, 4>(rows, records),
+        6 => all::<T, 6>(rows, records),
         _ => {
             for (channel, row) in rows.enumerate() {
                 for (to, &from) in records.chunks_exact_mut(channels).zip(row) {

@@ -1,7 +1,8 @@
 //! numpy in, numpy out: the checks that every argument passes once, and the copies at the door.
 
 use numpy::{
-    Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -386,45 +387,64 @@ impl<'py, T: Element> Out<'py, T> {
 }
 
 impl<'py> Out<'py> {
-    /// Has `write` fill the caller's array, or a new one of this shape: while inputs are borrowed, one of which the
-    /// caller's may be.
+    /// Has `write` fill the caller's array, or a new one of this shape, while the inputs are borrowed.
     pub fn fill(
         self,
         py: Python<'py>,
         shape: &[usize],
         write: impl FnOnce(&mut [f32]) + Send,
-    ) -> PyResult<Filled<'py>> {
-        let array = self
-            .0
-            .unwrap_or_else(|| PyArrayDyn::zeros(py, shape, false));
-        let data = match array.try_readwrite() {
-            Ok(mut borrowed) => {
-                let data = borrowed.as_slice_mut()?;
-                py.detach(|| write(data));
-                None
-            }
-            Err(_) => Some(py.detach(|| {
-                let mut data = vec![0.0; shape.iter().product()];
-                write(&mut data);
-                data
-            })),
-        };
-        Ok(Filled { array, data })
+    ) -> PyResult<Direct<'py>> {
+        let mut out = Direct::new(py, self, shape)?;
+        let data = out.data()?;
+        py.detach(|| write(data));
+        Ok(out)
     }
 }
 
-/// An array with its contents, unless these wait for an input that it is.
-pub struct Filled<'py> {
-    array: Bound<'py, PyArrayDyn<f32>>,
-    data: Option<Vec<f32>>,
+/// Where a kernel writes a result as numpy has it, without a copy unless the memory is an input's as well.
+pub struct Direct<'py, T: Number = f32> {
+    array: Bound<'py, PyArrayDyn<T>>,
+    memory: Memory<'py, T>,
 }
 
-impl<'py> Filled<'py> {
-    /// After the inputs.
-    pub fn array(self) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        if let Some(data) = self.data {
-            let mut array = self.array.try_readwrite()?;
-            array.as_slice_mut()?.copy_from_slice(&data);
+enum Memory<'py, T: Number> {
+    Own(PyReadwriteArrayDyn<'py, T>),
+    /// The array is written last.
+    Shared(Vec<T>),
+}
+
+impl<'py, T: Number> Direct<'py, T> {
+    /// To be asked for while the inputs are borrowed.
+    pub fn new(py: Python<'py>, out: Out<'py, T>, shape: &[usize]) -> PyResult<Self> {
+        let array = match out.0 {
+            Some(array) => array,
+            // Of numpy's own memory, which comes in large pages.
+            None => py
+                .import("numpy")?
+                .call_method1("empty", (shape.to_vec(), T::get_dtype(py)))?
+                .cast_into()?,
+        };
+        let memory = match array.try_readwrite() {
+            Ok(own) => Memory::Own(own),
+            Err(_) => Memory::Shared(vec![T::default(); array.len()]),
+        };
+        Ok(Self { array, memory })
+    }
+
+    pub fn data(&mut self) -> PyResult<&mut [T]> {
+        Ok(match &mut self.memory {
+            Memory::Own(own) => own.as_slice_mut()?,
+            Memory::Shared(data) => data,
+        })
+    }
+
+    /// To be called when the inputs are no longer borrowed.
+    pub fn array(self) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+        if let Memory::Shared(data) = self.memory {
+            self.array
+                .try_readwrite()?
+                .as_slice_mut()?
+                .copy_from_slice(&data);
         }
         Ok(self.array)
     }

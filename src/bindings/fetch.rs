@@ -4,13 +4,13 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 
-use super::arrays::{Channels, Input, Interleaved, MOTION, Out, Outgoing, choice, parts};
+use super::arrays::{Channels, Direct, Input, Interleaved, MOTION, Out, choice, parts};
 use super::camera::Camera;
 use super::judge::{Bounds, SurfaceArgs};
 use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::fetch::footprint::Filter;
-use crate::kernels::fetch::reproject;
+use crate::kernels::fetch::reproject::{self, reproject_records};
 use crate::kernels::judge::surface::{self, Threshold};
 
 /// History carried to the current frame along motion vectors.
@@ -115,7 +115,7 @@ pub fn reproject_<'py>(
 ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyArrayDyn<f32>>)> {
     let filter = choice("filter", filter, &Filter::NAMES)?;
     let several = history.is_instance_of::<PyList>() || history.is_instance_of::<PyTuple>();
-    let ((values, coverage), out) = {
+    let (values, coverage) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let Size { height, width } = motion.size();
         let images: Vec<_> = match several {
@@ -157,7 +157,6 @@ pub fn reproject_<'py>(
         )?;
 
         let data: Vec<Interleaved<f32>> = images.iter().map(Input::data).collect();
-        let axes: Vec<_> = images.iter().map(Input::has_channel_axis).collect();
         let (motion, surface) = (motion.data(), surface.data());
         let [first, second] = parts(out.as_ref())?;
         let values = if several {
@@ -165,45 +164,44 @@ pub fn reproject_<'py>(
         } else {
             vec![first]
         };
-        let values = values
+        let out = values
             .into_iter()
             .zip(&images)
-            .map(|(out, image)| Out::given(out, image.shape()))
+            .map(|(out, image)| Ok((Out::given(out, image.shape())?, image.shape())))
             .collect::<PyResult<Vec<_>>>()?;
-        let out = (values, Out::given(second, &[height, width])?);
-        let carried = py.detach(|| {
-            let history: Vec<_> = data.into_iter().map(Interleaved::pixels).collect();
-            let params = reproject::Params {
-                filter,
-                fallback,
-                dering,
-            };
-            let reprojected =
-                reproject::reproject(&history, motion.pixels(), surface.tests(), params);
-            let mut first = 0;
-            let values = history.iter().zip(axes).map(|(image, axis)| {
-                let channels = first..first + image.channels;
-                first = channels.end;
-                Outgoing::with_axis(reprojected.values.channels(channels).to_image(), axis)
+        let shape = [height, width];
+        let coverage = Out::given(second, &shape)?;
+        let mut values = out
+            .into_iter()
+            .map(|(out, shape)| Direct::new(py, out, shape))
+            .collect::<PyResult<Vec<_>>>()?;
+        let mut coverage = Direct::new(py, coverage, &shape)?;
+        {
+            let values = values.iter_mut().map(Direct::data);
+            let values = values.collect::<PyResult<Vec<_>>>()?;
+            let coverage = coverage.data()?;
+            py.detach(|| {
+                let history: Vec<_> = data.into_iter().map(Interleaved::pixels).collect();
+                let params = reproject::Params {
+                    filter,
+                    fallback,
+                    dering,
+                };
+                let motion = motion.pixels();
+                let tests = surface.tests();
+                reproject_records(&history, motion, tests, params, values, coverage);
             });
-            (
-                values.collect::<Vec<_>>(),
-                Outgoing::new(reprojected.coverage),
-            )
-        });
-        (carried, out)
+        }
+        (values, coverage)
     };
-    let arrays = values
-        .into_iter()
-        .zip(out.0)
-        .map(|(image, out)| image.array(py, out));
+    let arrays = values.into_iter().map(Direct::array);
     let mut values = arrays.collect::<PyResult<Vec<_>>>()?;
     let values = if several {
         PyList::new(py, values)?.into_any()
     } else {
         values.remove(0).into_any()
     };
-    Ok((values, coverage.array(py, out.1)?))
+    Ok((values, coverage.array()?))
 }
 
 /// The arrays of a list of outputs, as many as there are images.

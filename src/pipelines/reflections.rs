@@ -11,13 +11,13 @@
 use std::ops::Range;
 
 use super::frame::Frame;
-use crate::image::{BandMut, Image, Size, Tiles, View};
+use crate::image::{BandMut, Image, Pixels, Records, Size, Tiles, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::camera::virtual_motion::virtual_motion;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
 use crate::kernels::judge::prediction::prediction_gain;
-use crate::kernels::judge::surface::{self, Surface, Tests};
+use crate::kernels::judge::surface::{self, Buffers, Tests};
 use crate::rows::{self, Kernel};
 
 /// A candidate's average gain has to be below this to win, in units of relative squared error.
@@ -32,14 +32,14 @@ const PERIOD: usize = 8;
 /// What one frame leaves to the next.
 pub struct Memory {
     /// Lightly filtered light, as the next frame's prediction.
-    pub light: Image,
+    pub light: Records,
     pub scores: Scores,
 }
 
 /// What choosing renews.
 pub struct Scores {
     /// Average gain of each candidate.
-    pub image: Image,
+    pub image: Records,
     asking: Tiles,
     age: usize,
 }
@@ -47,7 +47,7 @@ pub struct Scores {
 impl Scores {
     pub fn new(size: Size, candidates: usize) -> Self {
         Self {
-            image: Image::new(size, candidates),
+            image: Records::new(size, candidates),
             asking: Tiles::new(size),
             age: 0,
         }
@@ -60,11 +60,11 @@ impl Scores {
 /// of these, the history is replaced.
 pub fn choose(
     memory: &Memory,
-    history: View,
+    history: Pixels,
     distances: &[f32],
     frame: &Frame,
     cameras: [&Camera; 2],
-    before: Surface,
+    before: Buffers,
     color: View,
     base: &mut Reprojected,
 ) -> Option<Scores> {
@@ -85,19 +85,19 @@ pub fn choose(
     best.data_mut().fill(MARGIN);
     if everywhere || memory.scores.asking.any() {
         // Elsewhere on the mirror: depth says nothing about what it shows.
-        let [now, before] = [frame.surface, before].map(|surface| Surface {
+        let [now, before] = [frame.surface.into(), before].map(|surface| Buffers {
             depth: None,
             color: None,
             ..surface
         });
         let tests = Tests::new(now, before, None, &surface::Params::default());
-        let fetch = |image: View, motion: View| {
+        let fetch = |image: Pixels, motion: &Image| {
             let params = reproject::Params {
                 filter: Filter::Bilinear,
                 fallback: false,
                 dering: true,
             };
-            reproject(&[image.into()], motion.into(), tests, params)
+            reproject(&[image], motion.pixels(), tests, params)
         };
         let first = history.channels;
         let mut light = base.values.channels(first..first + 3).to_image();
@@ -109,7 +109,7 @@ pub fn choose(
             let mut hits = Image::new(size, 1);
             rows::run(&Hits { source, asking }, size.height, hits.bands());
             let motion = virtual_motion(geometry, hits.view(), cameras[0], cameras[1]);
-            let mut candidate = fetch(memory.light.view(), motion.view());
+            let mut candidate = fetch(memory.light.pixels(), &motion);
             forget_uncovered(&mut candidate.values, &candidate.coverage);
             let gain = prediction_gain(
                 candidate.values.view(),
@@ -131,7 +131,7 @@ pub fn choose(
             rows::run(&kernel, size.height, outs);
             scores.set_channels(k, score.view());
         }
-        let carried = fetch(history, winner.view());
+        let carried = fetch(history, &winner);
         let kernel = Replace {
             carried: &carried,
             channels: history.channels,
@@ -140,7 +140,7 @@ pub fn choose(
         rows::run(&kernel, size.height, outs);
     }
     Some(Scores {
-        image: scores,
+        image: Records::of(scores.view()),
         asking: around_winners(best.view()),
         age: memory.scores.age + 1,
     })

@@ -9,12 +9,12 @@ use super::frame::{Frame, Output, blacken_missing, check_size};
 use super::reflections::{self, forget_uncovered};
 use super::taa::{self, Stage};
 use crate::error::{Error, Result, in_range};
-use crate::image::{Image, Pixels, View};
+use crate::image::{Image, Records, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
-use crate::kernels::judge::surface::{self, Surface, Tests};
+use crate::kernels::judge::surface::{self, Buffers, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::smooth::atrous::{self, Filtered, atrous};
 use crate::kernels::smooth::demodulate::{demodulate, remodulate};
@@ -62,26 +62,26 @@ impl Params {
 
 /// What one frame leaves to the next.
 struct Memory {
-    /// As [`accumulate`] has it.
-    history: Image,
+    /// As [`accumulate`] has it; in records, as all that is fetched in several channels.
+    history: Records,
     /// As it came, for its replay.
     color: Option<Image>,
     reflections: Option<reflections::Memory>,
     depth: Option<Image>,
-    normal: Option<Image>,
-    object_normal: Option<Image>,
+    normal: Option<Records>,
+    object_normal: Option<Records>,
     ids: Option<Image<u32>>,
     camera: Option<Camera>,
     demodulated: bool,
 }
 
 impl Memory {
-    fn surface(&self) -> Surface<'_> {
-        Surface {
-            depth: self.depth.as_ref().map(Image::view),
-            normal: self.normal.as_ref().map(Image::view),
-            ids: self.ids.as_ref().map(Image::view),
-            object_normal: self.object_normal.as_ref().map(Image::view),
+    fn surface(&self) -> Buffers<'_> {
+        Buffers {
+            depth: self.depth.as_ref().map(Image::pixels),
+            normal: self.normal.as_ref().map(Records::pixels),
+            ids: self.ids.as_ref().map(Image::pixels),
+            object_normal: self.object_normal.as_ref().map(Records::pixels),
             color: None,
         }
     }
@@ -199,17 +199,17 @@ impl Svgf {
             .filter_map(|(name, used)| used.then_some(name)),
         );
         self.memory = Some(Memory {
-            history,
+            history: Records::of(history.view()),
             color: params.gradient.then(|| frame.color.to_image()),
             reflections: second.map(|light| reflections::Memory {
-                light,
+                light: Records::of(light.view()),
                 scores: recalled
                     .reflections
                     .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
             }),
             depth: frame.surface.depth.map(|v| v.to_image()),
-            normal: frame.surface.normal.map(|v| v.to_image()),
-            object_normal: frame.surface.object_normal.map(|v| v.to_image()),
+            normal: frame.surface.normal.map(Records::of),
+            object_normal: frame.surface.object_normal.map(Records::of),
             ids: frame.surface.ids.map(|v| v.to_image()),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
@@ -252,12 +252,11 @@ fn recall(
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
 
-    let mut planes = vec![memory.history.view().into()];
+    let mut planes = vec![memory.history.pixels()];
     if let Some(reflections) = reflections {
-        planes
-            .extend([reflections.light.view(), reflections.scores.image.view()].map(Pixels::from));
+        planes.extend([&reflections.light, &reflections.scores.image].map(Records::pixels));
     }
-    planes.extend(replayed.as_ref().map(|image| Pixels::from(image.view())));
+    planes.extend(replayed.as_ref().map(Image::pixels));
     let bilinear = reproject::Params {
         filter: Filter::Bilinear,
         fallback: true,
@@ -288,7 +287,7 @@ fn recall(
         .and_then(|(reflections, (now, before))| {
             reflections::choose(
                 reflections,
-                memory.history.view(),
+                memory.history.pixels(),
                 &params.reflections,
                 frame,
                 [now, before],

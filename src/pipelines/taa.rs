@@ -331,7 +331,7 @@ impl<'a> Kernel for Antialias<'a> {
         let window_of = self.params.dilate.filter(|_| self.fetch.is_some());
         let mut dilation = window_of.map(|window| Dilation::new(self.motion, self.choice, window));
         let mut fetched = self.fetch.as_ref().map(Fetch::room);
-        let mut own_motion = MotionLanes::new();
+        let mut own_motion = MotionLanes::zeroed();
         let mut dilated = [[0.0; SEGMENT]; 3];
         let mut history = [[0.0; SEGMENT]; 3];
         let mut merged = [[0.0; SEGMENT]; 3];

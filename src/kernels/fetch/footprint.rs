@@ -38,43 +38,11 @@ pub enum Wide {
 
 impl Wide {
     /// The weights of the columns and of the rows, which together sum to one.
-    #[inline(always)]
     pub fn weights(self, f: [f32; 2]) -> [[f32; 4]; 2] {
-        let [along, down] = f.map(|f| self.side(f));
-        let middle = along[1] + along[2];
-        let all = along[0] + middle + along[3];
-        let outer = if self.has_corners() { all } else { middle };
-        let total = (down[0] + down[3]) * outer + (down[1] + down[2]) * all;
-        [along, down.map(|weight| weight / total)]
-    }
-
-    #[inline(always)]
-    fn side(self, f: f32) -> [f32; 4] {
-        let weights = match self {
-            Self::CatmullRom | Self::CatmullRom5 => {
-                let (f2, f3) = (f * f, f * f * f);
-                let w0 = f2 - 0.5 * (f3 + f);
-                let w1 = 1.5 * f3 - 2.5 * f2 + 1.0;
-                let w3 = 0.5 * (f3 - f2);
-                [w0, w1, 1.0 - w0 - w1 - w3, w3]
-            }
-            Self::Lanczos2 => {
-                // sin πx and sin πx/2 at the four distances 1 + f, f, 1 − f and 2 − f follow from those of f.
-                let half = std::f32::consts::FRAC_PI_2 * f;
-                let (s, c) = (libm::sinf(half), libm::cosf(half));
-                let whole = 2.0 * s * c;
-                let over = |x: f32, product: f32| product / (x * x);
-                [
-                    over(1.0 + f, -whole * c),
-                    over(f, whole * s),
-                    over(1.0 - f, whole * c),
-                    over(2.0 - f, -whole * s),
-                ]
-            }
-        };
-        // Exactly, so that what stands still keeps its bits; the sinc has a gap there.
-        let still = [0.0, 1.0, 0.0, 0.0];
-        [0, 1, 2, 3].map(|i| if f == 0.0 { still[i] } else { weights[i] })
+        match self {
+            Self::CatmullRom | Self::CatmullRom5 => product(cubic, self.has_corners(), f),
+            Self::Lanczos2 => product(lanczos, true, f),
+        }
     }
 
     pub const fn has_corners(self) -> bool {
@@ -92,6 +60,48 @@ impl Wide {
     }
 }
 
+/// The weights of the columns and of the rows at the distances `f` from the pixel before; the corners count or not.
+#[inline(always)]
+fn product(side: impl Fn(f32) -> [f32; 4], corners: bool, [x, y]: [f32; 2]) -> [[f32; 4]; 2] {
+    let (along, [d0, d1, d2, d3]) = (exact(x, side(x)), exact(y, side(y)));
+    let middle = along[1] + along[2];
+    let all = along[0] + middle + along[3];
+    let outer = if corners { all } else { middle };
+    let scale = 1.0 / ((d0 + d3) * outer + (d1 + d2) * all);
+    [along, [d0 * scale, d1 * scale, d2 * scale, d3 * scale]]
+}
+
+/// What stands still keeps its bits; and the sinc has a gap there.
+#[inline(always)]
+fn exact(f: f32, [w0, w1, w2, w3]: [f32; 4]) -> [f32; 4] {
+    let or = |still: f32, weight: f32| if f == 0.0 { still } else { weight };
+    [or(0.0, w0), or(1.0, w1), or(0.0, w2), or(0.0, w3)]
+}
+
+#[inline(always)]
+fn cubic(f: f32) -> [f32; 4] {
+    let (f2, f3) = (f * f, f * f * f);
+    let w0 = f2 - 0.5 * (f3 + f);
+    let w1 = 1.5 * f3 - 2.5 * f2 + 1.0;
+    let w3 = 0.5 * (f3 - f2);
+    [w0, w1, 1.0 - w0 - w1 - w3, w3]
+}
+
+#[inline(always)]
+fn lanczos(f: f32) -> [f32; 4] {
+    // sin πx and sin πx/2 at the four distances 1 + f, f, 1 − f and 2 − f follow from those of f.
+    let half = std::f32::consts::FRAC_PI_2 * f;
+    let (s, c) = (libm::sinf(half), libm::cosf(half));
+    let whole = 2.0 * s * c;
+    let over = |x: f32, product: f32| product / (x * x);
+    [
+        over(1.0 + f, -whole * c),
+        over(f, whole * s),
+        over(1.0 - f, whole * c),
+        over(2.0 - f, -whole * s),
+    ]
+}
+
 /// Pixels of the previous frame, with weights.
 pub struct Taps<const N: usize> {
     taps: [(usize, f32); N],
@@ -100,6 +110,7 @@ pub struct Taps<const N: usize> {
 
 impl<const N: usize> Taps<N> {
     /// Those that have weight and are `usable`.
+    #[inline(always)]
     fn of(taps: impl Iterator<Item = (usize, f32)>, usable: impl Fn(usize) -> bool) -> Self {
         let mut found = Self {
             taps: [(0, 0.0); N],
@@ -138,7 +149,7 @@ pub struct Motion<'a> {
 pub struct MotionLanes([Lane; 3]);
 
 impl MotionLanes {
-    pub fn new() -> Self {
+    pub fn zeroed() -> Self {
         Self([[0.0; SEGMENT]; 3])
     }
 
@@ -185,8 +196,8 @@ impl Footprints {
             weights: [[0.0; SEGMENT]; 4],
             coverage: [0.0; SEGMENT],
             failed: [0; SEGMENT],
-            expected: Expected::new(),
-            judged: Judged::new(),
+            expected: Expected::zeroed(),
+            judged: Judged::zeroed(),
         }
     }
 
@@ -237,9 +248,9 @@ impl Footprints {
             let across = pair(from_x[i], width, nearest);
             let down = pair(from_y[i], height, nearest);
             (left[i], top[i]) = (across.start, down.start);
-            at[i] = (down.start as i32 as u32)
+            at[i] = whole(down.start)
                 .wrapping_mul(columns)
-                .wrapping_add(across.start as i32 as u32);
+                .wrapping_add(whole(across.start));
             w[i] = across.weights[0] * down.weights[0];
             x[i] = across.weights[1] * down.weights[0];
             y[i] = across.weights[0] * down.weights[1];
@@ -258,7 +269,11 @@ impl Footprints {
             let [left, top] = self.corner.each_ref().map(|lane| &lane[..len]);
             let at = &self.at[..len];
             self.judged.look(len, |i| {
-                (at[i] + step, left[i] + right as f32, top[i] + below as f32)
+                (
+                    at[i].wrapping_add(step),
+                    left[i] + right as f32,
+                    top[i] + below as f32,
+                )
             });
             tests.judge(&self.expected, len, &mut self.judged);
             let (trust, failures) = (&self.judged.trust[..len], &self.judged.failed[..len]);
@@ -271,6 +286,7 @@ impl Footprints {
     }
 
     /// The usable taps of the footprint of pixel `i` of the run.
+    #[inline(always)]
     pub fn taps(&self, i: usize, usable: impl Fn(usize) -> bool) -> Taps<4> {
         let [dx, dy] = self.steps();
         let at = self.at[i] as usize;
@@ -285,12 +301,11 @@ impl Footprints {
 
     /// The usable taps of the 3×3 window around where pixel `i` comes from, with equal weights: for thin geometry whose
     /// own pixels the 2×2 footprint missed.
+    #[inline(always)]
     pub fn window(&self, i: usize, tests: &Tests, usable: impl Fn(usize) -> bool) -> Taps<9> {
-        let places = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]));
-        let taps = places.filter_map(|[dx, dy]| {
-            let [x, y] = self.from.each_ref().map(|lane| (lane[i] + 0.5).floor());
-            self.trusted(i, tests, x + dx as f32, y + dy as f32)
-        });
+        let [x, y] = self.from.each_ref().map(|lane| (lane[i] + 0.5).floor());
+        let places = (0..9).map(|k| (x + (k % 3 - 1) as f32, y + (k / 3 - 1) as f32));
+        let taps = places.filter_map(|(x, y)| self.trusted(i, tests, x, y));
         Taps::of(taps.map(|(at, trust)| (at, trust / 9.0)), usable)
     }
 
@@ -315,6 +330,7 @@ impl Footprints {
     }
 
     /// The index of pixel (x, y) and its trust, where it lies inside.
+    #[inline(always)]
     fn trusted(&self, i: usize, tests: &Tests, x: f32, y: f32) -> Option<(usize, f32)> {
         let Size { height, width } = self.size;
         let inside = x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
@@ -328,23 +344,46 @@ impl Footprints {
     /// The weights of a wide kernel for each pixel whose 4×4 taps lie inside.
     #[inline(always)]
     pub fn widen(&self, kernel: Wide, len: usize, wide: &mut WideLanes) {
+        match kernel {
+            Wide::CatmullRom => self.widen_by(cubic, true, len, wide),
+            Wide::CatmullRom5 => self.widen_by(cubic, false, len, wide),
+            Wide::Lanczos2 => self.widen_by(lanczos, true, len, wide),
+        }
+    }
+
+    #[inline(always)]
+    fn widen_by(
+        &self,
+        side: impl Fn(f32) -> [f32; 4],
+        corners: bool,
+        len: usize,
+        wide: &mut WideLanes,
+    ) {
         let Size { height, width } = self.size;
         let WideLanes {
             along,
             down,
+            at,
             inside,
         } = wide;
         let [x, y] = self.from.each_ref().map(|lane| &lane[..len]);
         let [a0, a1, a2, a3] = along.each_mut().map(|lane| &mut lane[..len]);
         let [d0, d1, d2, d3] = down.each_mut().map(|lane| &mut lane[..len]);
-        let inside = &mut inside[..len];
+        let (first, at, inside) = (&self.at[..len], &mut at[..len], &mut inside[..len]);
+        let before = width as u32 + 1;
         let fits = |at: f32, side: usize| (at >= 1.0) & (at + 2.0 < side as f32);
         for i in 0..len {
             let (left, top) = (x[i].floor(), y[i].floor());
-            let [along, down] = kernel.weights([x[i] - left, y[i] - top]);
+            let [along, down] = product(&side, corners, [x[i] - left, y[i] - top]);
             [a0[i], a1[i], a2[i], a3[i]] = along;
             [d0[i], d1[i], d2[i], d3[i]] = down;
-            inside[i] = (fits(left, width) & fits(top, height)).into();
+            let fits = fits(left, width) & fits(top, height);
+            at[i] = if fits {
+                first[i].wrapping_sub(before)
+            } else {
+                0
+            };
+            inside[i] = fits.into();
         }
     }
 }
@@ -353,18 +392,28 @@ impl Footprints {
 pub struct WideLanes {
     pub along: [Lane; 4],
     pub down: [Lane; 4],
+    /// The upper left tap.
+    pub at: Lane<u32>,
     /// 1 where all taps lie inside, or 0.
     pub inside: Lane<u32>,
 }
 
 impl WideLanes {
-    pub fn new() -> Self {
+    pub fn zeroed() -> Self {
         Self {
             along: [[0.0; SEGMENT]; 4],
             down: [[0.0; SEGMENT]; 4],
+            at: [0; SEGMENT],
             inside: [0; SEGMENT],
         }
     }
+}
+
+/// A whole number below 2^23 as an integer: unlike `as`, which asks for NaN and for what is too large, in two instructions.
+#[inline(always)]
+fn whole(x: f32) -> u32 {
+    const SHIFT: f32 = 8_388_608.0; // 2^23, beyond which the last bit of the mantissa counts ones
+    (x + SHIFT).to_bits().wrapping_sub(SHIFT.to_bits())
 }
 
 /// Two neighbours along an axis.

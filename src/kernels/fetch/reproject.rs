@@ -18,7 +18,7 @@ use std::ops::Range;
 use super::footprint::{
     Filter, Footprints, MIN_COVERAGE, Motion, MotionLanes, Taps, Wide, WideLanes,
 };
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, segments};
+use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, record, segments};
 use crate::kernels::judge::surface::{Lane, Tests};
 use crate::rows::{self, Kernel};
 
@@ -50,8 +50,8 @@ pub struct Fetched {
     wide: WideLanes,
     /// The weights of the 2×2 taps, which sum to one.
     shares: [Lane; 4],
-    /// Whether a pixel has its values.
-    done: Lane<bool>,
+    /// 1 where a pixel has its values, or 0.
+    done: Lane<u32>,
     /// Records of each part of the history.
     values: Vec<Vec<f32>>,
     pub coverage: Lane,
@@ -83,9 +83,9 @@ impl<'a> Fetch<'a> {
         let values = self.history.iter();
         Fetched {
             footprints: Footprints::new(self.size),
-            wide: WideLanes::new(),
+            wide: WideLanes::zeroed(),
             shares: [[0.0; SEGMENT]; 4],
-            done: [false; SEGMENT],
+            done: [0; SEGMENT],
             values: values
                 .map(|image| vec![0.0; SEGMENT * image.channels + WIDEST])
                 .collect(),
@@ -100,30 +100,29 @@ impl<'a> Fetch<'a> {
         let len = run.len;
         let Params { filter, dering, .. } = self.params;
         let nearest = filter == Filter::Nearest;
+        let has_grid = self.size.width >= 4 && self.size.height >= 4;
         to.footprints.find(run, motion, nearest, &self.tests);
         for i in 0..len {
             to.coverage[i] = to.footprints.coverage[i].min(1.0);
             to.rejection[i] = to.footprints.failed[i] as u8;
         }
         match filter {
-            Filter::Wide(kernel) if self.tests.accept_all() => {
+            Filter::Wide(kernel) if self.tests.accept_all() && has_grid => {
                 to.footprints.widen(kernel, len, &mut to.wide);
-                for i in 0..len {
-                    to.done[i] = to.wide.inside[i] != 0;
-                }
+                to.done = to.wide.inside;
                 match kernel.has_corners() {
                     true => self.each_part(len, to, &Grid::<true> { dering }),
                     false => self.each_part(len, to, &Grid::<false> { dering }),
                 }
             }
-            Filter::Wide(_) => to.done[..len].fill(false),
+            Filter::Wide(_) => to.done[..len].fill(0),
             Filter::Nearest | Filter::Bilinear => {
                 self.share(len, to);
                 self.each_part(len, to, &Quad);
             }
         }
         for i in 0..len {
-            if !to.done[i] {
+            if to.done[i] == 0 {
                 self.mend(i, to);
             }
         }
@@ -137,13 +136,14 @@ impl<'a> Fetch<'a> {
         let [sw, sx, sy, sz] = shares.each_mut().map(|lane| &mut lane[..len]);
         let sums = &to.footprints.coverage[..len];
         let done = &mut to.done[..len];
+        let settled = !self.params.fallback;
         for i in 0..len {
             let enough = sums[i] >= MIN_COVERAGE;
             let scale = if enough { 1.0 / sums[i] } else { 0.0 };
             (sw[i], sx[i]) = (w[i] * scale, x[i] * scale);
             (sy[i], sz[i]) = (y[i] * scale, z[i] * scale);
             coverage[i] = if enough { coverage[i] } else { 0.0 };
-            done[i] = enough | !self.params.fallback;
+            done[i] = (enough | settled).into();
         }
     }
 
@@ -169,19 +169,19 @@ impl<'a> Fetch<'a> {
                     wide,
                     shares,
                 };
-                let out = (&mut values[first..], stride);
+                let values = &mut values[first..];
                 match part.channels {
-                    1 => taps.average::<1>(len, average, out, done),
-                    2 => taps.average::<2>(len, average, out, done),
-                    3 | 4 => taps.average::<4>(len, average, out, done),
-                    _ => taps.average::<WIDEST>(len, average, out, done),
+                    1 => average.run::<1>(taps, len, values, stride, done),
+                    2 => average.run::<2>(taps, len, values, stride, done),
+                    3 | 4 => average.run::<4>(taps, len, values, stride, done),
+                    _ => average.run::<WIDEST>(taps, len, values, stride, done),
                 }
             }
         }
     }
 
     /// The values of pixel `i` where not all is as it mostly is: by a look at each tap.
-    #[cold]
+    #[inline(always)]
     fn mend(&self, i: usize, to: &mut Fetched) {
         let usable = |at: usize| self.history.iter().all(|image| is_finite(image, at));
         let (tests, footprints) = (&self.tests, &to.footprints);
@@ -194,19 +194,25 @@ impl<'a> Fetch<'a> {
             let weights = kernel.weights(f);
             if all_count(kernel, &weights, &grid) {
                 self.write(i, &mut to.values, |image, channel| {
-                    let tap = |row: usize, column: usize| {
-                        [grid[row][column].map_or(0.0, |at| image.at(at, channel))]
+                    let value = |at: Option<usize>| at.map_or(0.0, |at| image.at(at, channel));
+                    let taps = grid.as_flattened().iter().map(|&at| value(at));
+                    let taps: Vec<_> = taps.collect();
+                    let mean: [f32; 1] = match kernel.has_corners() {
+                        true => wide_mean::<true, 1>(&taps, 0, [1, 4], weights),
+                        false => wide_mean::<false, 1>(&taps, 0, [1, 4], weights),
                     };
-                    let [mean] = match kernel.has_corners() {
-                        true => wide_mean::<true, 1>(weights, tap),
-                        false => wide_mean::<false, 1>(weights, tap),
-                    };
-                    let near = near.as_slice().iter().map(|&(at, _)| image.at(at, channel));
-                    if self.params.dering {
-                        held(mean, near)
+                    // Those that do not count are replaced by one that does.
+                    let near = near.as_slice();
+                    let near = [0, 1, 2, 3].map(|k| {
+                        let &(at, _) = near.get(k).unwrap_or(&near[0]);
+                        [image.at(at, channel)]
+                    });
+                    let [value] = if self.params.dering {
+                        hold(mean, near)
                     } else {
                         mean
-                    }
+                    };
+                    value
                 });
                 return;
             }
@@ -223,6 +229,7 @@ impl<'a> Fetch<'a> {
         self.write(i, &mut to.values, |_, _| 0.0);
     }
 
+    #[inline(always)]
     fn write_mean<const N: usize>(&self, i: usize, taps: &Taps<N>, values: &mut [Vec<f32>]) {
         let weight = taps.weight();
         let scale = if weight > 0.0 { 1.0 / weight } else { 0.0 };
@@ -244,6 +251,7 @@ impl<'a> Fetch<'a> {
     }
 }
 
+#[inline(always)]
 fn is_finite(image: &Pixels, at: usize) -> bool {
     (0..image.channels).all(|channel| image.at(at, channel).is_finite())
 }
@@ -265,37 +273,17 @@ struct Surroundings<'a> {
     shares: &'a [Lane; 4],
 }
 
-impl Surroundings<'_> {
-    /// Writes the means, and whether they are numbers, of the pixels that are not ruled out.
-    #[inline(always)]
-    fn average<const N: usize>(
-        &self,
-        len: usize,
-        average: &impl Average,
-        (values, stride): (&mut [f32], usize),
-        done: &mut Lane<bool>,
-    ) {
-        let done = &mut done[..len];
-        for i in 0..len {
-            let mean: Option<[f32; N]> = if done[i] { average.mean(self, i) } else { None };
-            match mean {
-                Some(mean) => values[i * stride..][..N].copy_from_slice(&mean),
-                None => done[i] = false,
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn quad<const N: usize>(&self, i: usize) -> [[f32; N]; 4] {
-        let at = self.footprints.at[i] as usize;
-        let [dx, dy] = self.footprints.steps();
-        [at, at + dx, at + dy, at + dy + dx].map(|at| self.image.record(at))
-    }
-}
-
-/// How a pixel's taps become one; none where the mean is no number.
+/// How the taps of a run become its values.
 trait Average {
-    fn mean<const N: usize>(&self, taps: &Surroundings, i: usize) -> Option<[f32; N]>;
+    /// Writes `N` numbers for every record, of `stride` numbers; what is not finite is not done.
+    fn run<const N: usize>(
+        &self,
+        taps: Surroundings,
+        len: usize,
+        values: &mut [f32],
+        stride: usize,
+        done: &mut [u32],
+    );
 }
 
 /// 2×2 taps.
@@ -303,13 +291,27 @@ struct Quad;
 
 impl Average for Quad {
     #[inline(always)]
-    fn mean<const N: usize>(&self, taps: &Surroundings, i: usize) -> Option<[f32; N]> {
-        let shares = taps.shares.each_ref().map(|lane| lane[i]);
-        let mut mean = [-0.0; N];
-        for (tap, share) in taps.quad::<N>(i).iter().zip(shares) {
-            add(&mut mean, share, tap);
+    fn run<const N: usize>(
+        &self,
+        taps: Surroundings,
+        len: usize,
+        values: &mut [f32],
+        stride: usize,
+        done: &mut [u32],
+    ) {
+        let [w, x, y, z] = taps.shares.each_ref().map(|lane| &lane[..len]);
+        let (at, done) = (&taps.footprints.at[..len], &mut done[..len]);
+        let (data, step) = taps.image.numbers();
+        let steps = taps.footprints.steps().map(|pixels| pixels * step);
+        for i in 0..len {
+            let mut mean = [-0.0; N];
+            let quad = quad::<N>(data, at[i] as usize * step, steps);
+            for (tap, share) in quad.iter().zip([w[i], x[i], y[i], z[i]]) {
+                add(&mut mean, share, tap);
+            }
+            done[i] &= u32::from(all_finite(&mean));
+            values[i * stride..][..N].copy_from_slice(&mean);
         }
-        all_finite(&mean).then_some(mean)
     }
 }
 
@@ -320,28 +322,49 @@ struct Grid<const CORNERS: bool> {
 
 impl<const CORNERS: bool> Average for Grid<CORNERS> {
     #[inline(always)]
-    fn mean<const N: usize>(&self, taps: &Surroundings, i: usize) -> Option<[f32; N]> {
-        let width = taps.footprints.steps()[1];
-        let first = taps.footprints.at[i] as usize - width - 1;
-        let [along, down] = [&taps.wide.along, &taps.wide.down];
-        let weights = [along, down].map(|lanes| lanes.each_ref().map(|lane| lane[i]));
-        let mean = wide_mean::<CORNERS, N>(weights, |row, column| {
-            taps.image.record(first + row * width + column)
-        });
-        if !all_finite(&mean) {
-            return None;
+    fn run<const N: usize>(
+        &self,
+        taps: Surroundings,
+        len: usize,
+        values: &mut [f32],
+        stride: usize,
+        done: &mut [u32],
+    ) {
+        let [a0, a1, a2, a3] = taps.wide.along.each_ref().map(|lane| &lane[..len]);
+        let [d0, d1, d2, d3] = taps.wide.down.each_ref().map(|lane| &lane[..len]);
+        let (at, done) = (&taps.wide.at[..len], &mut done[..len]);
+        let (data, step) = taps.image.numbers();
+        let line = taps.footprints.steps()[1] * step;
+        for i in 0..len {
+            let first = at[i] as usize * step;
+            let weights = [[a0[i], a1[i], a2[i], a3[i]], [d0[i], d1[i], d2[i], d3[i]]];
+            let mean = wide_mean::<CORNERS, N>(data, first, [step, line], weights);
+            done[i] &= u32::from(all_finite(&mean));
+            let mean = if self.dering {
+                // Taps of no weight do not count.
+                let [a, b, c, d] = quad::<N>(data, first + line + step, [step, line]);
+                let [b, d] = if a2[i] == 0.0 { [a, c] } else { [b, d] };
+                let [c, d] = if d2[i] == 0.0 { [a, b] } else { [c, d] };
+                hold(mean, [a, b, c, d])
+            } else {
+                mean
+            };
+            values[i * stride..][..N].copy_from_slice(&mean);
         }
-        if !self.dering {
-            return Some(mean);
-        }
-        // Taps of no weight do not count.
-        let [[_, _, right, _], [_, _, below, _]] = weights;
-        let [a, b, c, d] = taps.quad::<N>(i);
-        let [b, d] = if right == 0.0 { [a, c] } else { [b, d] };
-        let [c, d] = if below == 0.0 { [a, b] } else { [c, d] };
-        let near = |k: usize| [a[k], b[k], c[k], d[k]].into_iter();
-        Some(std::array::from_fn(|k| held(mean[k], near(k))))
     }
+}
+
+/// The records of 2×2 pixels from one on, with the steps to the right and down.
+#[inline(always)]
+fn quad<const N: usize>(data: &[f32], start: usize, [dx, dy]: [usize; 2]) -> [[f32; N]; 4] {
+    // Spelled out, since `map` is not always compiled into its caller.
+    let (below, beside) = (start + dy, start + dx);
+    [
+        record(data, start),
+        record(data, beside),
+        record(data, below),
+        record(data, below + dx),
+    ]
 }
 
 /// Adds a weighted tap; a sum that begins with −0 keeps the bits of its first tap.
@@ -359,33 +382,62 @@ fn all_finite<const N: usize>(values: &[f32; N]) -> bool {
         .fold(true, |all, value| all & value.is_finite())
 }
 
-/// The weighted mean of 4×4 taps.
+/// The weighted mean of 4×4 taps from one on, with the steps to the right and down.
 #[inline(always)]
 fn wide_mean<const CORNERS: bool, const N: usize>(
+    data: &[f32],
+    start: usize,
+    [dx, dy]: [usize; 2],
     [along, down]: [[f32; 4]; 2],
-    tap: impl Fn(usize, usize) -> [f32; N],
 ) -> [f32; N] {
     let mut sum = [-0.0; N];
-    for row in 0..4 {
-        let mut line = [-0.0; N];
-        for column in Wide::columns(CORNERS, row) {
-            add(&mut line, along[column], &tap(row, column));
-        }
-        add(&mut sum, down[row], &line);
+    let line = line::<CORNERS, N>(data, start, dx, along);
+    add(&mut sum, down[0], &line);
+    let line = self::line::<true, N>(data, start + dy, dx, along);
+    add(&mut sum, down[1], &line);
+    let line = self::line::<true, N>(data, start + 2 * dy, dx, along);
+    add(&mut sum, down[2], &line);
+    let line = self::line::<CORNERS, N>(data, start + 3 * dy, dx, along);
+    add(&mut sum, down[3], &line);
+    sum
+}
+
+/// The weighted sum of a row of four taps, or of those in the middle.
+#[inline(always)]
+fn line<const ENDS: bool, const N: usize>(
+    data: &[f32],
+    start: usize,
+    step: usize,
+    weights: [f32; 4],
+) -> [f32; N] {
+    let mut sum = [-0.0; N];
+    if ENDS {
+        add(&mut sum, weights[0], &record(data, start));
+    }
+    add(&mut sum, weights[1], &record(data, start + step));
+    add(&mut sum, weights[2], &record(data, start + 2 * step));
+    if ENDS {
+        add(&mut sum, weights[3], &record(data, start + 3 * step));
     }
     sum
 }
 
-/// A value held to the range of the taps.
+/// Values held to the range of the taps.
 #[inline(always)]
-fn held(value: f32, taps: impl Iterator<Item = f32>) -> f32 {
-    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-    for tap in taps {
-        low = if tap < low { tap } else { low };
-        high = if tap > high { tap } else { high };
+fn hold<const N: usize, const TAPS: usize>(values: [f32; N], taps: [[f32; N]; TAPS]) -> [f32; N] {
+    let (mut low, mut high) = ([f32::INFINITY; N], [f32::NEG_INFINITY; N]);
+    for tap in &taps {
+        for k in 0..N {
+            low[k] = if tap[k] < low[k] { tap[k] } else { low[k] };
+            high[k] = if tap[k] > high[k] { tap[k] } else { high[k] };
+        }
     }
-    let value = if value < low { low } else { value };
-    if value > high { high } else { value }
+    let mut held = values;
+    for k in 0..N {
+        held[k] = if held[k] < low[k] { low[k] } else { held[k] };
+        held[k] = if held[k] > high[k] { high[k] } else { held[k] };
+    }
+    held
 }
 
 struct Reproject<'a> {
@@ -399,7 +451,7 @@ impl<'a> Kernel for Reproject<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, (mut values, mut coverage, mut rejection): Self::Out) {
-        let mut lanes = MotionLanes::new();
+        let mut lanes = MotionLanes::zeroed();
         let mut fetched = self.fetch.room();
         for run in rows.flat_map(|y| segments(y, self.motion.size.width)) {
             let motion = lanes.load(&self.motion, run);

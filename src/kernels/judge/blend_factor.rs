@@ -64,7 +64,7 @@ impl<'a> Kernel for BlendFactor<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut alpha: PixelsMut<'a>) {
-        let mut lanes = MotionLanes::new();
+        let mut lanes = MotionLanes::zeroed();
         let mut shares = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.confidence.size.width)) {
             let motion = self.motion.as_ref().map(|motion| lanes.load(motion, run));

@@ -36,7 +36,7 @@ impl<'a> Kernel for Consistency<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, (mut rejection, mut confidence): Self::Out) {
         let size = self.motion.size;
-        let mut lanes = MotionLanes::new();
+        let mut lanes = MotionLanes::zeroed();
         let mut footprints = Footprints::new(size);
         for run in rows.flat_map(|y| segments(y, size.width)) {
             let motion = lanes.load(&self.motion, run);

@@ -14,8 +14,6 @@
 //! - **luminance**: |l − l′| / max(|l|, |l′|) ≤ t; missing samples pass.
 //! - **speed**: the length of the motion in pixels.
 
-use glam::Vec3;
-
 use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, View};
 use crate::kernels::camera::pinhole::Rays;
@@ -80,14 +78,24 @@ impl Threshold {
     /// The trust in a difference that is measured in the given unit; 0 in NaN.
     #[inline(always)]
     pub fn trust(self, difference: f32, unit: f32) -> f32 {
+        self.trust_if::<true>(difference, unit)
+    }
+
+    /// The same without the ramp where there is none. Without branches, for rows.
+    #[inline(always)]
+    fn trust_if<const RAMP: bool>(self, difference: f32, unit: f32) -> f32 {
         let (full, none) = (self.full * unit, self.none * unit);
-        if difference <= full {
-            1.0
-        } else if difference < none {
-            (none - difference) / (none - full)
+        let beyond = if RAMP {
+            let ramp = (none - difference) / (none - full);
+            if difference < none { ramp } else { 0.0 }
         } else {
             0.0
-        }
+        };
+        if difference <= full { 1.0 } else { beyond }
+    }
+
+    fn is_ramp(self) -> bool {
+        self.full < self.none
     }
 }
 
@@ -197,7 +205,7 @@ pub struct Expected {
 }
 
 impl Expected {
-    pub fn new() -> Self {
+    pub fn zeroed() -> Self {
         Self {
             depth: [0.0; SEGMENT],
             point: [[0.0; SEGMENT]; 3],
@@ -218,24 +226,26 @@ pub struct Judged {
     pub trust: Lane,
     /// The bits of the tests that leave no trust.
     pub failed: Lane<u32>,
-    records: [[f32; 4]; SEGMENT],
-    lengths: Lane,
     ids: Lane<u32>,
     depth: Lane,
+    vectors: [Lane; 3],
+    lengths: Lane,
+    records: [[f32; 4]; SEGMENT],
 }
 
 impl Judged {
-    pub fn new() -> Self {
+    pub fn zeroed() -> Self {
         Self {
             at: [0; SEGMENT],
             x: [0.0; SEGMENT],
             y: [0.0; SEGMENT],
             trust: [0.0; SEGMENT],
             failed: [0; SEGMENT],
-            records: [[0.0; 4]; SEGMENT],
-            lengths: [0.0; SEGMENT],
             ids: [0; SEGMENT],
             depth: [0.0; SEGMENT],
+            vectors: [[0.0; SEGMENT]; 3],
+            lengths: [0.0; SEGMENT],
+            records: [[0.0; 4]; SEGMENT],
         }
     }
 
@@ -342,85 +352,94 @@ impl<'a> Tests<'a> {
     /// Judges a tap of each pixel.
     #[inline(always)]
     pub fn judge(&self, expected: &Expected, len: usize, taps: &mut Judged) {
-        let Judged {
-            at,
-            x,
-            y,
-            trust,
-            failed,
-            records,
-            lengths,
-            ids,
-            depth,
-        } = taps;
-        let (at, x, y) = (&at[..len], &x[..len], &y[..len]);
-        let (trust, failed) = (&mut trust[..len], &mut failed[..len]);
+        let Params {
+            relative_depth,
+            plane_distance,
+            relative_luminance,
+            ..
+        } = self.params;
+        let bounds = [
+            relative_depth,
+            plane_distance,
+            relative_luminance,
+            self.turn,
+        ];
+        match bounds.into_iter().any(Threshold::is_ramp) {
+            true => self.judge_if::<true>(expected, len, taps),
+            false => self.judge_if::<false>(expected, len, taps),
+        }
+    }
+
+    #[inline(always)]
+    fn judge_if<const RAMPS: bool>(&self, expected: &Expected, len: usize, taps: &mut Judged) {
+        let (at, x, y) = (&taps.at[..len], &taps.x[..len], &taps.y[..len]);
+        let (trust, failed) = (&mut taps.trust[..len], &mut taps.failed[..len]);
+        let sure = &expected.trust[..len];
         for i in 0..len {
-            trust[i] = expected.trust[i];
-            failed[i] = bit(trust[i], rejection::VELOCITY);
+            trust[i] = sure[i];
+            failed[i] = bit(sure[i], rejection::VELOCITY);
         }
         if let Some([_, before]) = self.ids {
-            let ids = &mut ids[..len];
+            let (own, ids) = (&expected.id[..len], &mut taps.ids[..len]);
+            before.gather(at, ids);
             for i in 0..len {
-                ids[i] = before.at(at[i] as usize, 0);
-            }
-            for i in 0..len {
-                let this = same(expected.id[i], ids[i]);
-                trust[i] *= this;
-                failed[i] |= bit(this, rejection::ID);
+                let this = same(own[i], ids[i]);
+                count(&mut trust[i], &mut failed[i], this, rejection::ID);
             }
         }
-        let records = &mut records[..len];
-        let lengths = &mut lengths[..len];
+        let [vx, vy, vz] = taps.vectors.each_mut().map(|lane| &mut lane[..len]);
+        let lengths = &mut taps.lengths[..len];
         if let Some([_, before]) = self.direction {
-            gather(&before, at, records, lengths);
-            let [ex, ey, ez] = expected.direction.each_ref().map(|lane| &lane[..len]);
+            before.gather_vectors(at, &mut taps.records, [&mut *vx, &mut *vy, &mut *vz]);
             for i in 0..len {
-                let [x, y, z, _] = records[i];
-                let direction = [ex[i], ey[i], ez[i]];
-                let this = self.turn_trust(direction, expected.length[i], [x, y, z], lengths[i]);
-                trust[i] *= this;
-                failed[i] |= bit(this, rejection::NORMAL);
+                lengths[i] = length([vx[i], vy[i], vz[i]]);
+            }
+            let [ex, ey, ez] = expected.direction.each_ref().map(|lane| &lane[..len]);
+            let own = &expected.length[..len];
+            for i in 0..len {
+                let turn = -dot([ex[i], ey[i], ez[i]], [vx[i], vy[i], vz[i]]);
+                let this = self.turn.trust_if::<RAMPS>(turn, own[i] * lengths[i]);
+                count(&mut trust[i], &mut failed[i], this, rejection::NORMAL);
             }
         }
         if let Some([_, before]) = self.depth {
-            let depth = &mut depth[..len];
-            for i in 0..len {
-                depth[i] = before.at(at[i] as usize, 0);
-            }
+            let (own, depth) = (&expected.depth[..len], &mut taps.depth[..len]);
+            before.gather(at, depth);
             match (self.rays, self.normal) {
                 (Some(rays), Some(before)) => {
                     if !self.normal_is_direction {
-                        gather(&before, at, records, lengths);
+                        let vectors = [&mut *vx, &mut *vy, &mut *vz];
+                        before.gather_vectors(at, &mut taps.records, vectors);
+                        for i in 0..len {
+                            lengths[i] = length([vx[i], vy[i], vz[i]]);
+                        }
                     }
                     let [px, py, pz] = expected.point.each_ref().map(|lane| &lane[..len]);
                     for i in 0..len {
-                        let [nx, ny, nz, _] = records[i];
-                        let point = Vec3::new(px[i], py[i], pz[i]);
-                        let normal = Vec3::new(nx, ny, nz);
+                        let from = [px[i], py[i], pz[i]];
                         let tap = rays.at(x[i] + 0.5, y[i] + 0.5) * depth[i];
-                        let distance = (point - tap).dot(normal);
-                        let this =
-                            self.plane_trust(expected.depth[i], depth[i], distance, lengths[i]);
-                        trust[i] *= this;
-                        failed[i] |= bit(this, rejection::DEPTH);
+                        let normal = [vx[i], vy[i], vz[i]];
+                        let away = distance(from, tap.to_array(), normal);
+                        let this = self.plane_trust::<RAMPS>(own[i], depth[i], away, lengths[i]);
+                        count(&mut trust[i], &mut failed[i], this, rejection::DEPTH);
                     }
                 }
                 _ => {
                     for i in 0..len {
-                        let this = self.depth_trust(expected.depth[i], depth[i]);
-                        trust[i] *= this;
-                        failed[i] |= bit(this, rejection::DEPTH);
+                        let this = self.depth_trust::<RAMPS>(own[i], depth[i]);
+                        count(&mut trust[i], &mut failed[i], this, rejection::DEPTH);
                     }
                 }
             }
         }
         if let Some([_, before]) = self.color {
+            let vectors = [&mut *vx, &mut *vy, &mut *vz];
+            before.gather_vectors(at, &mut taps.records, vectors);
+            let own = &expected.luminance[..len];
             for i in 0..len {
-                let other = brightness(before.vector(at[i] as usize));
-                let this = self.luminance_trust(expected.luminance[i], other);
-                trust[i] *= this;
-                failed[i] |= bit(this, rejection::LUMINANCE);
+                let other = brightness([vx[i], vy[i], vz[i]]);
+                let this = self.luminance_trust::<RAMPS>(own[i], other);
+                count(&mut trust[i], &mut failed[i], this, rejection::LUMINANCE);
             }
         }
     }
@@ -434,65 +453,67 @@ impl<'a> Tests<'a> {
         }
         if let Some([_, before]) = self.direction {
             let direction = before.vector(at);
-            let own = expected.direction.each_ref().map(|lane| lane[i]);
-            trust *= self.turn_trust(own, expected.length[i], direction, length(direction));
+            let turn = -dot(expected.direction.each_ref().map(|lane| lane[i]), direction);
+            let lengths = expected.length[i] * length(direction);
+            trust *= self.turn.trust(turn, lengths);
         }
         if let Some([_, before]) = self.depth {
-            let depth = before.at(at, 0);
+            let (own, depth) = (expected.depth[i], before.at(at, 0));
             trust *= match (self.rays, self.normal) {
                 (Some(rays), Some(before)) => {
-                    let normal = before.vector(at);
-                    let [px, py, pz] = expected.point.each_ref().map(|lane| lane[i]);
+                    let from = expected.point.each_ref().map(|lane| lane[i]);
                     let tap = rays.at(x + 0.5, y + 0.5) * depth;
-                    let distance = (Vec3::new(px, py, pz) - tap).dot(Vec3::from(normal));
-                    self.plane_trust(expected.depth[i], depth, distance, length(normal))
+                    let normal = before.vector(at);
+                    let distance = distance(from, tap.to_array(), normal);
+                    self.plane_trust::<true>(own, depth, distance, length(normal))
                 }
-                _ => self.depth_trust(expected.depth[i], depth),
+                _ => self.depth_trust::<true>(own, depth),
             };
         }
         if let Some([_, before]) = self.color {
-            trust *= self.luminance_trust(expected.luminance[i], brightness(before.vector(at)));
+            let other = brightness(before.vector(at));
+            trust *= self.luminance_trust::<true>(expected.luminance[i], other);
         }
         trust
     }
 
     #[inline(always)]
-    fn turn_trust(&self, expected: [f32; 3], length: f32, direction: [f32; 3], other: f32) -> f32 {
-        let turn = -Vec3::from(expected).dot(Vec3::from(direction));
-        self.turn.trust(turn, length * other)
-    }
-
-    #[inline(always)]
-    fn depth_trust(&self, expected: f32, depth: f32) -> f32 {
-        let relative = self.params.relative_depth;
-        let trust = relative.trust((depth - expected).abs(), expected);
+    fn depth_trust<const RAMP: bool>(&self, expected: f32, depth: f32) -> f32 {
+        let bound = self.params.relative_depth;
+        let trust = bound.trust_if::<RAMP>((depth - expected).abs(), expected);
         surface_trust(expected, depth, trust)
     }
 
-    /// `distance` is measured along a normal of this length; without normals, depth itself is compared.
+    /// `distance` is measured in lengths of the normal; where there is none, depth itself is compared.
     #[inline(always)]
-    fn plane_trust(&self, expected: f32, depth: f32, distance: f32, length: f32) -> f32 {
-        let plane = self.params.plane_distance;
-        let trust = plane.trust(distance.abs(), expected * length);
+    fn plane_trust<const RAMP: bool>(
+        &self,
+        expected: f32,
+        depth: f32,
+        distance: f32,
+        length: f32,
+    ) -> f32 {
+        let bound = self.params.plane_distance;
+        let trust = bound.trust_if::<RAMP>(distance.abs(), expected * length);
         let trust = surface_trust(expected, depth, trust);
-        if length > 0.0 {
-            trust
-        } else {
-            self.depth_trust(expected, depth)
-        }
+        let relative = self.depth_trust::<RAMP>(expected, depth);
+        if length > 0.0 { trust } else { relative }
     }
 
     #[inline(always)]
-    fn luminance_trust(&self, l: f32, other: f32) -> f32 {
-        let larger = l.abs().max(other.abs());
-        let trust = self.params.relative_luminance;
-        let trust = trust.trust((l - other).abs(), larger);
-        if l.is_finite() & other.is_finite() {
-            trust
-        } else {
-            1.0
-        }
+    fn luminance_trust<const RAMP: bool>(&self, l: f32, other: f32) -> f32 {
+        let (larger, bound) = (l.abs().max(other.abs()), self.params.relative_luminance);
+        let trust = bound.trust_if::<RAMP>((l - other).abs(), larger);
+        let known = l.is_finite() & other.is_finite();
+        if known { trust } else { 1.0 }
     }
+}
+
+/// Multiplies by the trust of one more test, and adds its bit where it leaves none.
+#[inline(always)]
+fn count(trust: &mut f32, failed: &mut u32, this: f32, rejection: u8) {
+    *trust *= this;
+    *failed |= bit(this, rejection);
 }
 
 #[inline(always)]
@@ -518,20 +539,19 @@ fn surface_trust(expected: f32, depth: f32, trust: f32) -> f32 {
     if background { both } else { trust }
 }
 
-/// The vectors at these pixels, each with a number that means nothing, and their lengths.
-#[inline(always)]
-fn gather(vectors: &Pixels, at: &[u32], records: &mut [[f32; 4]], lengths: &mut [f32]) {
-    for (record, &at) in records.iter_mut().zip(at) {
-        *record = vectors.padded(at as usize);
-    }
-    for (length_, &[x, y, z, _]) in lengths.iter_mut().zip(&*records) {
-        *length_ = length([x, y, z]);
-    }
-}
-
 #[inline(always)]
 fn length([x, y, z]: [f32; 3]) -> f32 {
     (x * x + y * y + z * z).sqrt()
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn distance(a: [f32; 3], b: [f32; 3], along: [f32; 3]) -> f32 {
+    dot([a[0] - b[0], a[1] - b[1], a[2] - b[2]], along)
 }
 
 #[inline(always)]
