@@ -23,6 +23,8 @@ pub mod bindings;
 pub mod error;
 pub mod image;
 pub mod kernels;
+pub mod lanes;
+pub mod limits;
 pub mod math;
 pub mod pipelines;
 pub mod pixels;
@@ -51,12 +53,12 @@ mod _core {
     #[pymodule_export]
     use bindings::pipelines::{Output, SVGF, TAA};
     #[pymodule_export]
-    use bindings::settings;
-    #[pymodule_export]
     use bindings::smooth::{
         atrous_, demodulate_, estimate_variance_, fix_history_, morphological_aa_, remodulate_,
         suppress_fireflies_,
     };
+    #[pymodule_export]
+    use bindings::{machine_limits, settings};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

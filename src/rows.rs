@@ -166,7 +166,7 @@ impl Settings {
         Ok(SETTINGS.get_or_init(|| Self { threads, level }))
     }
 
-    fn get() -> &'static Self {
+    pub fn get() -> &'static Self {
         Self::from_environment().expect("the environment is checked when the module is imported")
     }
 

@@ -15,11 +15,13 @@ import yester
 from PIL import Image
 from yester.io import read_exr, write_exr
 
+# Not ru_maxrss, which begins with what the tests' own process had.
 PEAK = """
-import resource, sys
+import sys
+from pathlib import Path
 from yester.cli import main
 code = main(sys.argv[1:])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
 sys.exit(code)
 """
 
@@ -101,6 +103,29 @@ def test_denoise_options(sequence, tmp_path):
     for i in range(12):
         want = svgf.step(read_exr(sequence / f"shot{i + 1}.exr")).color.astype(np.float16)
         np.testing.assert_array_equal(read_exr(tmp_path / "out" / f"shot{i + 1}.exr").color, want)
+
+
+def test_denoise_stops_at_a_corrupt_frame(sequence, tmp_path):
+    """Found only when it is decoded: those before are written, and the process ends."""
+    damaged = sequence / "shot7.exr"
+    write_exr(damaged, np.ones((24, 32, 3)))  # which is compressed, as noise is not
+    damaged.write_bytes(damaged.read_bytes()[:-16] + bytes(16))
+    said = run("denoise", sequence, "-o", tmp_path / "out", code=2).stderr  # OpenEXR says something as well
+    assert f"yester: error: {damaged}: truncated or corrupt" in said.splitlines()[-1]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"shot{i + 1}.exr" for i in range(6)}
+    svgf = yester.SVGF()
+    for i in range(6):
+        want = svgf.step(read_exr(sequence / f"shot{i + 1}.exr")).color
+        np.testing.assert_array_equal(read_exr(tmp_path / "out" / f"shot{i + 1}.exr").color, want)
+
+
+def test_denoise_stops_at_a_file_that_cannot_be_written(sequence, tmp_path):
+    out = tmp_path / "out"
+    (out / "shot3.exr").mkdir(parents=True)
+    assert "shot3.exr" in refused("denoise", sequence, "-o", out)
+    assert {path.name for path in out.iterdir() if path.is_file()} == {"shot1.exr", "shot2.exr"}
+    for name in ("shot1.exr", "shot2.exr"):
+        assert read_exr(out / name).shape == (24, 32)
 
 
 def test_denoise_improves_a_scene_in_motion(tmp_path):

@@ -474,3 +474,17 @@ def test_describe(tmp_path):
     missing = io.describe(path).missing
     assert missing["motion"].startswith("history is accumulated in place")
     assert set(missing) == {*COMMON, "camera"}
+
+
+def test_an_interrupt_leaves_nothing_half_written(tmp_path, monkeypatch):
+    """Nor an empty file: a signal comes as soon as there is one."""
+    touch = Path.touch
+
+    def interrupted(path):
+        touch(path)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "touch", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        io.write_exr(tmp_path / "a.exr", np.zeros((2, 3, 3)))
+    assert list(tmp_path.iterdir()) == []

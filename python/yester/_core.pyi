@@ -38,6 +38,7 @@ __all__ = [
     "exposure",
     "fix_history",
     "jitter",
+    "machine_limits",
     "morphological_aa",
     "motion_vectors",
     "prediction_gain",
@@ -404,4 +405,5 @@ def remodulate(
 def morphological_aa(
     color: ArrayLike, *, threshold: float = 0.1, max_length: int = 16, out: _Floats | None = None
 ) -> _Floats: ...
+def machine_limits() -> tuple[float, float]: ...
 def settings() -> tuple[int, str]: ...

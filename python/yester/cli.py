@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from . import Frame
 
 # Whatever is slow to import is imported by the command that needs it.
 
@@ -142,26 +142,21 @@ def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
     from tqdm import tqdm
 
-    from . import SVGF
-    from .io import sequence_paths, write_sequence
+    from . import SVGF, Frame
+    from .io import read_sequence, sequence_paths, write_sequence
+    from .io.ahead import ahead
 
     given = {name: getattr(options, name) for name in ("alpha", "iterations", "sigma_luminance", "feedback")}
     svgf = SVGF(**{name: value for name, value in given.items() if value is not None})
     paths = sequence_paths(options.inputs)
     _check(paths, options.output)
     _writable(options.output)
-    names = [path.name for path in paths]
-    with tqdm(paths, "denoise", unit="frame", disable=None) as progress:
-        write_sequence(options.output, _denoised(svgf, progress), names=names, half=options.half)
-
-
-def _denoised(svgf: Any, paths: Iterator[Path]) -> Iterator[Frame]:
-    from . import Frame
-    from .io import read_exr
-
-    for path in paths:
-        frame = read_exr(path)
-        yield Frame(svgf.step(frame).color, camera=frame.camera)
+    # One frame is read and the one before it denoised, each by its thread, while a third is written by this one, which
+    # an interrupt reaches. Threads do, as OpenEXR and step() let go of the interpreter's lock.
+    noisy = ahead(read_sequence(paths))
+    denoised = ahead(Frame(svgf.step(frame).color, camera=frame.camera) for frame in noisy)
+    with closing(noisy), closing(denoised), tqdm(denoised, "denoise", len(paths), unit="frame", disable=None) as frames:
+        write_sequence(options.output, frames, names=[path.name for path in paths], half=options.half)
 
 
 def _info(options: argparse.Namespace) -> None:

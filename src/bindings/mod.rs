@@ -11,6 +11,7 @@ pub mod smooth;
 
 use pyo3::prelude::*;
 
+use crate::limits::limits;
 use crate::rows::Settings;
 
 /// The number of threads and the instruction set that kernels run with: what the machine has, lowered by
@@ -19,4 +20,11 @@ use crate::rows::Settings;
 pub fn settings() -> PyResult<(usize, &'static str)> {
     let settings = Settings::from_environment()?;
     Ok((settings.threads, settings.level_name()))
+}
+
+/// Bytes that a copy can read and write, and multiply-adds, per second: the limits of this machine, measured with the threads and
+/// instructions in use.
+#[pyfunction]
+pub fn machine_limits(py: Python<'_>) -> (f64, f64) {
+    py.detach(limits)
 }

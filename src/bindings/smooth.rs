@@ -64,7 +64,8 @@ struct GuideData<'a> {
 }
 
 impl GuideData<'_> {
-    fn guide(self, size: Size) -> Guide {
+    /// For taps up to `reach` pixels to the side.
+    fn guide(self, size: Size, reach: usize) -> Guide {
         let (depth, normal) = (
             self.depth.map(Interleaved::planes),
             self.normal.map(Interleaved::planes),
@@ -76,7 +77,7 @@ impl GuideData<'_> {
             ids: ids.as_ref().map(Planes::view),
             ..Default::default()
         };
-        Guide::new(size, surface, self.rays)
+        Guide::new(size, reach, surface, self.rays)
     }
 }
 
@@ -166,7 +167,7 @@ pub fn estimate_variance_<'py>(
             Outgoing::new(variance::estimate_variance(
                 moments,
                 length,
-                &guide.guide(size),
+                &guide.guide(size, params.radius),
                 params,
             ))
         });
@@ -273,7 +274,13 @@ pub fn atrous_<'py>(
         let filtered = py.detach(|| {
             let planes = data.map(Interleaved::planes);
             let [color, variance] = planes.each_ref().map(Planes::view);
-            let filtered = atrous::atrous(color, variance, &guide.guide(size), params, [None; 2]);
+            let filtered = atrous::atrous(
+                color,
+                variance,
+                &guide.guide(size, params.reach()),
+                params,
+                [None; 2],
+            );
             (
                 Outgoing::new(filtered.color),
                 Outgoing::new(filtered.variance),
@@ -431,7 +438,7 @@ pub fn fix_history_<'py>(
         let fixed = py.detach(|| {
             let planes = data.map(Interleaved::planes);
             let [color, length] = planes.each_ref().map(Planes::view);
-            let guide = guide.guide(size);
+            let guide = guide.guide(size, params.reach());
             Outgoing::new(history_fix::fix_history(color, length, &guide, params))
         });
         (fixed, out)

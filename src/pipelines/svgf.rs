@@ -149,7 +149,9 @@ impl Svgf {
         let gradient = recalled.gradient.as_ref().map(Image::view);
         let (mut history, missing) = accumulate(color, history, gradient, params.accumulate);
 
-        let guide = Guide::new(size, frame.surface, frame.camera.as_ref().map(Camera::rays));
+        let reach = params.atrous.reach().max(params.variance.radius);
+        let rays = frame.camera.as_ref().map(Camera::rays);
+        let guide = Guide::new(size, reach, frame.surface, rays);
         let [color, moments, length] =
             [0..3, 3..5, 5..6].map(|channels| history.channels(channels));
         let variance = estimate_variance(moments, length, &guide, params.variance);

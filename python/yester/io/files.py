@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -13,12 +13,13 @@ def beside(path: Path) -> Iterator[Path]:
     """A temporary file that takes the place of `path` at the end, or goes away if anything interrupts."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        temporary.touch()
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    try:
+        try:
+            temporary.touch()
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
         yield temporary
         temporary.replace(path)
     except BaseException:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # there is none, if touch() failed
+            temporary.unlink()
         raise

@@ -218,9 +218,12 @@ impl Camera {
 /// Rays of unit depth of a camera, for points relative to it.
 #[derive(Clone, Copy, Debug)]
 pub struct Rays {
-    dx: Vec3,
-    dy: Vec3,
-    corner: Vec3,
+    /// What a pixel to the right adds.
+    pub dx: Vec3,
+    /// What a pixel down adds.
+    pub dy: Vec3,
+    /// At the corner of the first pixel.
+    pub corner: Vec3,
 }
 
 impl Rays {

@@ -16,10 +16,11 @@
 
 use std::ops::Range;
 
-use super::guide::{Guide, Sigmas};
+use super::guide::{Comparison, Guide, Sigmas};
 use super::variance::floored;
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, Run, SEGMENT, Size, Tap, View};
+use crate::image::{BandMut, Image, View};
+use crate::lanes::{Bordered, BorderedBand, LANES, Lanes, Layout, Tap};
 use crate::math::{LOG2_E, exp2_weight, is_present, luminance};
 use crate::rows::{self, Kernel};
 
@@ -48,6 +49,11 @@ impl Params {
         whole("iterations", value, "0 to 16 passes", |&n| n <= 16)
     }
 
+    /// Pixels from the farthest tap to the centre.
+    pub fn reach(&self) -> usize {
+        1 << self.iterations
+    }
+
     pub fn check(&self) -> Result<()> {
         in_range(
             "sigma_luminance",
@@ -60,8 +66,9 @@ impl Params {
 }
 
 /// Between passes an image has colour (0 to 2), variance (3) and luminance (4). A missing pixel is black with NaN for
-/// luminance, which makes every weight with it zero.
+/// luminance, which makes every weight with it zero; so is the border.
 const CHANNELS: usize = 5;
+const VARIANCE: usize = 3;
 const LUMINANCE: usize = 4;
 
 /// log₂ of 1, 2/3 and 1/6.
@@ -84,9 +91,12 @@ pub fn atrous(
     keep: [Option<u32>; 2],
 ) -> Filtered {
     let size = color.size;
-    let mut image = Image::new(size, CHANNELS);
+    let [mut image, mut filtered] = [(); 2].map(|()| {
+        let mut image = Bordered::new(guide.layout, CHANNELS);
+        image.fill(LUMINANCE, f32::NAN);
+        image
+    });
     rows::run(&Load { color, variance }, size.height, image.bands());
-    let mut filtered = Image::new(size, CHANNELS);
     let mut kept = [None, None];
     for iteration in 0..params.iterations {
         let pass = Pass {
@@ -117,11 +127,12 @@ pub fn atrous(
     }
 }
 
-fn unload(image: &Image) -> (Image, Image) {
-    let (mut color, mut variance) = (Image::new(image.size, 3), Image::new(image.size, 1));
+fn unload(image: &Bordered) -> (Image, Image) {
+    let size = image.layout.size;
+    let (mut color, mut variance) = (Image::new(size, 3), Image::new(size, 1));
     rows::run(
         &Unload { image },
-        image.size.height,
+        size.height,
         color.bands().zip(variance.bands()),
     );
     (color, variance)
@@ -133,12 +144,13 @@ struct Load<'a> {
 }
 
 impl<'a> Kernel for Load<'a> {
-    type Out = BandMut<'a>;
+    type Out = BorderedBand<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
         for y in rows {
             load(self.color.rows(y), self.variance.row(0, y), out.rows(y));
+            out.replicate(VARIANCE, y);
         }
     }
 }
@@ -159,7 +171,7 @@ fn load([r, g, b]: [&[f32]; 3], v: &[f32], [or, og, ob, ov, ol]: [&mut [f32]; CH
 }
 
 struct Unload<'a> {
-    image: &'a Image,
+    image: &'a Bordered,
 }
 
 impl<'a> Kernel for Unload<'a> {
@@ -168,7 +180,7 @@ impl<'a> Kernel for Unload<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, (mut color, mut variance): Self::Out) {
         for y in rows {
-            let [r, g, b, v, l] = self.image.view().rows::<CHANNELS>(y);
+            let [r, g, b, v, l] = self.image.rows::<CHANNELS>(y);
             variance.row(0, y).copy_from_slice(v);
             for (out, plane) in color.rows::<3>(y).into_iter().zip([r, g, b]) {
                 for ((out, &value), &l) in out.iter_mut().zip(plane).zip(l) {
@@ -180,146 +192,118 @@ impl<'a> Kernel for Unload<'a> {
 }
 
 struct Pass<'a> {
-    image: &'a Image,
+    image: &'a Bordered,
     guide: &'a Guide,
     params: Params,
     step: usize,
 }
 
-/// What a run of pixels needs of itself, and what it collects from its taps.
-struct Scratch {
-    luminance: [f32; SEGMENT],
-    /// log₂e over the luminance difference that counts as one; 0 where luminance is not to count.
-    sharpness: [f32; SEGMENT],
-    weight: [f32; SEGMENT],
-    sums: [[f32; SEGMENT]; 4],
-}
-
 impl<'a> Kernel for Pass<'a> {
-    type Out = BandMut<'a>;
+    type Out = BorderedBand<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let Size { width, .. } = self.image.size;
+    fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
+        let layout = self.image.layout;
+        let around = Around {
+            layout,
+            image: self.image.planes(),
+            guide: self.guide.compare(&self.params.sigmas),
+            sigma_luminance: self.params.sigma_luminance,
+        };
         for y in rows {
-            for x in (0..width).step_by(SEGMENT) {
-                let run = Run {
-                    y,
-                    x,
-                    len: SEGMENT.min(width - x),
-                };
-                let scratch = self.collect(run);
-                finish(&scratch, out.rows(y).map(|row| &mut row[x..][..run.len]));
+            let taps: Vec<_> = (layout.taps(y, 2, self.step).into_iter())
+                .map(|tap| (tap, tap_exponent(tap, self.step)))
+                .collect();
+            // The border continues the rows; above the first and below the last row, these do.
+            let near = [y.saturating_sub(1), (y + 1).min(layout.size.height - 1)];
+            for x in (0..layout.size.width).step_by(LANES) {
+                let filtered = around.filter(x, y, near, &taps);
+                for (row, lanes) in out.rows::<CHANNELS>(y).into_iter().zip(filtered) {
+                    lanes.store(row, x);
+                }
             }
+            out.replicate(VARIANCE, y);
         }
     }
 }
 
-impl Pass<'_> {
+/// log₂ of a tap's own weight.
+fn tap_exponent(tap: Tap, step: usize) -> f32 {
+    let [x, y] = tap.offset.map(|d| LOG2_KERNEL[d.unsigned_abs() / step]);
+    x + y
+}
+
+/// What a pass reads.
+struct Around<'a> {
+    layout: Layout,
+    image: [&'a [f32]; CHANNELS],
+    guide: Comparison<'a>,
+    sigma_luminance: f32,
+}
+
+impl Around<'_> {
+    /// The pixels from (x, y) on.
     #[inline(always)]
-    fn collect(&self, run: Run) -> Scratch {
-        let mut scratch = Scratch {
-            luminance: [0.0; SEGMENT],
-            sharpness: [0.0; SEGMENT],
-            weight: [0.0; SEGMENT],
-            sums: [[0.0; SEGMENT]; 4],
-        };
-        self.sharpness(run, &mut scratch);
-        for dy in -2..=2_isize {
-            for dx in -2..=2_isize {
-                let tap = Tap {
-                    dx,
-                    dy,
-                    step: self.step,
-                };
-                let Some(here) = tap.inside(run, self.image.size) else {
-                    continue;
-                };
-                let kernel = LOG2_KERNEL[dx.unsigned_abs()] + LOG2_KERNEL[dy.unsigned_abs()];
-                let mut exponents = [kernel; SEGMENT];
-                let exponents = &mut exponents[..here.len];
-                self.guide
-                    .subtract(exponents, &self.params.sigmas, here, tap);
-                let at = here.x - run.x;
-                let Scratch {
-                    luminance,
-                    sharpness,
-                    weight,
-                    sums,
-                } = &mut scratch;
-                let [r, g, b, v, l] = tap.of(here).rows(self.image);
-                weigh(exponents, &luminance[at..], &sharpness[at..], l);
-                add(
-                    exponents,
-                    &mut weight[at..],
-                    sums.each_mut().map(|sum| &mut sum[at..]),
-                    [r, g, b, v],
-                );
-            }
+    fn filter(
+        &self,
+        x: usize,
+        y: usize,
+        near: [usize; 2],
+        taps: &[(Tap, f32)],
+    ) -> [Lanes; CHANNELS] {
+        let at = self.layout.at(x, y);
+        let center = self.guide.center(x, y);
+        let (here, sharpness) = self.sharpness(x, y, near);
+        let mut weight = Lanes::all(0.0);
+        let [mut r, mut g, mut b, mut v] = [Lanes::all(0.0); 4];
+        for &(tap, exponent) in taps {
+            let guided = self.guide.exponents(&center, tap, exponent);
+            let [tr, tg, tb, tv, tl] = Lanes::load_all(self.image, tap.of(at));
+            let w = exp2_weight(guided - sharpness * (here - tl).abs());
+            weight = weight + w;
+            r = r + w * tr;
+            g = g + w * tg;
+            b = b + w * tb;
+            v = v + w * w * tv;
         }
-        scratch
+        let some = weight.map(|w| w > 0.0);
+        let (r, g, b) = (
+            (r / weight).or(some, 0.0),
+            (g / weight).or(some, 0.0),
+            (b / weight).or(some, 0.0),
+        );
+        let v = (v / weight / weight).or(some, 0.0).map(floored);
+        let l = luminance_of(r, g, b).or(some, f32::NAN);
+        [r, g, b, v, l]
     }
 
-    /// The centre's luminance, and how sharply differences from it count.
+    /// The centres' luminance, and log₂e over the difference from it that counts as one; both 0 where it is missing, so that
+    /// it does not count.
     #[inline(always)]
-    fn sharpness(&self, run: Run, scratch: &mut Scratch) {
-        let Size { height, width } = self.image.size;
-        let rows = [run.y.saturating_sub(1), run.y, (run.y + 1).min(height - 1)];
-        let [above, row, below] = rows.map(|y| self.image.view().row(3, y));
-        // Column sums of the Gaussian first, at most one pixel beyond the run to either side.
-        let column = |x: usize| 0.25 * above[x] + 0.5 * row[x] + 0.25 * below[x];
-        let luminance = &self.image.view().row(LUMINANCE, run.y)[run.x..][..run.len];
-        for (i, &l) in luminance.iter().enumerate() {
-            let x = run.x + i;
-            let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
-            let variance = 0.25 * column(left) + 0.5 * column(x) + 0.25 * column(right);
-            let unit = self.params.sigma_luminance * variance.sqrt() + 1e-3 * l.abs() + 1e-30;
-            let missing = l.is_nan();
-            scratch.luminance[i] = if missing { 0.0 } else { l };
-            scratch.sharpness[i] = if missing { 0.0 } else { LOG2_E / unit };
-        }
+    fn sharpness(&self, x: usize, y: usize, [above, below]: [usize; 2]) -> (Lanes, Lanes) {
+        let [above, own, below] =
+            [above, y, below].map(|y| blurred(self.image[VARIANCE], self.layout.at(x, y)));
+        let deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
+        let luminance = Lanes::load(self.image[LUMINANCE], self.layout.at(x, y));
+        let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + Lanes::all(1e-30);
+        let known = luminance.map(|l| !l.is_nan());
+        let sharpness = Lanes::all(LOG2_E) / unit;
+        (luminance.or(known, 0.0), sharpness.or(known, 0.0))
     }
 }
 
-/// Turns exponents into weights, luminance included.
+/// Along a row.
 #[inline(always)]
-fn weigh(exponents: &mut [f32], here: &[f32], sharpness: &[f32], there: &[f32]) {
-    let n = exponents.len();
-    let (here, sharpness, there) = (&here[..n], &sharpness[..n], &there[..n]);
-    for i in 0..n {
-        exponents[i] = exp2_weight(exponents[i] - sharpness[i] * (here[i] - there[i]).abs());
-    }
+fn blurred(plane: &[f32], at: usize) -> Lanes {
+    let (left, right) = (Lanes::load(plane, at - 1), Lanes::load(plane, at + 1));
+    left * 0.25 + Lanes::load(plane, at) * 0.5 + right * 0.25
 }
 
 #[inline(always)]
-fn add(weights: &[f32], weight: &mut [f32], sums: [&mut [f32]; 4], taps: [&[f32]; 4]) {
-    let n = weights.len();
-    let weight = &mut weight[..n];
-    let [sr, sg, sb, sv] = sums.map(|sum| &mut sum[..n]);
-    let [r, g, b, v] = taps.map(|tap| &tap[..n]);
-    for i in 0..n {
-        let w = weights[i];
-        weight[i] += w;
-        sr[i] += w * r[i];
-        sg[i] += w * g[i];
-        sb[i] += w * b[i];
-        sv[i] += w * w * v[i];
+fn luminance_of(r: Lanes, g: Lanes, b: Lanes) -> Lanes {
+    let mut l = [0.0; LANES];
+    for lane in 0..LANES {
+        l[lane] = luminance(r.0[lane], g.0[lane], b.0[lane]);
     }
-}
-
-#[inline(always)]
-fn finish(scratch: &Scratch, [r, g, b, v, l]: [&mut [f32]; CHANNELS]) {
-    let [sr, sg, sb, sv] = &scratch.sums;
-    for i in 0..r.len() {
-        let w = scratch.weight[i];
-        let some = w > 0.0;
-        let mean = |sum: f32| if some { sum / w } else { 0.0 };
-        (r[i], g[i], b[i]) = (mean(sr[i]), mean(sg[i]), mean(sb[i]));
-        v[i] = floored(mean(mean(sv[i])));
-        l[i] = if some {
-            luminance(r[i], g[i], b[i])
-        } else {
-            f32::NAN
-        };
-    }
+    Lanes(l)
 }

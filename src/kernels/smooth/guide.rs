@@ -12,10 +12,13 @@
 
 use std::ops::Range;
 
+use glam::Vec3;
+
 use crate::error::{Result, in_range};
-use crate::image::{BandMut, Image, Run, Size, Tap, View};
+use crate::image::{Size, View};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::judge::surface::Surface;
+use crate::lanes::{Bordered, BorderedBand, LANES, Lanes, Layout, Tap};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
 
@@ -51,40 +54,44 @@ impl Sigmas {
 
 /// The buffers of one frame in the form in which filters want them: without NaN or infinity.
 pub struct Guide {
-    class: Option<Image<u32>>,
-    normal: Option<Image>,
+    pub layout: Layout,
+    /// All alike where neither depth nor ids are known.
+    class: Bordered<u32>,
+    normal: Option<Bordered>,
     depth: Option<Depth>,
 }
 
 enum Depth {
-    /// Position relative to the camera (3), and depth.
-    Plane(Image),
+    /// Depth, 1 where there is no surface, to be compared along the rays.
+    Plane(Bordered, Rays),
     /// Depth, and its slopes along x and y.
-    Slope(Image),
+    Slope(Bordered),
 }
 
 impl Guide {
-    /// Planes are compared where rays, depth and normals are given, slopes where only depth is.
-    pub fn new(size: Size, surface: Surface, rays: Option<Rays>) -> Self {
+    /// For taps up to `reach` pixels to the side. Planes are compared where rays, depth and normals are given, slopes where
+    /// only depth is.
+    pub fn new(size: Size, reach: usize, surface: Surface, rays: Option<Rays>) -> Self {
         let Surface {
             depth, normal, ids, ..
         } = surface;
-        let class = (depth.is_some() || ids.is_some()).then(|| {
-            let mut class = Image::new(size, 1);
+        let layout = Layout::new(size, reach);
+        let mut class = Bordered::new(layout, 1);
+        if depth.is_some() || ids.is_some() {
             rows::run(&Classes { depth, ids }, size.height, class.bands());
-            class
-        });
+        }
         let fill = |channels, kernel: Fill| {
-            let mut image = Image::new(size, channels);
+            let mut image = Bordered::new(layout, channels);
             rows::run(&kernel, size.height, image.bands());
             image
         };
         let normal = normal.map(|normal| fill(3, Fill::Normals { normal, depth }));
         let depth = depth.map(|depth| match rays.filter(|_| normal.is_some()) {
-            Some(rays) => Depth::Plane(fill(4, Fill::Points { depth, rays })),
+            Some(rays) => Depth::Plane(fill(1, Fill::Depths { depth }), rays),
             None => Depth::Slope(fill(3, Fill::Slopes { depth })),
         });
         Self {
+            layout,
             class,
             normal,
             depth,
@@ -92,100 +99,135 @@ impl Guide {
     }
 
     pub fn compares_planes(&self) -> bool {
-        matches!(self.depth, Some(Depth::Plane(_)))
+        matches!(self.depth, Some(Depth::Plane(..)))
     }
 
-    /// Subtracts from `exponents`, in units of log₂, what stands between the pixels `here` and the pixels of `tap`.
+    /// For kernels: what is compared, and how strictly.
+    pub fn compare(&self, sigmas: &Sigmas) -> Comparison<'_> {
+        let [class] = self.class.planes();
+        Comparison {
+            layout: self.layout,
+            class,
+            normal: self.normal.as_ref().map(Bordered::planes),
+            normal_scale: LOG2_E * 0.5 * sigmas.normal,
+            depth: match &self.depth {
+                Some(Depth::Plane(depth, rays)) => Depths::Plane(depth.planes(), *rays),
+                Some(Depth::Slope(slopes)) => Depths::Slope(slopes.planes()),
+                None => Depths::Absent,
+            },
+            plane_scale: LOG2_E / sigmas.plane,
+            slope_unit: sigmas.depth,
+        }
+    }
+}
+
+/// Borrowed planes of a guide.
+#[derive(Clone, Copy)]
+pub struct Comparison<'a> {
+    layout: Layout,
+    class: &'a [u32],
+    normal: Option<[&'a [f32]; 3]>,
+    normal_scale: f32,
+    depth: Depths<'a>,
+    plane_scale: f32,
+    slope_unit: f32,
+}
+
+#[derive(Clone, Copy)]
+enum Depths<'a> {
+    Absent,
+    Plane([&'a [f32]; 1], Rays),
+    Slope([&'a [f32]; 3]),
+}
+
+/// What pixels are compared by.
+///
+/// With D(x, y) the ray of a pixel, which is linear in x and y, a point of depth Z′ seen Δ pixels away from the pixel (x, y)
+/// of depth Z and normal n is n·(X′ − X) = Z′ (n·D + Δx n·∂D/∂x + Δy n·∂D/∂y) − Z n·D from its plane.
+#[derive(Clone, Copy)]
+pub struct Center {
+    at: usize,
+    class: Lanes<u32>,
+    normal: [Lanes; 3],
+    /// n·∂D/∂x, n·∂D/∂y, n·D and Z n·D, in units of the distance that counts as one.
+    plane: [Lanes; 4],
+    /// Depth and its slopes.
+    slope: [Lanes; 3],
+}
+
+impl Comparison<'_> {
+    /// The pixels from (x, y) on.
     #[inline(always)]
-    pub fn subtract(&self, exponents: &mut [f32], sigmas: &Sigmas, here: Run, tap: Tap) {
-        let there = tap.of(here);
-        if let Some(normal) = &self.normal {
-            let scale = LOG2_E * 0.5 * sigmas.normal;
-            subtract_normal(exponents, scale, here.rows(normal), there.rows(normal));
-        }
-        match &self.depth {
-            Some(Depth::Plane(points)) => {
-                let normal = self.normal.as_ref().expect("planes have normals");
-                let [px, py, pz, z] = here.rows(points);
-                let scale = LOG2_E / sigmas.plane;
-                subtract_plane(
-                    exponents,
-                    scale,
-                    z,
-                    here.rows(normal),
-                    [px, py, pz],
-                    there.rows(points),
-                );
-            }
-            Some(Depth::Slope(slopes)) => {
-                let reach =
-                    [tap.dx, tap.dy].map(|d| sigmas.depth * (d.unsigned_abs() * tap.step) as f32);
-                let [other] = there.rows(slopes);
-                subtract_slope(exponents, reach, here.rows(slopes), other);
-            }
-            None => {}
-        }
-        if let Some(class) = &self.class {
-            separate(exponents, here.rows(class), there.rows(class));
-        }
-    }
-}
-
-#[inline(always)]
-fn subtract_normal(exponents: &mut [f32], scale: f32, here: [&[f32]; 3], there: [&[f32]; 3]) {
-    let n = exponents.len();
-    let [ax, ay, az] = here.map(|row| &row[..n]);
-    let [bx, by, bz] = there.map(|row| &row[..n]);
-    for i in 0..n {
-        let (dx, dy, dz) = (ax[i] - bx[i], ay[i] - by[i], az[i] - bz[i]);
-        exponents[i] -= scale * (dx * dx + dy * dy + dz * dz);
-    }
-}
-
-#[inline(always)]
-fn subtract_plane(
-    exponents: &mut [f32],
-    scale: f32,
-    depth: &[f32],
-    normal: [&[f32]; 3],
-    here: [&[f32]; 3],
-    there: [&[f32]; 3],
-) {
-    let n = exponents.len();
-    let depth = &depth[..n];
-    let [nx, ny, nz] = normal.map(|row| &row[..n]);
-    let [ax, ay, az] = here.map(|row| &row[..n]);
-    let [bx, by, bz] = there.map(|row| &row[..n]);
-    for i in 0..n {
-        let distance = nx[i] * (bx[i] - ax[i]) + ny[i] * (by[i] - ay[i]) + nz[i] * (bz[i] - az[i]);
-        // Background has depth 1 here, and no normal.
-        exponents[i] -= scale * distance.abs() / depth[i];
-    }
-}
-
-#[inline(always)]
-fn subtract_slope(exponents: &mut [f32], reach: [f32; 2], here: [&[f32]; 3], there: &[f32]) {
-    let n = exponents.len();
-    let [z, zx, zy] = here.map(|row| &row[..n]);
-    let there = &there[..n];
-    for i in 0..n {
-        // The last term keeps background, where all is zero, from 0/0.
-        let scale = reach[0] * zx[i] + reach[1] * zy[i] + 1e-3 * z[i] + 1e-30;
-        exponents[i] -= LOG2_E * (z[i] - there[i]).abs() / scale;
-    }
-}
-
-#[inline(always)]
-fn separate(exponents: &mut [f32], [here]: [&[u32]; 1], [there]: [&[u32]; 1]) {
-    let n = exponents.len();
-    let (here, there) = (&here[..n], &there[..n]);
-    for i in 0..n {
-        exponents[i] = if here[i] == there[i] {
-            exponents[i]
-        } else {
-            f32::NEG_INFINITY
+    pub fn center(&self, x: usize, y: usize) -> Center {
+        let at = self.layout.at(x, y);
+        let mut center = Center {
+            at,
+            class: Lanes::load(self.class, at),
+            normal: [Lanes::all(0.0); 3],
+            plane: [Lanes::all(0.0); 4],
+            slope: [Lanes::all(0.0); 3],
         };
+        if let Some(normal) = self.normal {
+            center.normal = Lanes::load_all(normal, at);
+        }
+        match self.depth {
+            Depths::Plane([depth], rays) => {
+                let z = Lanes::load(depth, at);
+                let scale = Lanes::all(self.plane_scale) / z;
+                let right = scale * dot(center.normal, rays.dx);
+                let down = scale * dot(center.normal, rays.dy);
+                let mut columns = [0.0; LANES];
+                for (lane, column) in columns.iter_mut().enumerate() {
+                    *column = (x + lane) as f32 + 0.5;
+                }
+                let corner = scale * dot(center.normal, rays.corner);
+                let ray = corner + right * Lanes(columns) + down * (y as f32 + 0.5);
+                center.plane = [right, down, ray, z * ray];
+            }
+            Depths::Slope(slopes) => center.slope = Lanes::load_all(slopes, at),
+            Depths::Absent => {}
+        }
+        center
     }
+
+    /// Exponents, in units of log₂, of the weights between centres and a tap of theirs: that of the tap itself, less what
+    /// stands between the two; −∞ between classes.
+    #[inline(always)]
+    pub fn exponents(&self, center: &Center, tap: Tap, own: f32) -> Lanes {
+        let there = tap.of(center.at);
+        let mut exponents = Lanes::all(own);
+        if let Some(normal) = self.normal {
+            let [nx, ny, nz] = Lanes::load_all(normal, there);
+            let [hx, hy, hz] = center.normal;
+            let (x, y, z) = (hx - nx, hy - ny, hz - nz);
+            exponents = exponents - (x * x + y * y + z * z) * self.normal_scale;
+        }
+        match self.depth {
+            Depths::Plane([depth], _) => {
+                let z = Lanes::load(depth, there);
+                let [right, down, ray, here] = center.plane;
+                let ray = ray + down * tap.offset[1] as f32 + right * tap.offset[0] as f32;
+                exponents = exponents - (z * ray - here).abs();
+            }
+            Depths::Slope([depth, ..]) => {
+                let z_there = Lanes::load(depth, there);
+                let [z, zx, zy] = center.slope;
+                let [dx, dy] = tap.offset;
+                let rise = zx * dx.unsigned_abs() as f32 + zy * dy.unsigned_abs() as f32;
+                // The last term keeps background, where all is zero, from 0/0.
+                let unit = rise * self.slope_unit + z * 1e-3 + Lanes::all(1e-30);
+                exponents = exponents - (z - z_there).abs() * LOG2_E / unit;
+            }
+            Depths::Absent => {}
+        }
+        let class = Lanes::load(self.class, there);
+        exponents.or(center.class.zip(class, |a, b| a == b), f32::NEG_INFINITY)
+    }
+}
+
+#[inline(always)]
+fn dot([x, y, z]: [Lanes; 3], v: Vec3) -> Lanes {
+    x * v.x + y * v.y + z * v.z
 }
 
 /// Whether a depth is that of a surface.
@@ -200,10 +242,10 @@ struct Classes<'a> {
 }
 
 impl<'a> Kernel for Classes<'a> {
-    type Out = BandMut<'a, u32>;
+    type Out = BorderedBand<'a, u32>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut class: BandMut<'a, u32>) {
+    fn rows(&self, rows: Range<usize>, mut class: BorderedBand<'a, u32>) {
         for y in rows {
             let class = class.row(0, y);
             match self.ids {
@@ -230,9 +272,8 @@ enum Fill<'a> {
         normal: View<'a>,
         depth: Option<View<'a>>,
     },
-    Points {
+    Depths {
         depth: View<'a>,
-        rays: Rays,
     },
     Slopes {
         depth: View<'a>,
@@ -240,16 +281,16 @@ enum Fill<'a> {
 }
 
 impl<'a> Kernel for Fill<'a> {
-    type Out = BandMut<'a>;
+    type Out = BorderedBand<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
         for y in rows {
             match *self {
                 Self::Normals { normal, depth } => {
                     normals(normal.rows(y), depth.map(|d| d.row(0, y)), out.rows(y))
                 }
-                Self::Points { depth, rays } => points(y, depth.row(0, y), rays, out.rows(y)),
+                Self::Depths { depth } => depths(depth.row(0, y), out.row(0, y)),
                 Self::Slopes { depth } => {
                     let row = |y: usize| (y < depth.size.height).then(|| depth.row(0, y));
                     slopes(
@@ -278,13 +319,9 @@ fn normals([nx, ny, nz]: [&[f32]; 3], depth: Option<&[f32]>, [ox, oy, oz]: [&mut
 }
 
 #[inline(always)]
-fn points(y: usize, depth: &[f32], rays: Rays, [ox, oy, oz, od]: [&mut [f32]; 4]) {
-    for x in 0..depth.len() {
-        let surface = is_surface(depth[x]);
-        let z = if surface { depth[x] } else { 0.0 };
-        let point = rays.at(x as f32 + 0.5, y as f32 + 0.5) * z;
-        (ox[x], oy[x], oz[x]) = (point.x, point.y, point.z);
-        od[x] = if surface { z } else { 1.0 };
+fn depths(depth: &[f32], out: &mut [f32]) {
+    for (out, &z) in out.iter_mut().zip(depth) {
+        *out = if is_surface(z) { z } else { 1.0 };
     }
 }
 

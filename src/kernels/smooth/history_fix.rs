@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use super::guide::{Guide, Sigmas};
 use crate::error::{Result, in_range};
-use crate::image::{BandMut, Image, Run, Tap, View};
+use crate::image::{BandMut, Image, View};
 use crate::math::{exp2_weight, is_present};
 use crate::rows::{self, Kernel};
 
@@ -35,6 +35,11 @@ impl Default for Params {
 }
 
 impl Params {
+    /// Pixels from the farthest tap to the centre.
+    pub fn reach(&self) -> usize {
+        2 * (self.stride + 0.5) as usize
+    }
+
     pub fn check(&self) -> Result<()> {
         in_range(
             "max_length",
@@ -96,26 +101,23 @@ impl Fix<'_> {
     #[inline(always)]
     fn mean(&self, x: usize, y: usize, length: f32) -> Option<[f32; 3]> {
         let step = (self.params.stride / (1.0 + length.max(0.0)) + 0.5).max(1.0) as usize;
-        let pixel = Run { y, x, len: 1 };
         let (mut weight, mut sum) = (0.0, [0.0; 3]);
-        for dy in -2..=2 {
-            for dx in -2..=2 {
-                let tap = Tap { dx, dy, step };
-                if tap.inside(pixel, self.color.size).is_none() {
-                    continue;
-                }
-                let there = tap.of(pixel);
-                let color = [0, 1, 2].map(|c| self.color.row(c, there.y)[there.x]);
-                let samples = self.length.row(0, there.y)[there.x];
-                if is_present(color) && samples > 0.0 {
-                    let mut exponent = [0.0];
-                    self.guide
-                        .subtract(&mut exponent, &self.params.sigmas, pixel, tap);
-                    let w = exp2_weight(exponent[0]) * samples;
-                    weight += w;
-                    for (sum, c) in sum.iter_mut().zip(color) {
-                        *sum += w * c;
-                    }
+        let guide = self.guide.compare(&self.params.sigmas);
+        let center = guide.center(x, y);
+        for tap in self.guide.layout.taps(y, 2, step) {
+            let [dx, dy] = tap.offset;
+            let (x, y) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
+            if x >= self.color.size.width {
+                continue;
+            }
+            let color = [0, 1, 2].map(|c| self.color.row(c, y)[x]);
+            let samples = self.length.row(0, y)[x];
+            if is_present(color) && samples > 0.0 {
+                let weights = exp2_weight(guide.exponents(&center, tap, 0.0));
+                let w = weights.0[0] * samples;
+                weight += w;
+                for (sum, c) in sum.iter_mut().zip(color) {
+                    *sum += w * c;
                 }
             }
         }

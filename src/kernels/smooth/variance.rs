@@ -9,9 +9,10 @@
 
 use std::ops::Range;
 
-use super::guide::{Guide, Sigmas};
+use super::guide::{Comparison, Guide, Sigmas};
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, Run, SEGMENT, Size, Tap, View};
+use crate::image::{BandMut, Image, View};
+use crate::lanes::{LANES, Lanes, Tap};
 use crate::math::exp2_weight;
 use crate::rows::{self, Kernel};
 
@@ -61,34 +62,23 @@ pub fn floored(variance: f32) -> f32 {
 }
 
 struct Estimate<'a> {
-    size: Size,
-    moments: [&'a [f32]; 2],
-    length: &'a [f32],
+    moments: View<'a>,
+    length: View<'a>,
     guide: &'a Guide,
     params: Params,
 }
 
 /// The variance of a history image's moments; planes as in [`crate::kernels::merge::accumulate`].
 pub fn estimate_variance(moments: View, length: View, guide: &Guide, params: Params) -> Image {
-    let size = length.size;
-    let mut variance = Image::new(size, 1);
-    let moments = [moments.plane(0), moments.plane(1)];
+    let mut variance = Image::new(length.size, 1);
     let kernel = Estimate {
-        size,
         moments,
-        length: length.plane(0),
+        length,
         guide,
         params,
     };
-    rows::run(&kernel, size.height, variance.bands());
+    rows::run(&kernel, length.size.height, variance.bands());
     variance
-}
-
-#[derive(Clone, Copy)]
-struct Sums {
-    weight: [f32; SEGMENT],
-    first: [f32; SEGMENT],
-    second: [f32; SEGMENT],
 }
 
 impl<'a> Kernel for Estimate<'a> {
@@ -96,109 +86,81 @@ impl<'a> Kernel for Estimate<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut variance: BandMut<'a>) {
+        let guide = self.guide.compare(&self.params.sigmas);
         for y in rows {
-            for x in (0..self.size.width).step_by(SEGMENT) {
-                let run = Run {
-                    y,
-                    x,
-                    len: SEGMENT.min(self.size.width - x),
-                };
-                let (moments, length) = self.of(run);
-                let out = &mut variance.row(0, y)[x..][..run.len];
-                temporal(moments, out);
-                if (0..run.len).any(|i| self.is_short(moments, length, i)) {
-                    let sums = self.window(run);
-                    for i in 0..run.len {
-                        if self.is_short(moments, length, i) {
-                            out[i] = self.spatial(&sums, length[i], i);
-                        }
-                    }
-                }
+            let taps = self.guide.layout.taps(y, self.params.radius as isize, 1);
+            let out = variance.row(0, y);
+            for x in (0..out.len()).step_by(LANES) {
+                self.variance(x, y, &guide, &taps).store(out, x);
             }
         }
     }
 }
 
-#[inline(always)]
-fn temporal([m1, m2]: [&[f32]; 2], out: &mut [f32]) {
-    for ((out, &m1), &m2) in out.iter_mut().zip(m1).zip(m2) {
-        *out = floored(m2 - m1 * m1);
-    }
-}
-
-impl<'a> Estimate<'a> {
+impl Estimate<'_> {
+    /// Of the pixels from (x, y) on.
     #[inline(always)]
-    fn of(&self, run: Run) -> ([&'a [f32]; 2], &'a [f32]) {
-        let pixels = |plane: &'a [f32]| &plane[run.y * self.size.width + run.x..][..run.len];
-        (self.moments.map(pixels), pixels(self.length))
-    }
-
-    #[inline(always)]
-    fn is_short(&self, [m1, m2]: [&[f32]; 2], length: &[f32], i: usize) -> bool {
-        !((length[i] >= self.params.min_length) & m1[i].is_finite() & m2[i].is_finite())
-    }
-
-    /// Weighted sums of the moments around the pixels of a run.
-    #[inline(always)]
-    fn window(&self, run: Run) -> Sums {
-        let mut sums = Sums {
-            weight: [0.0; SEGMENT],
-            first: [0.0; SEGMENT],
-            second: [0.0; SEGMENT],
-        };
-        let radius = self.params.radius as isize;
-        for dy in -radius..=radius {
-            for dx in -radius..=radius {
-                let tap = Tap { dx, dy, step: 1 };
-                let Some(here) = tap.inside(run, self.size) else {
-                    continue;
-                };
-                let mut exponents = [0.0; SEGMENT];
-                let exponents = &mut exponents[..here.len];
-                self.guide
-                    .subtract(exponents, &self.params.sigmas, here, tap);
-                let (moments, _) = self.of(tap.of(here));
-                let at = here.x - run.x;
-                let Sums {
-                    weight,
-                    first,
-                    second,
-                } = &mut sums;
-                let part = [weight, first, second].map(|sum| &mut sum[at..][..here.len]);
-                add(part, exponents, moments);
-            }
+    fn variance(&self, x: usize, y: usize, guide: &Comparison, taps: &[Tap]) -> Lanes {
+        let [m1, m2] = self.moments(x as isize, y);
+        // Beyond the row there is nothing to estimate.
+        let length = Lanes::load_around(self.length.row(0, y), x as isize, f32::INFINITY);
+        let temporal = (m2 - m1 * m1).map(floored);
+        let mut lasts = known(m1, m2);
+        let mut all = true;
+        for lane in 0..LANES.min(self.length.size.width - x) {
+            lasts.0[lane] &= length.0[lane] >= self.params.min_length;
+            all &= lasts.0[lane];
         }
-        sums
+        if all {
+            return temporal;
+        }
+        let mut spatial = self.spatial(x, y, guide, taps, length);
+        for lane in 0..LANES {
+            spatial.0[lane] = if lasts.0[lane] {
+                temporal.0[lane]
+            } else {
+                spatial.0[lane]
+            };
+        }
+        spatial
     }
 
     #[inline(always)]
-    fn spatial(&self, sums: &Sums, length: f32, i: usize) -> f32 {
-        if sums.weight[i] == 0.0 {
-            return 0.0;
+    fn moments(&self, x: isize, y: usize) -> [Lanes; 2] {
+        let [m1, m2] = self.moments.rows(y);
+        [m1, m2].map(|row| Lanes::load_around(row, x, f32::NAN))
+    }
+
+    #[inline(always)]
+    fn spatial(
+        &self,
+        x: usize,
+        y: usize,
+        guide: &Comparison,
+        taps: &[Tap],
+        length: Lanes,
+    ) -> Lanes {
+        let center = guide.center(x, y);
+        let [mut weight, mut first, mut second] = [Lanes::all(0.0); 3];
+        for &tap in taps {
+            let [dx, dy] = tap.offset;
+            let [m1, m2] = self.moments(x as isize + dx, y.wrapping_add_signed(dy));
+            let known = known(m1, m2);
+            let w = exp2_weight(guide.exponents(&center, tap, 0.0));
+            let w = w.or(known, 0.0);
+            weight = weight + w;
+            first = first + (w * m1).or(known, 0.0);
+            second = second + (w * m2).or(known, 0.0);
         }
-        let (m1, m2) = (
-            sums.first[i] / sums.weight[i],
-            sums.second[i] / sums.weight[i],
-        );
-        let samples = if length > 1.0 { length } else { 1.0 };
-        floored((m2 - m1 * m1) * (self.params.min_length / samples))
+        let some = weight.map(|w| w > 0.0);
+        let (m1, m2) = (first / weight, second / weight);
+        let samples = length.map(|n| if n > 1.0 { n } else { 1.0 });
+        let young = Lanes::all(self.params.min_length) / samples;
+        ((m2 - m1 * m1) * young).map(floored).or(some, 0.0)
     }
 }
 
 #[inline(always)]
-fn add([weight, first, second]: [&mut [f32]; 3], exponents: &[f32], [m1, m2]: [&[f32]; 2]) {
-    let n = exponents.len();
-    let (weight, first, second) = (&mut weight[..n], &mut first[..n], &mut second[..n]);
-    let (m1, m2) = (&m1[..n], &m2[..n]);
-    for i in 0..n {
-        let known = m1[i].is_finite() & m2[i].is_finite();
-        let w = if known {
-            exp2_weight(exponents[i])
-        } else {
-            0.0
-        };
-        weight[i] += w;
-        first[i] += if known { w * m1[i] } else { 0.0 };
-        second[i] += if known { w * m2[i] } else { 0.0 };
-    }
+fn known(m1: Lanes, m2: Lanes) -> Lanes<bool> {
+    m1.zip(m2, |a, b| a.is_finite() & b.is_finite())
 }

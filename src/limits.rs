@@ -1,0 +1,100 @@
+//! What this machine can do at most, by measurement: the yardstick of the benchmark.
+
+use std::hint::black_box;
+use std::iter::repeat_n;
+use std::ops::Range;
+use std::time::Instant;
+
+use crate::image::{BandMut, Image, Size, View};
+use crate::lanes::{LANES, Lanes};
+use crate::rows::{self, BAND, Kernel, Settings};
+
+/// Larger than caches.
+const COPIED: Size = Size {
+    height: 4096,
+    width: 8192,
+};
+const ROUNDS: usize = 8;
+const STEPS: usize = 1 << 14;
+const BANDS: usize = 64;
+
+/// Bytes per second, read and written, of a copy; and multiply-adds per second, both with all threads and the instructions in
+/// use. The best of a few rounds.
+pub fn limits() -> (f64, f64) {
+    let from = Image::new(COPIED, 1);
+    let mut to = Image::new(COPIED, 1);
+    let seconds = best(|| rows::run(&Copy { from: from.view() }, COPIED.height, to.bands()));
+    let copied = 2.0 * (COPIED.pixels() * size_of::<f32>()) as f64 / seconds;
+
+    // Kernels do without, for the sake of the bits, but the machine's limit is what it is.
+    let fused = Settings::get().level_name() != "baseline";
+    let multiplied = multiply_adds::<4>(fused)
+        .max(multiply_adds::<6>(fused))
+        .max(multiply_adds::<10>(fused));
+    (copied, multiplied)
+}
+
+/// Per second, in so many independent chains: enough to hide an operation's latency, not more than registers hold.
+fn multiply_adds<const CHAINS: usize>(fused: bool) -> f64 {
+    let kernel = MultiplyAdd::<CHAINS> { factor: 0.5, fused };
+    let seconds = best(|| rows::run(&kernel, BANDS * BAND, repeat_n((), BANDS)));
+    (BANDS * STEPS * CHAINS * LANES) as f64 / seconds
+}
+
+fn best(mut work: impl FnMut()) -> f64 {
+    let mut time = || {
+        let start = Instant::now();
+        work();
+        start.elapsed().as_secs_f64()
+    };
+    (0..ROUNDS).map(|_| time()).fold(f64::INFINITY, f64::min)
+}
+
+struct Copy<'a> {
+    from: View<'a>,
+}
+
+impl<'a> Kernel for Copy<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut to: BandMut<'a>) {
+        for y in rows {
+            to.row(0, y).copy_from_slice(self.from.row(0, y));
+        }
+    }
+}
+
+struct MultiplyAdd<const CHAINS: usize> {
+    factor: f32,
+    /// Whether the level has an instruction for it.
+    fused: bool,
+}
+
+impl<const CHAINS: usize> Kernel for MultiplyAdd<CHAINS> {
+    type Out = ();
+
+    #[inline(always)]
+    fn rows(&self, _: Range<usize>, (): ()) {
+        let factor = Lanes::all(self.factor);
+        let sum = if self.fused {
+            self.chains(|v| v.zip(factor, |v, f| v.mul_add(f, f)))
+        } else {
+            self.chains(|v| v * factor + factor)
+        };
+        black_box(sum.0);
+    }
+}
+
+impl<const CHAINS: usize> MultiplyAdd<CHAINS> {
+    #[inline(always)]
+    fn chains(&self, step: impl Fn(Lanes) -> Lanes) -> Lanes {
+        let mut chains = [Lanes::all(1.0); CHAINS];
+        for _ in 0..STEPS {
+            for chain in &mut chains {
+                *chain = step(*chain);
+            }
+        }
+        chains.into_iter().fold(Lanes::all(0.0), |a, b| a + b)
+    }
+}
