@@ -46,9 +46,9 @@ pub fn exp2_weight(x: Lanes) -> Lanes {
     let mut p = Lanes::all(1.326_472e-3);
     for coefficient in [
         9.671_513e-3,
-        5.550_733_8e-2,
+        5.550_734e-2,
         2.402_224_2e-1,
-        6.931_469_8e-1,
+        6.931_47e-1,
         1.0,
     ] {
         p = p * f + Lanes::all(coefficient);
