@@ -48,7 +48,7 @@ pub fn exp2_weight(x: Lanes) -> Lanes {
         9.671_513e-3,
         5.550_734e-2,
         2.402_224_2e-1,
-        6.931_47e-1,
+        6.931_469_4e-1,
         1.0,
     ] {
         p = p * f + Lanes::all(coefficient);

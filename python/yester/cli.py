@@ -109,6 +109,17 @@ def _parser() -> argparse.ArgumentParser:
     stress.add_argument("--methods", metavar="NAME", nargs="+", help="by default, all pipelines and presets")
     stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
     stress.add_argument("--quick", action="store_true", help="16 frames of each scenario, and nothing else")
+
+    bench = command(_bench, "bench", "time every kernel and pipeline, beside others and beside what the machine allows")
+    bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help="%(default)s")
+    sizes = [(256, 256), (1920, 1080), (3840, 2160)]
+    shown = " ".join(f"{width}x{height}" for width, height in sizes)
+    bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=shown)
+    bench.add_argument("--threads", metavar="N", type=_count, nargs="+", help="by default, one and all")
+    bench.add_argument("--simd", metavar="LEVEL", nargs="+", help="with the most threads; by default, all levels here")
+    bench.add_argument("--repetitions", metavar="N", type=_count, default=7, help="runs of each, at most; %(default)s")
+    bench.add_argument("--only", metavar="TASK", nargs="+", help="beginnings of names; by default, all")
+    bench.add_argument("--no-rivals", action="store_true", help="leave out torch, OpenCV and Open Image Denoise")
     return parser
 
 
@@ -260,6 +271,19 @@ def _stress(options: argparse.Namespace) -> None:
     print(stress.run(options.output, options.scenarios, options.methods, **named))
     for name in ("stress.md", "stress.csv", "worst"):
         print(options.output / name)
+
+
+def _bench(options: argparse.Namespace) -> None:
+    _need("study", "matplotlib", "tqdm")
+    from .study import bench
+
+    settings = bench.settings(options.threads, options.simd)
+    tasks = bench.chosen(options.only)
+    folder = _writable(options.output)
+    named = {"repetitions": options.repetitions, "compare": not options.no_rivals}
+    print(bench.run(folder, tasks, [*dict.fromkeys(options.sizes)], settings, **named))
+    for name in ("bench.md", "bench.csv", "targets.csv", "bench.svg"):
+        print(folder / name)
 
 
 def _vector(values: NDArray[np.float64]) -> str:

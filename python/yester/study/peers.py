@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from yester._core import settings
 
 from .methods import Method, Result, Step, present
 
-__all__ = ["peers"]
+__all__ = ["Oidn", "imports", "peers", "references", "tensors"]
 
 Floats = NDArray[np.float32]
 
@@ -37,7 +37,7 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     """
     found: list[Method] = []
     missing: dict[str, str] = {}
-    if _imports("pyoidn"):
+    if imports("pyoidn"):
         found += [_peer(f"OIDN {quality}", "OIDN", _oidn, quality) for quality in ("fast", "balanced", "high")]
     else:
         missing["Open Image Denoise"] = "pip install 'yester[study]'"
@@ -50,15 +50,14 @@ def peers() -> tuple[list[Method], dict[str, str]]:
         ]
     else:
         missing["OpenCV with ximgproc"] = "pip install 'yester[study]', without other packages of OpenCV beside it"
-    folder = _checkout()
-    if folder and _imports("torch"):
-        found.append(_peer("SVGF, surfaces only, in torch", "SVGF in torch", _torch_svgf, folder))
+    if _checkout() and imports("torch"):
+        found.append(_peer("SVGF, surfaces only, in torch", "SVGF in torch", _torch_svgf))
     else:
         missing["SVGF in torch"] = "run from a checkout, with pip install 'yester[test]'"
     return found, missing
 
 
-def _imports(module: str) -> bool:
+def imports(module: str) -> bool:
     """Whether it is there, and comes with all the libraries of the system that it needs."""
     try:
         return import_module(module) is not None
@@ -74,45 +73,63 @@ def _peer(name: str, family: str, make: Callable[..., Callable[[Frame], Floats]]
     return Method(name, family, start, peer=True)
 
 
-def _oidn(quality: str) -> Callable[[Frame], Floats]:
-    import pyoidn
+class Oidn:
+    """Open Image Denoise with images of its own, in one quality: fast, balanced or high."""
 
-    device = pyoidn.Device()
-    device.commit()
-    # A filter of its own for each: to change the quality of one builds its network anew.
-    network = pyoidn.Filter(device)
-    network.set_bool("hdr", True)
-    network.set_quality(
-        {"fast": pyoidn.OIDN_QUALITY_FAST, "balanced": pyoidn.OIDN_QUALITY_BALANCED}.get(
-            quality, pyoidn.OIDN_QUALITY_HIGH
+    def __init__(self, quality: str) -> None:
+        import pyoidn
+
+        self._device = pyoidn.Device()
+        self._device.set_int("numThreads", settings()[0])
+        self._device.commit()
+        # A filter of its own for each: to change the quality of one builds its network anew.
+        self._network = pyoidn.Filter(self._device)
+        self._network.set_bool("hdr", True)
+        self._network.set_quality(
+            {"fast": pyoidn.OIDN_QUALITY_FAST, "balanced": pyoidn.OIDN_QUALITY_BALANCED}.get(
+                quality, pyoidn.OIDN_QUALITY_HIGH
+            )
         )
-    )
-    images: dict[str, Floats] = {}
+        self._images: dict[str, Floats] = {}
 
-    def step(frame: Frame) -> Floats:
+    def take(self, frame: Frame) -> None:
+        """Copy what it uses of a frame; all frames are to have the same size and buffers."""
+        import pyoidn
+
         given: dict[str, NDArray[Any]] = {"color": present(frame).clip(0)}
         if frame.albedo is not None:
             given["albedo"] = frame.albedo.clip(0, 1)
             # The network knows normals only beside albedo.
             if frame.normal is not None:
                 given["normal"] = frame.normal
-        if not images:
+        if not self._images:
             for name in (*given, "output"):
-                images[name] = np.empty_like(frame.color)
-                network.set_image(name, images[name], pyoidn.OIDN_FORMAT_FLOAT3)
-            network.commit()
+                self._images[name] = np.empty_like(frame.color)
+                self._network.set_image(name, self._images[name], pyoidn.OIDN_FORMAT_FLOAT3)
+            self._network.commit()
         for name, image in given.items():
-            images[name][:] = image
-        network.execute()
-        if error := device.get_error():
+            self._images[name][:] = image
+
+    def denoise(self) -> Floats:
+        """Run the network alone; what it returns is overwritten by the next run."""
+        self._network.execute()
+        if error := self._device.get_error():
             raise RuntimeError(f"Open Image Denoise: {error}")
-        return images["output"].copy()
+        return self._images["output"]
+
+
+def _oidn(quality: str) -> Callable[[Frame], Floats]:
+    network = Oidn(quality)
+
+    def step(frame: Frame) -> Floats:
+        network.take(frame)
+        return network.denoise().copy()
 
     return step
 
 
 def _has_ximgproc() -> bool:
-    return _imports("cv2") and hasattr(import_module("cv2"), "ximgproc")
+    return imports("cv2") and hasattr(import_module("cv2"), "ximgproc")
 
 
 def _non_local_means(h: float) -> Callable[[Frame], Floats]:
@@ -170,22 +187,34 @@ def _checkout() -> Path | None:
     return None
 
 
-def _torch_svgf(folder: Path) -> Callable[[Frame], Floats]:
+def references() -> ModuleType:
+    """The kernels and pipelines written in torch, of a checkout: with as many threads as ours."""
+    folder = _checkout()
+    if folder is None:
+        raise ImportError("the torch references are not part of the package: run from a checkout")
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
     import torch
 
-    reference = import_module("reference")
     torch.set_num_threads(settings()[0])
-    state = reference.SVGF()
+    return import_module("reference")
 
-    def step(frame: Frame) -> Floats:
+
+def tensors(value: Any) -> Any:
+    """Arrays as the references take them, floats as they are, alone or in a list; a frame with all its buffers."""
+    import torch
+
+    if isinstance(value, Frame):
         absent: Mapping[str, None] = dict.fromkeys(yester.frame.BUFFERS)
-        tensors = {
-            name: torch.from_numpy(array.astype(np.int64) if array.dtype == np.uint32 else array)
-            for name, array in frame.buffers().items()
-        }
-        output = state.step(SimpleNamespace(**{**absent, **tensors}, camera=frame.camera, jitter=frame.jitter))
-        return np.asarray(output.color, np.float32)
+        buffers = {name: tensors(array) for name, array in value.buffers().items()}
+        return SimpleNamespace(**{**absent, **buffers}, camera=value.camera, jitter=value.jitter)
+    if isinstance(value, list):
+        return [tensors(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return torch.from_numpy(value.astype(np.int64) if value.dtype == np.uint32 else value)
+    return value
 
-    return step
+
+def _torch_svgf() -> Callable[[Frame], Floats]:
+    state = references().SVGF()
+    return lambda frame: np.asarray(state.step(tensors(frame)).color, np.float32)

@@ -37,9 +37,9 @@ __all__ = ["draw", "save_images", "stored_images", "write_figures", "write_repor
 WORST, LONGEST = 0.5, 32
 
 # After Okabe and Ito, "Color Universal Design" (2008); the light ones darker, to stand on white as well as on black.
-_COLORS = ("#0072b2", "#d55e00", "#009e73", "#b8589a", "#cc8a00", "#3d9bd1", "#7a7f87")
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#b8589a", "#cc8a00", "#3d9bd1", "#7a7f87")
 _OURS, _PEERS = ("o", "^", "v", "p"), ("D", "s", "X", "P")
-_INK, _GRID, _PAPER = "#1f2328", "#d8dee4", "#ffffff"
+INK, GRID, PAPER = "#1f2328", "#d8dee4", "#ffffff"
 _REJECTIONS = dict(zip(Rejection, ("#4dabf7", "#ffd43b", "#69db7c", "#f783ac", "#ff922b", "#ffffff"), strict=True))
 
 #: How exact images are: colours as far as one sees, the map of errors less, the others entirely.
@@ -159,8 +159,8 @@ def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | No
     for i, point in shown:
         value = point.values[metric.key]
         if point.ms <= 0:
-            axes.axhline(value, color=_INK, linestyle=(0, (5, 3)), linewidth=1.2, gid=f"point-{i}")
-            words: dict[str, Any] = {"textcoords": "offset points", "color": _INK, "size": 9.5}
+            axes.axhline(value, color=INK, linestyle=(0, (5, 3)), linewidth=1.2, gid=f"point-{i}")
+            words: dict[str, Any] = {"textcoords": "offset points", "color": INK, "size": 9.5}
             axes.annotate(point.method, (0, value), (4, 3), ("axes fraction", "data"), **words)
             continue
         color, marker = styles[point.family]
@@ -171,8 +171,8 @@ def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | No
             *([point.ms], [value]),
             marker=marker,
             markersize=9 if point.default else 6.5,
-            color=_PAPER if point.peer else color,
-            markeredgecolor=_INK if point.default else color,
+            color=PAPER if point.peer else color,
+            markeredgecolor=INK if point.default else color,
             markeredgewidth=1.6 if point.default or point.peer else 0,
             linestyle="none",
             zorder=4 + point.default,
@@ -180,14 +180,14 @@ def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | No
         )
     front = pareto(timed, metric)
     stairs = [point.ms for point in front], [point.values[metric.key] for point in front]
-    axes.plot(*stairs, color=_INK, alpha=0.13, linewidth=7, solid_capstyle="round", drawstyle="steps-post", zorder=1)
+    axes.plot(*stairs, color=INK, alpha=0.13, linewidth=7, solid_capstyle="round", drawstyle="steps-post", zorder=1)
     axes.autoscale_view()  # else the limits, and with them the places of points, come with the drawing only
     lines = {family: _ordered(axes, np.array(places)) for family, places in families.items()}
     for family, line in lines.items():
         axes.plot(*line.T, color=styles[family][0], linewidth=1.4, alpha=0.8, zorder=3)
     if lines:
         _name(axes, lines, {family: _dark(color) for family, (color, _) in styles.items()})
-    figure.text(0.085, 0.955, _title(*scenes), color=_INK, size=13, weight="bold", va="center")
+    figure.text(0.085, 0.955, _title(*scenes), color=INK, size=13, weight="bold", va="center")
     _key(figure, default=any(p.default for _, p in shown), peer=any(p.peer for _, p in shown))
     return figure
 
@@ -221,7 +221,7 @@ def write_figures(points: Sequence[Point], folder: Path) -> list[Path]:
         for kind in ("png", "svg"):
             path = folder / f"{each.key}_{re.sub(r'[^A-Za-z0-9._-]+', '-', scene)}.{kind}"
             with beside(path) as temporary, temporary.open("wb") as file:
-                _save(figure, file, kind)
+                save_figure(figure, file, kind)
             written.append(path)
     return written
 
@@ -309,7 +309,7 @@ def write_report(
         colors = "".join(
             f"--line{i}: color-mix(in srgb, {color} var(--pure), var(--ink)); "
             f"--name{i}: color-mix(in srgb, {color} 60%, var(--ink)); "
-            for i, color in enumerate(_COLORS)
+            for i, color in enumerate(COLORS)
         )
         filled = {"title": html.escape(title), "about": html.escape(about), "colors": colors, "data": text}
         temporary.write_text(re.sub(r"{{(\w+)}}", lambda name: filled[name[1]], template), "utf-8")
@@ -355,14 +355,14 @@ def _axes(figure: Figure, metric: Metric, values: Sequence[float]) -> Any:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.minorticks_off()
     axes.margins(0.07, 0.08)
-    axes.grid(color=_GRID, linewidth=0.7)
+    axes.grid(color=GRID, linewidth=0.7)
     axes.set_axisbelow(True)
-    axes.tick_params(length=0, labelsize=9, labelcolor=_INK, pad=5)
+    axes.tick_params(length=0, labelsize=9, labelcolor=INK, pad=5)
     for side, spine in axes.spines.items():
-        spine.set(visible=side in ("left", "bottom"), edgecolor=_GRID)
+        spine.set(visible=side in ("left", "bottom"), edgecolor=GRID)
     which = "higher" if metric.higher_is_better else "lower"
-    axes.set_xlabel("time of a frame [ms]", color=_INK, size=10)
-    axes.set_ylabel(f"{metric.label}, {which} is better", color=_INK, size=10)
+    axes.set_xlabel("time of a frame [ms]", color=INK, size=10)
+    axes.set_ylabel(f"{metric.label}, {which} is better", color=INK, size=10)
     return axes
 
 
@@ -370,16 +370,16 @@ def _key(figure: Figure, *, default: bool, peer: bool) -> None:
     """What the markers mean."""
     from matplotlib.lines import Line2D
 
-    mark: dict[str, Any] = {"linestyle": "none", "markersize": 7, "color": _INK, "markeredgewidth": 0}
-    ring: dict[str, Any] = {"markeredgecolor": _INK, "markeredgewidth": 1.6}
+    mark: dict[str, Any] = {"linestyle": "none", "markersize": 7, "color": INK, "markeredgewidth": 0}
+    ring: dict[str, Any] = {"markeredgecolor": INK, "markeredgewidth": 1.6}
     keys = [Line2D([], [], marker="o", label="Yester", **mark)]
     if default:
-        keys.append(Line2D([], [], marker="o", label="its default", **mark | ring | {"color": _GRID}))
+        keys.append(Line2D([], [], marker="o", label="its default", **mark | ring | {"color": GRID}))
     if peer:
-        keys.append(Line2D([], [], marker="D", label="others", **mark | ring | {"color": _PAPER}))
-    keys.append(Line2D([], [], color=_INK, alpha=0.13, linewidth=7, label="Pareto front"))
+        keys.append(Line2D([], [], marker="D", label="others", **mark | ring | {"color": PAPER}))
+    keys.append(Line2D([], [], color=INK, alpha=0.13, linewidth=7, label="Pareto front"))
     place: dict[str, Any] = {"loc": "center right", "bbox_to_anchor": (0.985, 0.955), "frameon": False}
-    figure.legend(handles=keys, ncols=len(keys), fontsize=9, labelcolor=_INK, columnspacing=1.6, **place)
+    figure.legend(handles=keys, ncols=len(keys), fontsize=9, labelcolor=INK, columnspacing=1.6, **place)
 
 
 def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str]]:
@@ -388,7 +388,7 @@ def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str]]:
     for peer, markers in ((False, _OURS), (True, _PEERS)):
         families = dict.fromkeys(point.family for point in points if point.peer is peer and point.ms > 0)
         for i, family in enumerate(families):
-            styles[family] = _COLORS[i % len(_COLORS)], markers[i // len(_COLORS) % len(markers)]
+            styles[family] = COLORS[i % len(COLORS)], markers[i // len(COLORS) % len(markers)]
     return styles
 
 
@@ -420,7 +420,7 @@ def _name(axes: Any, lines: dict[str, NDArray[np.float64]], colors: dict[str, st
 
 def _dark(color: str) -> str:
     """A colour of which text can be read on paper."""
-    pure, ink = (np.frombuffer(bytes.fromhex(c[1:]), np.uint8) for c in (color, _INK))
+    pure, ink = (np.frombuffer(bytes.fromhex(c[1:]), np.uint8) for c in (color, INK))
     return "#" + np.rint(0.6 * pure + 0.4 * ink).astype(np.uint8).tobytes().hex()
 
 
@@ -456,7 +456,7 @@ def _inside(points: NDArray[np.float64], middles: NDArray[np.float64], half: NDA
     return np.asarray((np.abs(points - middles[:, None]) < half).all(-1), np.bool_)
 
 
-def _save(figure: Figure, file: Any, kind: str, paper: str = _PAPER) -> None:
+def save_figure(figure: Figure, file: Any, kind: str, paper: str = PAPER) -> None:
     from matplotlib import rc_context
 
     # The same points give the same bytes.
@@ -468,14 +468,14 @@ def _save(figure: Figure, file: Any, kind: str, paper: str = _PAPER) -> None:
 def _inline(figure: Figure) -> str:
     """The SVG as an element of the page, with its colours and its font."""
     file = StringIO()
-    _save(figure, file, "svg", paper="none")
+    save_figure(figure, file, "svg", paper="none")
     svg = file.getvalue()
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
     svg = re.sub(r" font-family: [^;\"]*;", "", svg)
     svg = re.sub(r"\s*\n\s*", "\n", svg)
-    for name, color in (("ink", _INK), ("grid", _GRID), ("paper", _PAPER)):
+    for name, color in (("ink", INK), ("grid", GRID), ("paper", PAPER)):
         svg = svg.replace(color, f"var(--{name})")
-    for i, color in enumerate(_COLORS):
+    for i, color in enumerate(COLORS):
         svg = svg.replace(color, f"var(--line{i})").replace(_dark(color), f"var(--name{i})")
     return svg
 
@@ -485,7 +485,7 @@ def _plain(point: Point, styles: dict[str, tuple[str, str]]) -> dict[str, Any]:
         **{name: getattr(point, name) for name in ("method", "default", "peer", "ms")},
         "range": point.ms_range,
         "values": {key: value for key, value in point.values.items() if np.isfinite(value)},
-        "color": f"var(--line{_COLORS.index(styles[point.family][0])})" if point.ms > 0 else "var(--ink)",
+        "color": f"var(--line{COLORS.index(styles[point.family][0])})" if point.ms > 0 else "var(--ink)",
     }
 
 
