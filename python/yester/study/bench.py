@@ -1,0 +1,357 @@
+"""How long every kernel and pipeline takes, beside others that do the like and beside what the machine allows.
+
+Each task of `tasks.TASKS` is run at every size with every setting of threads and SIMD level. Both are fixed when the
+core is loaded, so that every setting has a process of its own, and rivals have one for each number of threads. The
+processes take turns, never two at once, and another one begins each time: whatever else the machine does meets all of
+them alike. Every few tasks, each setting measures what the machine allows it: the bandwidth of copies, and the rate of
+multiply-adds.
+
+A run is one call, or as many as fill 20 ms, of which the mean counts. What is told are medians and quartiles of the
+runs after the first, which warms caches up. Who is slow has fewer: three, once they have taken `PATIENCE` seconds in
+all; and if the first alone took as long, that counts, and it is the only one. References, which are very slow, have a
+quarter of that time, are run up to 1920×1080 and with the most threads; beyond that size rivals, too, have the most
+threads, and of the SIMD levels there is the best alone. Results go where those of the call before went, for kernels and
+rivals that can do that.
+
+The least that a kernel has to move are its images, read or written once. The share of its limit is the time that this
+takes at the bandwidth of copies, or its multiply-adds at their rate if they have been counted and take longer, over its
+own time. Small images stay in caches, which are faster than that: their share may be more than one. What a pipeline
+remembers from frame to frame is not counted.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import signal
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+import yester
+from yester import _core
+from yester.io.files import beside
+
+from . import rivals
+from .report import save_figure
+from .tasks import TASKS, Call, Inputs, Task, stage
+from .timings import HD, OURS, Limits, Timing, draw, markdown, write_csv
+
+__all__ = ["LEVELS", "PATIENCE", "chosen", "measure", "run", "settings"]
+
+#: Instruction sets, each with all before it; neon stands alone.
+LEVELS = ("baseline", "avx2", "avx512")
+#: Seconds of runs after which a contender has had enough of them, and a reference has.
+PATIENCE, _PATIENCE_WITH_REFERENCES = 2.0, 0.5
+#: Runs of a contender whose first stayed within that, and seconds that a run lasts at least.
+_FEWEST, _SHORTEST = 3, 0.02
+#: Tasks.
+_LIMITS_EVERY = 4
+#: Seconds for which the threads of some rivals go on spinning after their work.
+_CALM = 0.02
+
+
+def settings(threads: Sequence[int] | None = None, levels: Sequence[str] | None = None) -> list[tuple[int, str]]:
+    """Choose settings: all numbers of threads with the best SIMD level, and all levels with the most threads.
+
+    Parameters
+    ----------
+    threads : sequence of int, optional
+        By default one, and all that there are.
+    levels : sequence of str, optional
+        By default all that the machine has.
+
+    Returns
+    -------
+    list of (int, str)
+        The most threads with the best level first.
+
+    Raises
+    ------
+    ValueError
+        If this process could not use as many threads, or that level.
+    """
+    most, best = _core.settings()
+    known = LEVELS[: LEVELS.index(best) + 1] if best in LEVELS else (best,)
+    for number in threads or ():
+        if not 1 <= number <= most:
+            raise ValueError(f"threads: expected 1 to {most}, got {number}")
+    for level in levels or ():
+        if level not in known:
+            raise ValueError(f"simd: expected some of {', '.join(known)}, got {level}")
+    counts = sorted({*(threads or (1, most))}, reverse=True)
+    names = [level for level in reversed(known) if level in (levels or known)]
+    return [*((count, names[0]) for count in counts), *((counts[0], level) for level in names[1:])]
+
+
+def chosen(only: Sequence[str] | None = None) -> list[Task]:
+    """Choose tasks by beginnings of their names; by default, all.
+
+    Raises
+    ------
+    ValueError
+        If no name begins like that.
+    """
+    for one in only or ():
+        if not any(task.name.startswith(one) for task in TASKS):
+            raise ValueError(f"only: expected beginnings of {'; '.join(task.name for task in TASKS)}, got {one}")
+    return [task for task in TASKS if not only or task.name.startswith(tuple(only))]
+
+
+def run(
+    folder: Path,
+    tasks: Sequence[Task],
+    sizes: Sequence[tuple[int, int]],
+    settings: Sequence[tuple[int, str]],
+    *,
+    repetitions: int = 7,
+    compare: bool = True,
+) -> str:
+    """Measure, and write ``bench.csv``, ``targets.csv``, ``bench.md`` and ``bench.svg``.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it does not exist.
+    tasks, sizes, settings, repetitions
+        As for `measure`.
+    compare : bool, default True
+        Whether to time rivals, too.
+
+    Returns
+    -------
+    str
+        The contents of ``bench.md``.
+    """
+    missing = rivals.missing() if compare else {}
+    timings = measure(tasks, sizes, settings, repetitions=repetitions, absent=missing if compare else None)
+    about = f"yester {yester.__version__} on {_machine()}: medians of up to {repetitions} runs, in turn"
+    page = markdown(timings, about=about, missing=[f"{name}: {remedy}" for name, remedy in missing.items()])
+    folder.mkdir(parents=True, exist_ok=True)
+    write_csv(timings, folder)
+    with beside(folder / "bench.md") as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    with beside(folder / "bench.svg") as temporary, temporary.open("wb") as file:
+        save_figure(draw(timings), file, "svg")
+    return page
+
+
+def _machine() -> str:
+    """The processor's name, where the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{names[0] if names else platform.processor() or platform.machine()}, {os.cpu_count()} cores"
+
+
+@dataclass
+class _Entrant:
+    """A contender in one setting, and what it has done."""
+
+    name: str
+    setting: tuple[int, str]
+    worker: _Worker
+    bytes: int = 0
+    #: Milliseconds of the first run, and of those after it.
+    first: float = 0.0
+    runs: list[float] = field(default_factory=list)
+
+    def prepare(self, task: Task, inputs: tuple[Path, int, int]) -> None:
+        self.bytes, self.first = self.worker.ask("prepare", self.name, task.name, inputs)
+
+    def take_turn(self) -> None:
+        patience = 1e3 * (_PATIENCE_WITH_REFERENCES if self.name == rivals.REFERENCE else PATIENCE)
+        if self.first < patience and (len(self.runs) < _FEWEST or self.first + sum(self.runs) < patience):
+            self.runs.append(self.worker.ask("run", self.name))
+
+
+def measure(
+    tasks: Sequence[Task],
+    sizes: Sequence[tuple[int, int]],
+    settings: Sequence[tuple[int, str]],
+    *,
+    repetitions: int = 7,
+    absent: Iterable[str] | None = (),
+) -> list[Timing]:
+    """Time tasks, in turn with their rivals.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    sizes : sequence of (int, int)
+        Width and height.
+    settings : sequence of (int, str)
+        Numbers of threads and SIMD levels: the most threads with the best level first.
+    repetitions : int, default 7
+        Runs of each, at most.
+    absent : iterable of str, default none
+        Libraries of rivals that are to be left out; None leaves out all rivals.
+
+    Returns
+    -------
+    list of Timing
+        Those of one size and task stand together, ours before the rivals'.
+
+    Raises
+    ------
+    OSError
+        If a process ends, as it does where memory is short.
+    """
+    measured: list[tuple[Task, tuple[int, int], _Entrant]] = []
+    limits: dict[tuple[int, str], list[tuple[float, float]]] = {setting: [] for setting in settings}
+    with ExitStack() as stack:
+        ours = {setting: stack.enter_context(_Worker(*setting)) for setting in settings}
+        counts = dict.fromkeys(threads for threads, _ in settings)
+        others = {} if absent is None else {n: stack.enter_context(_Worker(n)) for n in counts}
+        progress = stack.enter_context(tqdm(total=len(sizes) * len(tasks), unit="task", disable=None))
+        for size in sizes:
+            title = "×".join(map(str, size))
+            progress.set_description(f"{title}: images")
+            with TemporaryDirectory(prefix="yester-bench-") as folder:
+                stage(Path(folder), *size)
+                for number, task in enumerate(tasks):
+                    progress.set_description(f"{title}: {task.name}")
+                    entrants = [*_ours(ours, size), *_rivals(others, task, size, absent or ())]
+                    for entrant in entrants:
+                        if entrant.name == OURS and number % _LIMITS_EVERY == 0:
+                            limits[entrant.setting].append(entrant.worker.ask("limits"))
+                    _race(entrants, task, (Path(folder), *size), repetitions)
+                    measured += [(task, size, entrant) for entrant in entrants]
+                    progress.update()
+    # In 10⁹/s.
+    allowed = {setting: Limits(*(np.median(found, 0) / 1e9).tolist()) for setting, found in limits.items() if found}
+    return [
+        Timing(
+            *(task.name, entrant.name, size, *entrant.setting, tuple(entrant.runs)),
+            *(entrant.bytes, task.multiply_adds, allowed.get(entrant.setting)),
+        )
+        for task, size, entrant in measured
+    ]
+
+
+def _ours(workers: Mapping[tuple[int, str], _Worker], size: tuple[int, int]) -> Iterator[_Entrant]:
+    """In every setting; beyond 1920×1080 with the best level only."""
+    best = next(iter(workers))[1]
+    for setting, worker in workers.items():
+        if math.prod(size) <= math.prod(HD) or setting[1] == best:
+            yield _Entrant(OURS, setting, worker)
+
+
+def _rivals(
+    workers: Mapping[int, _Worker], task: Task, size: tuple[int, int], absent: Iterable[str]
+) -> Iterator[_Entrant]:
+    """With every number of threads; beyond 1920×1080, and references, with the most; there, no references."""
+    small = math.prod(size) <= math.prod(HD)
+    for threads, worker in workers.items():
+        most = threads == max(workers)
+        for name in (*task.rivals, rivals.REFERENCE):
+            runs = small and most if name == rivals.REFERENCE else small or most
+            if runs and rivals.library(name) not in absent:
+                yield _Entrant(name, (threads, ""), worker)
+
+
+def _race(entrants: Sequence[_Entrant], task: Task, inputs: tuple[Path, int, int], repetitions: int) -> None:
+    for entrant in entrants:
+        entrant.prepare(task, inputs)
+    for i in range(repetitions):
+        for number in (*range(i % len(entrants), len(entrants)), *range(i % len(entrants))):
+            entrants[number].take_turn()
+    for entrant in entrants:
+        entrant.runs = entrant.runs or [entrant.first]
+        entrant.worker.ask("forget")
+
+
+class _Worker:
+    """A process with a setting of its own, which does what it is asked."""
+
+    def __init__(self, threads: int, simd: str = "") -> None:
+        context = get_context("spawn")
+        self._pipe, end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(end,), daemon=True)
+        with _environment(YESTER_THREADS=str(threads), YESTER_SIMD=simd):
+            self._process.start()
+        end.close()
+
+    def __enter__(self) -> _Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.join()
+        self._pipe.close()
+
+    def ask(self, *request: Any) -> Any:
+        self._pipe.send(request)
+        try:
+            answer = self._pipe.recv()
+        except EOFError:
+            self._process.join()
+            code = self._process.exitcode
+            raise OSError(f"a process of the benchmark has ended with code {code}: is memory short?") from None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+@contextmanager
+def _environment(**variables: str) -> Iterator[None]:
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+def _serve(pipe: Connection) -> None:
+    """Answer until nobody asks any more."""
+    # Ctrl-C is for the process that asks.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tasks = {task.name: task for task in TASKS}
+    calls: dict[str, Call] = {}
+    while True:
+        try:
+            request = pipe.recv()
+        except EOFError:
+            return
+        try:
+            match request:
+                case ("limits",):
+                    answer: object = _core.machine_limits()
+                case "prepare", contender, name, inputs:
+                    task, images = tasks[name], Inputs(*inputs)
+                    calls[contender] = (
+                        task.start(images) if contender == OURS else rivals.start(contender, task, images)
+                    )
+                    answer = calls[contender].bytes, _timed(calls[contender].run)
+                case "run", contender:
+                    answer = _timed(calls[contender].run)
+                case ("forget",):
+                    calls.clear()
+                    answer = None
+            pipe.send(answer)
+        except Exception as error:
+            pipe.send(error)
+
+
+def _timed(run: Callable[[], object]) -> float:
+    """Milliseconds of one call."""
+    start, calls, elapsed = time.perf_counter(), 0, 0.0
+    while elapsed < _SHORTEST:
+        run()
+        calls, elapsed = calls + 1, time.perf_counter() - start
+    time.sleep(_CALM)
+    return 1e3 * elapsed / calls

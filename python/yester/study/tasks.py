@@ -1,0 +1,267 @@
+"""What `yester bench` times: every kernel and pipeline, and the images that they get.
+
+The images are two neighbouring frames of a small ray-cast scene, one sample a pixel, whose camera has moved by a few
+pixels; the history is what a renderer would have accumulated until the first of them. A tenth of the histories are
+short, in blocks, so that kernels that mend those have as much to do as after a fast move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import cycle
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import yester
+from yester import Camera, Frame
+
+from . import raycast
+from .raycast import Light, Scene, Thing
+
+__all__ = ["TASKS", "Call", "Inputs", "Task", "stage"]
+
+#: The images of a frame; the frame before has them as `previous_color` and so on.
+_FRAME = ("color", "albedo", "normal", "depth", "motion", "ids")
+#: Rows that are cast at once: few, so that they stay in cache.
+_BAND = 32
+
+
+class Call(NamedTuple):
+    """Something to time.
+
+    Attributes
+    ----------
+    run : callable
+    bytes : int
+        Of the images that go in and come out, each once; 0 if that is not known.
+    """
+
+    run: Callable[[], object]
+    bytes: int = 0
+
+
+@dataclass(frozen=True)
+class Task:
+    """A kernel or a pipeline in one of its variants.
+
+    Attributes
+    ----------
+    name : str
+    function : str
+        Of `yester`, and of the torch references.
+    images : dict of str to (str or list of str)
+        Arguments, and what of `Inputs` they are.
+    options : dict, default none
+        Other arguments.
+    rivals : tuple of str, default none
+        Keys of `rivals.RIVALS`; the reference is one of every task.
+    multiply_adds : float, optional
+        That a pixel needs at least, other arithmetic of the same units among them; None where nobody has counted.
+    jitter : (float, float), optional
+        That frames tell of their samples, which a pipeline may use to resolve them.
+    """
+
+    name: str
+    function: str
+    images: Mapping[str, str | list[str]] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    rivals: tuple[str, ...] = ()
+    multiply_adds: float | None = None
+    jitter: tuple[float, float] | None = None
+
+    @property
+    def pipeline(self) -> bool:
+        """Whether it takes frames, and remembers."""
+        return self.function in ("SVGF", "TAA")
+
+    def arguments(self, inputs: Inputs) -> dict[str, Any]:
+        """By name."""
+        images = {
+            name: [inputs[one] for one in source] if isinstance(source, list) else inputs[source]
+            for name, source in self.images.items()
+        }
+        return {**images, **self.options}
+
+    def start(self, inputs: Inputs) -> Call:
+        """Make ready to time it; kernels write where they wrote before, so that no memory is asked for."""
+        if self.pipeline:
+            state, turns = getattr(yester, self.function)(**self.options), cycle(inputs.frames(self.jitter))
+            # The first step has no history to bring along.
+            frame = next(turns)
+            output, buffers = state.step(frame), frame.buffers()
+            used = [buffers[name] for name in {"color", *output.used} & buffers.keys()]
+            made = [output.color, output.variance, output.history_length, output.confidence, output.rejection]
+            return Call(lambda: state.step(next(turns)), _bytes([*used, *made]))
+        function, given = getattr(yester, self.function), self.arguments(inputs)
+        result = function(**given)
+        if isinstance(result, yester.Accumulated):
+            result = result.color, result.moments, result.history_length
+        out = {} if isinstance(result, float) else {"out": result}
+        return Call(partial(function, **given, **out), _bytes([*given.values(), result]))
+
+
+def _bytes(values: Iterable[Any]) -> int:
+    """Of all arrays, also those in lists and tuples."""
+    total = 0
+    for value in values:
+        if isinstance(value, list | tuple):
+            total += _bytes(value)
+        elif isinstance(value, np.ndarray):
+            total += value.nbytes
+    return total
+
+
+def _named(*names: str, **others: str | list[str]) -> dict[str, str | list[str]]:
+    """Arguments that are called as what they get, and others."""
+    return {name: name for name in names} | others
+
+
+_SURFACE = ("depth", "normal", "ids")
+_TESTS = (*_SURFACE, "previous_depth", "previous_normal", "previous_ids", "previous_camera")
+_MOVED = _named("camera", "previous_camera", geometry="depth")
+_FETCH = _named("history", "motion")
+_TESTED = _named("history", "motion", *_TESTS)
+_MERGE = _named("color", "history", "history_moments", "history_length")
+_SMOOTH = _named("color", "variance", *_SURFACE, "camera")
+
+_LINEAR, _CUBIC, _LANCZOS = (f"OpenCV remap, {name}" for name in ("linear", "cubic", "Lanczos4"))
+_BILINEAR, _BICUBIC = (f"torch grid_sample, {name}" for name in ("bilinear", "bicubic"))
+_WINDOWS = ("OpenCV joint bilateral, 5x5", "OpenCV guided filter, 5x5")
+_NETWORKS = ("OIDN fast", "OIDN balanced", "OIDN high")
+
+_SEED: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp"}
+_FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
+_PUBLISHED: dict[str, Any] = {"reflections": (), "gradient": False, "fireflies": False, "antialias": False}
+
+TASKS = (
+    Task("motion_vectors", "motion_vectors", _MOVED),
+    Task("virtual_motion", "virtual_motion", {**_MOVED, "hit_distance": "hit_distance"}),
+    Task("dilate_motion", "dilate_motion", _named("motion", "depth")),
+    Task("reproject, nearest", "reproject", _FETCH, {"filter": "nearest"}),
+    Task("reproject, bilinear", "reproject", _FETCH, rivals=(_LINEAR, _BILINEAR)),
+    Task("reproject, bilinear, tested", "reproject", _TESTED),
+    Task("reproject, catmull-rom", "reproject", _FETCH, {"filter": "catmull-rom"}, (_CUBIC, _BICUBIC)),
+    Task("reproject, catmull-rom, tested", "reproject", _TESTED, {"filter": "catmull-rom"}),
+    Task("reproject, catmull-rom-5", "reproject", _FETCH, {"filter": "catmull-rom-5"}, (_CUBIC, _BICUBIC)),
+    Task("reproject, lanczos-2", "reproject", _FETCH, {"filter": "lanczos-2"}, (_LANCZOS,)),
+    Task("consistency", "consistency", _named("motion", *_TESTS)),
+    Task("clip_history, variance", "clip_history", _named("history", "color"), rivals=("OpenCV blur + sqrBoxFilter",)),
+    Task("clip_history, minmax", "clip_history", _named("history", "color"), _SEED, ("OpenCV erode + dilate",)),
+    Task("clip_history, hull", "clip_history", _named("history", "color"), {"box": "hull", "response": "current"}),
+    Task("exposure", "exposure", _named("color")),
+    Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
+    Task("temporal_gradient", "temporal_gradient", _named("color", previous="history")),
+    Task("prediction_gain", "prediction_gain", _named("color", "ids", candidate="history", base="previous_color")),
+    Task("blend_factor", "blend_factor", _named("confidence", "motion")),
+    Task("blend", "blend", _named("color", "history", alpha="confidence")),
+    Task("accumulate", "accumulate", _MERGE),
+    Task("accumulate, with gradient", "accumulate", {**_MERGE, "gradient": "confidence"}),
+    Task("resolve, 2 samples", "resolve", {"samples": ["color", "history"]}, {"offsets": yester.jitter(2).tolist()}),
+    Task("suppress_fireflies", "suppress_fireflies", _named("color")),
+    Task("fix_history", "fix_history", _named("color", "history_length", *_SURFACE, "camera")),
+    Task(
+        "estimate_variance",
+        "estimate_variance",
+        _named("history_length", *_SURFACE, "camera", moments="history_moments"),
+    ),
+    Task("atrous, 1 pass", "atrous", _SMOOTH, {"iterations": 1}, _WINDOWS),
+    Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}),
+    Task("demodulate", "demodulate", _named("color", "albedo")),
+    Task("remodulate", "remodulate", _named("albedo", illumination="color")),
+    Task("morphological_aa", "morphological_aa", _named("color")),
+    Task("TAA", "TAA", jitter=(0.25, -0.125)),
+    Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
+    Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS),
+    Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}),
+)
+
+
+class Inputs:
+    """The images of one size, read from where `stage` has put them when they are asked for, once.
+
+    Parameters
+    ----------
+    folder : Path
+    width, height : int
+    """
+
+    def __init__(self, folder: Path, width: int, height: int) -> None:
+        self.folder, self.width, self.height = folder, width, height
+        self._read: dict[str, Any] = {
+            name: _scene(now, width, height).camera for name, now in (("previous_camera", 0), ("camera", 1))
+        }
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._read:
+            self._read[name] = np.load(self.folder / f"{name}.npy")
+        return self._read[name]
+
+    def frames(self, jitter: tuple[float, float] | None = None) -> list[Frame]:
+        """Two that may follow each other for ever, to and fro."""
+        prefixes = ("previous_", "")
+        given = [{name: self[prefix + name] for name in (*_FRAME, "camera")} for prefix in prefixes]
+        return [Frame(**images, jitter=jitter) for images in given]
+
+
+def stage(folder: Path, width: int, height: int) -> None:
+    """Make the images of one size. Same size, same bits.
+
+    Parameters
+    ----------
+    folder : Path
+        It gets a file for each.
+    width, height : int
+        In pixels.
+    """
+    rng = np.random.default_rng(0)
+    scenes = [_scene(now, width, height) for now in (0, 1)]
+    images: dict[str, NDArray[Any]] = {}
+
+    def put(name: str, rows: slice, values: NDArray[Any]) -> None:
+        kind = np.uint32 if name.endswith("ids") else np.float32
+        if name not in images:
+            images[name] = np.empty((height, *values.shape[1:]), kind)
+        images[name][rows] = values
+
+    for prefix, scene, other in zip(("previous_", ""), scenes, scenes[::-1], strict=True):
+        centres = raycast.centres(scene.camera)
+        for top in range(0, height, _BAND):
+            rows = slice(top, min(top + _BAND, height))
+            hits = raycast.cast(scene, centres[rows])
+            noisy = hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 1.0)
+            put(f"{prefix}color", rows, noisy)
+            for name in ("albedo", "normal", "depth", "ids"):
+                put(f"{prefix}{name}", rows, getattr(hits, name))
+            put(f"{prefix}motion", rows, raycast.motion(hits, scene, other))
+            if prefix:
+                put("history", rows, hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 0.2))
+    light = images["history"][..., 1]
+    images["history_moments"] = np.stack([light, 1.5 * light**2], -1)
+    images["variance"] = 0.5 * light**2
+    images["hit_distance"] = 0.5 * images["depth"]
+    down, across = height // 8 + 1, width // 8 + 1
+    blocks = rng.permutation(down * across).reshape(down, across) % 10 == 0
+    short = np.kron(blocks, np.ones((8, 8), bool))[:height, :width]
+    images["history_length"] = np.where(short, rng.integers(0, 4, short.shape), 20).astype(np.float32)
+    images["confidence"] = rng.random(short.shape, np.float32)
+    for name, image in images.items():
+        np.save(folder / f"{name}.npy", image)
+
+
+def _scene(now: int, width: int, height: int) -> Scene:
+    """At every size the same view, in which as much moves by as many pixels as in a small image of 1920."""
+    step = now * 1920 / width / 100
+    camera = Camera.from_look_at([step, 1.2, 4], [0.5 * step, 0.6, 0], [0, 1, 0], 50, width, height)
+    white, grey, red = (0.8, 0.8, 0.7), (0.4, 0.5, 0.4), (0.9, 0.2, 0.1)
+    things = (
+        Thing(raycast.Rectangle(), raycast.turn([1, 0, 0], -90), raycast.value_noise((0.7, 0.6, 0.5), grey, 0.25)),
+        Thing(raycast.Rectangle(4, 1.6), raycast.translate(0, 0.8, -2), raycast.checker(white, grey, 0.5)),
+        Thing(raycast.Sphere(0.6), raycast.translate(0.9, 0.6, -0.4), raycast.checker(red, white, 0.3)),
+        Thing(raycast.Box((1, 1.1, 0.9)), raycast.translate(-1.1 + step, 0.55, -0.5), red),
+    )
+    return Scene(things, camera, (Light((2, 4, 3), (12, 11, 10)),))

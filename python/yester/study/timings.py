@@ -1,0 +1,384 @@
+"""What `yester bench` has measured: times beside the machine's limits, targets, tables and a chart of them."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from yester.io.files import beside
+
+from .report import COLORS, GRID, INK, PAPER
+from .tasks import TASKS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["OURS", "Limits", "Target", "Timing", "draw", "markdown", "targets", "write_csv"]
+
+#: What this package is called among those that are timed.
+OURS = "yester"
+#: Where the targets are to be met: width and height, and the number of threads.
+HD, UHD, THREADS = (1920, 1080), (3840, 2160), 2
+
+
+class Limits(NamedTuple):
+    """What the machine can do at most, with as many threads and the same instructions.
+
+    Attributes
+    ----------
+    bandwidth : float
+        Of copies of arrays that no cache holds, read and written, in GB/s.
+    arithmetic : float
+        Multiply-adds of floats in registers, in 10⁹/s.
+    """
+
+    bandwidth: float
+    arithmetic: float
+
+
+@dataclass(frozen=True)
+class Timing:
+    """One task, done by one contender in one setting.
+
+    Attributes
+    ----------
+    task : str
+        Name of a `tasks.Task`.
+    contender : str
+        `OURS`, or the name of a rival.
+    size : (int, int)
+        Width and height, in pixels.
+    threads : int
+    simd : str
+        The instructions' name; empty for rivals, who choose themselves.
+    runs : tuple of float
+        Times of all runs, in milliseconds.
+    bytes : int
+        That go in and come out at least; 0 if unknown.
+    multiply_adds : float or None
+        That a pixel needs at least, if known.
+    limits : Limits or None
+        Of the setting; None for rivals.
+    """
+
+    task: str
+    contender: str
+    size: tuple[int, int]
+    threads: int
+    simd: str
+    runs: tuple[float, ...]
+    bytes: int = 0
+    multiply_adds: float | None = None
+    limits: Limits | None = None
+
+    @property
+    def pixels(self) -> int:
+        return math.prod(self.size)
+
+    @property
+    def ms(self) -> float:
+        """Their median."""
+        return float(np.median(self.runs))
+
+    @property
+    def quartiles(self) -> tuple[float, float]:
+        low, high = np.percentile(self.runs, [25, 75])
+        return float(low), float(high)
+
+    @property
+    def ns_per_pixel(self) -> float:
+        return 1e6 * self.ms / self.pixels
+
+    @property
+    def bandwidth(self) -> float | None:
+        """In GB/s, if it reads and writes everything once."""
+        return self.bytes / self.ms / 1e6 if self.bytes else None
+
+    @property
+    def limit(self) -> tuple[str, float] | None:
+        """What binds, ``"memory"`` or ``"arithmetic"``, and how many milliseconds it alone would take."""
+        if self.limits is None or not self.bytes:
+            return None
+        times = {"memory": self.bytes / self.limits.bandwidth / 1e6}
+        if self.multiply_adds is not None:
+            times["arithmetic"] = self.multiply_adds * self.pixels / self.limits.arithmetic / 1e6
+        which = max(times, key=times.__getitem__)
+        return which, times[which]
+
+    @property
+    def share(self) -> float | None:
+        """Of what the limit allows; more than 1 where caches help."""
+        return self.limit and self.limit[1] / self.ms
+
+
+class Target(NamedTuple):
+    """Something to reach.
+
+    Attributes
+    ----------
+    name : str
+    relation : "≤", "<" or "≥"
+    wanted : float
+    measured : float or None
+        None if not everything that it needs was measured.
+    """
+
+    name: str
+    relation: str
+    wanted: float
+    measured: float | None
+
+    @property
+    def met(self) -> bool | None:
+        if self.measured is None:
+            return None
+        if self.relation == "≥":
+            return self.measured >= self.wanted
+        return self.measured < self.wanted or (self.relation == "≤" and self.measured == self.wanted)
+
+
+def targets(timings: Sequence[Timing]) -> list[Target]:
+    """Hold what was measured to what was aimed at: at 1920×1080 with two threads, where nothing else is said.
+
+    Parameters
+    ----------
+    timings : sequence of Timing
+        With one SIMD level or several; the level that comes first counts.
+
+    Returns
+    -------
+    list of Target
+    """
+    found: dict[tuple[Any, ...], Timing] = {}
+    for timing in timings:
+        found.setdefault((timing.task, timing.contender, timing.size, timing.threads), timing)
+
+    def ratio(one: Timing | None, other: Timing | None, of: Callable[[Timing], float]) -> float | None:
+        return None if one is None or other is None else of(one) / of(other)
+
+    def timed(task: str, contender: str = OURS, size: tuple[int, int] = HD, threads: int = THREADS) -> Timing | None:
+        return found.get((task, contender, size, threads))
+
+    def slower(task: str, rival: str, wanted: float, relation: str = "≤") -> Target:
+        measured = ratio(timed(task), timed(task, rival), lambda t: t.ms)
+        return Target(f"{task}: time, in times of {rival}", relation, wanted, measured)
+
+    def faster(task: str, rival: str, wanted: float) -> Target:
+        measured = ratio(timed(task, rival), timed(task), lambda t: t.ms)
+        return Target(f"{task}: how many times faster than {rival}", "≥", wanted, measured)
+
+    pipelines = [task.name for task in TASKS if task.pipeline]
+    atrous = timed("atrous, 1 pass")
+    binding = f" ({atrous.limit[0]} binds)" if atrous and atrous.limit else ""
+    return [
+        slower("reproject, bilinear", "OpenCV remap, linear", 1.0),
+        slower("reproject, catmull-rom", "OpenCV remap, cubic", 1.0, "<"),
+        faster("clip_history, blended", "OpenCV blur + sqrBoxFilter", 3.0),
+        Target(f"atrous, 1 pass: share of the limit{binding}", "≥", 0.4, atrous.share if atrous else None),
+        slower("TAA, 5 taps", "OpenCV remap, linear", 4.0),
+        faster("SVGF, 5 passes", "OIDN fast", 10.0),
+        faster("SVGF, 5 passes", "torch reference", 40.0),
+        *(
+            Target(
+                f"{task}: one thread's time, in times of two",
+                *("≥", 1.85, ratio(timed(task, threads=1), timed(task), lambda t: t.ms)),
+            )
+            for task in pipelines
+        ),
+        *(
+            Target(
+                f"{task}: a pixel's time at 4K, in times of 1080p",
+                *("≤", 1.15, ratio(timed(task, size=UHD), timed(task), lambda t: t.ns_per_pixel)),
+            )
+            for task in pipelines
+        ),
+    ]
+
+
+def markdown(timings: Sequence[Timing], *, about: str, missing: Iterable[str] = ()) -> str:
+    """Write everything as a page of tables.
+
+    Parameters
+    ----------
+    timings : sequence of Timing
+        The setting that comes first is shown in full, of the others the medians alone.
+    about : str
+        A paragraph at its head.
+    missing : iterable of str, default none
+        Who could not be compared with.
+
+    Returns
+    -------
+    str
+    """
+    ours = [timing for timing in timings if timing.contender == OURS]
+    settings = list(dict.fromkeys((timing.threads, timing.simd) for timing in ours))
+    known = {(timing.threads, timing.simd): timing.limits for timing in ours if timing.limits}
+    pages = ["# yester bench", about]
+    head: tuple[str, ...] = ("the machine's limits", "copies, GB/s", "multiply-adds, 10⁹/s")
+    limits = [(_setting(*key), f"{one.bandwidth:.1f}", f"{one.arithmetic:.0f}") for key, one in known.items()]
+    pages.append(_table(head, limits))
+    for size in dict.fromkeys(timing.size for timing in timings):
+        same = [timing for timing in timings if timing.size == size]
+        title = f"{size[0]}×{size[1]}, {_setting(*settings[0])}"
+        others = [_setting(*setting) for setting in settings[1:]]
+        head = (title, "ms", "quartiles", "runs", "ns/pixel", "GB/s", "of its limit", *(f"ms, {one}" for one in others))
+        pages.append(_table(head, [*_rows(same, settings)]))
+    judged = [
+        (
+            target.name,
+            f"{target.relation} {target.wanted:g}",
+            "not measured" if target.measured is None else f"{target.measured:.2f}",
+            {None: "", True: "met", False: "**missed**"}[target.met],
+        )
+        for target in targets(timings)
+    ]
+    place = f"targets at {HD[0]}×{HD[1]}, {THREADS} threads"
+    pages.append(_table((place, "wanted", "measured", ""), judged))
+    pages += [f"Not here: {one}" for one in missing]
+    return "\n\n".join(pages) + "\n"
+
+
+def _setting(threads: int, simd: str) -> str:
+    return f"{threads} thread{'s' if threads > 1 else ''}" + (f", {simd}" if simd else "")
+
+
+def _rows(timings: Sequence[Timing], settings: Sequence[tuple[int, str]]) -> Iterable[tuple[str, ...]]:
+    """A row for each task, and below it one for each rival, with how many times our time it takes."""
+    cells: dict[tuple[str, str], dict[tuple[int, str], Timing]] = {}
+    for timing in timings:
+        cells.setdefault((timing.task, timing.contender), {})[timing.threads, timing.simd] = timing
+    for (task, contender), found in cells.items():
+        us = cells.get((task, OURS), {}).get(settings[0])
+        # Rivals, who choose the instructions themselves, have one time for each number of threads.
+        shown = [found.get((threads, simd if contender == OURS else "")) for threads, simd in settings]
+        if contender != OURS:
+            shown = [one if simd == settings[0][1] else None for one, (_, simd) in zip(shown, settings, strict=True)]
+        first, *others = shown
+        extra = [f"{one.ms:.2f}" if one else "" for one in others]
+        name = task if contender == OURS else f"— {contender}"
+        if first is None:
+            yield (name, *[""] * 6, *extra)
+            continue
+        low, high = first.quartiles
+        limit, reached = first.limit, ""
+        if limit and first.share is not None:
+            reached = f"{first.share:.0%} {limit[0]}"
+        elif us and contender != OURS:
+            reached = f"({first.ms / us.ms:.2f} × yester)"
+        rate = "" if first.bandwidth is None else f"{first.bandwidth:.1f}"
+        cost = (f"{first.ns_per_pixel:.2f}", rate, reached)
+        yield (name, f"{first.ms:.2f}", f"{low:.2f} to {high:.2f}", str(len(first.runs)), *cost, *extra)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """In Markdown that can be read as it is: names to the left, figures to the right."""
+    widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
+
+    def line(cells: Sequence[str]) -> str:
+        first, *others = cells
+        padded = [first.ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))]
+        return f"| {' | '.join(padded)} |"
+
+    rule = f"|{'-' * (widths[0] + 2)}|" + "".join(f"{'-' * (width + 1)}:|" for width in widths[1:])
+    return "\n".join([line(head), rule, *map(line, rows)])
+
+
+def write_csv(timings: Sequence[Timing], folder: Path) -> None:
+    """Write ``bench.csv``, a row for each timing, and ``targets.csv``; what is unknown is empty."""
+    measures = ("ms", "ms_low", "ms_high", "runs", "ns_per_pixel", "gb_per_s", "share", "limit")
+    machine = ("copy_gb_per_s", "giga_multiply_adds_per_s")
+    head = ["task", "contender", "width", "height", "threads", "simd", *measures, *machine]
+    rows: list[Sequence[Any]] = []
+    for one in timings:
+        place = (one.task, one.contender, *one.size, one.threads, one.simd)
+        spread = (one.ms, *one.quartiles, len(one.runs), one.ns_per_pixel)
+        rows.append([*place, *spread, one.bandwidth, one.share, one.limit and one.limit[0], *(one.limits or ("", ""))])
+    _write(folder / "bench.csv", head, rows)
+    _write(
+        *(folder / "targets.csv", ["target", "relation", "wanted", "measured", "met"]),
+        [[*target, None if target.met is None else int(target.met)] for target in targets(timings)],
+    )
+
+
+def _write(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    with beside(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(head)
+        writer.writerows(rows)
+
+
+def draw(timings: Sequence[Timing]) -> Figure:
+    """Draw the time per pixel of every task beside its rivals': at the size with most of them, in the first setting.
+
+    Parameters
+    ----------
+    timings : sequence of Timing
+        At least one of `OURS`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row for each task: a bar up to our time, a dot for each rival, and a stroke where the machine's limit is.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    chief = next(timing for timing in timings if timing.contender == OURS)
+    same = [timing for timing in timings if timing.threads == chief.threads and timing.simd in ("", chief.simd)]
+    size = max({t.size for t in same}, key=lambda size: (sum(t.size == size for t in same), math.prod(size)))
+    same = [timing for timing in same if timing.size == size]
+    tasks = list(dict.fromkeys(timing.task for timing in same))
+    libraries = list(dict.fromkeys(_library(timing) for timing in same if timing.contender != OURS))
+    colors = dict(zip(libraries, COLORS[1:], strict=False))
+
+    height = 1.6 + 0.3 * len(tasks)
+    figure = Figure((8.4, height), dpi=72)
+    axes = figure.add_axes((0.27, 0.55 / height, 0.69, 1 - 1.55 / height), facecolor="none")
+    # Bars of a logarithmic axis begin where it does: below everything that is shown.
+    least = min(min(t.ns_per_pixel, 1e6 * t.limit[1] / t.pixels if t.limit else math.inf) for t in same)
+    start = 10 ** math.floor(math.log10(least))
+    for timing in same:
+        row = tasks.index(timing.task)
+        if timing.contender == OURS:
+            axes.barh(row, timing.ns_per_pixel - start, 0.55, start, color=COLORS[0], zorder=2)
+            if timing.limit:
+                place = 1e6 * timing.limit[1] / timing.pixels
+                axes.plot([place] * 2, [row - 0.38, row + 0.38], color=INK, linewidth=1.8, zorder=4)
+            continue
+        color = colors[_library(timing)]
+        mark: dict[str, Any] = {"marker": "D", "markersize": 6, "markeredgecolor": PAPER, "markeredgewidth": 0.8}
+        axes.plot(timing.ns_per_pixel, row, color=color, linestyle="none", zorder=5, **mark)
+    axes.set(xscale="log", yticks=range(len(tasks)), yticklabels=tasks, ylim=(len(tasks) - 0.4, -0.6))
+    axes.set_xlim(left=start)
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.minorticks_off()
+    axes.grid(axis="x", color=GRID, linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.tick_params(length=0, labelsize=9, labelcolor=INK, pad=5)
+    for side, spine in axes.spines.items():
+        spine.set(visible=side == "left", edgecolor=GRID)
+    axes.set_xlabel("time of a pixel [ns]", color=INK, size=10)
+    title = f"{size[0]}×{size[1]}, {_setting(chief.threads, chief.simd)}"
+    figure.text(0.02, 1 - 0.3 / height, title, color=INK, size=13, weight="bold", va="center")
+    keys: list[Any] = [Patch(color=COLORS[0], label="Yester")]
+    if any(timing.limit for timing in same):
+        keys.append(
+            Line2D([], [], color=INK, linewidth=1.8, label="limit", marker="|", linestyle="none", markersize=11)
+        )
+    keys += [Line2D([], [], color=colors[one], marker="D", linestyle="none", label=one) for one in libraries]
+    where = {"loc": "center left", "bbox_to_anchor": (0.01, 1 - 0.68 / height), "frameon": False}
+    figure.legend(handles=keys, ncols=len(keys), fontsize=9, labelcolor=INK, columnspacing=1.4, **where)
+    return figure
+
+
+def _library(timing: Timing) -> str:
+    """The part of a rival's name that tells where it comes from."""
+    return timing.contender if timing.contender == "torch reference" else timing.contender.split()[0]

@@ -1,0 +1,312 @@
+"""The benchmark: that it covers everything, that its arithmetic is right, and that it says what it did not do."""
+
+import sys
+import types
+
+import numpy as np
+import pytest
+import yester
+from test_cli import refused, run
+from test_cli_study import files, interrupted, table, without
+from yester.study import bench, peers, rivals
+from yester.study.tasks import TASKS, Inputs, stage
+from yester.study.timings import OURS, Limits, Timing, draw, markdown, targets, write_csv
+
+HD, UHD = (1920, 1080), (3840, 2160)
+LIMITS = Limits(20.0, 100.0)
+
+
+def timing(task, contender=OURS, *runs, size=HD, threads=2, simd="avx2", **more):
+    return Timing(task, contender, size, threads, simd if contender == OURS else "", runs, **more)
+
+
+def test_every_kernel_and_pipeline_is_timed():
+    kernels = {name for name in yester.__all__ if isinstance(getattr(yester, name), types.BuiltinFunctionType)}
+    assert {task.function for task in TASKS} == kernels - {"jitter"} | {"SVGF", "TAA"}
+    assert len({task.name for task in TASKS}) == len(TASKS)
+    assert {rival for task in TASKS for rival in task.rivals} == set(rivals.RIVALS)
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("images")
+    stage(folder, 64, 48)
+    return Inputs(folder, 64, 48)
+
+
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
+def test_every_task_runs_again_and_again(task, inputs):
+    call = task.start(inputs)
+    call.run(), call.run()
+    given = [array for name in task.images.values() for array in inputs_of(inputs, name)]
+    least = sum(array.nbytes for array in given) if given else 64 * 48 * 4 * 3
+    assert least <= call.bytes < 1e6
+
+
+def inputs_of(inputs, names):
+    values = [inputs[name] for name in (names if isinstance(names, list) else [names])]
+    return [value for value in values if isinstance(value, np.ndarray)]
+
+
+def test_bytes_count_each_image_once(inputs):
+    # History, motion with depth, and out of it values and coverage; colour in, a number out.
+    calls = {task.name: task.start(inputs) for task in TASKS if task.name in ("reproject, bilinear", "exposure")}
+    pixels = 64 * 48
+    assert calls["reproject, bilinear"].bytes == pixels * 4 * (3 + 3 + 3 + 1)
+    assert calls["exposure"].bytes == pixels * 4 * 3
+
+
+def test_frames_follow_each_other(inputs):
+    """To and fro: histories are found again, and the kernels have something to refuse, to clip and to mend."""
+    svgf = yester.SVGF()
+    for frame in inputs.frames() * 4:
+        output = svgf.step(frame)
+    assert 0.8 < np.mean(output.history_length > 6) < 1
+    assert 0 < np.mean(output.rejection > 0) < 0.2
+    assert 0.05 < np.mean(inputs["history_length"] < 4) < 0.2
+    assert (inputs["ids"] == 0).any()
+    assert np.abs(inputs["motion"][..., :2]).max() > 1
+
+
+@pytest.mark.parametrize("name", rivals.RIVALS)
+def test_every_rival_runs(name, inputs):
+    task = next(task for task in TASKS if name in task.rivals)
+    call = rivals.start(name, task, inputs)
+    call.run(), call.run()
+
+
+@pytest.mark.parametrize("name", ["remap, linear", "grid_sample, bilinear"])
+def test_rivals_do_the_like(name, inputs):
+    """Inside the image, the same as ours."""
+    (task,) = (task for task in TASKS if task.name == "reproject, bilinear")
+    (full,) = (rival for rival in task.rivals if rival.endswith(name))
+    other = np.asarray(rivals.start(full, task, inputs).run())
+    other = np.moveaxis(other[0], 0, -1) if other.ndim == 4 else other
+    ours, coverage = yester.reproject(inputs["history"], inputs["motion"])
+    # OpenCV rounds places to 1/32 of a pixel.
+    difference = np.abs(other - ours)[coverage == 1]
+    assert np.mean(difference) < 0.01 * np.mean(ours)
+
+
+@pytest.mark.parametrize("name", ["reproject, bilinear, tested", "TAA, 5 taps"])
+def test_references_do_the_same(name, inputs):
+    (task,) = (task for task in TASKS if task.name == name)
+    other, ours = (call.run() for call in (rivals.start(rivals.REFERENCE, task, inputs), task.start(inputs)))
+    other, ours = (result.color if task.pipeline else result[0] for result in (other, ours))
+    assert np.mean(np.abs(np.asarray(other) - ours) > 1e-3) < 0.01
+
+
+# What is made of the times
+
+
+def test_a_limit_binds():
+    given = {"bytes": 2_000_000_000, "limits": LIMITS}
+    one = timing("atrous, 1 pass", OURS, 400.0, 100.0, 200.0, 500.0, 300.0, **given)
+    assert (one.ms, one.quartiles) == (300, (200, 400))
+    assert one.ns_per_pixel == pytest.approx(300e6 / (1920 * 1080))
+    assert one.bandwidth == pytest.approx(2 / 0.3)
+    # 2 GB at 20 GB/s take 100 ms; 10 multiply-adds of each pixel take 0.2 ms, 10000 take 207 ms.
+    assert one.limit == ("memory", pytest.approx(100))
+    assert one.share == pytest.approx(1 / 3)
+    assert timing("a", OURS, 300.0, multiply_adds=10, **given).limit == ("memory", pytest.approx(100))
+    heavy = timing("a", OURS, 300.0, multiply_adds=10_000, **given)
+    assert heavy.limit == ("arithmetic", pytest.approx(207.36))
+    assert heavy.share == pytest.approx(207.36 / 300)
+    assert timing("a", "OpenCV", 300.0).limit is timing("a", "OpenCV", 300.0).share is None
+
+
+def test_targets():
+    timings = [
+        timing("reproject, bilinear", OURS, 10.0),
+        timing("reproject, bilinear", "OpenCV remap, linear", 10.0),
+        timing("reproject, catmull-rom", OURS, 20.0),
+        timing("reproject, catmull-rom", "OpenCV remap, cubic", 20.0),
+        timing("atrous, 1 pass", OURS, 10.0, bytes=100_000_000, limits=LIMITS),
+        timing("SVGF, 5 passes", OURS, 50.0),
+        timing("SVGF, 5 passes", OURS, 90.0, threads=1),
+        timing("SVGF, 5 passes", OURS, 500.0, simd="baseline"),
+        timing("SVGF, 5 passes", OURS, 220.0, size=UHD),
+        timing("SVGF, 5 passes", "OIDN fast", 600.0),
+        timing("SVGF, 5 passes", "OIDN fast", 60_000.0, threads=1),
+        timing("SVGF, 5 passes", "torch reference", 1900.0),
+    ]
+    known = {target.name: target for target in targets(timings) if target.measured is not None}
+    found = {name: (pytest.approx(target.measured), target.met) for name, target in known.items()}
+    assert found == {
+        "reproject, bilinear: time, in times of OpenCV remap, linear": (1, True),
+        "reproject, catmull-rom: time, in times of OpenCV remap, cubic": (1, False),
+        "atrous, 1 pass: share of the limit (memory binds)": (0.5, True),
+        "SVGF, 5 passes: how many times faster than OIDN fast": (12, True),
+        "SVGF, 5 passes: how many times faster than torch reference": (38, False),
+        "SVGF, 5 passes: one thread's time, in times of two": (1.8, False),
+        "SVGF, 5 passes: a pixel's time at 4K, in times of 1080p": (1.1, True),
+    }
+    assert all(target.met is None for target in targets([timings[0]]))
+
+
+def test_page_and_tables(tmp_path):
+    timings = [
+        timing("exposure", OURS, 2.0, 1.0, 3.0, bytes=10_000_000, limits=LIMITS),
+        timing("exposure", OURS, 4.0, threads=1, bytes=10_000_000, limits=LIMITS),
+        timing("exposure", "torch reference", 50.0),
+        timing("exposure", "torch reference", 70.0, threads=1),
+    ]
+    page = markdown(timings, about="of a machine", missing=["OpenCV: buy it"])
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("|")]
+    assert ["2 threads, avx2", "20.0", "100"] in rows
+    assert ["exposure", "2.00", "1.50 to 2.50", "3", "0.96", "5.0", "25% memory", "4.00"] in rows
+    assert ["— torch reference", "50.00", "50.00 to 50.00", "1", "24.11", "", "(25.00 × yester)", "70.00"] in rows
+    assert all(row[2] == "not measured" for row in rows if row[0].startswith("SVGF"))
+    assert "of a machine" in page
+    assert page.endswith("Not here: OpenCV: buy it\n")
+    write_csv(timings, tmp_path)
+    first, *_, last = table(tmp_path / "bench.csv")
+    assert (first["task"], first["contender"], first["width"], first["runs"], first["limit"]) == (
+        *("exposure", OURS, "1920", "3", "memory"),
+    )
+    assert [float(first[key]) for key in ("ms", "ms_low", "ms_high", "gb_per_s", "share", "copy_gb_per_s")] == (
+        pytest.approx([2, 1.5, 2.5, 5, 0.25, 20])
+    )
+    assert (last["threads"], last["simd"], last["share"], last["copy_gb_per_s"]) == ("1", "", "", "")
+    judged = table(tmp_path / "targets.csv")
+    assert [row["target"] for row in judged] == [target.name for target in targets(timings)]
+    figure = draw(timings)
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["exposure"]
+
+
+def test_who_is_slow_has_few_runs(monkeypatch, tmp_path):
+    class Worker:
+        def __init__(self, *times):
+            self.times = [0.0, *times]
+
+        def ask(self, what, *_):
+            if what == "prepare":
+                return 12, self.times[0]
+            return self.times.pop() if what == "run" else None
+
+    def raced(first, *times):
+        worker = Worker(*times)
+        worker.times[0] = first
+        entrant = bench._Entrant(OURS, (2, ""), worker)
+        bench._race([entrant], TASKS[0], (tmp_path, 1, 1), 7)
+        return entrant.runs
+
+    patience = 1e3 * bench.PATIENCE
+    assert raced(1.0, *range(7)) == [6, 5, 4, 3, 2, 1, 0]
+    assert len(raced(0.6 * patience, *[0.6 * patience] * 7)) == 3
+    assert raced(1.1 * patience) == [1.1 * patience]
+
+
+def test_large_images_are_spared_the_slow():
+    (task,) = (task for task in TASKS if task.name == "reproject, lanczos-2")
+    ours = dict.fromkeys([(4, "avx2"), (1, "avx2"), (4, "baseline")])
+    others = dict.fromkeys([4, 1])
+
+    def entrants(size, absent=()):
+        every = [*bench._ours(ours, size), *bench._rivals(others, task, size, absent)]
+        return [(entrant.name, entrant.setting) for entrant in every]
+
+    remap = "OpenCV remap, Lanczos4"
+    assert entrants(HD) == [
+        *((OURS, setting) for setting in ours),
+        *((remap, (4, "")), ("torch reference", (4, "")), (remap, (1, ""))),
+    ]
+    assert entrants(UHD) == [(OURS, (4, "avx2")), (OURS, (1, "avx2")), (remap, (4, ""))]
+    assert entrants(UHD, {"OpenCV with ximgproc"}) == entrants(UHD)[:2]
+
+
+def test_settings(monkeypatch):
+    monkeypatch.setattr(bench._core, "settings", lambda: (8, "avx512"))
+    assert bench.settings() == [(8, "avx512"), (1, "avx512"), (8, "avx2"), (8, "baseline")]
+    assert bench.settings([2, 1], ["baseline", "avx2"]) == [(2, "avx2"), (1, "avx2"), (2, "baseline")]
+    with pytest.raises(ValueError, match="threads: expected 1 to 8, got 9"):
+        bench.settings([9])
+    monkeypatch.setattr(bench._core, "settings", lambda: (1, "avx2"))
+    assert bench.settings() == [(1, "avx2"), (1, "baseline")]
+    with pytest.raises(ValueError, match="simd: expected some of baseline, avx2, got avx512"):
+        bench.settings(None, ["avx512"])
+    monkeypatch.setattr(bench._core, "settings", lambda: (4, "neon"))
+    assert bench.settings([4]) == [(4, "neon")]
+
+
+def test_what_is_missing_is_named(monkeypatch):
+    assert rivals.missing() == {}
+    with monkeypatch.context() as here:
+        for name in ("pyoidn", "cv2", "torch"):
+            here.setitem(sys.modules, name, None)
+        absent = rivals.missing()
+    assert list(absent) == ["Open Image Denoise", "OpenCV with ximgproc", "torch references", "torch"]
+    assert set(absent) == {rivals.library(name) for name in (*rivals.RIVALS, rivals.REFERENCE)}
+    monkeypatch.setattr(peers, "_checkout", lambda: None)
+    assert "checkout" in rivals.missing()["torch references"]
+
+
+# The command
+
+
+LITTLE = ("--sizes", "64x48", "--threads", 1, "--repetitions", 1)
+WRITTEN = ("bench.md", "bench.csv", "targets.csv", "bench.svg")
+
+
+def test_bench(tmp_path):
+    out = tmp_path / "new" / "out"
+    result = run("bench", *LITTLE, "--only", "reproject, bilinear", "demodulate", "-o", out)
+    assert result.stderr == ""
+    page, names = result.stdout[: -1 - sum(len(f"{out / name}\n") for name in WRITTEN)], result.stdout.splitlines()[-4:]
+    assert names == [str(out / name) for name in WRITTEN]
+    assert page == (out / "bench.md").read_text()
+    rows = table(out / "bench.csv")
+    best = yester._core.settings()[1]
+    assert {(row["width"], row["height"], row["threads"]) for row in rows} == {("64", "48", "1")}
+    alike = ["OpenCV remap, linear", "torch grid_sample, bilinear", "torch reference"]
+    rivals_and_best = [row for row in rows if row["simd"] in (best, "")]
+    contenders = [row["contender"] for row in rivals_and_best if row["task"] == "reproject, bilinear"]
+    assert contenders == [OURS, *alike]
+    assert [row["contender"] for row in rows if row["task"] == "demodulate"][-1] == "torch reference"
+    for row in rows:
+        assert 0 < float(row["ms_low"]) <= float(row["ms"]) <= float(row["ms_high"])
+        assert (row["simd"] != "") == (row["contender"] == OURS) == (row["gb_per_s"] != "")
+        assert row["contender"] != OURS or float(row["copy_gb_per_s"]) > 0 < float(row["giga_multiply_adds_per_s"])
+    assert {row["task"] for row in rows} == {"reproject, bilinear", "reproject, bilinear, tested", "demodulate"}
+    assert {path.name for path in files(tmp_path)} == set(WRITTEN)
+
+
+def test_missing_rivals_are_named(tmp_path):
+    arguments = ("bench", *LITTLE, "--simd", "baseline", "--only", "reproject, b", "TAA, 5", "-o", tmp_path)
+    result = without("cv2,pyoidn", *arguments)
+    named = [line.split(": ")[1] for line in result.stdout.splitlines() if line.startswith("Not here")]
+    assert named == ["Open Image Denoise", "OpenCV with ximgproc"]
+    rows = table(tmp_path / "bench.csv")
+    assert {row["contender"] for row in rows} == {OURS, "torch grid_sample, bilinear", "torch reference"}
+    assert {row["simd"] for row in rows} == {"baseline", ""}
+    result = run("bench", *LITTLE, "--only", "demodulate", "-o", tmp_path, "--no-rivals")
+    assert {row["contender"] for row in table(tmp_path / "bench.csv")} == {OURS}
+    assert "Not here" not in result.stdout
+
+
+def test_refuses_before_work_starts(tmp_path):
+    def bench(*arguments):
+        return refused("bench", "-o", tmp_path / "out", *arguments)
+
+    assert "64by48" in bench("--sizes", "64by48")
+    assert "--threads" in bench("--threads", 0)
+    assert "threads: expected 1 to" in bench("--threads", 10_000)
+    assert all(part in bench("--simd", "sse9") for part in ("simd: expected some of baseline", "got sse9"))
+    line = bench("--only", "SVGF", "svfg")
+    assert all(name in line for name in ("only", "got svfg", *(task.name for task in TASKS)))
+    assert "--repetitions" in bench("--repetitions", 0)
+    assert not [*tmp_path.iterdir()]
+    (tmp_path / "file").write_text("in the way")
+    assert "cannot be written" in refused("bench", *LITTLE, "-o", tmp_path / "file")
+    assert "yester[study]" in without("matplotlib", "bench", "-o", tmp_path / "out", code=2).stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_interrupted(tmp_path, monkeypatch):
+    """Nothing is left behind."""
+    out, images = tmp_path / "out", tmp_path / "images"
+    images.mkdir()
+    monkeypatch.setenv("TMPDIR", str(images))
+    interrupted("bench", "--sizes", "640x480", "--no-rivals", "-o", out, until=lambda: [*images.glob("*/*.npy")])
+    assert not [*images.iterdir()]
+    assert not [*out.iterdir()]
