@@ -212,7 +212,7 @@ impl<S: Simd> Mask<S> {
     #[inline(always)]
     pub fn all(self) -> bool {
         let not = self.simd.not_m32s(self.values);
-        self.simd.first_true_m32s(not) == S::M32_LANES
+        self.simd.first_true_m32s(not) == S::F32_LANES
     }
 }
 
@@ -306,6 +306,7 @@ impl Layout {
             .filter(inside)
             .map(|offset| Tap {
                 offset,
+                distance: offset.map(|d| d as f32),
                 shift: offset[1] * self.stride as isize + offset[0],
             })
             .collect()
@@ -316,6 +317,7 @@ impl Layout {
 #[derive(Clone, Copy)]
 pub struct Tap {
     pub offset: [isize; 2],
+    pub distance: [f32; 2],
     shift: isize,
 }
 

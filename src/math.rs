@@ -44,16 +44,34 @@ const SMALLEST_EXPONENT: f32 = -64.0;
 /// error is smallest, among those that are 1 at 0.
 #[inline(always)]
 pub fn exp2_weight<S: Simd>(x: Lanes<S>) -> Lanes<S> {
+    let [weight] = exp2_weights([x]);
+    weight
+}
+
+/// The same of several at once, each operation of all before the next: one alone is a long chain.
+#[inline(always)]
+pub fn exp2_weights<S: Simd, const N: usize>(x: [Lanes<S>; N]) -> [Lanes<S>; N] {
     const ROUND: f32 = 12_582_912.0; // 1.5 · 2^23
-    let counts = x.above(SMALLEST_EXPONENT);
-    let x = x.or_all(counts, SMALLEST_EXPONENT);
-    let shifted = x + ROUND;
-    let f = x - (shifted + -ROUND);
-    let mut p = f * 1.326_472e-3 + 9.671_513e-3;
-    for coefficient in [5.550_734e-2, 2.402_224_2e-1, 6.931_469_4e-1, 1.0] {
-        p = p * f + coefficient;
+    let (mut f, mut shifted) = (x, x);
+    for k in 0..N {
+        let bounded = x[k].or_all(x[k].above(SMALLEST_EXPONENT), SMALLEST_EXPONENT);
+        shifted[k] = bounded + ROUND;
+        f[k] = bounded - (shifted[k] + -ROUND);
     }
-    p.scale_by_low_bits(shifted).or_all(counts, 0.0)
+    let mut p = f;
+    for k in 0..N {
+        p[k] = f[k] * 1.326_472e-3 + 9.671_513e-3;
+    }
+    for coefficient in [5.550_734e-2, 2.402_224_2e-1, 6.931_469_4e-1, 1.0] {
+        for k in 0..N {
+            p[k] = p[k] * f[k] + coefficient;
+        }
+    }
+    for k in 0..N {
+        let power = p[k].scale_by_low_bits(shifted[k]);
+        p[k] = power.or_all(x[k].above(SMALLEST_EXPONENT), 0.0);
+    }
+    p
 }
 
 #[cfg(test)]

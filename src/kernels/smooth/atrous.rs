@@ -23,7 +23,7 @@ use super::variance::{floored, floored_all};
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
 use crate::lanes::{Bordered, BorderedBand, Lanes, Layout, Tap};
-use crate::math::{LOG2_E, exp2_weight, is_present, luminance, luminances};
+use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, LanesKernel};
 
@@ -73,6 +73,11 @@ impl Params {
 const CHANNELS: usize = 5;
 const VARIANCE: usize = 3;
 const LUMINANCE: usize = 4;
+
+/// Of a pixel, itself among them.
+const TAPS: usize = 25;
+/// Whose weights are computed side by side.
+const TOGETHER: usize = 5;
 
 /// log₂ of 1, 2/3 and 1/6.
 const LOG2_KERNEL: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
@@ -305,10 +310,18 @@ impl Around<'_> {
         let (here, sharpness) = self.sharpness(simd, x, y, near);
         let mut weight = Lanes::all(simd, 0.0);
         let [mut r, mut g, mut b, mut v] = [Lanes::all(simd, 0.0); 4];
-        for &(tap, exponent) in taps {
-            let guided = self.guide.exponents(simd, &center, tap, exponent);
-            let [tr, tg, tb, tv, tl] = Lanes::load_all(simd, self.image, tap.of(at));
-            let w = exp2_weight(guided - sharpness * (here - tl).abs());
+        // One step of all taps before the next, so that what follows each other does not wait for each other.
+        let mut weights = [Lanes::all(simd, f32::NEG_INFINITY); TAPS];
+        for (exponents, &(tap, own)) in weights.iter_mut().zip(taps) {
+            let there = Lanes::load(simd, self.image[LUMINANCE], tap.of(at));
+            let guided = self.guide.exponents(simd, &center, tap, own);
+            *exponents = guided - sharpness * (here - there).abs();
+        }
+        for some in weights.as_chunks_mut::<TOGETHER>().0 {
+            *some = exp2_weights(*some);
+        }
+        for (&w, (tap, _)) in weights.iter().zip(taps) {
+            let [tr, tg, tb, tv, _] = Lanes::load_all(simd, self.image, tap.of(at));
             weight = weight + w;
             r = r + w * tr;
             g = g + w * tg;

@@ -206,14 +206,15 @@ impl Comparison<'_> {
             Depths::Plane([depth], _) => {
                 let z = Lanes::load(simd, depth, there);
                 let [right, down, ray, here] = center.plane;
-                let ray = ray + down * tap.offset[1] as f32 + right * tap.offset[0] as f32;
+                let [dx, dy] = tap.distance;
+                let ray = ray + down * dy + right * dx;
                 exponents = exponents - (z * ray - here).abs();
             }
             Depths::Slope([depth, ..]) => {
                 let z_there = Lanes::load(simd, depth, there);
                 let [z, zx, zy] = center.slope;
-                let [dx, dy] = tap.offset;
-                let rise = zx * dx.unsigned_abs() as f32 + zy * dy.unsigned_abs() as f32;
+                let [dx, dy] = tap.distance.map(f32::abs);
+                let rise = zx * dx + zy * dy;
                 // The last term keeps background, where all is zero, from 0/0.
                 let unit = rise * self.slope_unit + z * 1e-3 + 1e-30;
                 exponents = exponents - (z - z_there).abs() * LOG2_E / unit;
