@@ -8,6 +8,7 @@ use std::ops::{Add, Div, Mul, Range, Sub};
 use pulp::Simd;
 
 use crate::image::{BandMut, Image, Size, Value};
+use crate::rows;
 
 /// The most lanes that there are.
 const WIDEST: usize = 16;
@@ -371,6 +372,61 @@ impl<T: Value> Bordered<T> {
         self.image
             .bands()
             .map(move |band| BorderedBand { layout, band })
+    }
+}
+
+impl<T: Value> Bordered<T> {
+    /// As many sets of rows as an image has bands, every `step`-th row after another: what rows that far apart share then
+    /// stays in cache.
+    pub fn rows_apart<const N: usize>(
+        &mut self,
+        step: usize,
+    ) -> impl Iterator<Item = Vec<BorderedRow<'_, N, T>>> {
+        let layout = self.layout;
+        let pixels = self.image.size.pixels();
+        let planes = self.image.data_mut().chunks_exact_mut(pixels);
+        let mut planes: Vec<_> = planes
+            .map(|plane| plane.chunks_exact_mut(layout.stride))
+            .collect();
+        let mut rows: Vec<_> = (0..layout.size.height)
+            .map(|y| {
+                let mut planes = planes.iter_mut();
+                let rows = std::array::from_fn(|_| {
+                    let plane = planes.next().expect("the image has N channels");
+                    plane.next().expect("as many rows as it is high")
+                });
+                BorderedRow { y, layout, rows }
+            })
+            .collect();
+        rows.sort_by_key(|row| (row.y % step, row.y));
+        let mut rows = rows.into_iter();
+        rows::bands(layout.size.height).map(move |band| rows.by_ref().take(band.len()).collect())
+    }
+}
+
+/// A row of `N` channels of a bordered image.
+pub struct BorderedRow<'a, const N: usize, T = f32> {
+    pub y: usize,
+    layout: Layout,
+    rows: [&'a mut [T]; N],
+}
+
+impl<const N: usize, T: Copy> BorderedRow<'_, N, T> {
+    /// Without the border.
+    #[inline(always)]
+    pub fn channels(&mut self) -> [&mut [T]; N] {
+        let Layout { border, size, .. } = self.layout;
+        self.rows
+            .each_mut()
+            .map(|row| &mut row[border..][..size.width])
+    }
+
+    /// Continues a channel by one pixel to both sides.
+    #[inline(always)]
+    pub fn replicate(&mut self, channel: usize) {
+        let Layout { border, size, .. } = self.layout;
+        let (row, end) = (&mut self.rows[channel], border + size.width);
+        (row[border - 1], row[end]) = (row[border], row[end - 1]);
     }
 }
 

@@ -22,7 +22,7 @@ use super::guide::{Comparison, Guide, Sigmas};
 use super::variance::{floored, floored_all};
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
-use crate::lanes::{Bordered, BorderedBand, Lanes, Layout, Tap};
+use crate::lanes::{Bordered, BorderedBand, BorderedRow, Lanes, Layout, Tap};
 use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, LanesKernel};
@@ -135,7 +135,8 @@ impl Filtered {
             params,
             step: 1 << iteration,
         };
-        rows::run_lanes(&pass, guide.layout.size.height, filtered.bands());
+        let outs = filtered.rows_apart(pass.step);
+        rows::run_lanes(&pass, guide.layout.size.height, outs);
         self.spare = Some(std::mem::replace(&mut self.image, filtered));
     }
 
@@ -252,10 +253,10 @@ struct Pass<'a> {
 }
 
 impl<'a> LanesKernel for Pass<'a> {
-    type Out = BorderedBand<'a>;
+    type Out = Vec<BorderedRow<'a, CHANNELS>>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: BorderedBand<'a>) {
+    fn rows<S: Simd>(&self, simd: S, _: Range<usize>, out: Self::Out) {
         let layout = self.image.layout;
         let around = Around {
             layout,
@@ -263,7 +264,8 @@ impl<'a> LanesKernel for Pass<'a> {
             guide: self.guide.compare(&self.params.sigmas),
             sigma_luminance: self.params.sigma_luminance,
         };
-        for y in rows {
+        for mut row in out {
+            let y = row.y;
             let taps: Vec<_> = (layout.taps(y, 2, self.step).into_iter())
                 .map(|tap| (tap, tap_exponent(tap, self.step)))
                 .collect();
@@ -271,11 +273,11 @@ impl<'a> LanesKernel for Pass<'a> {
             let near = [y.saturating_sub(1), (y + 1).min(layout.size.height - 1)];
             for x in (0..layout.size.width).step_by(Lanes::<S>::COUNT) {
                 let filtered = around.filter(simd, x, y, near, &taps);
-                for (row, lanes) in out.rows::<CHANNELS>(y).into_iter().zip(filtered) {
+                for (row, lanes) in row.channels().into_iter().zip(filtered) {
                     lanes.store(row, x);
                 }
             }
-            out.replicate(VARIANCE, y);
+            row.replicate(VARIANCE);
         }
     }
 }
