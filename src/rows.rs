@@ -36,8 +36,33 @@ pub trait Kernel: Sync {
 
 /// Runs a kernel over an image of `height` rows; `outs` yields its outputs band by band, as [`bands`] does.
 pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::Out>) {
+    run_bands(kernel, height, BAND, outs);
+}
+
+/// The same for kernels that look up to `reach` rows beyond theirs: they get several bands at a time, so that little is
+/// computed twice.
+pub fn run_far<O: Send, K: Kernel<Out = Vec<O>>>(
+    kernel: &K,
+    height: usize,
+    reach: usize,
+    mut outs: impl Iterator<Item = O>,
+) {
+    let rows = height.div_ceil(2 * Settings::get().threads).max(2 * reach);
+    let bands = rows.div_ceil(BAND);
+    let groups = std::iter::repeat_with(|| outs.by_ref().take(bands).collect());
+    run_bands(kernel, height, bands * BAND, groups);
+}
+
+fn run_bands<K: Kernel>(
+    kernel: &K,
+    height: usize,
+    band: usize,
+    outs: impl Iterator<Item = K::Out>,
+) {
     let level = Settings::get().level;
-    let jobs: Vec<_> = bands(height)
+    let jobs: Vec<_> = (0..height)
+        .step_by(band)
+        .map(|y| y..(y + band).min(height))
         .zip(outs)
         .map(|(rows, out)| Band { kernel, rows, out })
         .collect();

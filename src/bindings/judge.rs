@@ -570,20 +570,18 @@ pub fn temporal_gradient<'py>(
         widest: gradient::Params::passes("widest", widest)?,
     };
     params.check()?;
-    let (gradient, out) = {
+    let gradient = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let previous = Input::<f32>::new(previous, "previous", COLOR)?.sized("previous", size)?;
-        let out = Out::given(out, &[size.height, size.width])?;
-        let data = [color.data(), previous.data()];
-        let gradient = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [color, previous] = planes.each_ref().map(Planes::view);
-            Outgoing::new(gradient::temporal_gradient(color, previous, params))
-        });
-        (gradient, out)
+        let shape = [size.height, size.width];
+        let out = Out::given(out, &shape)?;
+        let [color, previous] = [color.data(), previous.data()].map(Interleaved::pixels);
+        out.fill(py, &shape, |gradient| {
+            gradient::temporal_gradient(color, previous, params, gradient);
+        })?
     };
-    gradient.array(py, out)
+    gradient.array()
 }
 
 /// How much better one history predicts the new sample than another, without a reference.

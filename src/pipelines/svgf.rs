@@ -249,7 +249,7 @@ fn recall(
             noise: 0.0,
             ..Default::default()
         };
-        temporal_gradient(replay, before.view(), exact)
+        find_gradient(replay, before.view(), exact)
     });
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
@@ -281,7 +281,7 @@ fn recall(
                 widest: 5,
                 ..Default::default()
             };
-            temporal_gradient(color, known.view(), estimated)
+            find_gradient(color, known.view(), estimated)
         }
     });
     let reflections = reflections
@@ -303,6 +303,12 @@ fn recall(
         gradient,
         reflections,
     }
+}
+
+fn find_gradient(color: View, previous: View, params: gradient::Params) -> Image {
+    let mut gradient = Image::new(color.size, 1);
+    temporal_gradient(color.into(), previous.into(), params, gradient.data_mut());
+    gradient
 }
 
 fn check_continues(memory: &Memory, frame: &Frame) -> Result<()> {
