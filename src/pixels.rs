@@ -58,6 +58,10 @@ impl<'a> PixelsMut<'a> {
     }
 }
 
+/// Columns that kernels with large windows work on at a time, so that what they know of the rows around stays in the
+/// second-level cache.
+pub const STRIP: usize = 512;
+
 /// Scratch is worked on in multiples of so many pixels, whole vectors at every level.
 pub const LANES: usize = 16;
 

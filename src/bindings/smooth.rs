@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, parts};
+use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
 use crate::image::{Image, Size, View};
@@ -11,6 +11,7 @@ use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::Surface;
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::{atrous, demodulate, fireflies, history_fix, morphological, variance};
+use crate::pixels::PixelsMut;
 
 /// The guide's checked arguments.
 struct GuideArgs<'py> {
@@ -340,7 +341,7 @@ pub fn suppress_fireflies_<'py>(
         redistribute,
     };
     params.check()?;
-    let ((held, removed), out) = {
+    let (held, removed) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let Size { height, width } = color.size();
         let [first, second] = parts(out.as_ref())?;
@@ -348,14 +349,17 @@ pub fn suppress_fireflies_<'py>(
             Out::given(first, &[height, width, 3])?,
             Out::given(second, &[height, width])?,
         );
-        let color = color.data();
-        let held = py.detach(|| {
-            let (held, removed) = fireflies::suppress_fireflies(color.planes().view(), params);
-            (Outgoing::new(held), Outgoing::new(removed))
+        let color = color.data().pixels();
+        let mut held = Direct::new(py, out.0, &[height, width, 3])?;
+        let mut removed = Direct::new(py, out.1, &[height, width])?;
+        let (bands, rest) = (held.data()?, removed.data()?);
+        py.detach(|| {
+            let bands = PixelsMut::bands(color.size, 3, bands);
+            fireflies::suppress_fireflies(color, params, bands, Some(rest));
         });
-        (held, out)
+        (held, removed)
     };
-    Ok((held.array(py, out.0)?, removed.array(py, out.1)?))
+    Ok((held.array()?, removed.array()?))
 }
 
 /// Pixels that have just come into view, averaged over their surface.

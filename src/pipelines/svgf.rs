@@ -130,9 +130,12 @@ impl Svgf {
             .albedo
             .map(|albedo| demodulate(frame.color, albedo, frame.emission));
         let sample = illumination.as_ref().map_or(frame.color, Image::view);
-        let held = params
-            .fireflies
-            .map(|fireflies| suppress_fireflies(sample, fireflies).0);
+        let held = params.fireflies.map(|fireflies| {
+            let mut held = Image::new(size, 3);
+            let bands = held.bands().map(PixelsMut::Planar);
+            suppress_fireflies(sample.into(), fireflies, bands, None);
+            held
+        });
         let color = held.as_ref().map_or(sample, Image::view);
 
         let camera = memory.and_then(|memory| memory.camera.as_ref());

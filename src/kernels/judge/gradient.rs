@@ -18,7 +18,7 @@ use std::ops::Range;
 use crate::error::{Result, in_range, whole};
 use crate::image::{Pixels, Run, Size};
 use crate::math::{is_present, luminance, saturate};
-use crate::pixels::{LANES, larger};
+use crate::pixels::{LANES, STRIP, larger};
 use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -60,9 +60,6 @@ impl Params {
 
 /// w, δ, δ² and m; all 0 where a pixel is missing.
 const CHANNELS: usize = 4;
-
-/// Columns that are worked on at a time: what is known of the rows around then stays in the second-level cache.
-const STRIP: usize = 512;
 
 /// Writes the gradient of each pixel.
 pub fn temporal_gradient(color: Pixels, previous: Pixels, params: Params, gradient: &mut [f32]) {
