@@ -4,7 +4,7 @@ use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
 
 use super::arrays::{
-    COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, choice, parts, points,
+    COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, choice, parts, points,
 };
 use crate::error::{Error, in_range};
 use crate::image::Size;
@@ -109,7 +109,7 @@ pub fn accumulate_<'py>(
         warmup,
     };
     params.check()?;
-    let ((color, moments, length, missing), out) = {
+    let ([color, moments, length], missing) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
@@ -119,7 +119,8 @@ pub fn accumulate_<'py>(
             .sized("history_length", size)?;
         let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
         let data = [color.data(), history.data(), moments.data(), length.data()];
-        let gradient = gradient.as_ref().map(Input::data);
+        let [color, history @ ..] = data.map(Interleaved::pixels);
+        let gradient = gradient.as_ref().map(|gradient| gradient.data().flat());
         let Size { height, width } = size;
         let [first, second, third] = parts(out.as_ref())?;
         let out = (
@@ -127,30 +128,26 @@ pub fn accumulate_<'py>(
             Out::given(second, &[height, width, 2])?,
             Out::given(third, &[height, width])?,
         );
-        let merged = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [color, h, m, n] = planes.each_ref().map(Planes::view);
-            let history = [
-                h.plane(0),
-                h.plane(1),
-                h.plane(2),
-                m.plane(0),
-                m.plane(1),
-                n.plane(0),
-            ];
-            let gradient = gradient.map(Interleaved::planes);
-            let gradient = gradient.as_ref().map(Planes::view);
-            let (merged, missing) = accumulate::accumulate(color, history, gradient, params);
-            let [color, moments, length] =
-                [0..3, 3..5, 5..6].map(|c| Outgoing::new(merged.channels(c).to_image()));
-            (color, moments, length, missing)
+        let mut merged = [
+            Direct::new(py, out.0, &[height, width, 3])?,
+            Direct::new(py, out.1, &[height, width, 2])?,
+            Direct::new(py, out.2, &[height, width])?,
+        ];
+        let [colors, moments, lengths] = merged.each_mut().map(Direct::data);
+        let (colors, moments, lengths) = (colors?, moments?, lengths?);
+        let missing = py.detach(|| {
+            let merged = PixelsMut::bands(size, 3, colors)
+                .zip(PixelsMut::bands(size, 2, moments))
+                .zip(PixelsMut::bands(size, 1, lengths))
+                .map(|((color, moments), length)| [color, moments, length]);
+            accumulate::accumulate(color, history, gradient, params, merged)
         });
-        (merged, out)
+        (merged, missing)
     };
     Ok(Accumulated {
-        color: color.array(py, out.0)?.unbind(),
-        moments: moments.array(py, out.1)?.unbind(),
-        history_length: length.array(py, out.2)?.unbind(),
+        color: color.array()?.unbind(),
+        moments: moments.array()?.unbind(),
+        history_length: length.array()?.unbind(),
         missing,
     })
 }

@@ -148,9 +148,17 @@ impl Svgf {
                 reflections: None,
             },
         };
-        let history = std::array::from_fn(|channel| recalled.history.values.plane(channel));
+        let values = recalled.history.values.pixels();
+        let before = [0..3, 3..5, 5..6].map(|channels| values.part(channels));
         let gradient = recalled.gradient.as_ref().map(Image::view);
-        let (mut history, missing) = accumulate(color, history, gradient, params.accumulate);
+        let mut history = Image::new(size, accumulate::CHANNELS);
+        let (colors, rest) = history.data_mut().split_at_mut(3 * size.pixels());
+        let (moments, lengths) = rest.split_at_mut(2 * size.pixels());
+        let merged = PixelsMut::planar(size, colors)
+            .zip(PixelsMut::planar(size, moments))
+            .zip(PixelsMut::planar(size, lengths))
+            .map(|((color, moments), length)| [color, moments, length]);
+        let missing = accumulate(color.into(), before, gradient, params.accumulate, merged);
 
         let reach = params.atrous.reach().max(params.variance.radius);
         let rays = frame.camera.as_ref().map(Camera::rays);
