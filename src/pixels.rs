@@ -5,7 +5,7 @@
 
 use std::ops::RangeInclusive;
 
-use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, interleave};
 use crate::rows::{self, BAND};
 
 /// A band of rows of a mutable image.
@@ -58,6 +58,24 @@ impl<'a> PixelsMut<'a> {
                 for i in 0..run.len {
                     pixels[i] = from.map(|row| row[i]);
                 }
+            }
+        }
+    }
+
+    /// Overwrites a run of as many channels as there are rows.
+    #[inline(always)]
+    pub fn write_all<'r>(&mut self, run: Run, from: impl ExactSizeIterator<Item = &'r [f32]>) {
+        match self {
+            Self::Planar(band) => {
+                for (row, from) in band.parts(run).zip(from) {
+                    row.copy_from_slice(&from[..run.len]);
+                }
+            }
+            Self::Interleaved { top, width, data } => {
+                let channels = from.len();
+                let start = ((run.y - *top) * *width + run.x) * channels;
+                let records = &mut data[start..][..run.len * channels];
+                interleave(from.map(|row| &row[..run.len]), records);
             }
         }
     }

@@ -40,15 +40,15 @@ pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::O
 }
 
 /// The same for kernels that look up to `reach` rows beyond theirs: they get several bands at a time, so that little is
-/// computed twice.
+/// computed twice, but leave none of the threads without.
 pub fn run_far<O: Send, K: Kernel<Out = Vec<O>>>(
     kernel: &K,
     height: usize,
     reach: usize,
     mut outs: impl Iterator<Item = O>,
 ) {
-    let rows = height.div_ceil(2 * Settings::get().threads).max(2 * reach);
-    let bands = rows.div_ceil(BAND);
+    let fair = height.div_ceil(Settings::get().threads);
+    let bands = fair.min(8 * reach).max(fair / 8).div_ceil(BAND).max(1);
     let groups = std::iter::repeat_with(|| outs.by_ref().take(bands).collect());
     run_bands(kernel, height, bands * BAND, groups);
 }

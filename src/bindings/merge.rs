@@ -3,9 +3,7 @@
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
 
-use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, choice, parts, points,
-};
+use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, choice, parts, points};
 use crate::error::{Error, in_range};
 use crate::image::Size;
 use crate::kernels::merge::{accumulate, blend, resolve};
@@ -202,7 +200,7 @@ pub fn resolve_<'py>(
     {
         return Err(Error::value("offsets", "pixels from -0.5 to 0.5", format!("{far:?}")).into());
     }
-    let (image, out) = {
+    let image = {
         let images: Vec<_> = samples.try_iter()?.collect::<PyResult<_>>()?;
         if images.is_empty() || images.len() != offsets.len() {
             let expected = format!(
@@ -225,22 +223,16 @@ pub fn resolve_<'py>(
             );
         }
         let out = Out::given(out, shape)?;
-        let (size, channels, axis) = (
-            images[0].size(),
-            images[0].channels(),
-            images[0].has_channel_axis(),
-        );
-        let data: Vec<Interleaved<f32>> = images.iter().map(Input::data).collect();
-        let image = py.detach(|| {
-            let mut resolve = resolve::Resolve::new(size, channels, filter);
-            for (samples, offset) in data.into_iter().zip(offsets) {
-                resolve.add(samples.pixels(), offset);
-            }
-            Outgoing::with_axis(resolve.finish(), axis)
-        });
-        (image, out)
+        let (size, channels) = (images[0].size(), images[0].channels());
+        let frames: Vec<_> = (images.iter())
+            .map(|image| image.data().pixels())
+            .zip(offsets)
+            .collect();
+        out.fill(py, shape, |image| {
+            resolve::resolve(&frames, filter, PixelsMut::bands(size, channels, image));
+        })?
     };
-    image.array(py, out)
+    image.array()
 }
 
 /// The blend of history and new sample.
