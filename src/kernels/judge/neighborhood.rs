@@ -26,7 +26,7 @@
 
 use std::ops::Range;
 
-use super::hull::{Hull, Polygon, Polytope, enter, toward};
+use super::hull::{Polygon, enter_slabs, toward};
 use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::kernels::merge::blend::{self, Alpha, Weighting};
@@ -334,8 +334,12 @@ impl Window {
             space.convert(history, new.each_mut().map(|row| &mut row[..n]), exposure);
         }
         match bounds {
-            Bounds::Hull => enter_hulls(run.len, rows, new, Polytope::of),
-            Bounds::ChromaHull => enter_hulls(run.len, rows, new, Polygon::of),
+            Bounds::Hull => {
+                let mut targets = [[0.0; SEGMENT]; 3];
+                find_targets(n, rows, &mut targets);
+                enter_slabs(n, rows, &targets, new);
+            }
+            Bounds::ChromaHull => enter_polygons(run.len, rows, new),
             _ => {
                 let boxes = &mut self.boxes;
                 boxes.find(n, rows, bounds, gamma);
@@ -468,37 +472,52 @@ fn mark_brightest([r, g, b]: [&[f32]; 3], into: &mut [f32]) {
     }
 }
 
-/// On the way to the pixel's own colour, which is one of the hull's, or to their mean where it is missing.
+/// What is around a pixel, and the number of those.
 #[inline(always)]
-fn enter_hulls<const N: usize, H: Hull>(
-    n: usize,
-    rows: [[&Columns; 3]; N],
-    colors: &mut [Row; 3],
-    hull: impl Fn(&[Color]) -> H,
-) {
-    for i in 0..n {
-        let mut taps = [[0.0; 3]; 25];
-        let mut count = 0;
-        for row in rows {
-            for x in i..i + N {
-                let tap = row.map(|row| row[x]);
-                if !tap[0].is_nan() {
-                    taps[count] = tap;
-                    count += 1;
-                }
+fn taps<const N: usize>(i: usize, rows: [[&Columns; 3]; N]) -> ([Color; 25], usize) {
+    let mut taps = [[0.0; 3]; 25];
+    let mut count = 0;
+    for row in rows {
+        for x in i..i + N {
+            let tap = row.map(|row| row[x]);
+            if !tap[0].is_nan() {
+                taps[count] = tap;
+                count += 1;
             }
         }
-        let taps = &taps[..count];
-        let color = colors.each_ref().map(|row| row[i]);
-        let own = rows[N / 2].map(|row| row[i + N / 2]);
-        let new = if taps.is_empty() || color[0].is_nan() {
+    }
+    (taps, count)
+}
+
+/// Where colours outside a hull head: for the pixel's own colour, which is one of the hull's, or for their mean where it is
+/// missing.
+#[inline(always)]
+fn find_targets<const N: usize>(n: usize, rows: [[&Columns; 3]; N], targets: &mut [Row; 3]) {
+    for (target, row) in targets.iter_mut().zip(rows[N / 2]) {
+        target[..n].copy_from_slice(&row[N / 2..][..n]);
+    }
+    for i in 0..n {
+        if targets[0][i].is_nan() {
+            let (taps, count) = taps(i, rows);
+            let mean = mean(&taps[..count]);
+            for c in 0..3 {
+                targets[c][i] = mean[c];
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn enter_polygons<const N: usize>(n: usize, rows: [[&Columns; 3]; N], colors: &mut [Row; 3]) {
+    let mut targets = [[0.0; SEGMENT]; 3];
+    find_targets(n, rows, &mut targets);
+    for i in 0..n {
+        let (taps, count) = taps(i, rows);
+        let [color, target] = [&*colors, &targets].map(|rows| rows.each_ref().map(|row| row[i]));
+        let new = if count == 0 || color[0].is_nan() {
             None
         } else {
-            enter(
-                &hull(taps),
-                color,
-                if own[0].is_nan() { mean(taps) } else { own },
-            )
+            Polygon::of(&taps[..count]).enter(color, target)
         };
         let new = new.unwrap_or([f32::NAN; 3]);
         for c in 0..3 {

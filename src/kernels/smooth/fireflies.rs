@@ -16,7 +16,7 @@ use std::ops::Range;
 use crate::error::{Result, in_range, whole};
 use crate::image::{Pixels, Run, Size};
 use crate::math::{is_present, luminance};
-use crate::pixels::{LANES, PixelsMut, Rolling, STRIP, larger};
+use crate::pixels::{LANES, PixelsMut, Rolling, STRIP, larger, smaller};
 use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -226,21 +226,21 @@ impl Suppress<'_> {
     /// Counts present pixels, and adds up their luminances and the squares of these.
     #[inline(always)]
     fn measure(&self, y: isize, strip: &mut Strip) {
-        let n = strip.length;
+        let (n, places) = (strip.length, strip.places(1));
         let [r, g, b] = strip.colors.row(y).map(|row| &row[..n]);
-        let [count, first, second] = strip.own.each_mut().map(|row| &mut row[..n]);
+        let [present, light, ..] = strip.known.row_mut(y).map(|row| &mut row[..n]);
+        let [squares, ..] = &mut strip.own;
+        let squares = &mut squares[..n];
         for i in 0..n {
-            let present = is_present([r[i], g[i], b[i]]);
+            let here = is_present([r[i], g[i], b[i]]);
             let l = luminance(r[i], g[i], b[i]);
-            let l = if present { l } else { 0.0 };
-            count[i] = if present { 1.0 } else { 0.0 };
-            (first[i], second[i]) = (l, l * l);
+            let l = if here { l } else { 0.0 };
+            present[i] = if here { 1.0 } else { 0.0 };
+            (light[i], squares[i]) = (l, l * l);
         }
-        let [present, light, ..] = strip.known.row_mut(y);
-        present[..n].copy_from_slice(count);
-        light[..n].copy_from_slice(first);
-        let own = strip.own.each_ref().map(Vec::as_slice);
-        strip.moments.add(y, strip.places(1), own);
+        let [present, light, ..] = strip.known.row(y);
+        let own = [present, light, &*squares];
+        strip.moments.add(y, places, own);
     }
 
     /// Finds a row's limits, and adds up what is left when luminances are held to them.
@@ -324,22 +324,24 @@ fn give(y: isize, strip: &mut Strip) {
     let places = strip.places(3);
     let n = places.len();
     let [room, ..] = &mut strip.sums;
-    let room = &mut room[places.clone()];
-    let [room] = strip.headroom.sum(y, places.clone(), [room]);
+    let room = &mut room[places.clone()][..n];
+    strip.headroom.sum(y, places.clone(), [&mut *room]);
     let known = strip.known.row_mut(y);
     let [_, light, _, limits, removed, _] = known.map(|row| &mut row[places.clone()][..n]);
-    let own = strip.own.each_mut();
-    let [gr, gg, gb] = own.map(|row| &mut row[places.clone()][..n]);
-    let colors = strip.colors.row(y);
-    let [r, g, b] = colors.map(|row| &row[places.clone()][..n]);
     for i in 0..n {
         let excess = excess(light[i], limits[i]);
         let gives = (excess > 0.0) & (room[i] > 0.0);
-        let given = if gives { excess.min(room[i]) } else { 0.0 };
+        let given = if gives { smaller(excess, room[i]) } else { 0.0 };
         removed[i] = excess - given;
         let share = given / (light[i] * room[i]);
-        let gift = |color: f32| if gives { color * share } else { 0.0 };
-        (gr[i], gg[i], gb[i]) = (gift(r[i]), gift(g[i]), gift(b[i]));
+        room[i] = if gives { share } else { 0.0 };
+    }
+    for (own, color) in strip.own.iter_mut().zip(strip.colors.row(y)) {
+        let (own, color) = (&mut own[places.clone()][..n], &color[places.clone()][..n]);
+        for i in 0..n {
+            let gift = color[i] * room[i];
+            own[i] = if room[i] > 0.0 { gift } else { 0.0 };
+        }
     }
     let own = strip.own.each_ref().map(Vec::as_slice);
     strip.gifts.add(y, strip.places(4), own);
@@ -376,8 +378,8 @@ struct Windows<const C: usize> {
     middle: Middle,
     /// Sums along rows.
     along: Rolling<C>,
-    /// What of its own row counts for a pixel. Subtracting it from the whole would not do: beside a firefly the rest
-    /// is rounded away.
+    /// The same without the pixel itself. Subtracting it from the whole would not do: beside a firefly the rest is rounded
+    /// away.
     own: Rolling<C>,
 }
 
@@ -388,7 +390,7 @@ impl<const C: usize> Windows<C> {
             radius,
             middle,
             along: Rolling::new(length, radius),
-            own: Rolling::new(length, radius),
+            own: Rolling::new(length, if middle == Middle::Left { radius } else { 0 }),
         }
     }
 
@@ -405,16 +407,16 @@ impl<const C: usize> Windows<C> {
             for i in 0..own.len() {
                 along[i] = own[i] + row[i];
             }
-            if self.middle == Middle::Counts {
-                own.copy_from_slice(along);
-            }
         }
     }
 
     /// Finds the sums of a row, of which those below have been taken.
     #[inline(always)]
     fn sum<'s>(&self, y: isize, places: Range<usize>, sums: [&'s mut [f32]; C]) -> [&'s [f32]; C] {
-        let own = self.own.row(y);
+        let own = match self.middle {
+            Middle::Counts => self.along.row(y),
+            Middle::Left => self.own.row(y),
+        };
         for c in 0..C {
             sums[c].copy_from_slice(&own[c][places.clone()]);
             let around = |d: usize| {
