@@ -674,7 +674,10 @@ fn deinterleave<'a, T: Copy + 'a>(records: &[T], outs: impl ExactSizeIterator<It
 
 /// Puts records of pixels together; `rows` are as long as there are pixels.
 #[inline(always)]
-fn interleave<'a, T: Copy + 'a>(rows: impl ExactSizeIterator<Item = &'a [T]>, records: &mut [T]) {
+pub fn interleave<'a, T: Copy + 'a>(
+    rows: impl ExactSizeIterator<Item = &'a [T]>,
+    records: &mut [T],
+) {
     #[inline(always)]
     fn all<'a, T: Copy + 'a, const C: usize>(
         mut rows: impl Iterator<Item = &'a [T]>,

@@ -5,7 +5,7 @@
 
 use std::ops::RangeInclusive;
 
-use crate::image::{BandMut, Pixels, Run, SEGMENT, Size};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, interleave};
 use crate::rows::{self, BAND};
 
 /// A band of rows of a mutable image.
@@ -37,6 +37,11 @@ impl<'a> PixelsMut<'a> {
             })
     }
 
+    /// The bands of planes that lie one after the other.
+    pub fn planar(size: Size, data: &'a mut [f32]) -> impl Iterator<Item = PixelsMut<'a>> {
+        bands_of(data, size).map(PixelsMut::Planar)
+    }
+
     /// Overwrites a run.
     #[inline(always)]
     pub fn write<const N: usize>(&mut self, run: Run, from: [&[f32]; N]) {
@@ -56,7 +61,29 @@ impl<'a> PixelsMut<'a> {
             }
         }
     }
+
+    /// Overwrites a run of as many channels as there are rows.
+    #[inline(always)]
+    pub fn write_all<'r>(&mut self, run: Run, from: impl ExactSizeIterator<Item = &'r [f32]>) {
+        match self {
+            Self::Planar(band) => {
+                for (row, from) in band.parts(run).zip(from) {
+                    row.copy_from_slice(&from[..run.len]);
+                }
+            }
+            Self::Interleaved { top, width, data } => {
+                let channels = from.len();
+                let start = ((run.y - *top) * *width + run.x) * channels;
+                let records = &mut data[start..][..run.len * channels];
+                interleave(from.map(|row| &row[..run.len]), records);
+            }
+        }
+    }
 }
+
+/// Columns that kernels with large windows work on at a time, so that what they know of the rows around stays in the
+/// second-level cache.
+pub const STRIP: usize = 640;
 
 /// Scratch is worked on in multiples of so many pixels, whole vectors at every level.
 pub const LANES: usize = 16;

@@ -45,7 +45,24 @@ pub trait LanesKernel: Sync {
 /// Runs a kernel over an image of `height` rows; `outs` yields its outputs band by band, as [`bands`] does.
 pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::Out>) {
     let level = Settings::get().level;
-    each(height, outs, |rows, out| {
+    each(height, BAND, outs, |rows, out| {
+        level.call(Band { kernel, rows, out });
+    });
+}
+
+/// The same for kernels that look up to `reach` rows beyond theirs: they get several bands at a time, so that little is
+/// computed twice, but leave none of the threads without.
+pub fn run_far<O: Send, K: Kernel<Out = Vec<O>>>(
+    kernel: &K,
+    height: usize,
+    reach: usize,
+    mut outs: impl Iterator<Item = O>,
+) {
+    let level = Settings::get().level;
+    let fair = height.div_ceil(Settings::get().threads);
+    let bands = fair.min(8 * reach).max(fair / 8).div_ceil(BAND).max(1);
+    let groups = std::iter::repeat_with(|| outs.by_ref().take(bands).collect());
+    each(height, bands * BAND, groups, |rows, out| {
         level.call(Band { kernel, rows, out });
     });
 }
@@ -53,18 +70,20 @@ pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::O
 /// The same for kernels in registers.
 pub fn run_lanes<K: LanesKernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::Out>) {
     let level = Settings::get().level;
-    each(height, outs, |rows, out| {
+    each(height, BAND, outs, |rows, out| {
         level.call(LanesBand { kernel, rows, out });
     });
 }
 
-/// Hands bands to the threads.
+/// Hands bands of so many rows to the threads.
 fn each<O: Send>(
     height: usize,
+    band: usize,
     outs: impl Iterator<Item = O>,
     call: impl Fn(Range<usize>, O) + Sync,
 ) {
-    let jobs: Vec<_> = bands(height).zip(outs).collect();
+    let bands = (0..height).step_by(band).map(|y| y..(y + band).min(height));
+    let jobs: Vec<_> = bands.zip(outs).collect();
     match pool() {
         Some(pool) if jobs.len() > 1 => pool.install(|| {
             jobs.into_par_iter().for_each(|(rows, out)| call(rows, out));

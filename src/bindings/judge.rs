@@ -502,21 +502,20 @@ pub fn anti_lag_<'py>(
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     anti_lag::check(strength)?;
-    let (length, out) = {
+    let shortened = {
         let length = Input::<f32>::new(history_length, "history_length", Channels::One)?;
         let size = length.size();
         let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
         let clipped = Input::<f32>::new(clipped, "clipped", COLOR)?.sized("clipped", size)?;
         let out = Out::given(out, length.shape())?;
-        let data = [length.data(), history.data(), clipped.data()];
-        let length = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [length, history, clipped] = planes.each_ref().map(Planes::view);
-            Outgoing::new(anti_lag::anti_lag(length, history, clipped, strength))
-        });
-        (length, out)
+        let [old, new] = [history.data(), clipped.data()].map(Interleaved::pixels);
+        let lengths = length.data().flat();
+        out.fill(py, length.shape(), |shortened| {
+            let shortened = PixelsMut::bands(size, 1, shortened);
+            anti_lag::anti_lag(lengths, old, new, strength, shortened);
+        })?
     };
-    length.array(py, out)
+    shortened.array()
 }
 
 /// How far the light has changed, beyond what noise explains.
@@ -570,20 +569,18 @@ pub fn temporal_gradient<'py>(
         widest: gradient::Params::passes("widest", widest)?,
     };
     params.check()?;
-    let (gradient, out) = {
+    let gradient = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let previous = Input::<f32>::new(previous, "previous", COLOR)?.sized("previous", size)?;
-        let out = Out::given(out, &[size.height, size.width])?;
-        let data = [color.data(), previous.data()];
-        let gradient = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [color, previous] = planes.each_ref().map(Planes::view);
-            Outgoing::new(gradient::temporal_gradient(color, previous, params))
-        });
-        (gradient, out)
+        let shape = [size.height, size.width];
+        let out = Out::given(out, &shape)?;
+        let [color, previous] = [color.data(), previous.data()].map(Interleaved::pixels);
+        out.fill(py, &shape, |gradient| {
+            gradient::temporal_gradient(color, previous, params, gradient);
+        })?
     };
-    gradient.array(py, out)
+    gradient.array()
 }
 
 /// How much better one history predicts the new sample than another, without a reference.

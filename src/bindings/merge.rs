@@ -3,9 +3,7 @@
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
 
-use super::arrays::{
-    COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, choice, parts, points,
-};
+use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, choice, parts, points};
 use crate::error::{Error, in_range};
 use crate::image::Size;
 use crate::kernels::merge::{accumulate, blend, resolve};
@@ -109,7 +107,7 @@ pub fn accumulate_<'py>(
         warmup,
     };
     params.check()?;
-    let ((color, moments, length, missing), out) = {
+    let ([color, moments, length], missing) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
@@ -119,7 +117,8 @@ pub fn accumulate_<'py>(
             .sized("history_length", size)?;
         let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
         let data = [color.data(), history.data(), moments.data(), length.data()];
-        let gradient = gradient.as_ref().map(Input::data);
+        let [color, history @ ..] = data.map(Interleaved::pixels);
+        let gradient = gradient.as_ref().map(|gradient| gradient.data().flat());
         let Size { height, width } = size;
         let [first, second, third] = parts(out.as_ref())?;
         let out = (
@@ -127,30 +126,26 @@ pub fn accumulate_<'py>(
             Out::given(second, &[height, width, 2])?,
             Out::given(third, &[height, width])?,
         );
-        let merged = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [color, h, m, n] = planes.each_ref().map(Planes::view);
-            let history = [
-                h.plane(0),
-                h.plane(1),
-                h.plane(2),
-                m.plane(0),
-                m.plane(1),
-                n.plane(0),
-            ];
-            let gradient = gradient.map(Interleaved::planes);
-            let gradient = gradient.as_ref().map(Planes::view);
-            let (merged, missing) = accumulate::accumulate(color, history, gradient, params);
-            let [color, moments, length] =
-                [0..3, 3..5, 5..6].map(|c| Outgoing::new(merged.channels(c).to_image()));
-            (color, moments, length, missing)
+        let mut merged = [
+            Direct::new(py, out.0, &[height, width, 3])?,
+            Direct::new(py, out.1, &[height, width, 2])?,
+            Direct::new(py, out.2, &[height, width])?,
+        ];
+        let [colors, moments, lengths] = merged.each_mut().map(Direct::data);
+        let (colors, moments, lengths) = (colors?, moments?, lengths?);
+        let missing = py.detach(|| {
+            let merged = PixelsMut::bands(size, 3, colors)
+                .zip(PixelsMut::bands(size, 2, moments))
+                .zip(PixelsMut::bands(size, 1, lengths))
+                .map(|((color, moments), length)| [color, moments, length]);
+            accumulate::accumulate(color, history, gradient, params, merged)
         });
-        (merged, out)
+        (merged, missing)
     };
     Ok(Accumulated {
-        color: color.array(py, out.0)?.unbind(),
-        moments: moments.array(py, out.1)?.unbind(),
-        history_length: length.array(py, out.2)?.unbind(),
+        color: color.array()?.unbind(),
+        moments: moments.array()?.unbind(),
+        history_length: length.array()?.unbind(),
         missing,
     })
 }
@@ -205,7 +200,7 @@ pub fn resolve_<'py>(
     {
         return Err(Error::value("offsets", "pixels from -0.5 to 0.5", format!("{far:?}")).into());
     }
-    let (image, out) = {
+    let image = {
         let images: Vec<_> = samples.try_iter()?.collect::<PyResult<_>>()?;
         if images.is_empty() || images.len() != offsets.len() {
             let expected = format!(
@@ -228,22 +223,16 @@ pub fn resolve_<'py>(
             );
         }
         let out = Out::given(out, shape)?;
-        let (size, channels, axis) = (
-            images[0].size(),
-            images[0].channels(),
-            images[0].has_channel_axis(),
-        );
-        let data: Vec<Interleaved<f32>> = images.iter().map(Input::data).collect();
-        let image = py.detach(|| {
-            let mut resolve = resolve::Resolve::new(size, channels, filter);
-            for (samples, offset) in data.into_iter().zip(offsets) {
-                resolve.add(samples.pixels(), offset);
-            }
-            Outgoing::with_axis(resolve.finish(), axis)
-        });
-        (image, out)
+        let (size, channels) = (images[0].size(), images[0].channels());
+        let frames: Vec<_> = (images.iter())
+            .map(|image| image.data().pixels())
+            .zip(offsets)
+            .collect();
+        out.fill(py, shape, |image| {
+            resolve::resolve(&frames, filter, PixelsMut::bands(size, channels, image));
+        })?
     };
-    image.array(py, out)
+    image.array()
 }
 
 /// The blend of history and new sample.

@@ -331,7 +331,7 @@ pub fn suppress_fireflies_<'py>(
         redistribute,
     };
     params.check()?;
-    let ((held, removed), out) = {
+    let (held, removed) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let Size { height, width } = color.size();
         let [first, second] = parts(out.as_ref())?;
@@ -339,14 +339,17 @@ pub fn suppress_fireflies_<'py>(
             Out::given(first, &[height, width, 3])?,
             Out::given(second, &[height, width])?,
         );
-        let color = color.data();
-        let held = py.detach(|| {
-            let (held, removed) = fireflies::suppress_fireflies(color.planes().view(), params);
-            (Outgoing::new(held), Outgoing::new(removed))
+        let color = color.data().pixels();
+        let mut held = Direct::new(py, out.0, &[height, width, 3])?;
+        let mut removed = Direct::new(py, out.1, &[height, width])?;
+        let (bands, rest) = (held.data()?, removed.data()?);
+        py.detach(|| {
+            let bands = PixelsMut::bands(color.size, 3, bands);
+            fireflies::suppress_fireflies(color, params, bands, Some(rest));
         });
-        (held, out)
+        (held, removed)
     };
-    Ok((held.array(py, out.0)?, removed.array(py, out.1)?))
+    Ok((held.array()?, removed.array()?))
 }
 
 /// Pixels that have just come into view, averaged over their surface.

@@ -155,9 +155,12 @@ impl Svgf {
             }
             None => frame.color.to_planes(),
         };
-        let held = params
-            .fireflies
-            .map(|fireflies| suppress_fireflies(sample.view(), fireflies).0);
+        let held = params.fireflies.map(|fireflies| {
+            let mut held = Image::blank(size, 3);
+            let bands = held.bands().map(PixelsMut::Planar);
+            suppress_fireflies(sample.pixels(), fireflies, bands, None);
+            held
+        });
         let color = held.as_ref().unwrap_or(&sample);
 
         let memory = self.memory.take();
@@ -176,9 +179,17 @@ impl Svgf {
                 reflections: None,
             },
         };
-        let history = std::array::from_fn(|channel| recalled.values.plane(channel));
+        let values = recalled.values.pixels();
+        let before = [0..3, 3..5, 5..6].map(|channels| values.part(channels));
         let change = gradient.as_ref().map(Image::view);
-        let (mut history, missing) = accumulate(color.view(), history, change, params.accumulate);
+        let mut history = Image::blank(size, accumulate::CHANNELS);
+        let (colors, rest) = history.data_mut().split_at_mut(3 * size.pixels());
+        let (moments, lengths) = rest.split_at_mut(2 * size.pixels());
+        let merged = PixelsMut::planar(size, colors)
+            .zip(PixelsMut::planar(size, moments))
+            .zip(PixelsMut::planar(size, lengths))
+            .map(|((color, moments), length)| [color, moments, length]);
+        let missing = accumulate(color.pixels(), before, change, params.accumulate, merged);
         let Reprojected {
             coverage,
             rejection,
@@ -400,7 +411,7 @@ fn recall(
             noise: 0.0,
             ..Default::default()
         };
-        temporal_gradient(replay.view(), before.view(), exact)
+        find_gradient(replay.view(), before.view(), exact)
     });
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
@@ -432,7 +443,7 @@ fn recall(
                 widest: 5,
                 ..Default::default()
             };
-            temporal_gradient(color.view(), known.view(), estimated)
+            find_gradient(color.view(), known.view(), estimated)
         }
     });
     let reflections = reflections
@@ -454,6 +465,12 @@ fn recall(
         gradient,
         reflections,
     }
+}
+
+fn find_gradient(color: View, previous: View, params: gradient::Params) -> Image {
+    let mut gradient = Image::blank(color.size, 1);
+    temporal_gradient(color.into(), previous.into(), params, gradient.data_mut());
+    gradient
 }
 
 fn check_continues(memory: &Memory, frame: &Frame) -> Result<()> {

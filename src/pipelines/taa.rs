@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use super::frame::{Frame, Output, Summary, check_size};
 use crate::error::Result;
-use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
+use crate::image::{Image, Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes, Wide};
@@ -22,7 +22,7 @@ use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
 use crate::kernels::merge::accumulate::count_missing;
 use crate::kernels::merge::blend::{self, Weighting, calm, mix};
-use crate::kernels::merge::resolve::{self, Resolve};
+use crate::kernels::merge::resolve::{self, resolve};
 use crate::math::is_present;
 use crate::pixels::{PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel, Part};
@@ -289,7 +289,7 @@ impl Stage {
                 missing,
                 details: details.as_mut().and_then(Iterator::next),
             });
-        rows::run(&kernel, size.height, outs);
+        rows::run_far(&kernel, size.height, params.clip.radius as usize, outs);
         drop(kernel);
         std::mem::swap(history, next);
         *before = Some(size);
@@ -314,10 +314,10 @@ struct Outs<'a> {
 }
 
 impl<'a> Kernel for Antialias<'a> {
-    type Out = Outs<'a>;
+    type Out = Vec<Outs<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
         let Params {
             clip,
             blend,
@@ -341,6 +341,8 @@ impl<'a> Kernel for Antialias<'a> {
             if let Some(dilation) = &mut dilation {
                 dilation.roll(y, y == rows.start);
             }
+            let (band, below) = ((y - rows.start) / BAND, (y - rows.start) % BAND);
+            let out = &mut outs[band];
             for run in segments(y, size.width) {
                 let n = run.len;
                 let motion = own_motion.load(&self.motion, run);
@@ -390,7 +392,7 @@ impl<'a> Kernel for Antialias<'a> {
                 }
                 out.merged.write(run, merged.each_ref().map(Row::as_slice));
                 if let Some(details) = &mut out.details {
-                    let place = (y - rows.start) * size.width + run.x;
+                    let place = below * size.width + run.x;
                     details.history_length[place..][..n].copy_from_slice(&length[..n]);
                     details.confidence[place..][..n].copy_from_slice(&coverage[..n]);
                     let rejection = &mut details.rejection[place..][..n];
@@ -474,11 +476,12 @@ impl Taa {
             .zip(frame.jitter)
             .map(|(filter, jitter)| {
                 used.push("jitter");
-                let mut resolve = Resolve::new(size, 3, filter);
-                let missing = resolve.add(frame.color, jitter);
-                (resolve.finish(), missing)
+                let mut image = Image::blank(size, 3);
+                let bands = image.bands().map(PixelsMut::Planar);
+                let missing = resolve(&[(frame.color, jitter)], filter, bands);
+                (image, missing)
             });
-        let source = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.view().into());
+        let source = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let motion = frame.motion(self.camera.as_ref(), &mut used);
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
         if depth.is_some() {

@@ -11,14 +11,15 @@
 use std::ops::Range;
 
 use crate::error::{Result, in_range};
-use crate::image::{BandMut, Image, View};
+use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::math::luminance;
+use crate::pixels::{PixelsMut, Row, larger};
 use crate::rows::{self, Kernel};
 
 struct AntiLag<'a> {
     length: View<'a>,
-    history: View<'a>,
-    clipped: View<'a>,
+    history: Pixels<'a>,
+    clipped: Pixels<'a>,
     strength: f32,
 }
 
@@ -29,38 +30,49 @@ pub fn check(strength: f32) -> Result<()> {
     })
 }
 
-pub fn anti_lag(length: View, history: View, clipped: View, strength: f32) -> Image {
-    let mut shortened = Image::new(length.size, 1);
+pub fn anti_lag<'a>(
+    length: View<'a>,
+    history: Pixels<'a>,
+    clipped: Pixels<'a>,
+    strength: f32,
+    shortened: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let height = length.size.height;
     let kernel = AntiLag {
         length,
         history,
         clipped,
         strength,
     };
-    rows::run(&kernel, length.size.height, shortened.bands());
-    shortened
+    rows::run(&kernel, height, shortened);
 }
 
 impl<'a> Kernel for AntiLag<'a> {
-    type Out = BandMut<'a>;
+    type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut shortened: BandMut<'a>) {
-        for y in rows {
-            let lengths = self.length.row(0, y);
-            let [hr, hg, hb] = self.history.rows(y);
-            let [kr, kg, kb] = self.clipped.rows(y);
-            for (x, out) in shortened.row(0, y).iter_mut().enumerate() {
+    fn rows(&self, rows: Range<usize>, mut shortened: PixelsMut<'a>) {
+        let [mut history, mut clipped] = [[[0.0; SEGMENT]; 3]; 2];
+        let mut out = [0.0; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.length.size.width)) {
+            self.history
+                .read(run, history.each_mut().map(Row::as_mut_slice));
+            self.clipped
+                .read(run, clipped.each_mut().map(Row::as_mut_slice));
+            let lengths = &self.length.row(0, run.y)[run.x..][..run.len];
+            let ([hr, hg, hb], [kr, kg, kb]) = (&history, &clipped);
+            for (x, &length) in lengths.iter().enumerate() {
                 let (h, k) = (
                     luminance(hr[x], hg[x], hb[x]),
                     luminance(kr[x], kg[x], kb[x]),
                 );
-                let distance = (h - k).abs() / h.abs().max(k.abs());
+                let distance = (h - k).abs() / larger(h.abs(), k.abs());
                 // NaN where both are black, or one is missing. The quotient is right for lengths without end, too.
-                let shortened = 1.0 / (1.0 / lengths[x] + self.strength * distance);
+                let shortened = 1.0 / (1.0 / length + self.strength * distance);
                 let moved = distance.is_finite() & (self.strength * distance > 0.0);
-                *out = if moved { shortened } else { lengths[x] };
+                out[x] = if moved { shortened } else { length };
             }
+            shortened.write(run, [&out]);
         }
     }
 }

@@ -16,9 +16,10 @@
 use std::ops::Range;
 
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, Run, Tap, View};
+use crate::image::{Pixels, Run, Size};
 use crate::math::{is_present, luminance, saturate};
-use crate::rows::{self, Kernel};
+use crate::pixels::{LANES, STRIP, larger};
+use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -60,35 +61,21 @@ impl Params {
 /// w, δ, δ² and m; all 0 where a pixel is missing.
 const CHANNELS: usize = 4;
 
-pub fn temporal_gradient(color: View, previous: View, params: Params) -> Image {
+/// Writes the gradient of each pixel.
+pub fn temporal_gradient(color: Pixels, previous: Pixels, params: Params, gradient: &mut [f32]) {
     let size = color.size;
-    let mut sums = Image::new(size, CHANNELS);
-    rows::run(&Differences { color, previous }, size.height, sums.bands());
-    let mut along = Image::new(size, CHANNELS);
-    let mut gradient = Image::new(size, 1);
-    for pass in 0..=params.widest {
-        if pass >= params.passes {
-            let kernel = Gradient {
-                sums: &sums,
-                noise: params.noise,
-                squares: sum_of_squares(pass),
-            };
-            rows::run(&kernel, size.height, gradient.bands());
-        }
-        if pass == params.widest {
-            break;
-        }
-        let step = 1 << pass;
-        for (dx, dy) in [(1, 0), (0, 1)] {
-            let blur = Blur {
-                sums: &sums,
-                tap: Tap { dx, dy, step },
-            };
-            rows::run(&blur, size.height, along.bands());
-            std::mem::swap(&mut sums, &mut along);
-        }
-    }
-    gradient
+    let kernel = Gradient {
+        color,
+        previous,
+        params,
+    };
+    let bands = gradient.chunks_mut(BAND * size.width);
+    rows::run_far(&kernel, size.height, reach(params.widest), bands);
+}
+
+/// Pixels to each side that count after so many passes.
+fn reach(passes: u32) -> usize {
+    (1 << passes) - 1
 }
 
 /// Of the composed kernel's weights, over both axes.
@@ -108,102 +95,215 @@ fn sum_of_squares(passes: u32) -> f32 {
     (along * along) as f32
 }
 
-struct Differences<'a> {
-    color: View<'a>,
-    previous: View<'a>,
-}
-
-impl<'a> Kernel for Differences<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let ([r, g, b], [pr, pg, pb]) = (self.color.rows(y), self.previous.rows(y));
-            let [weight, delta, square, most] = out.rows(y);
-            for x in 0..r.len() {
-                let known = is_present([r[x], g[x], b[x]]) & is_present([pr[x], pg[x], pb[x]]);
-                let l = luminance(r[x], g[x], b[x]);
-                let other = luminance(pr[x], pg[x], pb[x]);
-                let keep = |v: f32| if known { v } else { 0.0 };
-                weight[x] = keep(1.0);
-                delta[x] = keep(l - other);
-                square[x] = keep((l - other) * (l - other));
-                most[x] = keep(l.abs().max(other.abs()));
-            }
-        }
-    }
-}
-
-/// {1, 2, 1}/4 along one axis, with nothing beyond the border.
-struct Blur<'a> {
-    sums: &'a Image,
-    tap: Tap,
-}
-
-impl<'a> Kernel for Blur<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let size = self.sums.size;
-        for y in rows {
-            let row = Run {
-                y,
-                x: 0,
-                len: size.width,
-            };
-            for (out, &sum) in out
-                .rows::<CHANNELS>(y)
-                .into_iter()
-                .flatten()
-                .zip(self.sums.view().rows::<CHANNELS>(y).into_iter().flatten())
-            {
-                *out = 0.5 * sum;
-            }
-            for side in [-1, 1] {
-                let tap = Tap {
-                    dx: side * self.tap.dx,
-                    dy: side * self.tap.dy,
-                    step: self.tap.step,
-                };
-                let Some(here) = tap.inside(row, size) else {
-                    continue;
-                };
-                let there: [&[f32]; CHANNELS] = tap.of(here).rows(self.sums);
-                for (out, there) in out.rows::<CHANNELS>(y).into_iter().zip(there) {
-                    for (out, &sum) in out[here.x..][..here.len].iter_mut().zip(there) {
-                        *out += 0.25 * sum;
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Raises a gradient to what one blur shows.
 struct Gradient<'a> {
-    sums: &'a Image,
-    noise: f32,
-    squares: f32,
+    color: Pixels<'a>,
+    previous: Pixels<'a>,
+    params: Params,
+}
+
+/// A row of each channel.
+type Sums = [Vec<f32>; CHANNELS];
+
+/// A strip of columns on its way through the passes, each of which leaves it narrower by its step on both sides.
+struct Strip {
+    /// Of both images.
+    colors: [Vec<f32>; 6],
+    sums: Sums,
+    blurred: Sums,
+    blurs: Vec<Blur>,
+}
+
+impl Strip {
+    #[inline(always)]
+    fn new(width: usize, passes: u32) -> Self {
+        let mut length = STRIP.min(width).next_multiple_of(LANES);
+        let mut blurs: Vec<_> = (0..passes)
+            .rev()
+            .map(|pass| {
+                let blur = Blur::new(1 << pass, length);
+                length = (length + 2 * blur.step).next_multiple_of(LANES);
+                blur
+            })
+            .collect();
+        blurs.reverse();
+        let row = || vec![0.0; length];
+        Self {
+            colors: [(); 6].map(|()| row()),
+            sums: [(); CHANNELS].map(|()| row()),
+            blurred: [(); CHANNELS].map(|()| row()),
+            blurs,
+        }
+    }
 }
 
 impl<'a> Kernel for Gradient<'a> {
-    type Out = BandMut<'a>;
+    type Out = Vec<&'a mut [f32]>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut gradient: BandMut<'a>) {
-        for y in rows {
-            let [weight, delta, square, most] = self.sums.view().rows(y);
-            for (x, gradient) in gradient.row(0, y).iter_mut().enumerate() {
-                let w = weight[x];
-                let mean = delta[x] / w;
-                let variance = (square[x] / w - mean * mean).max(0.0);
-                let error = (variance * self.squares / w).sqrt();
-                let change = (mean.abs() - self.noise * error) / (most[x] / w);
-                // NaN where nothing is known or all is black.
-                *gradient = gradient.max(saturate(change));
+    fn rows(&self, rows: Range<usize>, mut gradient: Self::Out) {
+        let (width, widest) = (self.color.size.width, self.params.widest);
+        let mut strip = Strip::new(width, widest);
+        for left in (0..width).step_by(STRIP) {
+            let columns = left..(left + STRIP).min(width);
+            for row in 0..rows.len() + 2 * reach(widest) {
+                self.advance(row, &columns, &rows, &mut strip, &mut gradient);
             }
         }
+    }
+}
+
+impl Gradient<'_> {
+    /// Sends the next row of a strip through the passes, and as far as those have got, raises the gradient.
+    #[inline(always)]
+    fn advance(
+        &self,
+        mut row: usize,
+        columns: &Range<usize>,
+        rows: &Range<usize>,
+        strip: &mut Strip,
+        gradient: &mut [&mut [f32]],
+    ) {
+        let Size { height, width } = self.color.size;
+        let Params { passes, widest, .. } = self.params;
+        for pass in 0..=widest {
+            // What later passes will take from each side.
+            let rest = reach(widest) - reach(pass);
+            let y = (rows.start + row).checked_sub(rest);
+            let y = y.filter(|&y| y < height);
+            match y {
+                Some(y) if pass == 0 => self.compare(y, columns.start, strip),
+                _ => {}
+            }
+            for sums in &mut strip.sums {
+                let inside = inside(sums.len(), columns.start, rest, width);
+                let inside = if y.is_some() { inside } else { 0..0 };
+                sums[..inside.start].fill(0.0);
+                sums[inside.end..].fill(0.0);
+            }
+            if let Some(y) = y.filter(|y| pass >= passes && rows.contains(y)) {
+                let below = y - rows.start;
+                let band = &mut gradient[below / BAND][below % BAND * width..][..width];
+                self.raise(pass, rest, &strip.sums, &mut band[columns.clone()]);
+            }
+            let Some(blur) = strip.blurs.get_mut(pass as usize) else {
+                break;
+            };
+            blur.advance(row, &strip.sums, &mut strip.blurred);
+            // Rows before those have no others above.
+            let Some(next) = row.checked_sub(2 * blur.step) else {
+                break;
+            };
+            row = next;
+            std::mem::swap(&mut strip.sums, &mut strip.blurred);
+        }
+    }
+
+    /// What the pixels of a row differ by.
+    #[inline(always)]
+    fn compare(&self, y: usize, left: usize, strip: &mut Strip) {
+        let Strip { colors, sums, .. } = strip;
+        let reach = reach(self.params.widest);
+        let inside = inside(sums[0].len(), left, reach, self.color.size.width);
+        let run = Run {
+            y,
+            x: left + inside.start - reach,
+            len: inside.len(),
+        };
+        let [r, g, b, pr, pg, pb] = colors.each_mut().map(|row| &mut row[inside.clone()]);
+        self.color.read(run, [r, g, b]);
+        self.previous.read(run, [pr, pg, pb]);
+        let [weight, delta, square, most] = sums.each_mut().map(Vec::as_mut_slice);
+        let n = weight.len();
+        let [r, g, b, pr, pg, pb] = colors.each_ref().map(|row| &row[..n]);
+        let (delta, square, most) = (&mut delta[..n], &mut square[..n], &mut most[..n]);
+        for x in 0..n {
+            let known = is_present([r[x], g[x], b[x]]) & is_present([pr[x], pg[x], pb[x]]);
+            let l = luminance(r[x], g[x], b[x]);
+            let other = luminance(pr[x], pg[x], pb[x]);
+            let keep = |v: f32| if known { v } else { 0.0 };
+            weight[x] = keep(1.0);
+            delta[x] = keep(l - other);
+            square[x] = keep((l - other) * (l - other));
+            most[x] = keep(larger(l.abs(), other.abs()));
+        }
+    }
+
+    /// Raises the gradient to what the sums after so many passes show.
+    #[inline(always)]
+    fn raise(&self, pass: u32, rest: usize, sums: &Sums, gradient: &mut [f32]) {
+        let n = gradient.len();
+        let [weight, delta, square, most] = sums.each_ref().map(|sums| &sums[rest..][..n]);
+        if pass == self.params.passes {
+            gradient.fill(0.0);
+        }
+        let noise = self.params.noise;
+        let squares = sum_of_squares(pass);
+        for x in 0..n {
+            // The mean, its error and the light, each times the weight.
+            let variance = square[x] - delta[x] * delta[x] / weight[x];
+            let error = (larger(variance, 0.0) * squares).sqrt();
+            let change = (delta[x].abs() - noise * error) / most[x];
+            // NaN where nothing is known or all is black.
+            gradient[x] = larger(saturate(change), gradient[x]);
+        }
+    }
+}
+
+/// Those of a row's places that are the image's, if so many lie before the strip.
+fn inside(length: usize, left: usize, before: usize, width: usize) -> Range<usize> {
+    before.saturating_sub(left)..(width + before - left).min(length)
+}
+
+/// {1, 2, 1}/4 along both axes at a step, row by row from above.
+struct Blur {
+    step: usize,
+    /// Of the rows that come out.
+    length: usize,
+    /// Rows that are blurred along themselves, the last of them in two times `step`, in turn.
+    rows: [Vec<f32>; 2],
+}
+
+impl Blur {
+    fn new(step: usize, length: usize) -> Self {
+        Self {
+            step,
+            length,
+            rows: [(); 2].map(|()| vec![0.0; step * CHANNELS * length]),
+        }
+    }
+
+    /// Takes a row, and finds the one that is `step` above, if it has got as many before.
+    #[inline(always)]
+    fn advance(&mut self, row: usize, from: &Sums, into: &mut Sums) {
+        let Self { step, length, .. } = *self;
+        let [first, second] = &mut self.rows;
+        let (before, own) = if (row / step).is_multiple_of(2) {
+            (first, second)
+        } else {
+            (second, first)
+        };
+        for channel in 0..CHANNELS {
+            let at = (row % step * CHANNELS + channel) * length;
+            smooth(
+                step,
+                &from[channel],
+                &mut before[at..][..length],
+                &own[at..][..length],
+                &mut into[channel][..length],
+            );
+        }
+    }
+}
+
+/// Puts the row, blurred along itself, in the place of that before the last, and between them all three.
+#[inline(always)]
+fn smooth(step: usize, row: &[f32], before: &mut [f32], own: &[f32], into: &mut [f32]) {
+    let n = into.len();
+    let (left, middle, right) = (&row[..n], &row[step..][..n], &row[2 * step..][..n]);
+    let (before, own) = (&mut before[..n], &own[..n]);
+    for i in 0..n {
+        let here = (left[i] + right[i]) + (middle[i] + middle[i]);
+        into[i] = ((before[i] + here) + (own[i] + own[i])) * 0.0625;
+        before[i] = here;
     }
 }

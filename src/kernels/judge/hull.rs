@@ -3,30 +3,20 @@
 //! - [`Polygon`]: the exact hull of chrominances, with the range of the first coordinate. Points are float32, products
 //!   of their differences are taken in float64, so that collinear points are found to be. A hull of two points is their
 //!   segment, of one the point.
-//! - [`Polytope`]: the smallest intersection of slabs along thirteen directions (a 26-DOP: axes and diagonals of the cube)
+//! - [`enter_slabs`]: the smallest intersection of slabs along thirteen directions (a 26-DOP: axes and diagonals of the cube)
 //!   that holds the colours. It contains their exact hull, and needs no more than minima and maxima.
+
+use crate::image::SEGMENT;
+use crate::pixels::{Columns, LANES, Row, larger, smaller};
 
 type Color = [f32; 3];
 
 /// Where a segment leaves: the share of the way from `inside` to `outside`, from the signed distances of both ends.
 #[inline(always)]
-fn crossing(outside: f64, inside: f64) -> f64 {
+fn crossing(outside: f32, inside: f32) -> f32 {
     // The end inside is so by construction; rounding may say otherwise.
-    let inside = inside.max(0.0);
+    let inside = larger(inside, 0.0);
     inside / (inside - outside)
-}
-
-/// Bounds whose inside is where every signed distance is at least 0.
-pub trait Hull {
-    /// The least share of the way from `target` to `color` at which a bound is crossed; none if it is inside.
-    fn exit(&self, color: Color, target: Color) -> Option<f64>;
-}
-
-/// The colour on the way to a target inside where it enters the hull; `None` where it is inside.
-#[inline(always)]
-pub fn enter(hull: &impl Hull, color: Color, target: Color) -> Option<Color> {
-    let t = hull.exit(color, target)? as f32;
-    Some(toward(color, target, t))
 }
 
 /// From the target, which is near, rather than from the colour: a colour far out has no digits left for its goal.
@@ -113,14 +103,17 @@ fn ahead(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1])
 }
 
-impl Hull for Polygon {
+impl Polygon {
+    /// The colour on the way to a target inside where it enters the hull; `None` where it is inside.
     #[inline(always)]
-    fn exit(&self, color: Color, target: Color) -> Option<f64> {
+    pub fn enter(&self, color: Color, target: Color) -> Option<Color> {
         let [from, to] = [color, target].map(|c| [f64::from(c[1]), f64::from(c[2])]);
+        // The least share of the way from target to colour at which a bound is crossed.
         let mut t = None;
         let mut bound = |outside: f64, inside: f64| {
             if outside < 0.0 {
-                t = Some(crossing(outside, inside).min(t.unwrap_or(1.0)));
+                let here = crossing(outside as f32, inside as f32);
+                t = Some(here.min(t.unwrap_or(1.0)));
             }
         };
         for (sign, limit) in [(1.0, self.low), (-1.0, self.high)] {
@@ -147,7 +140,7 @@ impl Hull for Polygon {
                 }
             }
         }
-        t
+        Some(toward(color, target, t?))
     }
 }
 
@@ -168,44 +161,52 @@ const DIRECTIONS: [[f32; 3]; 13] = [
     [1.0, -1.0, -1.0],
 ];
 
-pub struct Polytope {
-    slabs: [[f32; 2]; 13],
-}
-
 #[inline(always)]
 fn along(direction: [f32; 3], color: Color) -> f32 {
     direction[0] * color[0] + direction[1] * color[1] + direction[2] * color[2]
 }
 
-impl Polytope {
-    #[inline(always)]
-    pub fn of(colors: &[Color]) -> Self {
-        let slabs = DIRECTIONS.map(|direction| {
-            colors
-                .iter()
-                .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &color| {
-                    let at = along(direction, color);
-                    [low.min(at), high.max(at)]
-                })
-        });
-        Self { slabs }
-    }
-}
-
-impl Hull for Polytope {
-    #[inline(always)]
-    fn exit(&self, color: Color, target: Color) -> Option<f64> {
-        let mut t = None;
-        for (direction, [low, high]) in DIRECTIONS.into_iter().zip(self.slabs) {
-            let [from, to] = [color, target].map(|color| along(direction, color));
-            for (outside, inside) in [(from - low, to - low), (high - from, high - to)] {
-                if outside < 0.0 {
-                    let here = crossing(f64::from(outside), f64::from(inside));
-                    t = Some(here.min(t.unwrap_or(1.0)));
-                }
+/// Brings each of `n` colours to where it enters the hull of the colours around it, on the way to its target inside; NaN
+/// for those that are inside, or have no others around.
+#[inline(always)]
+pub fn enter_slabs<const N: usize>(
+    n: usize,
+    rows: [[&Columns; 3]; N],
+    [t0, t1, t2]: &[Row; 3],
+    [c0, c1, c2]: &mut [Row; 3],
+) {
+    let n = n.min(SEGMENT);
+    let mut shares = [f32::INFINITY; SEGMENT];
+    let (mut lows, mut highs): (Columns, Columns) = ([0.0; _], [0.0; _]);
+    for direction in DIRECTIONS {
+        for i in 0..n + LANES {
+            let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+            for row in rows {
+                let at = along(direction, row.map(|row| row[i]));
+                (low, high) = (smaller(at, low), larger(at, high));
             }
+            (lows[i], highs[i]) = (low, high);
         }
-        t
+        for i in 0..n {
+            let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+            for dx in 0..N {
+                (low, high) = (smaller(lows[i + dx], low), larger(highs[i + dx], high));
+            }
+            let from = along(direction, [c0[i], c1[i], c2[i]]);
+            let to = along(direction, [t0[i], t1[i], t2[i]]);
+            let below = from < low;
+            let outside = if below { from - low } else { high - from };
+            let inside = if below { to - low } else { high - to };
+            let share = smaller(crossing(outside, inside), shares[i]);
+            let leaves = (outside < 0.0) & (low <= high);
+            shares[i] = if leaves { share } else { shares[i] };
+        }
+    }
+    for i in 0..n {
+        let (color, target) = ([c0[i], c1[i], c2[i]], [t0[i], t1[i], t2[i]]);
+        let entered = toward(color, target, shares[i]);
+        let moves = shares[i] < f32::INFINITY;
+        [c0[i], c1[i], c2[i]] = entered.map(|c| if moves { c } else { f32::NAN });
     }
 }
 
@@ -218,21 +219,39 @@ mod tests {
         prop::array::uniform3(-3_i8..=3).prop_map(|c| c.map(f32::from))
     }
 
+    /// Whether a colour that has these around it, up to 25, stays.
+    fn stays_in_slabs(around: &[Color], color: Color, target: Color) -> bool {
+        let mut rows = [[[f32::NAN; SEGMENT + LANES]; 3]; 5];
+        for (i, tap) in around.iter().enumerate() {
+            for c in 0..3 {
+                rows[i / 5][c][i % 5] = tap[c];
+            }
+        }
+        let [target, mut color] = [target, color].map(|color| color.map(|c| [c; SEGMENT]));
+        enter_slabs(
+            1,
+            rows.each_ref().map(|row| row.each_ref()),
+            &target,
+            &mut color,
+        );
+        color[0][0].is_nan()
+    }
+
     proptest! {
         /// On small whole numbers, where collinear points are common and nothing is rounded.
         #[test]
         fn colors_are_inside_their_hulls(colors in prop::collection::vec(color(), 1..25), target in 0_usize..25) {
             let target = colors[target % colors.len()];
             for &color in &colors {
-                prop_assert_eq!(enter(&Polygon::of(&colors), color, target), None);
-                prop_assert_eq!(enter(&Polytope::of(&colors), color, target), None);
+                prop_assert_eq!(Polygon::of(&colors).enter(color, target), None);
+                prop_assert!(stays_in_slabs(&colors, color, target));
             }
         }
 
         #[test]
         fn few_points_are_their_segment(a in color(), b in color(), far in color()) {
             let hull = Polygon::of(&[a, b, a, b]);
-            let entered = enter(&hull, far, a).unwrap_or(far);
+            let entered = hull.enter(far, a).unwrap_or(far);
             let [a, b, p] = [a, b, entered].map(|c| [f64::from(c[1]), f64::from(c[2])]);
             prop_assert!(cross(a, b, p).abs() < 1e-5);
             prop_assert!(a == b || (-1e-5..=1.0 + 1e-5).contains(&(ahead(a, b, p) / ahead(a, b, b))));

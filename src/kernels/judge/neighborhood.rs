@@ -26,13 +26,13 @@
 
 use std::ops::Range;
 
-use super::hull::{Hull, Polygon, Polytope, enter, toward};
+use super::hull::{Polygon, enter_slabs, toward};
 use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::kernels::merge::blend::{self, Alpha, Weighting};
 use crate::math::is_present;
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
-use crate::rows::{self, Kernel, Part};
+use crate::rows::{self, BAND, Kernel, Part};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounds {
@@ -227,14 +227,14 @@ pub fn clip_history<'a>(
         alpha,
         params,
     };
-    rows::run(&kernel, height, clipped);
+    rows::run_far(&kernel, height, params.radius as usize, clipped);
 }
 
 impl<'a> Kernel for Clip<'a> {
-    type Out = PixelsMut<'a>;
+    type Out = Vec<PixelsMut<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
         let size = self.color.size;
         let mut window = Window::new(size.width, self.params);
         let mut clipped = [[0.0; SEGMENT]; 3];
@@ -242,6 +242,7 @@ impl<'a> Kernel for Clip<'a> {
         let mut shares = [0.0; SEGMENT];
         for y in rows.clone() {
             window.roll(self.color, y, y == rows.start);
+            let out = &mut outs[(y - rows.start) / BAND];
             for run in segments(y, size.width) {
                 self.history
                     .read(run, clipped.each_mut().map(Row::as_mut_slice));
@@ -268,6 +269,9 @@ pub struct Window {
     converted: Rolling<3>,
     /// The brightest channel, where tone curves ask for it; 0 where missing.
     brightest: Option<Rolling<1>>,
+    boxes: Box<Boxes>,
+    /// History in the space of the box.
+    moved: [Row; 3],
 }
 
 impl Window {
@@ -280,6 +284,8 @@ impl Window {
             colors: Rolling::new(width, radius),
             converted: Rolling::new(width, radius),
             brightest: toned.then(|| Rolling::new(width, radius)),
+            boxes: Box::new(Boxes::new()),
+            moved: [[0.0; SEGMENT]; 3],
         }
     }
 
@@ -300,7 +306,7 @@ impl Window {
     }
 
     /// Brings the run's history to the colours around.
-    pub fn clip(&self, run: Run, history: &mut [Row; 3]) {
+    pub fn clip(&mut self, run: Run, history: &mut [Row; 3]) {
         rows::apart(ClipRun {
             window: self,
             run,
@@ -309,7 +315,7 @@ impl Window {
     }
 
     #[inline(always)]
-    fn clip_among<const N: usize>(&self, run: Run, history: &mut [Row; 3]) {
+    fn clip_among<const N: usize>(&mut self, run: Run, history: &mut [Row; 3]) {
         let n = lanes(run);
         let Params {
             bounds,
@@ -322,29 +328,31 @@ impl Window {
         let below = |i: usize| i as isize - (N / 2) as isize;
         let rows: [[&Columns; 3]; N] =
             std::array::from_fn(|i| self.converted.columns(run, below(i)));
-        let mut new = [[0.0; SEGMENT]; 3];
+        let new = &mut self.moved;
         {
             let history = history.each_ref().map(|row| &row[..n]);
             space.convert(history, new.each_mut().map(|row| &mut row[..n]), exposure);
         }
         match bounds {
-            Bounds::Hull => enter_hulls(run.len, rows, &mut new, Polytope::of),
-            Bounds::ChromaHull => enter_hulls(run.len, rows, &mut new, Polygon::of),
+            Bounds::Hull => {
+                let mut targets = [[0.0; SEGMENT]; 3];
+                find_targets(n, rows, &mut targets);
+                enter_slabs(n, rows, &targets, new);
+            }
+            Bounds::ChromaHull => enter_polygons(run.len, rows, new),
             _ => {
-                let mut boxes = Boxes::new();
+                let boxes = &mut self.boxes;
                 boxes.find(n, rows, bounds, gamma);
                 let axes = space.axes().map(|axis| gamma * axis);
                 let own = self.converted.own(run);
                 match response {
-                    Response::Clamp => boxes.move_in(n, &mut new, |b, _, color| b.clamp(color)),
-                    Response::Center => {
-                        boxes.move_in(n, &mut new, |b, _, color| b.to_center(color))
-                    }
-                    Response::Current => boxes.move_in(n, &mut new, |b, i, color| {
+                    Response::Clamp => boxes.move_in(n, new, |b, _, color| b.clamp(color)),
+                    Response::Center => boxes.move_in(n, new, |b, _, color| b.to_center(color)),
+                    Response::Current => boxes.move_in(n, new, |b, i, color| {
                         b.to_current(color, own.map(|row| row[i]))
                     }),
                     Response::Ellipsoid => {
-                        boxes.move_in(n, &mut new, |b, _, color| b.to_ellipsoid(color, axes));
+                        boxes.move_in(n, new, |b, _, color| b.to_ellipsoid(color, axes));
                     }
                 }
             }
@@ -364,12 +372,12 @@ impl Window {
                 }
             }
         }
-        space.replace(n, history, &new, exposure, &most);
+        space.replace(n, history, new, exposure, &most);
     }
 }
 
 struct ClipRun<'a> {
-    window: &'a Window,
+    window: &'a mut Window,
     run: Run,
     history: &'a mut [Row; 3],
 }
@@ -464,37 +472,52 @@ fn mark_brightest([r, g, b]: [&[f32]; 3], into: &mut [f32]) {
     }
 }
 
-/// On the way to the pixel's own colour, which is one of the hull's, or to their mean where it is missing.
+/// What is around a pixel, and the number of those.
 #[inline(always)]
-fn enter_hulls<const N: usize, H: Hull>(
-    n: usize,
-    rows: [[&Columns; 3]; N],
-    colors: &mut [Row; 3],
-    hull: impl Fn(&[Color]) -> H,
-) {
-    for i in 0..n {
-        let mut taps = [[0.0; 3]; 25];
-        let mut count = 0;
-        for row in rows {
-            for x in i..i + N {
-                let tap = row.map(|row| row[x]);
-                if !tap[0].is_nan() {
-                    taps[count] = tap;
-                    count += 1;
-                }
+fn taps<const N: usize>(i: usize, rows: [[&Columns; 3]; N]) -> ([Color; 25], usize) {
+    let mut taps = [[0.0; 3]; 25];
+    let mut count = 0;
+    for row in rows {
+        for x in i..i + N {
+            let tap = row.map(|row| row[x]);
+            if !tap[0].is_nan() {
+                taps[count] = tap;
+                count += 1;
             }
         }
-        let taps = &taps[..count];
-        let color = colors.each_ref().map(|row| row[i]);
-        let own = rows[N / 2].map(|row| row[i + N / 2]);
-        let new = if taps.is_empty() || color[0].is_nan() {
+    }
+    (taps, count)
+}
+
+/// Where colours outside a hull head: for the pixel's own colour, which is one of the hull's, or for their mean where it is
+/// missing.
+#[inline(always)]
+fn find_targets<const N: usize>(n: usize, rows: [[&Columns; 3]; N], targets: &mut [Row; 3]) {
+    for (target, row) in targets.iter_mut().zip(rows[N / 2]) {
+        target[..n].copy_from_slice(&row[N / 2..][..n]);
+    }
+    for i in 0..n {
+        if targets[0][i].is_nan() {
+            let (taps, count) = taps(i, rows);
+            let mean = mean(&taps[..count]);
+            for c in 0..3 {
+                targets[c][i] = mean[c];
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn enter_polygons<const N: usize>(n: usize, rows: [[&Columns; 3]; N], colors: &mut [Row; 3]) {
+    let mut targets = [[0.0; SEGMENT]; 3];
+    find_targets(n, rows, &mut targets);
+    for i in 0..n {
+        let (taps, count) = taps(i, rows);
+        let [color, target] = [&*colors, &targets].map(|rows| rows.each_ref().map(|row| row[i]));
+        let new = if count == 0 || color[0].is_nan() {
             None
         } else {
-            enter(
-                &hull(taps),
-                color,
-                if own[0].is_nan() { mean(taps) } else { own },
-            )
+            Polygon::of(&taps[..count]).enter(color, target)
         };
         let new = new.unwrap_or([f32::NAN; 3]);
         for c in 0..3 {
@@ -520,6 +543,8 @@ struct Boxes {
     deviation: [Row; 3],
     low: [Row; 3],
     high: [Row; 3],
+    sums: ColumnSums,
+    ranges: ColumnRanges,
 }
 
 /// Statistics of the columns of such neighbourhoods.
@@ -533,19 +558,13 @@ struct ColumnSums {
 
 impl ColumnSums {
     #[inline(always)]
-    fn of<const N: usize>(n: usize, rows: [[&Columns; 3]; N]) -> Self {
-        let mut sums = Self {
-            count: [0.0; _],
-            sum: [[0.0; _]; 3],
-            mean: [[0.0; _]; 3],
-            squares: [[0.0; _]; 3],
-        };
+    fn find<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
         for i in 0..n.min(SEGMENT) + LANES {
             let mut count = 0.0;
             for row in rows {
                 count += if row[0][i].is_nan() { 0.0 } else { 1.0 };
             }
-            sums.count[i] = count;
+            self.count[i] = count;
             let share = 1.0 / larger(count, 1.0);
             for c in 0..3 {
                 let mut sum = 0.0;
@@ -559,12 +578,11 @@ impl ColumnSums {
                     let off = row[c][i] - mean;
                     squares += if off.is_nan() { 0.0 } else { off * off };
                 }
-                sums.sum[c][i] = sum;
-                sums.mean[c][i] = mean;
-                sums.squares[c][i] = squares;
+                self.sum[c][i] = sum;
+                self.mean[c][i] = mean;
+                self.squares[c][i] = squares;
             }
         }
-        sums
     }
 }
 
@@ -576,11 +594,7 @@ struct ColumnRanges {
 
 impl ColumnRanges {
     #[inline(always)]
-    fn of<const N: usize>(n: usize, rows: [[&Columns; 3]; N]) -> Self {
-        let mut ranges = Self {
-            low: [[0.0; _]; 3],
-            high: [[0.0; _]; 3],
-        };
+    fn find<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
         for c in 0..3 {
             for i in 0..n.min(SEGMENT) + LANES {
                 let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
@@ -588,10 +602,9 @@ impl ColumnRanges {
                     let tap = row[c][i];
                     (low, high) = (smaller(tap, low), larger(tap, high));
                 }
-                (ranges.low[c][i], ranges.high[c][i]) = (low, high);
+                (self.low[c][i], self.high[c][i]) = (low, high);
             }
         }
-        ranges
     }
 }
 
@@ -604,6 +617,16 @@ impl Boxes {
             deviation: [[0.0; SEGMENT]; 3],
             low: [[0.0; SEGMENT]; 3],
             high: [[0.0; SEGMENT]; 3],
+            sums: ColumnSums {
+                count: [0.0; _],
+                sum: [[0.0; _]; 3],
+                mean: [[0.0; _]; 3],
+                squares: [[0.0; _]; 3],
+            },
+            ranges: ColumnRanges {
+                low: [[0.0; _]; 3],
+                high: [[0.0; _]; 3],
+            },
         }
     }
 
@@ -639,7 +662,8 @@ impl Boxes {
 
     #[inline(always)]
     fn find_ranges<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
-        let columns = ColumnRanges::of(n, rows);
+        self.ranges.find(n, rows);
+        let columns = &self.ranges;
         for c in 0..3 {
             for i in 0..n {
                 let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
@@ -662,7 +686,7 @@ impl Boxes {
     /// Takes the mean with the ranges of the crosses.
     #[inline(always)]
     fn round<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
-        let columns = ColumnRanges::of(n, rows);
+        let columns = &self.ranges;
         for c in 0..3 {
             for i in 0..n {
                 let (mut low, mut high) = (columns.low[c][i + N / 2], columns.high[c][i + N / 2]);
@@ -687,7 +711,8 @@ impl Boxes {
         rows: [[&Columns; 3]; N],
         bounds: impl Fn(f32, f32, [f32; 2]) -> [f32; 2],
     ) {
-        let columns = ColumnSums::of(n, rows);
+        self.sums.find(n, rows);
+        let columns = &self.sums;
         for i in 0..n {
             let mut count = 0.0;
             for dx in 0..N {

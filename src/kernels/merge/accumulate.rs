@@ -15,8 +15,9 @@
 use std::ops::Range;
 
 use crate::error::{Error, Result, in_range};
-use crate::image::{BandMut, Image, View};
+use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::math::{is_present, luminance, saturate};
+use crate::pixels::{PixelsMut, Row, larger, smaller};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -65,52 +66,71 @@ impl Params {
 pub const CHANNELS: usize = 6;
 
 struct Accumulate<'a> {
-    color: View<'a>,
-    history: [&'a [f32]; CHANNELS],
+    color: Pixels<'a>,
+    history: [Pixels<'a>; 3],
     gradient: Option<View<'a>>,
     params: Params,
 }
 
-/// The history image (of [`CHANNELS`]) with the new samples merged in, and the number of missing samples. The planes of
-/// `history` are those of a history image in order.
-pub fn accumulate(
-    color: View,
-    history: [&[f32]; CHANNELS],
-    gradient: Option<View>,
+/// Writes the history, which comes and goes as colour, moments and length, with the new samples merged in. Returns the
+/// number of missing samples.
+pub fn accumulate<'a>(
+    color: Pixels<'a>,
+    history: [Pixels<'a>; 3],
+    gradient: Option<View<'a>>,
     params: Params,
-) -> (Image, usize) {
-    let size = color.size;
-    let mut merged = Image::new(size, CHANNELS);
-    let mut missing = vec![0; rows::bands(size.height).count()];
+    merged: impl Iterator<Item = [PixelsMut<'a>; 3]>,
+) -> usize {
+    let height = color.size.height;
+    let mut missing = vec![0; rows::bands(height).count()];
     let kernel = Accumulate {
         color,
         history,
         gradient,
         params,
     };
-    rows::run(&kernel, size.height, merged.bands().zip(missing.iter_mut()));
-    (merged, missing.iter().sum())
+    let outs = merged
+        .zip(&mut missing)
+        .map(|(merged, missing)| Outs { merged, missing });
+    rows::run(&kernel, height, outs);
+    drop(kernel);
+    missing.iter().sum()
+}
+
+struct Outs<'a> {
+    merged: [PixelsMut<'a>; 3],
+    missing: &'a mut usize,
 }
 
 impl<'a> Kernel for Accumulate<'a> {
-    type Out = (BandMut<'a>, &'a mut usize);
+    type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut merged, missing): Self::Out) {
-        let width = self.color.size.width;
-        for y in rows {
-            let color = self.color.rows(y);
-            *missing += count_missing(color);
-            let history = self.history.map(|plane| &plane[y * width..][..width]);
-            let out = merged.rows(y);
-            match self.gradient {
-                None => merge(self.params, color, history, |_| 0.0, out),
-                Some(gradient) => {
-                    let gradient = &gradient.row(0, y)[..width];
-                    let change = |x: usize| saturate(gradient[x]);
-                    merge(self.params, color, history, change, out);
+    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+        let mut colors = [[0.0; SEGMENT]; 3];
+        let mut history = [[0.0; SEGMENT]; CHANNELS];
+        let mut changes = [0.0; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.color.size.width)) {
+            self.color
+                .read(run, colors.each_mut().map(Row::as_mut_slice));
+            *out.missing += count_missing(colors.each_ref().map(|row| &row[..run.len]));
+            let [r, g, b, first, second, length] = history.each_mut().map(Row::as_mut_slice);
+            let [color, moments, lengths] = self.history;
+            color.read(run, [r, g, b]);
+            moments.read(run, [first, second]);
+            lengths.read(run, [length]);
+            if let Some(gradient) = self.gradient {
+                let gradient = &gradient.row(0, run.y)[run.x..][..run.len];
+                for (change, &gradient) in changes.iter_mut().zip(gradient) {
+                    *change = saturate(gradient);
                 }
             }
+            self.params.merge(&colors, &changes, &mut history);
+            let [r, g, b, first, second, length] = history.each_ref().map(Row::as_slice);
+            let [color, moments, lengths] = &mut out.merged;
+            color.write(run, [r, g, b]);
+            moments.write(run, [first, second]);
+            lengths.write(run, [length]);
         }
     }
 }
@@ -132,63 +152,50 @@ fn tenth_power(x: f32) -> f32 {
     fourth * fourth * square
 }
 
-#[inline(always)]
-fn merge(
-    params: Params,
-    color: [&[f32]; 3],
-    history: [&[f32]; CHANNELS],
-    change: impl Fn(usize) -> f32,
-    out: [&mut [f32]; CHANNELS],
-) {
-    let longest = 1.0 / params.alpha;
-    let width = color[0].len();
-    let [or, og, ob, o1, o2, on] = out.map(|row| &mut row[..width]);
-    let [hr, hg, hb, h1, h2, hn] = history.map(|row| &row[..width]);
-    let [cr, cg, cb] = color.map(|row| &row[..width]);
-    for x in 0..width {
-        let c = [cr[x], cg[x], cb[x]];
-        let h = [hr[x], hg[x], hb[x]];
-        let present = is_present(c);
-        let change = change(x);
-        let before = hn[x] * tenth_power(1.0 - change);
-        let remembered = is_present(h)
-            & h1[x].is_finite()
-            & h2[x].is_finite()
-            & before.is_finite()
-            & (before > 0.0);
-        let before = if remembered { before } else { 0.0 };
-        let counted = before + 1.0;
-        let counted = if counted < longest { counted } else { longest };
-        let inverse = 1.0 / counted;
-        let (a, am) = if params.warmup {
-            (
-                inverse,
-                if inverse > params.moments_alpha {
-                    inverse
-                } else {
-                    params.moments_alpha
-                },
-            )
-        } else {
-            (params.alpha, params.moments_alpha)
-        };
-        let (a, am) = (a + change * (1.0 - a), am + change * (1.0 - am));
-        let l = luminance(c[0], c[1], c[2]);
-        let mixed = |history: f32, new: f32, share: f32| {
-            let merged = if remembered {
-                history + share * (new - history)
+impl Params {
+    /// Merges new colours into the channels of a history, by how much the light has changed, 0 to 1.
+    #[inline(always)]
+    pub fn merge(self, colors: &[Row; 3], changes: &Row, history: &mut [Row; CHANNELS]) {
+        let longest = 1.0 / self.alpha;
+        let [cr, cg, cb] = colors;
+        let [hr, hg, hb, h1, h2, hn] = history;
+        for x in 0..SEGMENT {
+            let c = [cr[x], cg[x], cb[x]];
+            let h = [hr[x], hg[x], hb[x]];
+            let present = is_present(c);
+            let change = changes[x];
+            let before = hn[x] * tenth_power(1.0 - change);
+            let remembered = is_present(h)
+                & h1[x].is_finite()
+                & h2[x].is_finite()
+                & before.is_finite()
+                & (before > 0.0);
+            let before = if remembered { before } else { 0.0 };
+            let counted = smaller(before + 1.0, longest);
+            let inverse = 1.0 / counted;
+            let (a, am) = if self.warmup {
+                (inverse, larger(inverse, self.moments_alpha))
             } else {
-                new
+                (self.alpha, self.moments_alpha)
             };
-            let kept = if remembered { history } else { f32::NAN };
-            if present { merged } else { kept }
-        };
-        or[x] = mixed(h[0], c[0], a);
-        og[x] = mixed(h[1], c[1], a);
-        ob[x] = mixed(h[2], c[2], a);
-        o1[x] = mixed(h1[x], l, am);
-        o2[x] = mixed(h2[x], l * l, am);
-        let length = if remembered { counted } else { 1.0 };
-        on[x] = if present { length } else { before };
+            let (a, am) = (a + change * (1.0 - a), am + change * (1.0 - am));
+            let l = luminance(c[0], c[1], c[2]);
+            let mixed = |history: f32, new: f32, share: f32| {
+                let merged = if remembered {
+                    history + share * (new - history)
+                } else {
+                    new
+                };
+                let kept = if remembered { history } else { f32::NAN };
+                if present { merged } else { kept }
+            };
+            hr[x] = mixed(h[0], c[0], a);
+            hg[x] = mixed(h[1], c[1], a);
+            hb[x] = mixed(h[2], c[2], a);
+            h1[x] = mixed(h1[x], l, am);
+            h2[x] = mixed(h2[x], l * l, am);
+            let length = if remembered { counted } else { 1.0 };
+            hn[x] = if present { length } else { before };
+        }
     }
 }

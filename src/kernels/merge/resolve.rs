@@ -14,8 +14,8 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, segments};
-use crate::pixels::{Columns, LANES, Rolling, lanes};
+use crate::image::{Pixels, Run, SEGMENT, segments};
+use crate::pixels::{Columns, LANES, PixelsMut, Rolling, lanes};
 use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,96 +58,127 @@ impl Filter {
     }
 }
 
-/// Reconstructs samples that come one image at a time.
-pub struct Resolve {
+/// Writes the reconstruction of frames, each with how far its samples lie beside their pixels' centres, by at most half
+/// a pixel. Returns how many samples are missing.
+pub fn resolve<'a>(
+    frames: &'a [(Pixels<'a>, [f64; 2])],
     filter: Filter,
-    /// Weighted sums of the channels, and of the weights.
-    sums: Image,
-    channels: usize,
+    image: impl Iterator<Item = PixelsMut<'a>>,
+) -> usize {
+    let height = frames[0].0.size.height;
+    let frames = frames.iter().map(|&(samples, offset)| Frame {
+        samples,
+        weights: offset
+            .map(|d| std::array::from_fn(|i| filter.weight(i as f64 - REACH as f64 + d) as f32)),
+    });
+    let kernel = Resolve {
+        frames: frames.collect(),
+    };
+    let mut missing = vec![0; rows::bands(height).count()];
+    let outs = image
+        .zip(&mut missing)
+        .map(|(image, missing)| Outs { image, missing });
+    rows::run_far(&kernel, height, REACH, outs);
+    drop(kernel);
+    missing.iter().sum()
 }
 
-impl Resolve {
-    pub fn new(size: Size, channels: usize, filter: Filter) -> Self {
-        Self {
-            filter,
-            sums: Image::new(size, channels + 1),
-            channels,
-        }
-    }
-
-    /// Adds a frame whose samples lie `offset` beside their pixels' centres, by at most half a pixel. Returns how many are
-    /// missing.
-    pub fn add(&mut self, samples: Pixels, offset: [f64; 2]) -> usize {
-        let size = self.sums.size;
-        let weights = offset.map(|d| {
-            std::array::from_fn(|i| self.filter.weight(i as f64 - REACH as f64 + d) as f32)
-        });
-        let mut missing = vec![0; size.height.div_ceil(BAND)];
-        let outs = self.sums.bands().zip(&mut missing);
-        rows::run(&Add { samples, weights }, size.height, outs);
-        missing.iter().sum()
-    }
-
-    pub fn finish(self) -> Image {
-        let mut image = Image::new(self.sums.size, self.channels);
-        rows::run(
-            &Divide { sums: &self.sums },
-            image.size.height,
-            image.bands(),
-        );
-        image
-    }
+struct Resolve<'a> {
+    frames: Vec<Frame<'a>>,
 }
 
-struct Add<'a> {
+struct Frame<'a> {
     samples: Pixels<'a>,
     /// Along x and y, for pixels from −[`REACH`] to [`REACH`].
     weights: [[f32; WINDOW]; 2],
 }
 
-impl<'a> Kernel for Add<'a> {
-    type Out = (BandMut<'a>, &'a mut usize);
+struct Outs<'a> {
+    image: PixelsMut<'a>,
+    missing: &'a mut usize,
+}
+
+impl<'a> Kernel for Resolve<'a> {
+    type Out = Vec<Outs<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut sums, missing): Self::Out) {
-        let size = self.samples.size;
-        let channels = self.samples.channels;
+    fn rows(&self, rows: Range<usize>, outs: Self::Out) {
+        let Pixels { size, channels, .. } = self.frames[0].samples;
+        // Weighted sums of the channels, and of the weights.
+        let mut sums = vec![0.0; (channels + 1) * BAND * size.width];
         // Samples, 0 where missing, and whether they are there, 1 or 0.
         let mut around: Vec<_> = (0..=channels)
             .map(|_| Rolling::<1>::new(size.width, REACH))
             .collect();
-        for y in rows.clone() {
-            let (here, around_samples) = around.split_last_mut().expect("at least one");
-            for due in here.due(y, y == rows.start) {
-                let there = self.load(due, around_samples, here);
-                if rows.contains(&(due as usize)) {
-                    *missing += size.width - there;
-                }
+        for (top, out) in rows.clone().step_by(BAND).zip(outs) {
+            let rows = top..(top + BAND).min(rows.end);
+            sums.fill(0.0);
+            for frame in &self.frames {
+                *out.missing += frame.add(&rows, &mut around, &mut sums);
             }
-            for run in segments(y, size.width) {
-                for (channel, around) in around.iter().enumerate() {
-                    let sums = &mut sums.row(channel, y)[run.x..][..run.len];
-                    self.add(around, run, sums);
+            let mut image = out.image;
+            for run in rows.flat_map(|y| segments(y, size.width)) {
+                let start = (run.y - top) * size.width + run.x;
+                let parts = sums.chunks_exact_mut(BAND * size.width);
+                let mut parts: Vec<_> = parts.map(|sums| &mut sums[start..][..run.len]).collect();
+                let (weights, parts) = parts.split_last_mut().expect("at least one");
+                for part in &mut *parts {
+                    for (sum, &weight) in part.iter_mut().zip(&**weights) {
+                        // Where negative lobes outweigh the rest, nothing sensible is left.
+                        let mean = *sum / weight;
+                        *sum = if weight > 1e-6 { mean } else { f32::NAN };
+                    }
                 }
+                image.write_all(run, parts.iter().map(|part| &**part));
             }
         }
     }
 }
 
-impl Add<'_> {
+impl Frame<'_> {
+    /// Adds the weighted samples around a band's pixels, and returns how many of its own are missing.
+    #[inline(always)]
+    fn add(&self, rows: &Range<usize>, around: &mut [Rolling<1>], sums: &mut [f32]) -> usize {
+        let width = self.samples.size.width;
+        let mut missing = 0;
+        for y in rows.clone() {
+            let (here, samples) = around.split_last_mut().expect("at least one");
+            for due in here.due(y, y == rows.start) {
+                let there = self.load(due, samples, here);
+                if rows.contains(&(due as usize)) {
+                    missing += width - there;
+                }
+            }
+            for run in segments(y, width) {
+                let start = (y - rows.start) * width + run.x;
+                for (around, sums) in around.iter().zip(sums.chunks_exact_mut(BAND * width)) {
+                    self.add_run(around, run, &mut sums[start..][..run.len]);
+                }
+            }
+        }
+        missing
+    }
+
     /// Reads a row, and returns how many of its samples are there.
     #[inline(always)]
     fn load(&self, y: isize, samples: &mut [Rolling<1>], here: &mut Rolling<1>) -> usize {
         let size = self.samples.size;
+        let mut rows: Vec<_> = (samples.iter_mut())
+            .filter_map(|samples| samples.fresh(y, size))
+            .map(|[row]| row)
+            .collect();
+        if let [r, g, b] = &mut rows[..] {
+            self.samples
+                .read(Run::row(y as usize, size.width), [r, g, b]);
+        } else {
+            for (channel, row) in rows.into_iter().enumerate() {
+                let run = Run::row(y as usize, size.width);
+                self.samples.load(run, channel, row);
+            }
+        }
         let [here] = here.row_mut(y);
         here.fill(1.0);
-        for (channel, samples) in samples.iter_mut().enumerate() {
-            if let Some([row]) = samples.fresh(y, size) {
-                for run in segments(y as usize, size.width) {
-                    let row = &mut row[run.x..][..run.len];
-                    self.samples.load(run, channel, row);
-                }
-            }
+        for samples in &*samples {
             let [row] = samples.row(y);
             for (here, sample) in here.iter_mut().zip(row) {
                 *here = if sample.is_finite() { *here } else { 0.0 };
@@ -164,7 +195,7 @@ impl Add<'_> {
 
     /// Adds the weighted samples around a run: down the columns first.
     #[inline(always)]
-    fn add(&self, around: &Rolling<1>, run: Run, sums: &mut [f32]) {
+    fn add_run(&self, around: &Rolling<1>, run: Run, sums: &mut [f32]) {
         let [along, down] = self.weights;
         let rows: [&Columns; WINDOW] =
             std::array::from_fn(|i| around.columns(run, i as isize - REACH as isize)[0]);
@@ -179,34 +210,6 @@ impl Add<'_> {
         for i in 0..sums.len().min(SEGMENT) {
             for (dx, weight) in along.into_iter().enumerate() {
                 sums[i] += weight * columns[i + dx];
-            }
-        }
-    }
-}
-
-struct Divide<'a> {
-    sums: &'a Image,
-}
-
-impl<'a> Kernel for Divide<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let channels = self.sums.channels - 1;
-        for y in rows {
-            let weights = self.sums.view().row(channels, y);
-            for channel in 0..channels {
-                let sums = self.sums.view().row(channel, y);
-                for ((out, &sum), &weight) in out.row(channel, y).iter_mut().zip(sums).zip(weights)
-                {
-                    // Where negative lobes outweigh the rest, nothing sensible is left.
-                    *out = if weight > 1e-6 {
-                        sum / weight
-                    } else {
-                        f32::NAN
-                    };
-                }
             }
         }
     }

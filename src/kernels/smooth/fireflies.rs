@@ -14,9 +14,10 @@
 use std::ops::Range;
 
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, Run, Tap, View};
+use crate::image::{Pixels, Run, Size};
 use crate::math::{is_present, luminance};
-use crate::rows::{self, Kernel};
+use crate::pixels::{LANES, PixelsMut, Rolling, STRIP, larger, smaller};
+use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -53,69 +54,315 @@ impl Params {
 /// Limits have this much room, so that rounding makes no fireflies of equal pixels.
 const SLACK: f32 = 1.000_01;
 
-pub fn suppress_fireflies(color: View, params: Params) -> (Image, Image) {
+/// Writes the colours, and the luminance that was removed, where that is asked for.
+pub fn suppress_fireflies<'a>(
+    color: Pixels<'a>,
+    params: Params,
+    held: impl Iterator<Item = PixelsMut<'a>>,
+    removed: Option<&'a mut [f32]>,
+) {
     let size = color.size;
-    let reach = params.radius as isize;
-    let mut moments = Image::new(size, 3);
-    rows::run(&Moments { color }, size.height, moments.bands());
-    let limits = limit(&moments, reach, params.threshold);
-    // Without redistribution nobody has room.
-    let mut headroom = Image::new(size, 1);
-    if params.redistribute {
-        let mut held = moments.clone();
-        rows::run(&HoldMoments { limits: &limits }, size.height, held.bands());
-        let second = limit(&held, reach, params.threshold);
-        let kernel = Headroom {
-            moments: &held,
-            limits: &second,
-        };
-        rows::run(&kernel, size.height, headroom.bands());
-    }
-    let room = window(headroom.view(), reach);
-    let (mut gifts, mut removed) = (Image::new(size, 3), Image::new(size, 1));
-    let kernel = Gifts {
-        color,
-        moments: &moments,
-        limits: &limits,
-        room: &room,
-    };
-    rows::run(&kernel, size.height, gifts.bands().zip(removed.bands()));
-    let received = params
-        .redistribute
-        .then(|| (headroom, window(gifts.view(), reach)));
-    let mut held = Image::new(size, 3);
-    let kernel = Hold {
-        color,
-        moments: &moments,
-        limits: &limits,
-        received: received.as_ref(),
-    };
-    rows::run(&kernel, size.height, held.bands());
-    (held, removed)
+    let kernel = Suppress { color, params };
+    let mut removed = removed.map(|removed| removed.chunks_mut(BAND * size.width));
+    let outs = held.map(|held| Outs {
+        held,
+        removed: removed.as_mut().and_then(Iterator::next),
+    });
+    rows::run_far(&kernel, size.height, kernel.reach(), outs);
 }
 
-/// Whether a pixel is present (1 or 0), its luminance and the square of that; 0 where it is missing.
-struct Moments<'a> {
-    color: View<'a>,
+struct Suppress<'a> {
+    color: Pixels<'a>,
+    params: Params,
 }
 
-impl<'a> Kernel for Moments<'a> {
-    type Out = BandMut<'a>;
+struct Outs<'a> {
+    held: PixelsMut<'a>,
+    removed: Option<&'a mut [f32]>,
+}
+
+impl<'a> Kernel for Suppress<'a> {
+    type Out = Vec<Outs<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let [r, g, b] = self.color.rows(y);
-            let [count, first, second] = out.rows(y);
-            for x in 0..r.len() {
-                let present = is_present([r[x], g[x], b[x]]);
-                let l = luminance(r[x], g[x], b[x]);
-                count[x] = if present { 1.0 } else { 0.0 };
-                first[x] = if present { l } else { 0.0 };
-                second[x] = if present { l * l } else { 0.0 };
+    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+        let width = self.color.size.width;
+        let mut strip = Strip::new(width, self.params.radius, self.reach());
+        for left in (0..width).step_by(STRIP) {
+            let columns = left..(left + STRIP).min(width);
+            for row in 0..rows.len() + 2 * self.reach() {
+                self.advance(row, &columns, &rows, &mut strip, &mut outs);
             }
         }
     }
+}
+
+/// The last rows of a strip of columns, and of as many more on both sides as count.
+struct Strip {
+    radius: usize,
+    length: usize,
+    colors: Rolling<3>,
+    /// Presence (1 or 0), luminance, present pixels of the ring, limit, what of the luminance is removed, and headroom.
+    known: Rolling<6>,
+    moments: Windows<3>,
+    held: Windows<2>,
+    headroom: Windows<1>,
+    gifts: Windows<3>,
+    /// What one row adds to windows, and what it takes from them.
+    own: [Vec<f32>; 3],
+    sums: [Vec<f32>; 3],
+}
+
+impl Strip {
+    #[inline(always)]
+    fn new(width: usize, radius: usize, reach: usize) -> Self {
+        let length = STRIP.min(width).next_multiple_of(LANES) + 2 * reach;
+        let rows = || [(); 3].map(|()| vec![0.0; length]);
+        Self {
+            radius,
+            length,
+            colors: Rolling::new(length, reach.div_ceil(2)),
+            known: Rolling::new(length, reach.div_ceil(2)),
+            moments: Windows::new(length, radius, Middle::Left),
+            held: Windows::new(length, radius, Middle::Left),
+            headroom: Windows::new(length, radius, Middle::Counts),
+            gifts: Windows::new(length, radius, Middle::Counts),
+            own: rows(),
+            sums: rows(),
+        }
+    }
+
+    /// Places whose windows, and their windows, and so forth, are known.
+    fn places(&self, windows: usize) -> Range<usize> {
+        windows * self.radius..self.length - windows * self.radius
+    }
+
+    /// Which of a row's places, of which `reach` lie before the strip, are the image's.
+    fn inside(&self, left: usize, reach: usize, width: usize) -> Range<usize> {
+        reach.saturating_sub(left)..(width + reach - left).min(self.length)
+    }
+}
+
+impl Suppress<'_> {
+    /// Pixels to each side that count: each sum is over windows of what the one before has found.
+    fn reach(&self) -> usize {
+        let Params {
+            radius,
+            redistribute,
+            ..
+        } = self.params;
+        radius * if redistribute { 4 } else { 1 }
+    }
+
+    /// Takes the next row of a strip, and finds what those above have waited for.
+    #[inline(always)]
+    fn advance(
+        &self,
+        row: usize,
+        columns: &Range<usize>,
+        rows: &Range<usize>,
+        strip: &mut Strip,
+        outs: &mut [Outs],
+    ) {
+        let (radius, reach) = (self.params.radius, self.reach());
+        let y = (rows.start + row) as isize - reach as isize;
+        let above = |windows: usize| y - (windows * radius) as isize;
+        self.read(y, columns.start, strip);
+        self.measure(y, strip);
+        if row >= 2 * radius {
+            self.limit(above(1), strip);
+        }
+        if self.params.redistribute {
+            if row >= 4 * radius {
+                self.find_room(above(2), strip);
+            }
+            if row >= 6 * radius {
+                give(above(3), strip);
+            }
+        }
+        if row >= 2 * reach {
+            let below = row - 2 * reach;
+            let run = Run {
+                y: rows.start + below,
+                x: columns.start,
+                len: columns.len(),
+            };
+            let Outs { held, removed } = &mut outs[below / BAND];
+            let place = reach..reach + run.len;
+            self.hold(run.y as isize, place.clone(), strip);
+            held.write(run, strip.own.each_ref().map(|row| &row[place.clone()]));
+            if let Some(removed) = removed {
+                let row = &mut removed[below % BAND * self.color.size.width..][columns.clone()];
+                let [.., known, _] = strip.known.row(run.y as isize);
+                row.copy_from_slice(&known[place]);
+            }
+        }
+    }
+
+    /// Reads a row's colours; NaN outside the image.
+    #[inline(always)]
+    fn read(&self, y: isize, left: usize, strip: &mut Strip) {
+        let Size { height, width } = self.color.size;
+        let reach = self.reach();
+        let inside = strip.inside(left, reach, width);
+        let rows = strip.colors.row_mut(y);
+        if (0..height as isize).contains(&y) {
+            let run = Run {
+                y: y as usize,
+                x: left + inside.start - reach,
+                len: inside.len(),
+            };
+            let rows = rows.map(|row| {
+                row[..inside.start].fill(f32::NAN);
+                row[inside.end..strip.length].fill(f32::NAN);
+                &mut row[inside.clone()]
+            });
+            self.color.read(run, rows);
+        } else {
+            rows.into_iter().for_each(|row| row.fill(f32::NAN));
+        }
+    }
+
+    /// Counts present pixels, and adds up their luminances and the squares of these.
+    #[inline(always)]
+    fn measure(&self, y: isize, strip: &mut Strip) {
+        let (n, places) = (strip.length, strip.places(1));
+        let [r, g, b] = strip.colors.row(y).map(|row| &row[..n]);
+        let [present, light, ..] = strip.known.row_mut(y).map(|row| &mut row[..n]);
+        let [squares, ..] = &mut strip.own;
+        let squares = &mut squares[..n];
+        for i in 0..n {
+            let here = is_present([r[i], g[i], b[i]]);
+            let l = luminance(r[i], g[i], b[i]);
+            let l = if here { l } else { 0.0 };
+            present[i] = if here { 1.0 } else { 0.0 };
+            (light[i], squares[i]) = (l, l * l);
+        }
+        let [present, light, ..] = strip.known.row(y);
+        let own = [present, light, &*squares];
+        strip.moments.add(y, places, own);
+    }
+
+    /// Finds a row's limits, and adds up what is left when luminances are held to them.
+    #[inline(always)]
+    fn limit(&self, y: isize, strip: &mut Strip) {
+        let places = strip.places(1);
+        let n = places.len();
+        let sums = strip.sums.each_mut().map(|row| &mut row[places.clone()]);
+        let [count, first, second] = strip.moments.sum(y, places.clone(), sums);
+        let known = strip.known.row_mut(y);
+        let known = known.map(|row| &mut row[places.clone()][..n]);
+        let [_, light, counts, limits, removed, _] = known;
+        let own = strip.own.each_mut();
+        let [held, squares, _] = own.map(|row| &mut row[places.clone()][..n]);
+        for i in 0..n {
+            let limit = limit(self.params.threshold, count[i], first[i], second[i]);
+            let excess = excess(light[i], limit);
+            let left = if excess > 0.0 { limit } else { light[i] };
+            (counts[i], limits[i], removed[i]) = (count[i], limit, excess);
+            (held[i], squares[i]) = (left, left * left);
+        }
+        let [held, squares, _] = strip.own.each_ref().map(Vec::as_slice);
+        strip.held.add(y, strip.places(2), [held, squares]);
+    }
+
+    /// Finds what a row's present pixels lack to the limits that are left, and adds it up.
+    #[inline(always)]
+    fn find_room(&self, y: isize, strip: &mut Strip) {
+        let places = strip.places(2);
+        let n = places.len();
+        let [first, second, _] = strip.sums.each_mut();
+        let sums = [first, second].map(|row| &mut row[places.clone()]);
+        let [first, second] = strip.held.sum(y, places.clone(), sums);
+        let known = strip.known.row_mut(y);
+        let known = known.map(|row| &mut row[places.clone()][..n]);
+        let [present, light, count, limits, _, headroom] = known;
+        for i in 0..n {
+            let exceeds = excess(light[i], limits[i]) > 0.0;
+            let left = if exceeds { limits[i] } else { light[i] };
+            let limit = limit(self.params.threshold, count[i], first[i], second[i]);
+            let limited = (present[i] > 0.0) & limit.is_finite();
+            let room = larger(limit - left, 0.0);
+            headroom[i] = if limited { room } else { 0.0 };
+        }
+        let [.., headroom] = strip.known.row(y);
+        strip.headroom.add(y, strip.places(3), [headroom]);
+    }
+
+    /// Holds a row's colours to their limits, and gives them what others have for them.
+    #[inline(always)]
+    fn hold(&self, y: isize, places: Range<usize>, strip: &mut Strip) {
+        let n = places.len();
+        let known = strip.known.row(y).map(|row| &row[places.clone()][..n]);
+        let [_, light, _, limits, _, headroom] = known;
+        let colors = strip.colors.row(y);
+        let [r, g, b] = colors.map(|row| &row[places.clone()][..n]);
+        let own = strip.own.each_mut();
+        let [or, og, ob] = own.map(|row| &mut row[places.clone()][..n]);
+        for i in 0..n {
+            let exceeds = excess(light[i], limits[i]) > 0.0;
+            let share = limits[i] / light[i];
+            let held = |color: f32| if exceeds { color * share } else { color };
+            (or[i], og[i], ob[i]) = (held(r[i]), held(g[i]), held(b[i]));
+        }
+        if self.params.redistribute {
+            let sums = strip.sums.each_mut().map(|row| &mut row[places.clone()]);
+            let gifts = strip.gifts.sum(y, places.clone(), sums);
+            for (out, gifts) in strip.own.iter_mut().zip(gifts) {
+                let out = &mut out[places.clone()][..n];
+                for i in 0..n {
+                    out[i] += headroom[i] * gifts[i];
+                }
+            }
+        }
+    }
+}
+
+/// Adds up what a row's fireflies have for each unit of headroom around them, in their colour.
+#[inline(always)]
+fn give(y: isize, strip: &mut Strip) {
+    let places = strip.places(3);
+    let n = places.len();
+    let [room, ..] = &mut strip.sums;
+    let room = &mut room[places.clone()][..n];
+    strip.headroom.sum(y, places.clone(), [&mut *room]);
+    let known = strip.known.row_mut(y);
+    let [_, light, _, limits, removed, _] = known.map(|row| &mut row[places.clone()][..n]);
+    for i in 0..n {
+        let excess = excess(light[i], limits[i]);
+        let gives = (excess > 0.0) & (room[i] > 0.0);
+        let given = if gives { smaller(excess, room[i]) } else { 0.0 };
+        removed[i] = excess - given;
+        let share = given / (light[i] * room[i]);
+        room[i] = if gives { share } else { 0.0 };
+    }
+    for (own, color) in strip.own.iter_mut().zip(strip.colors.row(y)) {
+        let (own, color) = (&mut own[places.clone()][..n], &color[places.clone()][..n]);
+        for i in 0..n {
+            let gift = color[i] * room[i];
+            own[i] = if room[i] > 0.0 { gift } else { 0.0 };
+        }
+    }
+    let own = strip.own.each_ref().map(Vec::as_slice);
+    strip.gifts.add(y, strip.places(4), own);
+}
+
+/// The limit of a pixel by the sums over its ring; +inf where there is none.
+#[inline(always)]
+fn limit(threshold: f32, count: f32, first: f32, second: f32) -> f32 {
+    let share = 1.0 / count;
+    let mean = first * share;
+    let variance = larger(second * share - mean * mean, 0.0);
+    let limit = (mean + threshold * variance.sqrt()) * SLACK;
+    // Squares that overflow leave no limit either.
+    let limited = (count >= 2.0) & limit.is_finite();
+    if limited { limit } else { f32::INFINITY }
+}
+
+/// What a luminance has beyond its limit; nothing that is not positive has.
+#[inline(always)]
+fn excess(l: f32, limit: f32) -> f32 {
+    if l > 0.0 { larger(l - limit, 0.0) } else { 0.0 }
 }
 
 /// Whether the middle of a window counts.
@@ -125,234 +372,78 @@ enum Middle {
     Left,
 }
 
-/// Sums of each channel along an axis, `reach` pixels to each side, with nothing beyond the border.
-struct Sums<'a> {
-    image: View<'a>,
-    axis: [isize; 2],
-    reach: isize,
+/// Sums over the window around each pixel, from rows that come from above.
+struct Windows<const C: usize> {
+    radius: usize,
     middle: Middle,
+    /// Sums along rows.
+    along: Rolling<C>,
+    /// The same without the pixel itself. Subtracting it from the whole would not do: beside a firefly the rest is rounded
+    /// away.
+    own: Rolling<C>,
 }
 
-fn sums(image: View, axis: [isize; 2], reach: isize, middle: Middle) -> Image {
-    let mut sums = Image::new(image.size, image.channels);
-    let kernel = Sums {
-        image,
-        axis,
-        reach,
-        middle,
-    };
-    rows::run(&kernel, image.size.height, sums.bands());
-    sums
-}
-
-fn window(image: View, reach: isize) -> Image {
-    let columns = sums(image, [0, 1], reach, Middle::Counts);
-    sums(columns.view(), [1, 0], reach, Middle::Counts)
-}
-
-impl<'a> Kernel for Sums<'a> {
-    type Out = BandMut<'a>;
-
+impl<const C: usize> Windows<C> {
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let row = Run {
-                y,
-                x: 0,
-                len: self.image.size.width,
+    fn new(length: usize, radius: usize, middle: Middle) -> Self {
+        Self {
+            radius,
+            middle,
+            along: Rolling::new(length, radius),
+            own: Rolling::new(length, if middle == Middle::Left { radius } else { 0 }),
+        }
+    }
+
+    /// Takes the next row.
+    #[inline(always)]
+    fn add(&mut self, y: isize, places: Range<usize>, rows: [&[f32]; C]) {
+        let sums = self.along.row_mut(y).into_iter().zip(self.own.row_mut(y));
+        for ((along, own), row) in sums.zip(rows) {
+            let (along, own) = (&mut along[places.clone()], &mut own[places.clone()]);
+            own.fill(0.0);
+            let beside = |d: usize| [places.start - d, places.start + d].map(|at| &row[at..]);
+            add_pairs(self.radius, beside, own);
+            let row = &row[places.clone()];
+            for i in 0..own.len() {
+                along[i] = own[i] + row[i];
+            }
+        }
+    }
+
+    /// Finds the sums of a row, of which those below have been taken.
+    #[inline(always)]
+    fn sum<'s>(&self, y: isize, places: Range<usize>, sums: [&'s mut [f32]; C]) -> [&'s [f32]; C] {
+        let own = match self.middle {
+            Middle::Counts => self.along.row(y),
+            Middle::Left => self.own.row(y),
+        };
+        for c in 0..C {
+            sums[c].copy_from_slice(&own[c][places.clone()]);
+            let around = |d: usize| {
+                [y - d as isize, y + d as isize].map(|y| &self.along.row(y)[c][places.start..])
             };
-            for channel in 0..self.image.channels {
-                let out = out.row(channel, y);
-                out.fill(0.0);
-                for d in -self.reach..=self.reach {
-                    let [dx, dy] = self.axis.map(|axis| axis * d);
-                    let tap = Tap { dx, dy, step: 1 };
-                    if d == 0 && self.middle == Middle::Left {
-                        continue;
-                    }
-                    if let Some(here) = tap.inside(row, self.image.size) {
-                        let there = tap.of(here);
-                        let from = &self.image.row(channel, there.y)[there.x..][..there.len];
-                        for (sum, from) in out[here.x..][..here.len].iter_mut().zip(from) {
-                            *sum += from;
-                        }
-                    }
-                }
-            }
+            add_pairs(self.radius, around, sums[c]);
         }
+        sums.map(|sums| &*sums)
     }
 }
 
-/// The limit of each pixel; +inf where there is none.
-fn limit(moments: &Image, reach: isize, threshold: f32) -> Image {
-    // The ring is put together from columns, those beside the pixel and its own without it. Subtracting the pixel
-    // from the whole window would not do: beside a firefly the rest is rounded away.
-    let columns = sums(moments.view(), [0, 1], reach, Middle::Counts);
-    let beside = sums(columns.view(), [1, 0], reach, Middle::Left);
-    let own = sums(moments.view(), [0, 1], reach, Middle::Left);
-    let mut limits = Image::new(moments.size, 1);
-    let kernel = Limits {
-        ring: [&beside, &own],
-        threshold,
-    };
-    rows::run(&kernel, moments.size.height, limits.bands());
-    limits
-}
-
-struct Limits<'a> {
-    /// Two parts whose sum is the ring's count and moments.
-    ring: [&'a Image; 2],
-    threshold: f32,
-}
-
-impl<'a> Kernel for Limits<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let [[n0, a0, b0], [n1, a1, b1]] = self.ring.map(|part| part.view().rows(y));
-            for (x, out) in out.row(0, y).iter_mut().enumerate() {
-                let count = n0[x] + n1[x];
-                let mean = (a0[x] + a1[x]) / count;
-                let variance = ((b0[x] + b1[x]) / count - mean * mean).max(0.0);
-                let limit = (mean + self.threshold * variance.sqrt()) * SLACK;
-                // Squares that overflow leave no limit either.
-                let limited = (count >= 2.0) & limit.is_finite();
-                *out = if limited { limit } else { f32::INFINITY };
-            }
-        }
-    }
-}
-
-/// What a luminance has beyond its limit; nothing that is not positive has.
+/// Adds the rows at every distance up to the radius.
 #[inline(always)]
-fn excess(l: f32, limit: f32) -> f32 {
-    if l > 0.0 { (l - limit).max(0.0) } else { 0.0 }
-}
-
-/// Moments of what is left when luminances are held to their limits.
-struct HoldMoments<'a> {
-    limits: &'a Image,
-}
-
-impl<'a> Kernel for HoldMoments<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut moments: BandMut<'a>) {
-        for y in rows {
-            let limit = self.limits.view().row(0, y);
-            let [_, first, second] = moments.rows(y);
-            for x in 0..limit.len() {
-                let held = if excess(first[x], limit[x]) > 0.0 {
-                    limit[x]
-                } else {
-                    first[x]
-                };
-                first[x] = held;
-                second[x] = held * held;
-            }
+fn add_pairs<'r>(radius: usize, pair: impl Fn(usize) -> [&'r [f32]; 2], sums: &mut [f32]) {
+    let n = sums.len();
+    let pair = |d| pair(d).map(|row| &row[..n]);
+    // Two at once, which saves half of the loads and stores of sums.
+    for d in (1..radius).step_by(2) {
+        let [[a, b], [c, d]] = [pair(d), pair(d + 1)];
+        for i in 0..n {
+            sums[i] += (a[i] + b[i]) + (c[i] + d[i]);
         }
     }
-}
-
-/// What present pixels lack to their limits.
-struct Headroom<'a> {
-    moments: &'a Image,
-    limits: &'a Image,
-}
-
-impl<'a> Kernel for Headroom<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let [present, l, _] = self.moments.view().rows(y);
-            let limit = self.limits.view().row(0, y);
-            for (x, out) in out.row(0, y).iter_mut().enumerate() {
-                let limited = (present[x] > 0.0) & limit[x].is_finite();
-                *out = if limited {
-                    (limit[x] - l[x]).max(0.0)
-                } else {
-                    0.0
-                };
-            }
-        }
-    }
-}
-
-/// What a firefly has for each unit of headroom around it, in its colour, and what it cannot give away.
-struct Gifts<'a> {
-    color: View<'a>,
-    moments: &'a Image,
-    limits: &'a Image,
-    /// Headroom over the window.
-    room: &'a Image,
-}
-
-impl<'a> Kernel for Gifts<'a> {
-    type Out = (BandMut<'a>, BandMut<'a>);
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut gifts, mut removed): Self::Out) {
-        for y in rows {
-            let color: [_; 3] = self.color.rows(y);
-            let [_, l, _] = self.moments.view().rows(y);
-            let limit = self.limits.view().row(0, y);
-            let room = self.room.view().row(0, y);
-            let removed = removed.row(0, y);
-            let mut gifts: [_; 3] = gifts.rows(y);
-            for x in 0..l.len() {
-                let excess = excess(l[x], limit[x]);
-                let gives = (excess > 0.0) & (room[x] > 0.0);
-                let given = if gives { excess.min(room[x]) } else { 0.0 };
-                removed[x] = excess - given;
-                for (gift, color) in gifts.iter_mut().zip(color) {
-                    gift[x] = if gives {
-                        color[x] / l[x] * (given / room[x])
-                    } else {
-                        0.0
-                    };
-                }
-            }
-        }
-    }
-}
-
-struct Hold<'a> {
-    color: View<'a>,
-    moments: &'a Image,
-    limits: &'a Image,
-    /// Headroom, and gifts over the window.
-    received: Option<&'a (Image, Image)>,
-}
-
-impl<'a> Kernel for Hold<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let [_, l, _] = self.moments.view().rows(y);
-            let limit = self.limits.view().row(0, y);
-            for channel in 0..3 {
-                let color = self.color.row(channel, y);
-                let out = out.row(channel, y);
-                for x in 0..l.len() {
-                    let held = color[x] * (limit[x] / l[x]);
-                    let exceeds = excess(l[x], limit[x]) > 0.0;
-                    out[x] = if exceeds { held } else { color[x] };
-                }
-                if let Some((headroom, gifts)) = self.received {
-                    let headroom = headroom.view().row(0, y);
-                    let gifts = gifts.view().row(channel, y);
-                    for x in 0..l.len() {
-                        out[x] += headroom[x] * gifts[x];
-                    }
-                }
-            }
+    if radius % 2 == 1 {
+        let [a, b] = pair(radius);
+        for i in 0..n {
+            sums[i] += a[i] + b[i];
         }
     }
 }
