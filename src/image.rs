@@ -244,35 +244,51 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 
     /// The first channel of these pixels.
     #[inline(always)]
-    pub fn gather(&self, pixels: &[u32], into: &mut [T]) {
+    pub fn gather(&self, pixels: &[u32], spans: &Spans, into: &mut [T]) {
         let (data, step) = (self.data, self.steps[0]);
-        for (to, &pixel) in into.iter_mut().zip(pixels) {
-            *to = data[pixel as usize * step];
+        for Span { part, together } in spans.iter() {
+            let (pixels, into) = (&pixels[part.clone()], &mut into[part]);
+            if together && step == 1 {
+                into.copy_from_slice(&data[pixels[0] as usize..][..into.len()]);
+            } else {
+                for (to, &pixel) in into.iter_mut().zip(pixels) {
+                    *to = data[pixel as usize * step];
+                }
+            }
         }
     }
 
     /// The first three channels of these pixels; `records` is scratch.
     #[inline(always)]
-    pub fn gather_vectors(&self, pixels: &[u32], records: &mut [[T; 4]], into: [&mut [T]; 3]) {
-        if self.steps[1] == 1 {
-            // One load for each, of a number too many.
-            let records = &mut records[..pixels.len()];
-            let (data, step) = (self.data, self.steps[0]);
-            for (record, &pixel) in records.iter_mut().zip(pixels) {
-                let rest = &data[pixel as usize * step..];
-                match rest.first_chunk() {
-                    Some(whole) => *record = *whole,
-                    None => *record = few(rest),
-                }
-            }
+    pub fn gather_vectors(
+        &self,
+        pixels: &[u32],
+        spans: &Spans,
+        records: &mut [[T; 4]],
+        into: [&mut [T]; 3],
+    ) {
+        if self.steps[1] != 1 {
             for (channel, out) in into.into_iter().enumerate() {
-                for (to, record) in out.iter_mut().zip(&*records) {
-                    *to = record[channel];
-                }
+                self.part(channel..channel + 1).gather(pixels, spans, out);
             }
-        } else {
-            for (channel, out) in into.into_iter().enumerate() {
-                self.part(channel..channel + 1).gather(pixels, out);
+            return;
+        }
+        let (data, step) = (self.data, self.steps[0]);
+        let [x, y, z] = into;
+        for Span { part, together } in spans.iter() {
+            let pixels = &pixels[part.clone()];
+            let len = pixels.len();
+            let into = [&mut *x, &mut *y, &mut *z].map(|lane| &mut lane[part.clone()]);
+            if together && step == 3 {
+                let data = &data[3 * pixels[0] as usize..][..3 * len];
+                apart(data.as_chunks::<3>().0, into);
+            } else {
+                // One load for each, of a number too many.
+                let records = &mut records[..len];
+                for (to, &pixel) in records.iter_mut().zip(pixels) {
+                    *to = record(data, pixel as usize * step);
+                }
+                apart(records, into);
             }
         }
     }
@@ -309,25 +325,27 @@ impl Pixels<'_> {
     /// Copies the first `N` channels of a run: all at once where they lie side by side.
     #[inline(always)]
     pub fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
-        #[inline(always)]
-        fn all<const C: usize, const N: usize>(records: &[[f32; C]], into: [&mut [f32]; N]) {
-            let into = into.map(|row| &mut row[..records.len()]);
-            for i in 0..records.len() {
-                for c in 0..N {
-                    into[c][i] = records[i][c];
-                }
-            }
-        }
         let start = (run.y * self.size.width + run.x) * self.steps[0];
         let records = |channels: usize| &self.data[start..][..run.len * channels];
         match self.steps {
-            [3, 1] => all(records(3).as_chunks::<3>().0, into),
-            [4, 1] => all(records(4).as_chunks::<4>().0, into),
+            [3, 1] => apart(records(3).as_chunks::<3>().0, into),
+            [4, 1] => apart(records(4).as_chunks::<4>().0, into),
             _ => {
                 for (channel, into) in into.into_iter().enumerate() {
                     self.load(run, channel, &mut into[..run.len]);
                 }
             }
+        }
+    }
+}
+
+/// Takes the first `N` channels of records apart.
+#[inline(always)]
+fn apart<T: Copy, const C: usize, const N: usize>(records: &[[T; C]], into: [&mut [T]; N]) {
+    let into = into.map(|row| &mut row[..records.len()]);
+    for i in 0..records.len() {
+        for c in 0..N {
+            into[c][i] = records[i][c];
         }
     }
 }
@@ -472,6 +490,65 @@ impl Run {
             .view()
             .rows(self.y)
             .map(|row| &row[self.x..][..self.len])
+    }
+}
+
+/// Some of a run's pixels, and whether the pixels that they look at lie side by side.
+pub struct Span {
+    pub part: Range<usize>,
+    pub together: bool,
+}
+
+/// A run in spans: where motion is smooth, neighbours come from neighbours, and are read as rows are.
+pub struct Spans {
+    /// Of whole vectors, but for the last.
+    ends: [(u16, bool); SEGMENT / Self::VECTOR + 1],
+    count: usize,
+}
+
+impl Spans {
+    const VECTOR: usize = 16;
+
+    pub fn none() -> Self {
+        Self {
+            ends: [(0, false); _],
+            count: 0,
+        }
+    }
+
+    /// Of a run that looks at these pixels.
+    #[inline(always)]
+    pub fn find(&mut self, pixels: &[u32]) {
+        self.count = 0;
+        let mut last = None;
+        for (k, chunk) in pixels.chunks(Self::VECTOR).enumerate() {
+            let together = match chunk.first_chunk::<{ Self::VECTOR }>() {
+                Some(chunk) => {
+                    let steps = chunk.iter().zip(chunk[0]..).map(|(&at, next)| at ^ next);
+                    steps.fold(0, |any, step| any | step) == 0
+                }
+                None => false,
+            };
+            let goes_on = match last {
+                Some((true, next)) => together && next == chunk[0],
+                Some((false, _)) => !together,
+                None => false,
+            };
+            self.count += usize::from(!goes_on);
+            let end = k * Self::VECTOR + chunk.len();
+            self.ends[self.count - 1] = (end as u16, together);
+            last = Some((together, chunk[chunk.len() - 1].wrapping_add(1)));
+        }
+    }
+
+    #[inline(always)]
+    pub fn iter(&self) -> impl Iterator<Item = Span> {
+        let mut start = 0;
+        self.ends[..self.count].iter().map(move |&(end, together)| {
+            let part = start..usize::from(end);
+            start = part.end;
+            Span { part, together }
+        })
     }
 }
 

@@ -1,6 +1,6 @@
 //! Where a pixel's history lies in the previous frame, and which of those pixels may be used.
 
-use crate::image::{Pixels, Run, SEGMENT, Size};
+use crate::image::{Pixels, Run, SEGMENT, Size, Spans};
 use crate::kernels::judge::surface::{Expected, Judged, Lane, Tests, rejection};
 
 /// Below this share of valid weight, a footprint says too little (Falcor's SVGF has the same bound).
@@ -177,6 +177,7 @@ pub struct Footprints {
     /// The upper left one.
     corner: [Lane; 2],
     pub at: Lane<u32>,
+    pub spans: Spans,
     pub weights: [Lane; 4],
     /// The sum of the weights.
     pub coverage: Lane,
@@ -193,6 +194,7 @@ impl Footprints {
             from: [[0.0; SEGMENT]; 2],
             corner: [[0.0; SEGMENT]; 2],
             at: [0; SEGMENT],
+            spans: Spans::none(),
             weights: [[0.0; SEGMENT]; 4],
             coverage: [0.0; SEGMENT],
             failed: [0; SEGMENT],
@@ -258,6 +260,7 @@ impl Footprints {
             let inside = across.inside & down.inside;
             failed[i] = if inside { 0 } else { rejection::OUTSIDE.into() };
         }
+        self.spans.find(at);
     }
 
     #[inline(always)]
@@ -275,7 +278,7 @@ impl Footprints {
                     top[i] + below as f32,
                 )
             });
-            tests.judge(&self.expected, len, &mut self.judged);
+            tests.judge(&self.expected, len, &self.spans, &mut self.judged);
             let (trust, failures) = (&self.judged.trust[..len], &self.judged.failed[..len]);
             let (weights, failed) = (&mut weights[..len], &mut self.failed[..len]);
             for i in 0..len {
@@ -341,18 +344,25 @@ impl Footprints {
         Some((at, tests.trust(&self.expected, i, [x, y], at)))
     }
 
-    /// The weights of a wide kernel for each pixel whose 4×4 taps lie inside.
+    /// The weights of a wide kernel, and the pixels that it serves: all of whose taps lie inside and pass the tests.
     #[inline(always)]
-    pub fn widen(&self, kernel: Wide, len: usize, wide: &mut WideLanes) {
+    pub fn widen(&mut self, kernel: Wide, len: usize, tests: &Tests, wide: &mut WideLanes) {
         match kernel {
-            Wide::CatmullRom => self.widen_by(cubic, true, len, wide),
-            Wide::CatmullRom5 => self.widen_by(cubic, false, len, wide),
-            Wide::Lanczos2 => self.widen_by(lanczos, true, len, wide),
+            Wide::CatmullRom => self.weigh(cubic, true, len, wide),
+            Wide::CatmullRom5 => self.weigh(cubic, false, len, wide),
+            Wide::Lanczos2 => self.weigh(lanczos, true, len, wide),
+        }
+        wide.spans.find(&wide.at[..len]);
+        let any = wide.serves[..len]
+            .iter()
+            .fold(0, |any, serves| any | serves);
+        if any != 0 && !tests.accept_all() {
+            self.judge_around(kernel, len, tests, wide);
         }
     }
 
     #[inline(always)]
-    fn widen_by(
+    fn weigh(
         &self,
         side: impl Fn(f32) -> [f32; 4],
         corners: bool,
@@ -360,16 +370,12 @@ impl Footprints {
         wide: &mut WideLanes,
     ) {
         let Size { height, width } = self.size;
-        let WideLanes {
-            along,
-            down,
-            at,
-            inside,
-        } = wide;
         let [x, y] = self.from.each_ref().map(|lane| &lane[..len]);
-        let [a0, a1, a2, a3] = along.each_mut().map(|lane| &mut lane[..len]);
-        let [d0, d1, d2, d3] = down.each_mut().map(|lane| &mut lane[..len]);
-        let (first, at, inside) = (&self.at[..len], &mut at[..len], &mut inside[..len]);
+        let [a0, a1, a2, a3] = wide.along.each_mut().map(|lane| &mut lane[..len]);
+        let [d0, d1, d2, d3] = wide.down.each_mut().map(|lane| &mut lane[..len]);
+        let (first, failed) = (&self.at[..len], &self.failed[..len]);
+        let (at, serves) = (&mut wide.at[..len], &mut wide.serves[..len]);
+        let unsure = &mut wide.unsure[..len];
         let before = width as u32 + 1;
         let fits = |at: f32, side: usize| (at >= 1.0) & (at + 2.0 < side as f32);
         for i in 0..len {
@@ -378,24 +384,56 @@ impl Footprints {
             [a0[i], a1[i], a2[i], a3[i]] = along;
             [d0[i], d1[i], d2[i], d3[i]] = down;
             let fits = fits(left, width) & fits(top, height);
+            let gaps = (along[0] == 0.0) | (along[3] == 0.0) | (down[0] == 0.0) | (down[3] == 0.0);
+            let passes = failed[i] == 0;
             at[i] = if fits {
                 first[i].wrapping_sub(before)
             } else {
                 0
             };
-            inside[i] = fits.into();
+            serves[i] = (fits & passes).into();
+            unsure[i] = (!fits & gaps & passes).into();
+        }
+    }
+
+    /// Judges the taps around the 2×2 that are judged already.
+    #[inline(always)]
+    fn judge_around(&mut self, kernel: Wide, len: usize, tests: &Tests, wide: &mut WideLanes) {
+        let [left, top] = self.corner.each_ref().map(|lane| &lane[..len]);
+        let (at, serves) = (&wide.at[..len], &mut wide.serves[..len]);
+        for row in 0..4 {
+            for column in Wide::columns(kernel.has_corners(), row) {
+                if matches!((row, column), (1 | 2, 1 | 2)) {
+                    continue;
+                }
+                let step = (row * self.size.width + column) as u32;
+                let (right, below) = (column as f32 - 1.0, row as f32 - 1.0);
+                self.judged
+                    .look(len, |i| (at[i] + step, left[i] + right, top[i] + below));
+                tests.judge(&self.expected, len, &wide.spans, &mut self.judged);
+                let failures = &self.judged.failed[..len];
+                let (along, down) = (&wide.along[column][..len], &wide.down[row][..len]);
+                for i in 0..len {
+                    let counts = (along[i] != 0.0) & (down[i] != 0.0);
+                    let fails = counts & (failures[i] != 0);
+                    serves[i] = if fails { 0 } else { serves[i] };
+                }
+            }
         }
     }
 }
 
-/// The weights of a wide kernel.
+/// The weights of a wide kernel, and whom it serves.
 pub struct WideLanes {
     pub along: [Lane; 4],
     pub down: [Lane; 4],
     /// The upper left tap.
     pub at: Lane<u32>,
-    /// 1 where all taps lie inside, or 0.
-    pub inside: Lane<u32>,
+    pub spans: Spans,
+    /// 1 where all taps count, or 0.
+    pub serves: Lane<u32>,
+    /// 1 where some taps lie outside that may have no weight, or 0.
+    pub unsure: Lane<u32>,
 }
 
 impl WideLanes {
@@ -404,7 +442,9 @@ impl WideLanes {
             along: [[0.0; SEGMENT]; 4],
             down: [[0.0; SEGMENT]; 4],
             at: [0; SEGMENT],
-            inside: [0; SEGMENT],
+            spans: Spans::none(),
+            serves: [0; SEGMENT],
+            unsure: [0; SEGMENT],
         }
     }
 }

@@ -15,7 +15,7 @@
 //! - **speed**: the length of the motion in pixels.
 
 use crate::error::{Error, Result, in_range};
-use crate::image::{Pixels, Run, SEGMENT, View};
+use crate::image::{Pixels, Run, SEGMENT, Spans, View};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::footprint::Motion;
 use crate::math::luminance;
@@ -351,7 +351,7 @@ impl<'a> Tests<'a> {
 
     /// Judges a tap of each pixel.
     #[inline(always)]
-    pub fn judge(&self, expected: &Expected, len: usize, taps: &mut Judged) {
+    pub fn judge(&self, expected: &Expected, len: usize, spans: &Spans, taps: &mut Judged) {
         let Params {
             relative_depth,
             plane_distance,
@@ -365,13 +365,19 @@ impl<'a> Tests<'a> {
             self.turn,
         ];
         match bounds.into_iter().any(Threshold::is_ramp) {
-            true => self.judge_if::<true>(expected, len, taps),
-            false => self.judge_if::<false>(expected, len, taps),
+            true => self.judge_if::<true>(expected, len, spans, taps),
+            false => self.judge_if::<false>(expected, len, spans, taps),
         }
     }
 
     #[inline(always)]
-    fn judge_if<const RAMPS: bool>(&self, expected: &Expected, len: usize, taps: &mut Judged) {
+    fn judge_if<const RAMPS: bool>(
+        &self,
+        expected: &Expected,
+        len: usize,
+        spans: &Spans,
+        taps: &mut Judged,
+    ) {
         let (at, x, y) = (&taps.at[..len], &taps.x[..len], &taps.y[..len]);
         let (trust, failed) = (&mut taps.trust[..len], &mut taps.failed[..len]);
         let sure = &expected.trust[..len];
@@ -381,7 +387,7 @@ impl<'a> Tests<'a> {
         }
         if let Some([_, before]) = self.ids {
             let (own, ids) = (&expected.id[..len], &mut taps.ids[..len]);
-            before.gather(at, ids);
+            before.gather(at, spans, ids);
             for i in 0..len {
                 let this = same(own[i], ids[i]);
                 count(&mut trust[i], &mut failed[i], this, rejection::ID);
@@ -390,7 +396,7 @@ impl<'a> Tests<'a> {
         let [vx, vy, vz] = taps.vectors.each_mut().map(|lane| &mut lane[..len]);
         let lengths = &mut taps.lengths[..len];
         if let Some([_, before]) = self.direction {
-            before.gather_vectors(at, &mut taps.records, [&mut *vx, &mut *vy, &mut *vz]);
+            before.gather_vectors(at, spans, &mut taps.records, [&mut *vx, &mut *vy, &mut *vz]);
             for i in 0..len {
                 lengths[i] = length([vx[i], vy[i], vz[i]]);
             }
@@ -404,12 +410,12 @@ impl<'a> Tests<'a> {
         }
         if let Some([_, before]) = self.depth {
             let (own, depth) = (&expected.depth[..len], &mut taps.depth[..len]);
-            before.gather(at, depth);
+            before.gather(at, spans, depth);
             match (self.rays, self.normal) {
                 (Some(rays), Some(before)) => {
                     if !self.normal_is_direction {
                         let vectors = [&mut *vx, &mut *vy, &mut *vz];
-                        before.gather_vectors(at, &mut taps.records, vectors);
+                        before.gather_vectors(at, spans, &mut taps.records, vectors);
                         for i in 0..len {
                             lengths[i] = length([vx[i], vy[i], vz[i]]);
                         }
@@ -434,7 +440,7 @@ impl<'a> Tests<'a> {
         }
         if let Some([_, before]) = self.color {
             let vectors = [&mut *vx, &mut *vy, &mut *vz];
-            before.gather_vectors(at, &mut taps.records, vectors);
+            before.gather_vectors(at, spans, &mut taps.records, vectors);
             let own = &expected.luminance[..len];
             for i in 0..len {
                 let other = brightness([vx[i], vy[i], vz[i]]);
