@@ -1,11 +1,11 @@
-//! Sixteen neighbouring pixels as one value, for kernels whose inner loop runs over many taps: their sums then stay in
+//! Neighbouring pixels as one value, for kernels whose inner loop runs over many taps: their sums then stay in
 //! registers.
 //!
 //! The compiler turns each operation into the vector instructions of the level that [`crate::rows`] runs; lanes never mix.
 
 use std::ops::{Add, Div, Mul, Range, Sub};
 
-use crate::image::{BandMut, Image, Size};
+use crate::image::{BandMut, Image, Size, Value};
 
 pub const LANES: usize = 32;
 
@@ -205,27 +205,27 @@ impl Tap {
 }
 
 /// A planar image whose rows go on for some pixels to both sides, so that taps need not look where they are.
-pub struct Bordered<T = f32> {
+pub struct Bordered<T: Value = f32> {
     pub layout: Layout,
     image: Image<T>,
 }
 
-impl<T: Copy + Default + Send + Sync> Bordered<T> {
-    /// All default, border included.
-    pub fn new(layout: Layout, channels: usize) -> Self {
+impl<T: Value> Bordered<T> {
+    /// Planes to be overwritten, with these values beyond their rows.
+    pub fn new<const N: usize>(layout: Layout, beyond: [T; N]) -> Self {
         let size = Size {
             height: layout.size.height,
             width: layout.stride,
         };
-        Self {
-            layout,
-            image: Image::new(size, channels),
+        let mut image = Image::blank(size, N);
+        let planes = image.data_mut().chunks_exact_mut(size.pixels());
+        for (plane, value) in planes.zip(beyond) {
+            for row in plane.chunks_exact_mut(layout.stride) {
+                row[..layout.border].fill(value);
+                row[layout.border + layout.size.width..].fill(value);
+            }
         }
-    }
-
-    pub fn fill(&mut self, channel: usize, value: T) {
-        let pixels = self.image.size.pixels();
-        self.image.data_mut()[channel * pixels..][..pixels].fill(value);
+        Self { layout, image }
     }
 
     /// The first `N` planes, border included.
@@ -256,6 +256,10 @@ pub struct BorderedBand<'a, T = f32> {
 }
 
 impl<T> BorderedBand<'_, T> {
+    pub fn channels(&self) -> usize {
+        self.band.channels()
+    }
+
     fn columns(&self) -> Range<usize> {
         self.layout.border..self.layout.border + self.layout.size.width
     }

@@ -19,9 +19,10 @@ use std::ops::Range;
 use super::guide::{Comparison, Guide, Sigmas};
 use super::variance::floored;
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, View};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
 use crate::lanes::{Bordered, BorderedBand, LANES, Lanes, Layout, Tap};
 use crate::math::{LOG2_E, exp2_weight, is_present, luminance};
+use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -74,73 +75,90 @@ const LUMINANCE: usize = 4;
 /// log₂ of 1, 2/3 and 1/6.
 const LOG2_KERNEL: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
 
-/// The filter's results.
-pub struct Filtered {
-    pub color: Image,
-    pub variance: Image,
-    /// The colour after the passes that were asked for.
-    pub kept: [Option<Image>; 2],
-}
-
-/// `keep` names passes, counted from 1, after which the colour is wanted as well.
-pub fn atrous(
-    color: View,
-    variance: View,
+/// Writes the filtered colour and variance.
+pub fn atrous<'a>(
+    color: Pixels,
+    variance: Pixels,
     guide: &Guide,
     params: Params,
-    keep: [Option<u32>; 2],
-) -> Filtered {
+    filtered: impl Iterator<Item = PixelsMut<'a>>,
+    filtered_variance: &mut [f32],
+) {
     let size = color.size;
-    let [mut image, mut filtered] = [(); 2].map(|()| {
-        let mut image = Bordered::new(guide.layout, CHANNELS);
-        image.fill(LUMINANCE, f32::NAN);
-        image
-    });
+    let mut image = Filtered::new(guide.layout);
     rows::run(&Load { color, variance }, size.height, image.bands());
-    let mut kept = [None, None];
     for iteration in 0..params.iterations {
+        image.filter(guide, params, iteration);
+    }
+    let variances = bands_of(filtered_variance, size);
+    let outs = (filtered.zip(variances)).map(|(color, variance)| Outs { color, variance });
+    rows::run(&Unload { image: &image }, size.height, outs);
+}
+
+/// An image on its way through the passes.
+pub struct Filtered {
+    image: Bordered,
+    /// That of the pass before, to be overwritten.
+    spare: Option<Bordered>,
+}
+
+impl Filtered {
+    pub fn new(layout: Layout) -> Self {
+        Self {
+            image: blank(layout),
+            spare: None,
+        }
+    }
+
+    pub fn size(&self) -> Size {
+        self.image.layout.size
+    }
+
+    /// To be loaded.
+    pub fn bands(&mut self) -> impl Iterator<Item = BorderedBand<'_>> {
+        self.image.bands()
+    }
+
+    /// Runs pass `iteration`, from 0.
+    pub fn filter(&mut self, guide: &Guide, params: Params, iteration: u32) {
+        let mut filtered = self.spare.take().unwrap_or_else(|| blank(guide.layout));
         let pass = Pass {
-            image: &image,
+            image: &self.image,
             guide,
             params,
             step: 1 << iteration,
         };
-        rows::run(&pass, size.height, filtered.bands());
-        std::mem::swap(&mut image, &mut filtered);
-        for (kept, pass) in kept.iter_mut().zip(keep) {
-            if pass == Some(iteration + 1) {
-                *kept = Some(unload(&image).0);
+        rows::run(&pass, guide.layout.size.height, filtered.bands());
+        self.spare = Some(std::mem::replace(&mut self.image, filtered));
+    }
+
+    /// A run's colour; NaN where it is missing.
+    #[inline(always)]
+    pub fn color(&self, run: Run, color: &mut [Row; 3]) {
+        let rows = self.image.rows::<CHANNELS>(run.y);
+        let [r, g, b, _, l] = rows.map(|row| &row[run.x..][..run.len]);
+        for (out, plane) in color.iter_mut().zip([r, g, b]) {
+            for ((out, &value), &l) in out.iter_mut().zip(plane).zip(l) {
+                *out = if l.is_nan() { f32::NAN } else { value };
             }
         }
     }
-    let (color, variance) = unload(&image);
-    // A filter that ends before is kept as it ended.
-    for (kept, pass) in kept.iter_mut().zip(keep) {
-        if pass.is_some_and(|pass| pass > params.iterations) {
-            *kept = Some(color.clone());
-        }
-    }
-    Filtered {
-        color,
-        variance,
-        kept,
+
+    #[inline(always)]
+    pub fn variance(&self, y: usize) -> &[f32] {
+        self.image.rows::<CHANNELS>(y)[VARIANCE]
     }
 }
 
-fn unload(image: &Bordered) -> (Image, Image) {
-    let size = image.layout.size;
-    let (mut color, mut variance) = (Image::new(size, 3), Image::new(size, 1));
-    rows::run(
-        &Unload { image },
-        size.height,
-        color.bands().zip(variance.bands()),
-    );
-    (color, variance)
+fn blank(layout: Layout) -> Bordered {
+    let mut beyond = [0.0; CHANNELS];
+    beyond[LUMINANCE] = f32::NAN;
+    Bordered::new(layout, beyond)
 }
 
 struct Load<'a> {
-    color: View<'a>,
-    variance: View<'a>,
+    color: Pixels<'a>,
+    variance: Pixels<'a>,
 }
 
 impl<'a> Kernel for Load<'a> {
@@ -148,15 +166,38 @@ impl<'a> Kernel for Load<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
+        let mut color = [[0.0; SEGMENT]; 3];
         for y in rows {
-            load(self.color.rows(y), self.variance.row(0, y), out.rows(y));
-            out.replicate(VARIANCE, y);
+            variance_of(&mut out, y).copy_from_slice(self.variance.row(y));
+            settle_variance(y, &mut out);
+            for run in segments(y, self.color.size.width) {
+                self.color
+                    .read(run, color.each_mut().map(Row::as_mut_slice));
+                load(run, color.each_ref().map(|row| &row[..run.len]), &mut out);
+            }
         }
     }
 }
 
+/// Where a row's variance belongs, to be settled when it is there.
 #[inline(always)]
-fn load([r, g, b]: [&[f32]; 3], v: &[f32], [or, og, ob, ov, ol]: [&mut [f32]; CHANNELS]) {
+pub fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
+    image.row(VARIANCE, y)
+}
+
+#[inline(always)]
+pub fn settle_variance(y: usize, image: &mut BorderedBand) {
+    for v in image.row(VARIANCE, y) {
+        *v = if v.is_finite() { floored(*v) } else { 0.0 };
+    }
+    image.replicate(VARIANCE, y);
+}
+
+/// Puts a run's colour in place.
+#[inline(always)]
+pub fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
+    let rows = out.rows::<CHANNELS>(run.y);
+    let [or, og, ob, _, ol] = rows.map(|row| &mut row[run.x..][..run.len]);
     for x in 0..r.len() {
         let present = is_present([r[x], g[x], b[x]]);
         let keep = |c: f32| if present { c } else { 0.0 };
@@ -166,26 +207,31 @@ fn load([r, g, b]: [&[f32]; 3], v: &[f32], [or, og, ob, ov, ol]: [&mut [f32]; CH
         } else {
             f32::NAN
         };
-        ov[x] = if v[x].is_finite() { floored(v[x]) } else { 0.0 };
     }
 }
 
 struct Unload<'a> {
-    image: &'a Bordered,
+    image: &'a Filtered,
+}
+
+struct Outs<'a> {
+    color: PixelsMut<'a>,
+    variance: BandMut<'a>,
 }
 
 impl<'a> Kernel for Unload<'a> {
-    type Out = (BandMut<'a>, BandMut<'a>);
+    type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut color, mut variance): Self::Out) {
+    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+        let mut values = [[0.0; SEGMENT]; 3];
         for y in rows {
-            let [r, g, b, v, l] = self.image.rows::<CHANNELS>(y);
-            variance.row(0, y).copy_from_slice(v);
-            for (out, plane) in color.rows::<3>(y).into_iter().zip([r, g, b]) {
-                for ((out, &value), &l) in out.iter_mut().zip(plane).zip(l) {
-                    *out = if l.is_nan() { f32::NAN } else { value };
-                }
+            out.variance
+                .row(0, y)
+                .copy_from_slice(self.image.variance(y));
+            for run in segments(y, self.image.size().width) {
+                self.image.color(run, &mut values);
+                out.color.write(run, values.each_ref().map(Row::as_slice));
             }
         }
     }

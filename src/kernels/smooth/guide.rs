@@ -15,9 +15,9 @@ use std::ops::Range;
 use glam::Vec3;
 
 use crate::error::{Result, in_range};
-use crate::image::{Size, View};
+use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::pinhole::Rays;
-use crate::kernels::judge::surface::Surface;
+use crate::kernels::judge::surface::Buffers;
 use crate::lanes::{Bordered, BorderedBand, LANES, Lanes, Layout, Tap};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
@@ -71,31 +71,33 @@ enum Depth {
 impl Guide {
     /// For taps up to `reach` pixels to the side. Planes are compared where rays, depth and normals are given, slopes where
     /// only depth is.
-    pub fn new(size: Size, reach: usize, surface: Surface, rays: Option<Rays>) -> Self {
-        let Surface {
+    pub fn new(size: Size, reach: usize, surface: Buffers, rays: Option<Rays>) -> Self {
+        let Buffers {
             depth, normal, ids, ..
         } = surface;
         let layout = Layout::new(size, reach);
-        let mut class = Bordered::new(layout, 1);
-        if depth.is_some() || ids.is_some() {
-            rows::run(&Classes { depth, ids }, size.height, class.bands());
-        }
-        let fill = |channels, kernel: Fill| {
-            let mut image = Bordered::new(layout, channels);
-            rows::run(&kernel, size.height, image.bands());
-            image
-        };
-        let normal = normal.map(|normal| fill(3, Fill::Normals { normal, depth }));
-        let depth = depth.map(|depth| match rays.filter(|_| normal.is_some()) {
-            Some(rays) => Depth::Plane(fill(1, Fill::Depths { depth }), rays),
-            None => Depth::Slope(fill(3, Fill::Slopes { depth })),
-        });
-        Self {
+        let mut guide = Self {
             layout,
+            class: Bordered::new(layout, [0]),
+            normal: normal.map(|_| Bordered::new(layout, [0.0; 3])),
+            depth: depth.map(|_| match rays.filter(|_| normal.is_some()) {
+                Some(rays) => Depth::Plane(Bordered::new(layout, [1.0]), rays),
+                None => Depth::Slope(Bordered::new(layout, [0.0; 3])),
+            }),
+        };
+        let mut normals = guide.normal.as_mut().map(Bordered::bands);
+        let mut depths = guide.depth.as_mut().map(|depth| match depth {
+            Depth::Plane(image, _) | Depth::Slope(image) => image.bands(),
+        });
+        let outs = guide.class.bands().map(|class| Outs {
             class,
-            normal,
-            depth,
-        }
+            normal: normals.as_mut().and_then(Iterator::next),
+            depth: depths.as_mut().and_then(Iterator::next),
+        });
+        let kernel = Fill { depth, normal, ids };
+        rows::run(&kernel, size.height, outs);
+        drop((normals, depths));
+        guide
     }
 
     pub fn compares_planes(&self) -> bool {
@@ -236,66 +238,43 @@ fn is_surface(z: f32) -> bool {
     (z > 0.0) & (z < f32::INFINITY)
 }
 
-struct Classes<'a> {
-    depth: Option<View<'a>>,
-    ids: Option<View<'a, u32>>,
+struct Fill<'a> {
+    depth: Option<Pixels<'a>>,
+    normal: Option<Pixels<'a>>,
+    ids: Option<Pixels<'a, u32>>,
 }
 
-impl<'a> Kernel for Classes<'a> {
-    type Out = BorderedBand<'a, u32>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut class: BorderedBand<'a, u32>) {
-        for y in rows {
-            let class = class.row(0, y);
-            match self.ids {
-                // Background is 0, and an object may be as well.
-                Some(ids) => {
-                    for (class, &id) in class.iter_mut().zip(ids.row(0, y)) {
-                        *class = id.saturating_add(1);
-                    }
-                }
-                None => class.fill(1),
-            }
-            if let Some(depth) = self.depth {
-                for (class, &z) in class.iter_mut().zip(depth.row(0, y)) {
-                    *class = if is_surface(z) { *class } else { 0 };
-                }
-            }
-        }
-    }
-}
-
-/// The float planes of a guide.
-enum Fill<'a> {
-    Normals {
-        normal: View<'a>,
-        depth: Option<View<'a>>,
-    },
-    Depths {
-        depth: View<'a>,
-    },
-    Slopes {
-        depth: View<'a>,
-    },
+/// A band of each image of a guide. Depth has one channel or, with slopes, three.
+struct Outs<'a> {
+    class: BorderedBand<'a, u32>,
+    normal: Option<BorderedBand<'a>>,
+    depth: Option<BorderedBand<'a>>,
 }
 
 impl<'a> Kernel for Fill<'a> {
-    type Out = BorderedBand<'a>;
+    type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
+    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
         for y in rows {
-            match *self {
-                Self::Normals { normal, depth } => {
-                    normals(normal.rows(y), depth.map(|d| d.row(0, y)), out.rows(y))
-                }
-                Self::Depths { depth } => depths(depth.row(0, y), out.row(0, y)),
-                Self::Slopes { depth } => {
-                    let row = |y: usize| (y < depth.size.height).then(|| depth.row(0, y));
+            let depth = self.depth.map(|depth| depth.row(y));
+            classes(depth, self.ids.map(|ids| ids.row(y)), out.class.row(0, y));
+            if let Some((normal, out)) = self.normal.zip(out.normal.as_mut()) {
+                let mut out = out.rows(y);
+                normal.read(
+                    Run::row(y, normal.size.width),
+                    out.each_mut().map(|row| &mut **row),
+                );
+                normals(depth, out);
+            }
+            if let Some((image, out)) = self.depth.zip(out.depth.as_mut()) {
+                if out.channels() == 1 {
+                    depths(image.row(y), out.row(0, y));
+                } else {
+                    let row = |y: usize| (y < image.size.height).then(|| image.row(y));
                     slopes(
                         row(y.wrapping_sub(1)),
-                        depth.row(0, y),
+                        image.row(y),
                         row(y + 1),
                         out.rows(y),
                     );
@@ -305,16 +284,33 @@ impl<'a> Kernel for Fill<'a> {
     }
 }
 
+/// All alike where neither depth nor ids are known.
 #[inline(always)]
-fn normals([nx, ny, nz]: [&[f32]; 3], depth: Option<&[f32]>, [ox, oy, oz]: [&mut [f32]; 3]) {
+fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
+    match ids {
+        // Background is 0, and an object may be as well.
+        Some(ids) => {
+            for (class, &id) in class.iter_mut().zip(ids) {
+                *class = id.saturating_add(1);
+            }
+        }
+        None => class.fill(1),
+    }
+    if let Some(depth) = depth {
+        for (class, &z) in class.iter_mut().zip(depth) {
+            *class = if is_surface(z) { *class } else { 0 };
+        }
+    }
+}
+
+/// Normals as they came, to zero where there is no surface.
+#[inline(always)]
+fn normals(depth: Option<&[f32]>, [nx, ny, nz]: [&mut [f32]; 3]) {
     for x in 0..nx.len() {
         let finite = is_present([nx[x], ny[x], nz[x]]);
         let kept = finite && depth.is_none_or(|depth| is_surface(depth[x]));
-        (ox[x], oy[x], oz[x]) = if kept {
-            (nx[x], ny[x], nz[x])
-        } else {
-            (0.0, 0.0, 0.0)
-        };
+        let keep = |n: f32| if kept { n } else { 0.0 };
+        (nx[x], ny[x], nz[x]) = (keep(nx[x]), keep(ny[x]), keep(nz[x]));
     }
 }
 

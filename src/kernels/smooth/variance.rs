@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use super::guide::{Comparison, Guide, Sigmas};
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, View};
+use crate::image::{BandMut, Size, View, bands_of};
 use crate::lanes::{LANES, Lanes, Tap};
 use crate::math::exp2_weight;
 use crate::rows::{self, Kernel};
@@ -61,24 +61,16 @@ pub fn floored(variance: f32) -> f32 {
     if variance >= SMALLEST { variance } else { 0.0 }
 }
 
-struct Estimate<'a> {
+/// An estimate that can be made row by row.
+pub struct Estimate<'a> {
     moments: View<'a>,
     length: View<'a>,
     guide: &'a Guide,
     params: Params,
 }
 
-/// The variance of a history image's moments; planes as in [`crate::kernels::merge::accumulate`].
-pub fn estimate_variance(moments: View, length: View, guide: &Guide, params: Params) -> Image {
-    let mut variance = Image::new(length.size, 1);
-    let kernel = Estimate {
-        moments,
-        length,
-        guide,
-        params,
-    };
-    rows::run(&kernel, length.size.height, variance.bands());
-    variance
+pub fn estimate_variance(estimate: &Estimate, size: Size, variance: &mut [f32]) {
+    rows::run(estimate, size.height, bands_of(variance, size));
 }
 
 impl<'a> Kernel for Estimate<'a> {
@@ -86,18 +78,32 @@ impl<'a> Kernel for Estimate<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut variance: BandMut<'a>) {
-        let guide = self.guide.compare(&self.params.sigmas);
         for y in rows {
-            let taps = self.guide.layout.taps(y, self.params.radius as isize, 1);
-            let out = variance.row(0, y);
-            for x in (0..out.len()).step_by(LANES) {
-                self.variance(x, y, &guide, &taps).store(out, x);
-            }
+            self.row(y, variance.row(0, y));
         }
     }
 }
 
-impl Estimate<'_> {
+impl<'a> Estimate<'a> {
+    /// Planes as in [`crate::kernels::merge::accumulate`]; a guide for at least the window's radius.
+    pub fn new(moments: View<'a>, length: View<'a>, guide: &'a Guide, params: Params) -> Self {
+        Self {
+            moments,
+            length,
+            guide,
+            params,
+        }
+    }
+
+    #[inline(always)]
+    pub fn row(&self, y: usize, variance: &mut [f32]) {
+        let guide = self.guide.compare(&self.params.sigmas);
+        let taps = self.guide.layout.taps(y, self.params.radius as isize, 1);
+        for x in (0..variance.len()).step_by(LANES) {
+            self.variance(x, y, &guide, &taps).store(variance, x);
+        }
+    }
+
     /// Of the pixels from (x, y) on.
     #[inline(always)]
     fn variance(&self, x: usize, y: usize, guide: &Comparison, taps: &[Tap]) -> Lanes {
