@@ -667,7 +667,8 @@ pub struct Tiles {
 }
 
 impl Tiles {
-    const SIDE: usize = 16;
+    /// A band has one row of tiles.
+    const SIDE: usize = BAND;
 
     /// All off.
     pub fn new(size: Size) -> Self {
@@ -686,37 +687,50 @@ impl Tiles {
         self.on.contains(&true)
     }
 
-    #[inline(always)]
-    pub fn at(&self, x: usize, y: usize) -> bool {
-        self.on[y / Self::SIDE * self.columns + x / Self::SIDE]
+    /// The tiles of each band, from left to right.
+    pub fn bands(&mut self) -> impl Iterator<Item = &mut [bool]> {
+        self.on.chunks_mut(self.columns)
     }
 
-    /// The tile of pixel (x, y) and the eight around it.
-    pub fn switch_on_around(&mut self, x: usize, y: usize) {
-        let (column, row) = (x / Self::SIDE, y / Self::SIDE);
-        for row in row.saturating_sub(1)..(row + 2).min(self.rows) {
-            for column in column.saturating_sub(1)..(column + 2).min(self.columns) {
-                self.on[row * self.columns + column] = true;
-            }
+    /// The tile of a column.
+    #[inline(always)]
+    pub fn column(x: usize) -> usize {
+        x / Self::SIDE
+    }
+
+    /// These and the eight around each.
+    pub fn grown(&self) -> Self {
+        let near = |at: usize, count: usize| at.saturating_sub(1)..(at + 2).min(count);
+        let grown = |at: usize| {
+            let (row, column) = (at / self.columns, at % self.columns);
+            near(row, self.rows).any(|row| {
+                near(column, self.columns).any(|column| self.on[row * self.columns + column])
+            })
+        };
+        Self {
+            on: (0..self.on.len()).map(grown).collect(),
+            ..*self
         }
     }
 
-    /// The parts of a row that lie in tiles which are on, or within `reach` rows of one.
+    /// The parts of a run that lie in tiles which are on.
     #[inline(always)]
-    pub fn runs(&self, row: Run, reach: usize) -> impl Iterator<Item = Run> {
-        let last = (self.rows * Self::SIDE).saturating_sub(1);
-        let near = [
-            row.y.saturating_sub(reach),
-            row.y,
-            (row.y + reach).min(last),
-        ];
-        (0..self.columns).filter_map(move |column| {
-            let x = column * Self::SIDE;
-            let on = near.iter().any(|&y| self.at(x, y));
-            on.then(|| Run {
-                y: row.y,
-                x,
-                len: Self::SIDE.min(row.len - x),
+    pub fn runs(&self, run: Run) -> impl Iterator<Item = Run> {
+        let row = &self.on[run.y / Self::SIDE * self.columns..][..self.columns];
+        let (mut x, end) = (run.x, run.x + run.len);
+        std::iter::from_fn(move || {
+            let tile_end = |x: usize| ((x / Self::SIDE + 1) * Self::SIDE).min(end);
+            while x < end && !row[Self::column(x)] {
+                x = tile_end(x);
+            }
+            let start = x;
+            while x < end && row[Self::column(x)] {
+                x = tile_end(x);
+            }
+            (start < x).then_some(Run {
+                y: run.y,
+                x: start,
+                len: x - start,
             })
         })
     }

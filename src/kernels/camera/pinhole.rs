@@ -162,15 +162,14 @@ impl Camera {
     /// The pixel and depth of a world point; the pixel means nothing unless depth > 0.
     #[inline(always)]
     pub fn project(&self, point: DVec3) -> (DVec2, f64) {
-        let h = self.to_pixel * point + self.translation;
-        (h.truncate() / h.z, h.z)
+        self.pixel_of(point, 1.0)
     }
 
-    /// The pixel of the point at infinity in a direction, where it is in front of the camera.
+    /// The same of a point, w = 1, or of a direction, w = 0, whose depth is that of the vector.
     #[inline(always)]
-    pub fn project_direction(&self, direction: DVec3) -> Option<DVec2> {
-        let h = self.to_pixel * direction;
-        (h.z > 0.0).then(|| h.truncate() / h.z)
+    pub fn pixel_of(&self, place: DVec3, w: f64) -> (DVec2, f64) {
+        let h = self.to_pixel * place + self.translation * w;
+        (h.truncate() * (1.0 / h.z), h.z)
     }
 
     #[inline(always)]

@@ -12,79 +12,80 @@
 
 use std::ops::Range;
 
-use glam::DVec2;
-
 use super::motion::{Geometry, Shown};
 use super::pinhole::Camera;
-use crate::image::{BandMut, Image, View};
+use crate::image::{Pixels, Run, SEGMENT, segments};
+use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
-struct VirtualMotion<'a> {
-    geometry: Geometry<'a>,
-    hit_distance: View<'a>,
-    camera: &'a Camera,
-    previous: &'a Camera,
+/// What is known beside the distances to what is reflected.
+#[derive(Clone, Copy)]
+pub struct Mirrors<'a> {
+    pub geometry: Geometry<'a>,
+    pub camera: &'a Camera,
+    pub previous: &'a Camera,
 }
 
-pub fn virtual_motion(
-    geometry: Geometry,
-    hit_distance: View,
-    camera: &Camera,
-    previous: &Camera,
-) -> Image {
-    let mut motion = Image::new(camera.size, 2);
-    let kernel = VirtualMotion {
-        geometry,
-        hit_distance,
-        camera,
-        previous,
-    };
-    rows::run(&kernel, camera.size.height, motion.bands());
-    motion
-}
-
-impl<'a> Kernel for VirtualMotion<'a> {
-    type Out = BandMut<'a>;
-
+impl Mirrors<'_> {
+    /// The motion of a run of pixels, which show what `shown` is to be made to hold.
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut motion: BandMut<'a>) {
-        for y in rows {
-            let [mx, my] = motion.rows(y);
-            for x in 0..mx.len() {
-                let moved = self.pixel(x, y).unwrap_or(DVec2::NAN).as_vec2();
-                (mx[x], my[x]) = (moved.x, moved.y);
-            }
+    pub fn follow(&self, run: Run, distances: &[f32], shown: &mut Shown, motion: &mut [Row; 2]) {
+        let len = run.len;
+        shown.find(self.geometry, self.camera, run);
+        let distances = &distances[..len];
+        let [x, y] = motion.each_mut().map(|row| &mut row[..len]);
+        for i in 0..len {
+            let ((place, w), distance) = (shown.at(i), f64::from(distances[i]));
+            let (now, depth) = self.camera.pixel_of(place, w);
+            let away = place - self.camera.position;
+            let steps = distance / away.length();
+            let (surface, far) = (w != 0.0, distance == f64::INFINITY);
+            let behind = if far { away } else { place + away * steps };
+            let (image, w) = if surface {
+                (behind, if far { 0.0 } else { 1.0 })
+            } else {
+                (place, 0.0)
+            };
+            let (before, depth_before) = self.previous.pixel_of(image, w);
+            let known = !surface | (distance >= 0.0);
+            let seen = known & (depth > 0.0) & (depth_before > 0.0);
+            let moved = before - now;
+            x[i] = if seen { moved.x as f32 } else { f32::NAN };
+            y[i] = if seen { moved.y as f32 } else { f32::NAN };
         }
     }
 }
 
-impl VirtualMotion<'_> {
+struct VirtualMotion<'a> {
+    mirrors: Mirrors<'a>,
+    hit_distance: Pixels<'a>,
+}
+
+/// Writes the motion (2 channels) of what the pixels reflect.
+pub fn virtual_motion<'a>(
+    mirrors: Mirrors<'a>,
+    hit_distance: Pixels<'a>,
+    motion: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let kernel = VirtualMotion {
+        mirrors,
+        hit_distance,
+    };
+    rows::run(&kernel, hit_distance.size.height, motion);
+}
+
+impl<'a> Kernel for VirtualMotion<'a> {
+    type Out = PixelsMut<'a>;
+
     #[inline(always)]
-    fn pixel(&self, x: usize, y: usize) -> Option<DVec2> {
-        let centre = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-        let i = y * self.camera.size.width + x;
-        let distance = f64::from(self.hit_distance.plane(0)[i]);
-        let point = match self.geometry.at(self.camera, centre, i) {
-            Shown::Point(point) => point,
-            Shown::Background => {
-                let direction = self.camera.ray(centre);
-                let now = self.camera.project_direction(direction)?;
-                return Some(self.previous.project_direction(direction)? - now);
-            }
-            Shown::Unknown => return None,
-        };
-        if distance.is_nan() || distance < 0.0 {
-            return None;
+    fn rows(&self, rows: Range<usize>, mut motion: PixelsMut<'a>) {
+        let width = self.hit_distance.size.width;
+        let mut shown = Shown::nothing();
+        let (mut distances, mut moved) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 2]);
+        for run in rows.flat_map(|y| segments(y, width)) {
+            self.hit_distance.load(run, 0, &mut distances[..run.len]);
+            self.mirrors.follow(run, &distances, &mut shown, &mut moved);
+            motion.write(run, moved.each_ref().map(Row::as_slice));
         }
-        let (now, depth) = self.camera.project(point);
-        let view = (point - self.camera.position).normalize();
-        if depth.is_nan() || depth <= 0.0 {
-            return None;
-        }
-        if distance == f64::INFINITY {
-            return Some(self.previous.project_direction(view)? - now);
-        }
-        let (before, depth) = self.previous.project(point + view * distance);
-        (depth > 0.0).then(|| before - now)
     }
 }

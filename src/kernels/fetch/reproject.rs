@@ -22,7 +22,7 @@ use crate::image::{
     BandMut, Image, Pixels, Run, SEGMENT, Size, Span, Spans, bands_of, record, segments,
 };
 use crate::kernels::judge::surface::{Lane, Tests};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Part};
 
 /// Channels that are fetched at once: a vector of most CPUs.
 const WIDEST: usize = 8;
@@ -102,6 +102,16 @@ impl<'a> Fetch<'a> {
     /// Fetches what a run of pixels comes from.
     #[inline(always)]
     pub fn run(&self, run: Run, motion: Motion, to: &mut Fetched) {
+        rows::apart(FetchRun {
+            fetch: self,
+            run,
+            motion,
+            to,
+        });
+    }
+
+    #[inline(always)]
+    fn take(&self, run: Run, motion: Motion, to: &mut Fetched) {
         let len = run.len;
         let Params { filter, dering, .. } = self.params;
         let nearest = filter == Filter::Nearest;
@@ -279,6 +289,22 @@ impl<'a> Fetch<'a> {
                 *to = value(image, channel);
             }
         }
+    }
+}
+
+struct FetchRun<'f, 'a> {
+    fetch: &'f Fetch<'a>,
+    run: Run,
+    motion: Motion<'f>,
+    to: &'f mut Fetched,
+}
+
+impl Part for FetchRun<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.fetch.take(self.run, self.motion, self.to);
     }
 }
 
