@@ -274,51 +274,26 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 
     /// The first channel of these pixels.
     #[inline(always)]
-    pub fn gather(&self, pixels: &[u32], spans: &Spans, into: &mut [T]) {
+    pub fn gather(&self, pixels: &[u32], into: &mut [T]) {
         let (data, step) = (self.data, self.steps[0]);
-        for Span { part, together } in spans.iter() {
-            let (pixels, into) = (&pixels[part.clone()], &mut into[part]);
-            if together && step == 1 {
-                into.copy_from_slice(&data[pixels[0] as usize..][..into.len()]);
-            } else {
-                for (to, &pixel) in into.iter_mut().zip(pixels) {
-                    *to = data[pixel as usize * step];
-                }
-            }
+        for (to, &pixel) in into.iter_mut().zip(pixels) {
+            *to = data[pixel as usize * step];
         }
     }
 
     /// The first three channels of these pixels; `records` is scratch.
     #[inline(always)]
-    pub fn gather_vectors(
-        &self,
-        pixels: &[u32],
-        spans: &Spans,
-        records: &mut [[T; 4]],
-        into: [&mut [T]; 3],
-    ) {
-        if self.steps[1] != 1 {
-            for (channel, out) in into.into_iter().enumerate() {
-                self.part(channel..channel + 1).gather(pixels, spans, out);
+    pub fn gather_vectors(&self, pixels: &[u32], records: &mut [[T; 4]], into: [&mut [T]; 3]) {
+        if self.steps[1] == 1 {
+            // One load for each, of a number too many.
+            let records = &mut records[..pixels.len()];
+            for (to, &pixel) in records.iter_mut().zip(pixels) {
+                *to = record(self.data, pixel as usize * self.steps[0]);
             }
-            return;
-        }
-        let (data, step) = (self.data, self.steps[0]);
-        let [x, y, z] = into;
-        for Span { part, together } in spans.iter() {
-            let pixels = &pixels[part.clone()];
-            let len = pixels.len();
-            let into = [&mut *x, &mut *y, &mut *z].map(|lane| &mut lane[part.clone()]);
-            if together && step == 3 {
-                let data = &data[3 * pixels[0] as usize..][..3 * len];
-                apart(data.as_chunks::<3>().0, into);
-            } else {
-                // One load for each, of a number too many.
-                let records = &mut records[..len];
-                for (to, &pixel) in records.iter_mut().zip(pixels) {
-                    *to = record(data, pixel as usize * step);
-                }
-                apart(records, into);
+            apart(records, into);
+        } else {
+            for (channel, out) in into.into_iter().enumerate() {
+                self.part(channel..channel + 1).gather(pixels, out);
             }
         }
     }
@@ -376,6 +351,7 @@ impl Pixels<'_> {
         let start = (run.y * self.size.width + run.x) * self.steps[0];
         let records = |channels: usize| &self.data[start..][..run.len * channels];
         match self.steps {
+            [2, 1] => apart(records(2).as_chunks::<2>().0, into),
             [3, 1] => apart(records(3).as_chunks::<3>().0, into),
             [4, 1] => apart(records(4).as_chunks::<4>().0, into),
             _ => {
@@ -523,8 +499,10 @@ impl<T> BandMut<'_, T> {
     }
 }
 
-/// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache.
-pub const SEGMENT: usize = 256;
+/// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache. No power of two,
+/// or the same place of several scratch rows would share the low bits of its address, by which CPUs tell whether a load has
+/// to wait for a store.
+pub const SEGMENT: usize = 240;
 
 /// The runs of up to [`SEGMENT`] pixels of a row.
 #[inline(always)]

@@ -13,7 +13,7 @@ use crate::kernels::camera::dilate::{self, Choice, Window};
 use crate::kernels::camera::jitter::{self, Sequence};
 use crate::kernels::camera::motion::{self, Geometry, Transforms};
 use crate::kernels::camera::pinhole::{self, FovAxis, Rows4};
-use crate::kernels::camera::virtual_motion::{self, Mirrors};
+use crate::kernels::camera::virtual_motion;
 use crate::pixels::PixelsMut;
 
 /// A pinhole camera: where world points appear in the image, and the rays of its pixels.
@@ -519,14 +519,11 @@ pub fn virtual_motion_<'py>(
         let shape = [size.height, size.width, 2];
         let out = Out::given(out, &shape)?;
         let distance = distance.data().pixels();
-        let mirrors = Mirrors {
-            geometry: place(&geometry),
-            camera: &camera.inner,
-            previous: &previous_camera.inner,
-        };
+        let geometry = place(&geometry);
+        let (camera, previous) = (&camera.inner, &previous_camera.inner);
         out.fill(py, &shape, |motion| {
             let motion = PixelsMut::bands(size, 2, motion);
-            virtual_motion::virtual_motion(mirrors, distance, motion);
+            virtual_motion::virtual_motion(geometry, distance, camera, previous, motion);
         })?
     };
     motion.array()

@@ -12,13 +12,14 @@ use std::ops::Range;
 
 use super::frame::Frame;
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, Tiles, View, segments};
-use crate::kernels::camera::motion::Shown;
+use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::camera::virtual_motion::Mirrors;
+use crate::kernels::camera::virtual_motion::Mirrored;
 use crate::kernels::fetch::footprint::{Filter, Motion};
 use crate::kernels::fetch::reproject::{self, Fetch, Fetched, Reprojected};
 use crate::kernels::judge::prediction::{Ids, mean, terms};
 use crate::kernels::judge::surface::{self, Buffers, Tests};
+use crate::kernels::merge::accumulate::CHANNELS;
 use crate::pixels::{Rolling, Row};
 use crate::rows::{self, BAND, Kernel};
 
@@ -102,11 +103,9 @@ pub fn choose(
         dering: true,
     };
     let candidates = Candidates {
-        mirrors: Mirrors {
-            geometry,
-            camera: cameras[0],
-            previous: cameras[1],
-        },
+        geometry,
+        camera: cameras[0],
+        mirrored: Mirrored::new(cameras[0], cameras[1]),
         sources,
         asking: (!everywhere).then_some(&memory.scores.asking),
     };
@@ -114,7 +113,7 @@ pub fn choose(
     let predict = Predict {
         candidates: &candidates,
         fetch: Fetch::new(&[memory.light.pixels()], size, tests, params),
-        base: base.values.channels(history.channels..history.channels + 3),
+        base: base.values.channels(CHANNELS..CHANNELS + 3),
         coverage: base.coverage.view(),
         color,
     };
@@ -124,7 +123,6 @@ pub fn choose(
         errors: &errors,
         ids: frame.surface.ids,
         fetch: Fetch::new(&[history], size, tests, params),
-        channels: history.channels,
         scores: distances.len(),
     };
     let band = BAND * size.width * distances.len();
@@ -180,7 +178,9 @@ enum Source<'a> {
 }
 
 struct Candidates<'a> {
-    mirrors: Mirrors<'a>,
+    geometry: Geometry<'a>,
+    camera: &'a Camera,
+    mirrored: Mirrored<'a>,
     sources: Vec<Source<'a>>,
     /// Where; everywhere if there are none.
     asking: Option<&'a Tiles>,
@@ -214,6 +214,7 @@ impl Candidates<'_> {
         })
     }
 
+    /// The motion of a run along a candidate; `room` has what the run shows.
     #[inline(always)]
     fn follow<'r>(&self, source: Source, run: Run, room: &'r mut Room) -> Motion<'r> {
         let hits = &mut room.hits[..run.len];
@@ -224,7 +225,7 @@ impl Candidates<'_> {
                 hits.iter_mut().for_each(|hit| *hit *= multiple);
             }
         }
-        (self.mirrors).follow(run, hits, &mut room.shown, &mut room.motion);
+        self.mirrored.motion(&room.shown, hits, &mut room.motion);
         let [x, y] = room.motion.each_ref().map(|row| &row[..run.len]);
         Motion { x, y, depth: None }
     }
@@ -254,15 +255,18 @@ impl<'a> Kernel for Predict<'a> {
                 }
             }
             for run in self.candidates.runs(y, width) {
-                let part = run.x..run.x + run.len;
-                let covered = &self.coverage.row(0, y)[part.clone()];
+                let covered = &self.coverage.row(0, y)[run.x..][..run.len];
                 let [color, known] = [self.color, self.base]
-                    .map(|image| image.rows::<3>(y).map(|row| &row[part.clone()]));
+                    .map(|image| image.rows::<3>(y).map(|row| &row[run.x..][..run.len]));
                 for (base, known) in base.iter_mut().zip(known) {
                     for i in 0..run.len {
                         base[i] = if covered[i] > 0.0 { known[i] } else { f32::NAN };
                     }
                 }
+                let Candidates {
+                    geometry, camera, ..
+                } = self.candidates;
+                room.shown.find(*geometry, camera, run);
                 for (k, &source) in self.candidates.sources.iter().enumerate() {
                     let motion = self.candidates.follow(source, run, &mut room);
                     self.fetch.run(run, motion, &mut fetched);
@@ -271,7 +275,7 @@ impl<'a> Kernel for Predict<'a> {
                     for i in 0..run.len {
                         [r[i], g[i], b[i]] = records[i];
                     }
-                    let errors = &mut errors.row(k, y)[part.clone()];
+                    let errors = &mut errors.row(k, y)[run.x..][..run.len];
                     let [light, base] =
                         [&light, &base].map(|rows| rows.each_ref().map(Row::as_slice));
                     terms(light, base, color, errors);
@@ -295,8 +299,7 @@ struct Choose<'a> {
     errors: &'a Image,
     ids: Option<Pixels<'a, u32>>,
     fetch: Fetch<'a>,
-    /// Of the history.
-    channels: usize,
+    /// How many.
     scores: usize,
 }
 
@@ -326,12 +329,11 @@ impl<'a> Kernel for Choose<'a> {
                 around.roll(self.errors.view().channel(k).into(), y, y == top);
             }
             for run in candidates.runs(y, width) {
-                let part = run.x..run.x + run.len;
                 let mut best = [MARGIN; SEGMENT];
                 let mut winner = [u32::MAX; SEGMENT];
                 for (k, around) in around.iter().enumerate() {
                     mean(run, height, around, &ids, &mut gain);
-                    let old = &out.values.row(self.channels + 3 + k, y)[part.clone()];
+                    let old = &out.values.row(CHANNELS + 3 + k, y)[run.x..][..run.len];
                     let [errors] = around.row(y as isize);
                     let errors = &errors[RADIUS + run.x..][..run.len];
                     let scores = &mut out.scores[((y - top) * width + run.x) * self.scores..];
@@ -368,8 +370,11 @@ impl Choose<'_> {
         fetched: &mut Fetched,
         out: &mut Outs,
     ) {
-        let part = run.x..run.x + run.len;
         let [mut x, mut y] = [[f32::NAN; SEGMENT]; 2];
+        let Candidates {
+            geometry, camera, ..
+        } = self.candidates;
+        room.shown.find(*geometry, camera, run);
         for (k, &source) in self.candidates.sources.iter().enumerate() {
             let motion = self.candidates.follow(source, run, room);
             for (i, &winner) in winner.iter().enumerate() {
@@ -385,14 +390,23 @@ impl Choose<'_> {
         };
         self.fetch.run(run, motion, fetched);
         let carried = &fetched.coverage[..run.len];
-        for channel in 0..self.channels {
-            let values = &mut out.values.row(channel, run.y)[part.clone()];
-            let from = fetched.values(0)[channel..].iter().step_by(self.channels);
-            for ((value, from), &carried) in values.iter_mut().zip(from).zip(carried) {
-                *value = if carried > 0.0 { *from } else { *value };
+        let records = fetched.values(0)[..CHANNELS * run.len]
+            .as_chunks::<CHANNELS>()
+            .0;
+        for channel in 0..CHANNELS {
+            let values = &mut out.values.row(channel, run.y)[run.x..][..run.len];
+            for i in 0..run.len {
+                values[i] = if carried[i] > 0.0 {
+                    records[i][channel]
+                } else {
+                    values[i]
+                };
             }
         }
-        for (coverage, &carried) in out.coverage.row(0, run.y)[part].iter_mut().zip(carried) {
+        for (coverage, &carried) in out.coverage.row(0, run.y)[run.x..][..run.len]
+            .iter_mut()
+            .zip(carried)
+        {
             *coverage = if carried > 0.0 { carried } else { *coverage };
         }
     }

@@ -8,70 +8,80 @@
 //! Curved mirrors bend it, and moving ones turn it: then it is as good as a guess.
 //!
 //! Inputs: geometry as for [`super::motion`], h (1), from 0 to +inf (the environment). Output: (H, W, 2), in pixels; NaN
-//! where h is no such number or V was not in front of the previous camera; background moves as it does.
+//! where h is no such number or V was not in front of the previous camera; surface moves as it does.
 
 use std::ops::Range;
 
+use glam::{DAffine3, DVec2};
+
 use super::motion::{Geometry, Shown};
-use super::pinhole::Camera;
-use crate::image::{Pixels, Run, SEGMENT, segments};
+use super::pinhole::{Camera, Warp};
+use crate::image::{Pixels, SEGMENT, segments};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
-/// What is known beside the distances to what is reflected.
-#[derive(Clone, Copy)]
-pub struct Mirrors<'a> {
-    pub geometry: Geometry<'a>,
-    pub camera: &'a Camera,
-    pub previous: &'a Camera,
+/// Two cameras between which reflections move.
+pub struct Mirrored<'a> {
+    camera: &'a Camera,
+    warp: Warp,
 }
 
-impl Mirrors<'_> {
-    /// The motion of a run of pixels, which show what `shown` is to be made to hold.
+impl<'a> Mirrored<'a> {
+    pub fn new(camera: &'a Camera, previous: &Camera) -> Self {
+        Self {
+            camera,
+            warp: Warp::new(camera, previous, DAffine3::IDENTITY),
+        }
+    }
+
+    /// The motion of what pixels reflect at these distances.
     #[inline(always)]
-    pub fn follow(&self, run: Run, distances: &[f32], shown: &mut Shown, motion: &mut [Row; 2]) {
-        let len = run.len;
-        shown.find(self.geometry, self.camera, run);
-        let distances = &distances[..len];
-        let [x, y] = motion.each_mut().map(|row| &mut row[..len]);
+    pub fn motion(&self, shown: &Shown, distances: &[f32], motion: &mut [Row; 2]) {
+        let len = distances.len();
+        let [x, y, depth, surface] =
+            [&shown.x, &shown.y, &shown.depth, &shown.near].map(|lane| &lane[..len]);
+        let [mx, my] = motion.each_mut().map(|row| &mut row[..len]);
         for i in 0..len {
-            let ((place, w), distance) = (shown.at(i), f64::from(distances[i]));
-            let (now, depth) = self.camera.pixel_of(place, w);
-            let away = place - self.camera.position;
-            let steps = distance / away.length();
-            let (surface, far) = (w != 0.0, distance == f64::INFINITY);
-            let behind = if far { away } else { place + away * steps };
-            let (image, w) = if surface {
-                (behind, if far { 0.0 } else { 1.0 })
+            let distance = f64::from(distances[i]);
+            // A unit of depth is as long as the ray.
+            let ray = self.camera.ray(DVec2::new(x[i], y[i]));
+            let behind = depth[i] + distance / ray.length();
+            let known = if distance >= 0.0 { behind } else { f64::NAN };
+            // At infinity, but where the surface is not known.
+            let far = (distance == f64::INFINITY) & (depth[i] > 0.0);
+            let (image, near) = if far { (1.0, 0.0) } else { (known, 1.0) };
+            let (image, near) = if surface[i] == 0.0 {
+                (1.0, 0.0)
             } else {
-                (place, 0.0)
+                (image, near)
             };
-            let (before, depth_before) = self.previous.pixel_of(image, w);
-            let known = !surface | (distance >= 0.0);
-            let seen = known & (depth > 0.0) & (depth_before > 0.0);
-            let moved = before - now;
-            x[i] = if seen { moved.x as f32 } else { f32::NAN };
-            y[i] = if seen { moved.y as f32 } else { f32::NAN };
+            [mx[i], my[i], _] = self.warp.motion([x[i], y[i]], image, near);
         }
     }
 }
 
 struct VirtualMotion<'a> {
-    mirrors: Mirrors<'a>,
+    geometry: Geometry<'a>,
     hit_distance: Pixels<'a>,
+    camera: &'a Camera,
+    mirrored: Mirrored<'a>,
 }
 
 /// Writes the motion (2 channels) of what the pixels reflect.
 pub fn virtual_motion<'a>(
-    mirrors: Mirrors<'a>,
+    geometry: Geometry<'a>,
     hit_distance: Pixels<'a>,
+    camera: &'a Camera,
+    previous: &Camera,
     motion: impl Iterator<Item = PixelsMut<'a>>,
 ) {
     let kernel = VirtualMotion {
-        mirrors,
+        geometry,
         hit_distance,
+        camera,
+        mirrored: Mirrored::new(camera, previous),
     };
-    rows::run(&kernel, hit_distance.size.height, motion);
+    rows::run(&kernel, camera.size.height, motion);
 }
 
 impl<'a> Kernel for VirtualMotion<'a> {
@@ -79,12 +89,13 @@ impl<'a> Kernel for VirtualMotion<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut motion: PixelsMut<'a>) {
-        let width = self.hit_distance.size.width;
         let mut shown = Shown::nothing();
         let (mut distances, mut moved) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 2]);
-        for run in rows.flat_map(|y| segments(y, width)) {
-            self.hit_distance.load(run, 0, &mut distances[..run.len]);
-            self.mirrors.follow(run, &distances, &mut shown, &mut moved);
+        for run in rows.flat_map(|y| segments(y, self.camera.size.width)) {
+            let distances = &mut distances[..run.len];
+            self.hit_distance.load(run, 0, distances);
+            shown.find(self.geometry, self.camera, run);
+            self.mirrored.motion(&shown, distances, &mut moved);
             motion.write(run, moved.each_ref().map(Row::as_slice));
         }
     }

@@ -1,7 +1,7 @@
 //! Where a pixel's history lies in the previous frame, and which of those pixels may be used.
 
 use crate::image::{Pixels, Run, SEGMENT, Size, Spans};
-use crate::kernels::judge::surface::{Expected, Judged, Lane, Tests, rejection};
+use crate::kernels::judge::surface::{Expected, Judged, Lane, Places, Tests, rejection};
 
 /// Below this share of valid weight, a footprint says too little (Falcor's SVGF has the same bound).
 pub const MIN_COVERAGE: f32 = 0.01;
@@ -156,8 +156,10 @@ impl MotionLanes {
     #[inline(always)]
     pub fn load(&mut self, motion: &Pixels, run: Run) -> Motion<'_> {
         let Self(lanes) = self;
-        for (channel, lane) in lanes.iter_mut().enumerate().take(motion.channels) {
-            motion.load(run, channel, &mut lane[..run.len]);
+        let [x, y, depth] = lanes.each_mut().map(Lane::as_mut_slice);
+        match motion.channels {
+            3 => motion.read(run, [x, y, depth]),
+            _ => motion.read(run, [x, y]),
         }
         let [x, y, depth] = lanes.each_ref().map(|lane| &lane[..run.len]);
         Motion {
@@ -265,27 +267,43 @@ impl Footprints {
 
     #[inline(always)]
     fn judge(&mut self, len: usize, tests: &Tests) {
-        let [dx, dy] = self.steps();
-        for (tap, weights) in self.weights.iter_mut().enumerate() {
-            let (right, below) = (tap % 2, tap / 2);
-            let step = (right * dx + below * dy) as u32;
-            let [left, top] = self.corner.each_ref().map(|lane| &lane[..len]);
-            let at = &self.at[..len];
-            self.judged.look(len, |i| {
-                (
-                    at[i].wrapping_add(step),
-                    left[i] + right as f32,
-                    top[i] + below as f32,
-                )
-            });
-            tests.judge(&self.expected, len, &self.spans, &mut self.judged);
-            let (trust, failures) = (&self.judged.trust[..len], &self.judged.failed[..len]);
-            let (weights, failed) = (&mut weights[..len], &mut self.failed[..len]);
-            for i in 0..len {
-                failed[i] |= if weights[i] > 0.0 { failures[i] } else { 0 };
-                weights[i] *= trust[i];
-            }
-        }
+        let (size, steps) = (self.size, self.steps());
+        let Self {
+            at,
+            spans,
+            corner,
+            weights,
+            failed,
+            expected,
+            judged,
+            ..
+        } = self;
+        let taps = Places {
+            at: &at[..len],
+            spans,
+            corner: corner.each_ref().map(|lane| &lane[..len]),
+            side: 2,
+            size,
+            steps,
+        };
+        let all = |_, _| true;
+        tests.judge(
+            expected,
+            taps,
+            judged,
+            all,
+            |[row, column], part, trust, failures| {
+                let len = part.len();
+                let weights = &mut weights[2 * row + column][part.start..][..len];
+                let failed = &mut failed[part.start..][..len];
+                let (trust, failures) = (&trust[..len], &failures[..len]);
+                for i in 0..len {
+                    let (weight, failures) = (weights[i], failures[i]);
+                    failed[i] |= if weight > 0.0 { failures } else { 0 };
+                    weights[i] = weight * trust[i];
+                }
+            },
+        );
     }
 
     /// The usable taps of the footprint of pixel `i` of the run.
@@ -375,22 +393,20 @@ impl Footprints {
         let [d0, d1, d2, d3] = wide.down.each_mut().map(|lane| &mut lane[..len]);
         let (first, failed) = (&self.at[..len], &self.failed[..len]);
         let (at, serves) = (&mut wide.at[..len], &mut wide.serves[..len]);
+        let [left, top] = wide.corner.each_mut().map(|lane| &mut lane[..len]);
         let unsure = &mut wide.unsure[..len];
-        let before = width as u32 + 1;
+        let back = width as u32 + 1;
         let fits = |at: f32, side: usize| (at >= 1.0) & (at + 2.0 < side as f32);
         for i in 0..len {
-            let (left, top) = (x[i].floor(), y[i].floor());
-            let [along, down] = product(&side, corners, [x[i] - left, y[i] - top]);
+            let before = [x[i].floor(), y[i].floor()];
+            let [along, down] = product(&side, corners, [x[i] - before[0], y[i] - before[1]]);
             [a0[i], a1[i], a2[i], a3[i]] = along;
             [d0[i], d1[i], d2[i], d3[i]] = down;
-            let fits = fits(left, width) & fits(top, height);
+            let fits = fits(before[0], width) & fits(before[1], height);
+            [left[i], top[i]] = before.map(|at| at - 1.0);
             let gaps = (along[0] == 0.0) | (along[3] == 0.0) | (down[0] == 0.0) | (down[3] == 0.0);
             let passes = failed[i] == 0;
-            at[i] = if fits {
-                first[i].wrapping_sub(before)
-            } else {
-                0
-            };
+            at[i] = if fits { first[i].wrapping_sub(back) } else { 0 };
             serves[i] = (fits & passes).into();
             unsure[i] = (!fits & gaps & passes).into();
         }
@@ -399,27 +415,46 @@ impl Footprints {
     /// Judges the taps around the 2×2 that are judged already.
     #[inline(always)]
     fn judge_around(&mut self, kernel: Wide, len: usize, tests: &Tests, wide: &mut WideLanes) {
-        let [left, top] = self.corner.each_ref().map(|lane| &lane[..len]);
-        let (at, serves) = (&wide.at[..len], &mut wide.serves[..len]);
-        for row in 0..4 {
-            for column in Wide::columns(kernel.has_corners(), row) {
-                if matches!((row, column), (1 | 2, 1 | 2)) {
-                    continue;
-                }
-                let step = (row * self.size.width + column) as u32;
-                let (right, below) = (column as f32 - 1.0, row as f32 - 1.0);
-                self.judged
-                    .look(len, |i| (at[i] + step, left[i] + right, top[i] + below));
-                tests.judge(&self.expected, len, &wide.spans, &mut self.judged);
-                let failures = &self.judged.failed[..len];
-                let (along, down) = (&wide.along[column][..len], &wide.down[row][..len]);
+        let WideLanes {
+            along,
+            down,
+            at,
+            spans,
+            corner,
+            serves,
+            ..
+        } = wide;
+        let taps = Places {
+            at: &at[..len],
+            spans,
+            corner: corner.each_ref().map(|lane| &lane[..len]),
+            side: 4,
+            size: self.size,
+            steps: self.steps(),
+        };
+        let around = |row, column| {
+            let inner = matches!((row, column), (1 | 2, 1 | 2));
+            !inner && Wide::columns(kernel.has_corners(), row).contains(&column)
+        };
+        let (expected, judged) = (&self.expected, &mut self.judged);
+        tests.judge(
+            expected,
+            taps,
+            judged,
+            around,
+            |[row, column], part, _, failures| {
+                let len = part.len();
+                let along = &along[column][part.start..][..len];
+                let down = &down[row][part.start..][..len];
+                let serves = &mut serves[part.start..][..len];
+                let failures = &failures[..len];
                 for i in 0..len {
                     let counts = (along[i] != 0.0) & (down[i] != 0.0);
                     let fails = counts & (failures[i] != 0);
                     serves[i] = if fails { 0 } else { serves[i] };
                 }
-            }
-        }
+            },
+        );
     }
 }
 
@@ -430,6 +465,7 @@ pub struct WideLanes {
     /// The upper left tap.
     pub at: Lane<u32>,
     pub spans: Spans,
+    corner: [Lane; 2],
     /// 1 where all taps count, or 0.
     pub serves: Lane<u32>,
     /// 1 where some taps lie outside that may have no weight, or 0.
@@ -443,6 +479,7 @@ impl WideLanes {
             down: [[0.0; SEGMENT]; 4],
             at: [0; SEGMENT],
             spans: Spans::none(),
+            corner: [[0.0; SEGMENT]; 2],
             serves: [0; SEGMENT],
             unsure: [0; SEGMENT],
         }

@@ -404,8 +404,8 @@ impl Taken<'_> {
                 &data[from * C..][..len * C].as_chunks::<C>().0[..len]
             })
         });
-        let average = average.part(self.part.clone());
-        let means = &mut values[start * C..end * C].as_chunks_mut::<C>().0[..len];
+        let average = average.part(start, len);
+        let means = &mut values[start * C..][..len * C].as_chunks_mut::<C>().0[..len];
         for i in 0..len {
             means[i] = average.mean(i, |column, row| taps[row][column][i]);
         }
@@ -425,7 +425,7 @@ trait Average {
     const SIDE: usize;
 
     /// The same for some of the pixels.
-    fn part(&self, part: Range<usize>) -> Self;
+    fn part(&self, start: usize, len: usize) -> Self;
 
     /// The value of pixel `i`; `tap` takes column and row.
     fn mean<const N: usize>(&self, i: usize, tap: impl Fn(usize, usize) -> [f32; N]) -> [f32; N];
@@ -440,9 +440,9 @@ impl Average for Quad<'_> {
     const SIDE: usize = 2;
 
     #[inline(always)]
-    fn part(&self, part: Range<usize>) -> Self {
+    fn part(&self, start: usize, len: usize) -> Self {
         Self {
-            shares: self.shares.map(|lane| &lane[part.clone()]),
+            shares: self.shares.map(|lane| &lane[start..][..len]),
         }
     }
 
@@ -469,8 +469,8 @@ impl<'a, const CORNERS: bool> Average for Grid<'a, CORNERS> {
     const SIDE: usize = 4;
 
     #[inline(always)]
-    fn part(&self, part: Range<usize>) -> Self {
-        let cut = |side: [&'a [f32]; 4]| side.map(|lane| &lane[part.clone()]);
+    fn part(&self, start: usize, len: usize) -> Self {
+        let cut = |side: [&'a [f32]; 4]| side.map(|lane| &lane[start..][..len]);
         let [along, down] = self.weights;
         Self {
             weights: [cut(along), cut(down)],
