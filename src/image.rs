@@ -646,7 +646,7 @@ pub struct Tiles {
 
 impl Tiles {
     /// A band has one row of tiles.
-    const SIDE: usize = BAND;
+    pub const SIDE: usize = BAND;
 
     /// All off.
     pub fn new(size: Size) -> Self {
@@ -668,12 +668,6 @@ impl Tiles {
     /// The tiles of each band, from left to right.
     pub fn bands(&mut self) -> impl Iterator<Item = &mut [bool]> {
         self.on.chunks_mut(self.columns)
-    }
-
-    /// The tile of a column.
-    #[inline(always)]
-    pub fn column(x: usize) -> usize {
-        x / Self::SIDE
     }
 
     /// These and the eight around each.
@@ -698,11 +692,11 @@ impl Tiles {
         let (mut x, end) = (run.x, run.x + run.len);
         std::iter::from_fn(move || {
             let tile_end = |x: usize| ((x / Self::SIDE + 1) * Self::SIDE).min(end);
-            while x < end && !row[Self::column(x)] {
+            while x < end && !row[x / Self::SIDE] {
                 x = tile_end(x);
             }
             let start = x;
-            while x < end && row[Self::column(x)] {
+            while x < end && row[x / Self::SIDE] {
                 x = tile_end(x);
             }
             (start < x).then_some(Run {

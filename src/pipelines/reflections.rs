@@ -225,8 +225,8 @@ impl Candidates<'_> {
                 hits.iter_mut().for_each(|hit| *hit *= multiple);
             }
         }
-        self.mirrored.motion(&room.shown, hits, &mut room.motion);
-        let [x, y] = room.motion.each_ref().map(|row| &row[..run.len]);
+        let [x, y] = room.motion.each_mut().map(|row| &mut row[..run.len]);
+        self.mirrored.motion(&room.shown, hits, x, y);
         Motion { x, y, depth: None }
     }
 }
@@ -336,22 +336,28 @@ impl<'a> Kernel for Choose<'a> {
                     let old = &out.values.row(CHANNELS + 3 + k, y)[run.x..][..run.len];
                     let [errors] = around.row(y as isize);
                     let errors = &errors[RADIUS + run.x..][..run.len];
-                    let scores = &mut out.scores[((y - top) * width + run.x) * self.scores..];
                     let (best, winner) = (&mut best[..run.len], &mut winner[..run.len]);
+                    let gain = &mut gain[..run.len];
                     for i in 0..run.len {
                         let score = old[i] + SHARE * (gain[i] - old[i]);
-                        scores[i * self.scores + k] = score;
+                        gain[i] = score;
                         let wins = (score < best[i]) & !errors[i].is_nan();
                         best[i] = if wins { score } else { best[i] };
                         winner[i] = if wins { k as u32 } else { winner[i] };
+                    }
+                    let first = ((y - top) * width + run.x) * self.scores;
+                    let records = out.scores[first..].chunks_exact_mut(self.scores);
+                    for (record, &score) in records.zip(&*gain) {
+                        record[k] = score;
                     }
                 }
                 let winner = &winner[..run.len];
                 if winner.iter().all(|&k| k == u32::MAX) {
                     continue;
                 }
-                for (i, &k) in winner.iter().enumerate() {
-                    out.won[Tiles::column(run.x + i)] |= k != u32::MAX;
+                let won = &mut out.won[run.x / Tiles::SIDE..];
+                for (won, winner) in won.iter_mut().zip(winner.chunks(Tiles::SIDE)) {
+                    *won |= winner.iter().any(|&k| k != u32::MAX);
                 }
                 self.replace(run, winner, &mut room, &mut fetched, &mut out);
             }

@@ -36,15 +36,15 @@ impl<'a> Mirrored<'a> {
 
     /// The motion of what pixels reflect at these distances.
     #[inline(always)]
-    pub fn motion(&self, shown: &Shown, distances: &[f32], motion: &mut [Row; 2]) {
+    pub fn motion(&self, shown: &Shown, distances: &[f32], x: &mut [f32], y: &mut [f32]) {
         let len = distances.len();
-        let [x, y, depth, surface] =
+        let [u, v, depth, surface] =
             [&shown.x, &shown.y, &shown.depth, &shown.near].map(|lane| &lane[..len]);
-        let [mx, my] = motion.each_mut().map(|row| &mut row[..len]);
+        let (x, y) = (&mut x[..len], &mut y[..len]);
         for i in 0..len {
             let distance = f64::from(distances[i]);
             // A unit of depth is as long as the ray.
-            let ray = self.camera.ray(DVec2::new(x[i], y[i]));
+            let ray = self.camera.ray(DVec2::new(u[i], v[i]));
             let behind = depth[i] + distance / ray.length();
             let known = if distance >= 0.0 { behind } else { f64::NAN };
             // At infinity, but where the surface is not known.
@@ -55,7 +55,7 @@ impl<'a> Mirrored<'a> {
             } else {
                 (image, near)
             };
-            [mx[i], my[i], _] = self.warp.motion([x[i], y[i]], image, near);
+            [x[i], y[i], _] = self.warp.motion([u[i], v[i]], image, near);
         }
     }
 }
@@ -95,7 +95,8 @@ impl<'a> Kernel for VirtualMotion<'a> {
             let distances = &mut distances[..run.len];
             self.hit_distance.load(run, 0, distances);
             shown.find(self.geometry, self.camera, run);
-            self.mirrored.motion(&shown, distances, &mut moved);
+            let [x, y] = &mut moved;
+            self.mirrored.motion(&shown, distances, x, y);
             motion.write(run, moved.each_ref().map(Row::as_slice));
         }
     }

@@ -241,13 +241,17 @@ type Beside<T = f32> = [T; SEGMENT + LANES];
 
 /// Pixels of the previous frame, and what is thought of them.
 pub struct Judged {
+    others: Others,
+    trust: Lane,
+    failed: Lane<u32>,
+}
+
+struct Others {
     ids: Beside<u32>,
     depth: Beside,
     direction: Vectors,
     normal: Vectors,
     luminance: Beside,
-    trust: Lane,
-    failed: Lane<u32>,
     records: [[f32; 4]; SEGMENT],
 }
 
@@ -277,17 +281,21 @@ impl Vectors {
 impl Judged {
     pub fn zeroed() -> Self {
         Self {
-            ids: [0; _],
-            depth: [0.0; _],
-            direction: Vectors::zeroed(),
-            normal: Vectors::zeroed(),
-            luminance: [0.0; _],
+            others: Others {
+                ids: [0; _],
+                depth: [0.0; _],
+                direction: Vectors::zeroed(),
+                normal: Vectors::zeroed(),
+                luminance: [0.0; _],
+                records: [[0.0; 4]; SEGMENT],
+            },
             trust: [0.0; SEGMENT],
             failed: [0; SEGMENT],
-            records: [[0.0; 4]; SEGMENT],
         }
     }
+}
 
+impl Others {
     /// Looks at pixels that lie side by side, or anywhere.
     #[inline(always)]
     fn look(&mut self, tests: &Tests, pixels: Seen) {
@@ -490,6 +498,11 @@ impl<'a> Tests<'a> {
         mut tell: impl FnMut([usize; 2], Range<usize>, &[f32], &[u32]),
     ) {
         let [across, down] = places.steps;
+        let Judged {
+            others,
+            trust,
+            failed,
+        } = judged;
         let mut indices = [0; SEGMENT];
         for Span { part, together } in places.spans.iter() {
             for row in 0..places.side {
@@ -501,7 +514,7 @@ impl<'a> Tests<'a> {
                         x: first % places.size.width,
                         len: part.len() + places.side - 1,
                     };
-                    judged.look(self, Seen::Row(seen));
+                    others.look(self, Seen::Row(seen));
                 }
                 for column in (0..places.side).filter(|&column| chosen(row, column)) {
                     let shift = if together {
@@ -511,55 +524,49 @@ impl<'a> Tests<'a> {
                         for (to, at) in indices.iter_mut().zip(at) {
                             *to = at + step;
                         }
-                        judged.look(self, Seen::Each(&indices[..part.len()]));
+                        others.look(self, Seen::Each(&indices[..part.len()]));
                         0
                     };
-                    let offset = [column as f32, row as f32];
-                    self.test::<RAMPS>(
-                        expected,
-                        part.clone(),
-                        places.corner,
-                        offset,
-                        shift,
-                        judged,
-                    );
-                    let (trust, failed) =
-                        (&judged.trust[..part.len()], &judged.failed[..part.len()]);
+                    let (trust, failed) = (&mut trust[..part.len()], &mut failed[..part.len()]);
+                    let place = (places.corner, [column as f32, row as f32]);
+                    self.test::<RAMPS>(expected, part.start, place, others, shift, trust, failed);
                     tell([row, column], part.clone(), trust, failed);
                 }
             }
         }
     }
 
-    /// Tests a tap of some of a run's pixels: what was looked at from `shift` on.
+    /// Tests a tap of a run's pixels from `start` on, which were looked at from `shift` on. Memory that is written comes as
+    /// arguments of their own, so that compilers see that it is apart from what is read.
     #[inline(always)]
     fn test<const RAMPS: bool>(
         &self,
         expected: &Expected,
-        part: Range<usize>,
-        corner: [&[f32]; 2],
-        [right, below]: [f32; 2],
+        start: usize,
+        (corner, [right, below]): ([&[f32]; 2], [f32; 2]),
+        others: &Others,
         shift: usize,
-        judged: &mut Judged,
+        trust: &mut [f32],
+        failed: &mut [u32],
     ) {
-        let (start, len) = (part.start, part.len());
-        let (trust, failed) = (&mut judged.trust[..len], &mut judged.failed[..len]);
+        let len = trust.len();
+        let failed = &mut failed[..len];
         let sure = &expected.trust[start..][..len];
         for i in 0..len {
             trust[i] = sure[i];
             failed[i] = bit(sure[i], rejection::VELOCITY);
         }
         if self.ids.is_some() {
-            let (own, ids) = (&expected.id[start..][..len], &judged.ids[shift..][..len]);
+            let (own, ids) = (&expected.id[start..][..len], &others.ids[shift..][..len]);
             for i in 0..len {
                 let this = same(own[i], ids[i]);
                 count(&mut trust[i], &mut failed[i], this, rejection::ID);
             }
         }
         if self.direction.is_some() {
-            let axes = judged.direction.axes.each_ref();
+            let axes = others.direction.axes.each_ref();
             let [vx, vy, vz] = axes.map(|axis| &axis[shift..][..len]);
-            let lengths = &judged.direction.lengths[shift..][..len];
+            let lengths = &others.direction.lengths[shift..][..len];
             let axes = expected.direction.each_ref();
             let [ex, ey, ez] = axes.map(|lane| &lane[start..][..len]);
             let own = &expected.length[start..][..len];
@@ -571,12 +578,12 @@ impl<'a> Tests<'a> {
         }
         if self.depth.is_some() {
             let own = &expected.depth[start..][..len];
-            let depth = &judged.depth[shift..][..len];
+            let depth = &others.depth[shift..][..len];
             match (self.rays, self.normal) {
                 (Some(rays), Some(_)) => {
                     let normal = match self.normal_is_direction {
-                        true => &judged.direction,
-                        false => &judged.normal,
+                        true => &others.direction,
+                        false => &others.normal,
                     };
                     let [vx, vy, vz] = normal.axes.each_ref().map(|axis| &axis[shift..][..len]);
                     let lengths = &normal.lengths[shift..][..len];
@@ -603,7 +610,7 @@ impl<'a> Tests<'a> {
         }
         if self.color.is_some() {
             let own = &expected.luminance[start..][..len];
-            let luminance = &judged.luminance[shift..][..len];
+            let luminance = &others.luminance[shift..][..len];
             for i in 0..len {
                 let this = self.luminance_trust::<RAMPS>(own[i], luminance[i]);
                 count(&mut trust[i], &mut failed[i], this, rejection::LUMINANCE);
