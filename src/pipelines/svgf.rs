@@ -7,6 +7,8 @@
 
 use std::ops::Range;
 
+use pulp::Simd;
+
 use super::frame::{Frame, Output, Summary, check_size};
 use super::reflections::{self, forget_uncovered};
 use super::taa::{self, Stage, blacken_missing};
@@ -26,7 +28,7 @@ use crate::kernels::smooth::variance::{self, Estimate};
 use crate::lanes::BorderedBand;
 use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, LanesKernel};
 
 #[derive(Clone, Debug, Default)]
 pub struct Params {
@@ -195,7 +197,7 @@ impl Svgf {
             variance: Estimate::new(moments, length, &guide, params.variance),
         };
         let outs = (filtered.bands()).zip(bands_of(output.history_length, size));
-        rows::run(&begin, size.height, outs);
+        rows::run_lanes(&begin, size.height, outs);
 
         let passes = params.atrous.iterations;
         let mut kept = None;
@@ -295,13 +297,13 @@ struct Begin<'a> {
     variance: Estimate<'a>,
 }
 
-impl<'a> Kernel for Begin<'a> {
+impl<'a> LanesKernel for Begin<'a> {
     type Out = (BorderedBand<'a>, BandMut<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut out, mut length): Self::Out) {
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, (mut out, mut length): Self::Out) {
         for y in rows {
-            self.variance.row(y, atrous::variance_of(&mut out, y));
+            self.variance.row(simd, y, atrous::variance_of(&mut out, y));
             atrous::settle_variance(y, &mut out);
             atrous::load(
                 Run::row(y, self.color.size.width),

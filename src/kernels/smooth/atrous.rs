@@ -16,14 +16,16 @@
 
 use std::ops::Range;
 
+use pulp::Simd;
+
 use super::guide::{Comparison, Guide, Sigmas};
-use super::variance::floored;
+use super::variance::{floored, floored_all};
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
-use crate::lanes::{Bordered, BorderedBand, LANES, Lanes, Layout, Tap};
-use crate::math::{LOG2_E, exp2_weight, is_present, luminance};
+use crate::lanes::{Bordered, BorderedBand, BorderedRow, Lanes, Layout, Tap};
+use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, LanesKernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -71,6 +73,11 @@ impl Params {
 const CHANNELS: usize = 5;
 const VARIANCE: usize = 3;
 const LUMINANCE: usize = 4;
+
+/// Of a pixel, itself among them.
+const TAPS: usize = 25;
+/// Whose weights are computed side by side.
+const TOGETHER: usize = 5;
 
 /// log₂ of 1, 2/3 and 1/6.
 const LOG2_KERNEL: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
@@ -128,7 +135,8 @@ impl Filtered {
             params,
             step: 1 << iteration,
         };
-        rows::run(&pass, guide.layout.size.height, filtered.bands());
+        let outs = filtered.rows_apart(pass.step);
+        rows::run_lanes(&pass, guide.layout.size.height, outs);
         self.spare = Some(std::mem::replace(&mut self.image, filtered));
     }
 
@@ -244,11 +252,11 @@ struct Pass<'a> {
     step: usize,
 }
 
-impl<'a> Kernel for Pass<'a> {
-    type Out = BorderedBand<'a>;
+impl<'a> LanesKernel for Pass<'a> {
+    type Out = Vec<BorderedRow<'a, CHANNELS>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
+    fn rows<S: Simd>(&self, simd: S, _: Range<usize>, out: Self::Out) {
         let layout = self.image.layout;
         let around = Around {
             layout,
@@ -256,19 +264,20 @@ impl<'a> Kernel for Pass<'a> {
             guide: self.guide.compare(&self.params.sigmas),
             sigma_luminance: self.params.sigma_luminance,
         };
-        for y in rows {
+        for mut row in out {
+            let y = row.y;
             let taps: Vec<_> = (layout.taps(y, 2, self.step).into_iter())
                 .map(|tap| (tap, tap_exponent(tap, self.step)))
                 .collect();
             // The border continues the rows; above the first and below the last row, these do.
             let near = [y.saturating_sub(1), (y + 1).min(layout.size.height - 1)];
-            for x in (0..layout.size.width).step_by(LANES) {
-                let filtered = around.filter(x, y, near, &taps);
-                for (row, lanes) in out.rows::<CHANNELS>(y).into_iter().zip(filtered) {
+            for x in (0..layout.size.width).step_by(Lanes::<S>::COUNT) {
+                let filtered = around.filter(simd, x, y, near, &taps);
+                for (row, lanes) in row.channels().into_iter().zip(filtered) {
                     lanes.store(row, x);
                 }
             }
-            out.replicate(VARIANCE, y);
+            row.replicate(VARIANCE);
         }
     }
 }
@@ -290,66 +299,73 @@ struct Around<'a> {
 impl Around<'_> {
     /// The pixels from (x, y) on.
     #[inline(always)]
-    fn filter(
+    fn filter<S: Simd>(
         &self,
+        simd: S,
         x: usize,
         y: usize,
         near: [usize; 2],
         taps: &[(Tap, f32)],
-    ) -> [Lanes; CHANNELS] {
+    ) -> [Lanes<S>; CHANNELS] {
         let at = self.layout.at(x, y);
-        let center = self.guide.center(x, y);
-        let (here, sharpness) = self.sharpness(x, y, near);
-        let mut weight = Lanes::all(0.0);
-        let [mut r, mut g, mut b, mut v] = [Lanes::all(0.0); 4];
-        for &(tap, exponent) in taps {
-            let guided = self.guide.exponents(&center, tap, exponent);
-            let [tr, tg, tb, tv, tl] = Lanes::load_all(self.image, tap.of(at));
-            let w = exp2_weight(guided - sharpness * (here - tl).abs());
+        let center = self.guide.center(simd, x, y);
+        let (here, sharpness) = self.sharpness(simd, x, y, near);
+        let mut weight = Lanes::all(simd, 0.0);
+        let [mut r, mut g, mut b, mut v] = [Lanes::all(simd, 0.0); 4];
+        // One step of all taps before the next, so that what follows each other does not wait for each other.
+        let mut weights = [Lanes::all(simd, f32::NEG_INFINITY); TAPS];
+        for (exponents, &(tap, own)) in weights.iter_mut().zip(taps) {
+            let there = Lanes::load(simd, self.image[LUMINANCE], tap.of(at));
+            let guided = self.guide.exponents(simd, &center, tap, own);
+            *exponents = guided - sharpness * (here - there).abs();
+        }
+        for some in weights.as_chunks_mut::<TOGETHER>().0 {
+            *some = exp2_weights(*some);
+        }
+        for (&w, (tap, _)) in weights.iter().zip(taps) {
+            let [tr, tg, tb, tv, _] = Lanes::load_all(simd, self.image, tap.of(at));
             weight = weight + w;
             r = r + w * tr;
             g = g + w * tg;
             b = b + w * tb;
             v = v + w * w * tv;
         }
-        let some = weight.map(|w| w > 0.0);
-        let (r, g, b) = (
-            (r / weight).or(some, 0.0),
-            (g / weight).or(some, 0.0),
-            (b / weight).or(some, 0.0),
-        );
-        let v = (v / weight / weight).or(some, 0.0).map(floored);
-        let l = luminance_of(r, g, b).or(some, f32::NAN);
+        let some = weight.above(0.0);
+        let [r, g, b] = [r, g, b].map(|sum| (sum / weight).or_all(some, 0.0));
+        let v = floored_all(v / weight / weight);
+        let l = luminances(r, g, b).or_all(some, f32::NAN);
         [r, g, b, v, l]
     }
 
     /// The centres' luminance, and log₂e over the difference from it that counts as one; both 0 where it is missing, so that
     /// it does not count.
     #[inline(always)]
-    fn sharpness(&self, x: usize, y: usize, [above, below]: [usize; 2]) -> (Lanes, Lanes) {
-        let [above, own, below] =
-            [above, y, below].map(|y| blurred(self.image[VARIANCE], self.layout.at(x, y)));
+    fn sharpness<S: Simd>(
+        &self,
+        simd: S,
+        x: usize,
+        y: usize,
+        [above, below]: [usize; 2],
+    ) -> (Lanes<S>, Lanes<S>) {
+        let above = blurred(simd, self.image[VARIANCE], self.layout.at(x, above));
+        let own = blurred(simd, self.image[VARIANCE], self.layout.at(x, y));
+        let below = blurred(simd, self.image[VARIANCE], self.layout.at(x, below));
         let deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
-        let luminance = Lanes::load(self.image[LUMINANCE], self.layout.at(x, y));
-        let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + Lanes::all(1e-30);
-        let known = luminance.map(|l| !l.is_nan());
-        let sharpness = Lanes::all(LOG2_E) / unit;
-        (luminance.or(known, 0.0), sharpness.or(known, 0.0))
+        let luminance = Lanes::load(simd, self.image[LUMINANCE], self.layout.at(x, y));
+        let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + 1e-30;
+        let known = luminance.is_number();
+        let sharpness = Lanes::all(simd, LOG2_E) / unit;
+        (luminance.or_all(known, 0.0), sharpness.or_all(known, 0.0))
     }
 }
 
 /// Along a row.
 #[inline(always)]
-fn blurred(plane: &[f32], at: usize) -> Lanes {
-    let (left, right) = (Lanes::load(plane, at - 1), Lanes::load(plane, at + 1));
-    left * 0.25 + Lanes::load(plane, at) * 0.5 + right * 0.25
-}
-
-#[inline(always)]
-fn luminance_of(r: Lanes, g: Lanes, b: Lanes) -> Lanes {
-    let mut l = [0.0; LANES];
-    for lane in 0..LANES {
-        l[lane] = luminance(r.0[lane], g.0[lane], b.0[lane]);
-    }
-    Lanes(l)
+fn blurred<S: Simd>(simd: S, plane: &[f32], at: usize) -> Lanes<S> {
+    let [left, own, right] = [
+        Lanes::load(simd, plane, at - 1),
+        Lanes::load(simd, plane, at),
+        Lanes::load(simd, plane, at + 1),
+    ];
+    left * 0.25 + own * 0.5 + right * 0.25
 }

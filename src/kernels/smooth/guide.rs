@@ -13,12 +13,13 @@
 use std::ops::Range;
 
 use glam::Vec3;
+use pulp::Simd;
 
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::judge::surface::Buffers;
-use crate::lanes::{Bordered, BorderedBand, LANES, Lanes, Layout, Tap};
+use crate::lanes::{Bordered, BorderedBand, Classes, Lanes, Layout, Tap};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
 
@@ -147,46 +148,43 @@ enum Depths<'a> {
 /// With D(x, y) the ray of a pixel, which is linear in x and y, a point of depth Z′ seen Δ pixels away from the pixel (x, y)
 /// of depth Z and normal n is n·(X′ − X) = Z′ (n·D + Δx n·∂D/∂x + Δy n·∂D/∂y) − Z n·D from its plane.
 #[derive(Clone, Copy)]
-pub struct Center {
+pub struct Center<S: Simd> {
     at: usize,
-    class: Lanes<u32>,
-    normal: [Lanes; 3],
+    class: Classes<S>,
+    normal: [Lanes<S>; 3],
     /// n·∂D/∂x, n·∂D/∂y, n·D and Z n·D, in units of the distance that counts as one.
-    plane: [Lanes; 4],
+    plane: [Lanes<S>; 4],
     /// Depth and its slopes.
-    slope: [Lanes; 3],
+    slope: [Lanes<S>; 3],
 }
 
 impl Comparison<'_> {
     /// The pixels from (x, y) on.
     #[inline(always)]
-    pub fn center(&self, x: usize, y: usize) -> Center {
+    pub fn center<S: Simd>(&self, simd: S, x: usize, y: usize) -> Center<S> {
         let at = self.layout.at(x, y);
         let mut center = Center {
             at,
-            class: Lanes::load(self.class, at),
-            normal: [Lanes::all(0.0); 3],
-            plane: [Lanes::all(0.0); 4],
-            slope: [Lanes::all(0.0); 3],
+            class: Classes::load(simd, self.class, at),
+            normal: [Lanes::all(simd, 0.0); 3],
+            plane: [Lanes::all(simd, 0.0); 4],
+            slope: [Lanes::all(simd, 0.0); 3],
         };
         if let Some(normal) = self.normal {
-            center.normal = Lanes::load_all(normal, at);
+            center.normal = Lanes::load_all(simd, normal, at);
         }
         match self.depth {
             Depths::Plane([depth], rays) => {
-                let z = Lanes::load(depth, at);
-                let scale = Lanes::all(self.plane_scale) / z;
+                let z = Lanes::load(simd, depth, at);
+                let scale = Lanes::all(simd, self.plane_scale) / z;
                 let right = scale * dot(center.normal, rays.dx);
                 let down = scale * dot(center.normal, rays.dy);
-                let mut columns = [0.0; LANES];
-                for (lane, column) in columns.iter_mut().enumerate() {
-                    *column = (x + lane) as f32 + 0.5;
-                }
+                let columns = Lanes::count_from(simd, x as f32 + 0.5);
                 let corner = scale * dot(center.normal, rays.corner);
-                let ray = corner + right * Lanes(columns) + down * (y as f32 + 0.5);
+                let ray = corner + right * columns + down * (y as f32 + 0.5);
                 center.plane = [right, down, ray, z * ray];
             }
-            Depths::Slope(slopes) => center.slope = Lanes::load_all(slopes, at),
+            Depths::Slope(slopes) => center.slope = Lanes::load_all(simd, slopes, at),
             Depths::Absent => {}
         }
         center
@@ -195,40 +193,41 @@ impl Comparison<'_> {
     /// Exponents, in units of log₂, of the weights between centres and a tap of theirs: that of the tap itself, less what
     /// stands between the two; −∞ between classes.
     #[inline(always)]
-    pub fn exponents(&self, center: &Center, tap: Tap, own: f32) -> Lanes {
+    pub fn exponents<S: Simd>(&self, simd: S, center: &Center<S>, tap: Tap, own: f32) -> Lanes<S> {
         let there = tap.of(center.at);
-        let mut exponents = Lanes::all(own);
+        let mut exponents = Lanes::all(simd, own);
         if let Some(normal) = self.normal {
-            let [nx, ny, nz] = Lanes::load_all(normal, there);
+            let [nx, ny, nz] = Lanes::load_all(simd, normal, there);
             let [hx, hy, hz] = center.normal;
             let (x, y, z) = (hx - nx, hy - ny, hz - nz);
             exponents = exponents - (x * x + y * y + z * z) * self.normal_scale;
         }
         match self.depth {
             Depths::Plane([depth], _) => {
-                let z = Lanes::load(depth, there);
+                let z = Lanes::load(simd, depth, there);
                 let [right, down, ray, here] = center.plane;
-                let ray = ray + down * tap.offset[1] as f32 + right * tap.offset[0] as f32;
+                let [dx, dy] = tap.distance;
+                let ray = ray + down * dy + right * dx;
                 exponents = exponents - (z * ray - here).abs();
             }
             Depths::Slope([depth, ..]) => {
-                let z_there = Lanes::load(depth, there);
+                let z_there = Lanes::load(simd, depth, there);
                 let [z, zx, zy] = center.slope;
-                let [dx, dy] = tap.offset;
-                let rise = zx * dx.unsigned_abs() as f32 + zy * dy.unsigned_abs() as f32;
+                let [dx, dy] = tap.distance.map(f32::abs);
+                let rise = zx * dx + zy * dy;
                 // The last term keeps background, where all is zero, from 0/0.
-                let unit = rise * self.slope_unit + z * 1e-3 + Lanes::all(1e-30);
+                let unit = rise * self.slope_unit + z * 1e-3 + 1e-30;
                 exponents = exponents - (z - z_there).abs() * LOG2_E / unit;
             }
             Depths::Absent => {}
         }
-        let class = Lanes::load(self.class, there);
-        exponents.or(center.class.zip(class, |a, b| a == b), f32::NEG_INFINITY)
+        let class = Classes::load(simd, self.class, there);
+        exponents.or_all(center.class.equal(class), f32::NEG_INFINITY)
     }
 }
 
 #[inline(always)]
-fn dot([x, y, z]: [Lanes; 3], v: Vec3) -> Lanes {
+fn dot<S: Simd>([x, y, z]: [Lanes<S>; 3], v: Vec3) -> Lanes<S> {
     x * v.x + y * v.y + z * v.z
 }
 
