@@ -287,19 +287,10 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         if self.steps[1] == 1 {
             // One load for each, of a number too many.
             let records = &mut records[..pixels.len()];
-            let (data, step) = (self.data, self.steps[0]);
-            for (record, &pixel) in records.iter_mut().zip(pixels) {
-                let rest = &data[pixel as usize * step..];
-                match rest.first_chunk() {
-                    Some(whole) => *record = *whole,
-                    None => *record = few(rest),
-                }
+            for (to, &pixel) in records.iter_mut().zip(pixels) {
+                *to = record(self.data, pixel as usize * self.steps[0]);
             }
-            for (channel, out) in into.into_iter().enumerate() {
-                for (to, record) in out.iter_mut().zip(&*records) {
-                    *to = record[channel];
-                }
-            }
+            apart(records, into);
         } else {
             for (channel, out) in into.into_iter().enumerate() {
                 self.part(channel..channel + 1).gather(pixels, out);
@@ -357,25 +348,28 @@ impl Pixels<'_> {
     /// Copies the first `N` channels of a run: all at once where they lie side by side.
     #[inline(always)]
     pub fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
-        #[inline(always)]
-        fn all<const C: usize, const N: usize>(records: &[[f32; C]], into: [&mut [f32]; N]) {
-            let into = into.map(|row| &mut row[..records.len()]);
-            for i in 0..records.len() {
-                for c in 0..N {
-                    into[c][i] = records[i][c];
-                }
-            }
-        }
         let start = (run.y * self.size.width + run.x) * self.steps[0];
         let records = |channels: usize| &self.data[start..][..run.len * channels];
         match self.steps {
-            [3, 1] => all(records(3).as_chunks::<3>().0, into),
-            [4, 1] => all(records(4).as_chunks::<4>().0, into),
+            [2, 1] => apart(records(2).as_chunks::<2>().0, into),
+            [3, 1] => apart(records(3).as_chunks::<3>().0, into),
+            [4, 1] => apart(records(4).as_chunks::<4>().0, into),
             _ => {
                 for (channel, into) in into.into_iter().enumerate() {
                     self.load(run, channel, &mut into[..run.len]);
                 }
             }
+        }
+    }
+}
+
+/// Takes the first `N` channels of records apart.
+#[inline(always)]
+fn apart<T: Copy, const C: usize, const N: usize>(records: &[[T; C]], into: [&mut [T]; N]) {
+    let into = into.map(|row| &mut row[..records.len()]);
+    for i in 0..records.len() {
+        for c in 0..N {
+            into[c][i] = records[i][c];
         }
     }
 }
@@ -505,8 +499,10 @@ impl<T> BandMut<'_, T> {
     }
 }
 
-/// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache.
-pub const SEGMENT: usize = 256;
+/// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache. No power of two,
+/// or the same place of several scratch rows would share the low bits of its address, by which CPUs tell whether a load has
+/// to wait for a store.
+pub const SEGMENT: usize = 240;
 
 /// The runs of up to [`SEGMENT`] pixels of a row.
 #[inline(always)]
@@ -543,6 +539,65 @@ impl Run {
             .view()
             .rows(self.y)
             .map(|row| &row[self.x..][..self.len])
+    }
+}
+
+/// Some of a run's pixels, and whether the pixels that they look at lie side by side.
+pub struct Span {
+    pub part: Range<usize>,
+    pub together: bool,
+}
+
+/// A run in spans: where motion is smooth, neighbours come from neighbours, and are read as rows are.
+pub struct Spans {
+    /// Of whole vectors, but for the last.
+    ends: [(u16, bool); SEGMENT / Self::VECTOR + 1],
+    count: usize,
+}
+
+impl Spans {
+    const VECTOR: usize = 16;
+
+    pub fn none() -> Self {
+        Self {
+            ends: [(0, false); _],
+            count: 0,
+        }
+    }
+
+    /// Of a run that looks at these pixels.
+    #[inline(always)]
+    pub fn find(&mut self, pixels: &[u32]) {
+        self.count = 0;
+        let mut last = None;
+        for (k, chunk) in pixels.chunks(Self::VECTOR).enumerate() {
+            let together = match chunk.first_chunk::<{ Self::VECTOR }>() {
+                Some(chunk) => {
+                    let steps = chunk.iter().zip(chunk[0]..).map(|(&at, next)| at ^ next);
+                    steps.fold(0, |any, step| any | step) == 0
+                }
+                None => false,
+            };
+            let goes_on = match last {
+                Some((true, next)) => together && next == chunk[0],
+                Some((false, _)) => !together,
+                None => false,
+            };
+            self.count += usize::from(!goes_on);
+            let end = k * Self::VECTOR + chunk.len();
+            self.ends[self.count - 1] = (end as u16, together);
+            last = Some((together, chunk[chunk.len() - 1].wrapping_add(1)));
+        }
+    }
+
+    #[inline(always)]
+    pub fn iter(&self) -> impl Iterator<Item = Span> {
+        let mut start = 0;
+        self.ends[..self.count].iter().map(move |&(end, together)| {
+            let part = start..usize::from(end);
+            start = part.end;
+            Span { part, together }
+        })
     }
 }
 
@@ -590,7 +645,8 @@ pub struct Tiles {
 }
 
 impl Tiles {
-    const SIDE: usize = 16;
+    /// A band has one row of tiles.
+    pub const SIDE: usize = BAND;
 
     /// All off.
     pub fn new(size: Size) -> Self {
@@ -609,37 +665,44 @@ impl Tiles {
         self.on.contains(&true)
     }
 
-    #[inline(always)]
-    pub fn at(&self, x: usize, y: usize) -> bool {
-        self.on[y / Self::SIDE * self.columns + x / Self::SIDE]
+    /// The tiles of each band, from left to right.
+    pub fn bands(&mut self) -> impl Iterator<Item = &mut [bool]> {
+        self.on.chunks_mut(self.columns)
     }
 
-    /// The tile of pixel (x, y) and the eight around it.
-    pub fn switch_on_around(&mut self, x: usize, y: usize) {
-        let (column, row) = (x / Self::SIDE, y / Self::SIDE);
-        for row in row.saturating_sub(1)..(row + 2).min(self.rows) {
-            for column in column.saturating_sub(1)..(column + 2).min(self.columns) {
-                self.on[row * self.columns + column] = true;
-            }
+    /// These and the eight around each.
+    pub fn grown(&self) -> Self {
+        let near = |at: usize, count: usize| at.saturating_sub(1)..(at + 2).min(count);
+        let grown = |at: usize| {
+            let (row, column) = (at / self.columns, at % self.columns);
+            near(row, self.rows).any(|row| {
+                near(column, self.columns).any(|column| self.on[row * self.columns + column])
+            })
+        };
+        Self {
+            on: (0..self.on.len()).map(grown).collect(),
+            ..*self
         }
     }
 
-    /// The parts of a row that lie in tiles which are on, or within `reach` rows of one.
+    /// The parts of a run that lie in tiles which are on.
     #[inline(always)]
-    pub fn runs(&self, row: Run, reach: usize) -> impl Iterator<Item = Run> {
-        let last = (self.rows * Self::SIDE).saturating_sub(1);
-        let near = [
-            row.y.saturating_sub(reach),
-            row.y,
-            (row.y + reach).min(last),
-        ];
-        (0..self.columns).filter_map(move |column| {
-            let x = column * Self::SIDE;
-            let on = near.iter().any(|&y| self.at(x, y));
-            on.then(|| Run {
-                y: row.y,
-                x,
-                len: Self::SIDE.min(row.len - x),
+    pub fn runs(&self, run: Run) -> impl Iterator<Item = Run> {
+        let row = &self.on[run.y / Self::SIDE * self.columns..][..self.columns];
+        let (mut x, end) = (run.x, run.x + run.len);
+        std::iter::from_fn(move || {
+            let tile_end = |x: usize| ((x / Self::SIDE + 1) * Self::SIDE).min(end);
+            while x < end && !row[x / Self::SIDE] {
+                x = tile_end(x);
+            }
+            let start = x;
+            while x < end && row[x / Self::SIDE] {
+                x = tile_end(x);
+            }
+            (start < x).then_some(Run {
+                y: run.y,
+                x: start,
+                len: x - start,
             })
         })
     }

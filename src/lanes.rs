@@ -93,8 +93,11 @@ impl<S: Simd> Lanes<S> {
     /// Writes into a row from `x` on, as far as the row goes.
     #[inline(always)]
     pub fn store(self, row: &mut [f32], x: usize) {
-        let end = row.len().min(x + Self::COUNT);
-        self.simd.partial_store_f32s(&mut row[x..end], self.values);
+        let rest = &mut row[x..];
+        match S::as_mut_simd_f32s(rest) {
+            ([whole, ..], _) => *whole = self.values,
+            ([], rest) => self.simd.partial_store_f32s(rest, self.values),
+        }
     }
 
     /// The first lane.
@@ -128,7 +131,8 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub fn scale_by_low_bits(self, other: Self) -> Self {
         let simd = self.simd;
-        let [bits, other] = [self, other].map(|lanes| simd.transmute_u32s_f32s(lanes.values));
+        let bits = simd.transmute_u32s_f32s(self.values);
+        let other = simd.transmute_u32s_f32s(other.values);
         let exponent = simd.wrapping_dyn_shl_u32s(other, simd.splat_u32s(23));
         self.with(simd.transmute_f32s_u32s(simd.add_u32s(bits, exponent)))
     }

@@ -101,21 +101,31 @@ pub fn lanes(run: Run) -> usize {
 }
 
 /// Rows of an image with columns to either side, of which the last few are held, in turn.
-pub struct Rolling<const C: usize> {
+pub struct Rolling<const C: usize, T = f32> {
     pub radius: usize,
     length: usize,
-    data: Vec<f32>,
+    data: Vec<T>,
+    /// What is where no image is.
+    outside: T,
 }
 
 impl<const C: usize> Rolling<C> {
-    /// For windows that reach so far to each side.
+    /// For windows that reach so far to each side; NaN outside.
     #[inline(always)]
     pub fn new(width: usize, radius: usize) -> Self {
-        let length = width.next_multiple_of(SEGMENT) + LANES;
+        Self::within(width, radius, f32::NAN)
+    }
+}
+
+impl<const C: usize, T: Copy> Rolling<C, T> {
+    #[inline(always)]
+    pub fn within(width: usize, radius: usize, outside: T) -> Self {
+        let length = width.next_multiple_of(SEGMENT) + LANES + 2 * radius;
         Self {
             radius,
             length,
-            data: vec![0.0; (2 * radius + 1) * C * length],
+            data: vec![outside; (2 * radius + 1) * C * length],
+            outside,
         }
     }
 
@@ -127,18 +137,49 @@ impl<const C: usize> Rolling<C> {
 
     /// Row `y` of the channels, of which the image's begin `radius` columns further on.
     #[inline(always)]
-    pub fn row(&self, y: isize) -> [&[f32]; C] {
+    pub fn row(&self, y: isize) -> [&[T]; C] {
         let rows = &self.data[self.start(y)..][..C * self.length];
         std::array::from_fn(|c| &rows[c * self.length..][..self.length])
     }
 
     #[inline(always)]
-    pub fn row_mut(&mut self, y: isize) -> [&mut [f32]; C] {
+    pub fn row_mut(&mut self, y: isize) -> [&mut [T]; C] {
         let start = self.start(y);
         let mut rows = self.data[start..][..C * self.length].chunks_exact_mut(self.length);
         std::array::from_fn(|_| rows.next().expect("as many rows as channels"))
     }
 
+    /// The rows around `y` that are not held since row `y - 1`, if that was before.
+    pub fn due(&self, y: usize, first: bool) -> RangeInclusive<isize> {
+        let (y, radius) = (y as isize, self.radius as isize);
+        let last = y + radius;
+        if first {
+            y - radius..=last
+        } else {
+            last..=last
+        }
+    }
+
+    /// The row to be filled, of an image of this size; what is around it is outside.
+    #[inline(always)]
+    pub fn fresh(&mut self, y: isize, size: Size) -> Option<[&mut [T]; C]> {
+        let (radius, outside) = (self.radius, self.outside);
+        let mut rows = self.row_mut(y);
+        if !(0..size.height as isize).contains(&y) {
+            rows.iter_mut().for_each(|row| row.fill(outside));
+            return None;
+        }
+        Some(rows.map(|row| {
+            let (before, row) = row.split_at_mut(radius);
+            let (row, after) = row.split_at_mut(size.width);
+            before.fill(outside);
+            after.fill(outside);
+            row
+        }))
+    }
+}
+
+impl<const C: usize> Rolling<C> {
     /// The columns of a run's pixels and those around, `dy` below.
     #[inline(always)]
     pub fn columns(&self, run: Run, dy: isize) -> [&Columns; C] {
@@ -154,35 +195,6 @@ impl<const C: usize> Rolling<C> {
     pub fn own(&self, run: Run) -> [&[f32]; C] {
         self.columns(run, 0)
             .map(|row| &row[self.radius..][..lanes(run)])
-    }
-
-    /// The rows around `y` that are not held since row `y - 1`, if that was before.
-    pub fn due(&self, y: usize, first: bool) -> RangeInclusive<isize> {
-        let (y, radius) = (y as isize, self.radius as isize);
-        let last = y + radius;
-        if first {
-            y - radius..=last
-        } else {
-            last..=last
-        }
-    }
-
-    /// The row to be filled, of an image of this size; around it, and where none is, NaN.
-    #[inline(always)]
-    pub fn fresh(&mut self, y: isize, size: Size) -> Option<[&mut [f32]; C]> {
-        let radius = self.radius;
-        let mut rows = self.row_mut(y);
-        if !(0..size.height as isize).contains(&y) {
-            rows.iter_mut().for_each(|row| row.fill(f32::NAN));
-            return None;
-        }
-        Some(rows.map(|row| {
-            let (before, row) = row.split_at_mut(radius);
-            let (row, after) = row.split_at_mut(size.width);
-            before.fill(f32::NAN);
-            after.fill(f32::NAN);
-            row
-        }))
     }
 
     /// Goes to row `y`, which is below the one before unless it is the first, and returns the rows that this adds.

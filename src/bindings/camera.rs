@@ -6,10 +6,7 @@ use glam::{DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{
-    self, Channels, Input, Interleaved, MOTION, Out, Outgoing, Planes, choice, matrix4, points,
-    vector,
-};
+use super::arrays::{self, Channels, Input, MOTION, Out, choice, matrix4, points, vector};
 use crate::error::{Error, whole};
 use crate::image::Size;
 use crate::kernels::camera::dilate::{self, Choice, Window};
@@ -428,7 +425,7 @@ pub fn motion_vectors<'py>(
     transforms: Option<BTreeMap<u32, Bound<'py, PyAny>>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let (motion, out) = {
+    let motion = {
         let geometry = Input::<f32>::new(geometry, "geometry", Channels::OneOr3)?;
         let size = geometry.size();
         for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
@@ -448,25 +445,26 @@ pub fn motion_vectors<'py>(
             })
             .collect::<PyResult<_>>()?;
         let transforms = Transforms::new(transforms)?;
-        let out = Out::given(out, &[size.height, size.width, 3])?;
-        let (positions, geometry) = (geometry.channels() == 3, geometry.data());
-        let ids = ids.as_ref().map(Input::data);
-        let (camera, previous) = (&camera.inner, &previous_camera.inner);
-        let motion = py.detach(|| {
-            let (geometry, ids) = (geometry.planes(), ids.map(Interleaved::planes));
-            let geometry = Geometry::of(geometry.view(), positions);
-            let ids = ids.as_ref().map(Planes::view);
-            Outgoing::new(motion::motion_vectors(
-                geometry,
-                camera,
-                previous,
-                ids,
-                &transforms,
-            ))
-        });
-        (motion, out)
+        let shape = [size.height, size.width, 3];
+        let out = Out::given(out, &shape)?;
+        let ids = ids.as_ref().map(|ids| ids.data().pixels());
+        let (geometry, camera, previous) =
+            (place(&geometry), &camera.inner, &previous_camera.inner);
+        out.fill(py, &shape, |motion| {
+            let motion = PixelsMut::bands(size, 3, motion);
+            motion::motion_vectors(geometry, camera, previous, ids, &transforms, motion);
+        })?
     };
-    motion.array(py, out)
+    motion.array()
+}
+
+/// Depth, or position of three channels.
+fn place<'a>(geometry: &'a Input) -> Geometry<'a> {
+    let pixels = geometry.data().pixels();
+    match geometry.channels() {
+        3 => Geometry::Position(pixels),
+        _ => Geometry::Depth(pixels),
+    }
 }
 
 /// Where each pixel's reflection was in the previous frame.
@@ -510,7 +508,7 @@ pub fn virtual_motion_<'py>(
     previous_camera: &Camera,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let (motion, out) = {
+    let motion = {
         let geometry = Input::<f32>::new(geometry, "geometry", Channels::OneOr3)?;
         let size = geometry.size();
         for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
@@ -518,23 +516,17 @@ pub fn virtual_motion_<'py>(
         }
         let distance = Input::<f32>::new(hit_distance, "hit_distance", Channels::One)?
             .sized("hit_distance", size)?;
-        let out = Out::given(out, &[size.height, size.width, 2])?;
-        let (positions, geometry) = (geometry.channels() == 3, geometry.data());
-        let distance = distance.data();
+        let shape = [size.height, size.width, 2];
+        let out = Out::given(out, &shape)?;
+        let distance = distance.data().pixels();
+        let geometry = place(&geometry);
         let (camera, previous) = (&camera.inner, &previous_camera.inner);
-        let motion = py.detach(|| {
-            let (geometry, distance) = (geometry.planes(), distance.planes());
-            let geometry = Geometry::of(geometry.view(), positions);
-            Outgoing::new(virtual_motion::virtual_motion(
-                geometry,
-                distance.view(),
-                camera,
-                previous,
-            ))
-        });
-        (motion, out)
+        out.fill(py, &shape, |motion| {
+            let motion = PixelsMut::bands(size, 2, motion);
+            virtual_motion::virtual_motion(geometry, distance, camera, previous, motion);
+        })?
     };
-    motion.array(py, out)
+    motion.array()
 }
 
 /// Motion taken from the nearest surface around each pixel.

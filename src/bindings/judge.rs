@@ -5,12 +5,12 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use super::arrays::{
-    COLOR, Channels, Input, Interleaved, MOTION, Number, Out, Outgoing, Planes, choice, parts,
+    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, choice, parts,
 };
 use super::camera::{Camera, check_size};
 use super::merge::AlphaArg;
 use crate::error::{Error, whole};
-use crate::image::{Pixels, Size};
+use crate::image::{Pixels, bands_of};
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::{self, Buffers, Tests, Threshold, check_plane_test};
 use crate::kernels::judge::{
@@ -248,7 +248,7 @@ pub fn consistency_<'py>(
     speed: Option<Bounds>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<u8>>, Bound<'py, PyArrayDyn<f32>>)> {
-    let ((rejection, confidence), out) = {
+    let (rejection, confidence) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let surface = SurfaceArgs::new(
             &motion,
@@ -266,21 +266,23 @@ pub fn consistency_<'py>(
                 speed: speed.map(Threshold::from),
             },
         )?;
-        let Size { height, width } = motion.size();
+        let size = motion.size();
+        let shape = [size.height, size.width];
         let [first, second] = parts(out.as_ref())?;
-        let out = (
-            Out::given(first, &[height, width])?,
-            Out::given(second, &[height, width])?,
-        );
-        let (motion, surface) = (motion.data(), surface.data());
-        let judged = py.detach(|| {
-            let (rejection, confidence) =
-                consistency::consistency(motion.pixels(), surface.tests());
-            (Outgoing::new(rejection), Outgoing::new(confidence))
-        });
-        (judged, out)
+        let out = (Out::given(first, &shape)?, Out::given(second, &shape)?);
+        let (motion, tests) = (motion.data().pixels(), surface.data().tests());
+        let mut rejection = Direct::new(py, out.0, &shape)?;
+        let mut confidence = Direct::new(py, out.1, &shape)?;
+        {
+            let (rejection, confidence) = (rejection.data()?, confidence.data()?);
+            py.detach(|| {
+                let outs = bands_of(rejection, size).zip(bands_of(confidence, size));
+                consistency::consistency(motion, tests, outs);
+            });
+        }
+        (rejection, confidence)
     };
-    Ok((rejection.array(py, out.0)?, confidence.array(py, out.1)?))
+    Ok((rejection.array()?, confidence.array()?))
 }
 
 /// History held to the colours that the current frame has around each pixel.
@@ -625,26 +627,22 @@ pub fn prediction_gain<'py>(
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let radius = whole("radius", radius, "0 to 16 pixels", |&n: &usize| n <= 16)?;
-    let (gain, out) = {
+    let gain = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let candidate =
             Input::<f32>::new(candidate, "candidate", COLOR)?.sized("candidate", size)?;
         let base = Input::<f32>::new(base, "base", COLOR)?.sized("base", size)?;
         let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
-        let out = Out::given(out, &[size.height, size.width])?;
-        let data = [candidate.data(), base.data(), color.data()];
-        let ids = ids.as_ref().map(Input::data);
-        let gain = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [candidate, base, color] = planes.each_ref().map(Planes::view);
-            let ids = ids.map(Interleaved::planes);
-            let ids = ids.as_ref().map(Planes::view);
-            Outgoing::new(prediction::prediction_gain(
-                candidate, base, color, ids, radius, None,
-            ))
-        });
-        (gain, out)
+        let shape = [size.height, size.width];
+        let out = Out::given(out, &shape)?;
+        let [candidate, base, color] =
+            [&candidate, &base, &color].map(|image| image.data().pixels());
+        let ids = ids.as_ref().map(|ids| ids.data().pixels());
+        out.fill(py, &shape, |gain| {
+            let gain = bands_of(gain, size);
+            prediction::prediction_gain(candidate, base, color, ids, radius, gain);
+        })?
     };
-    gain.array(py, out)
+    gain.array()
 }

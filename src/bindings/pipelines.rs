@@ -4,9 +4,7 @@ use numpy::{Element, PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, Planes, choice,
-};
+use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, choice};
 use super::camera::Camera;
 use super::judge::Bounds;
 use crate::error::Error;
@@ -523,21 +521,14 @@ impl<'py> FrameArgs<'py> {
             albedo: buffer("albedo"),
             emission: buffer("emission"),
             surface,
-            position: None,
+            position: buffer("position"),
             motion: buffer("motion"),
             replay: buffer("replay"),
             hit_distance: buffer("hit_distance"),
             camera: self.camera,
             jitter: self.jitter,
         };
-        let position = self.buffer("position").filter(|_| self.camera.is_some());
-        let result = py.detach(|| {
-            let position = position.map(Interleaved::planes);
-            step(&frame::Frame {
-                position: position.as_ref().map(Planes::view),
-                ..frame
-            })
-        });
+        let result = py.detach(|| step(&frame));
         Ok(result?)
     }
 }

@@ -1,10 +1,11 @@
 //! What goes into a pipeline and what comes out, one frame at a time.
 
 use crate::error::{Error, Result};
-use crate::image::{Image, Pixels, Size, View};
+use crate::image::{Image, Pixels, Size};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Buffers;
+use crate::pixels::PixelsMut;
 
 /// One frame's buffers.
 pub struct Frame<'a> {
@@ -12,7 +13,7 @@ pub struct Frame<'a> {
     pub albedo: Option<Pixels<'a>>,
     pub emission: Option<Pixels<'a>>,
     pub surface: Buffers<'a>,
-    pub position: Option<View<'a>>,
+    pub position: Option<Pixels<'a>>,
     pub motion: Option<Pixels<'a>>,
     pub replay: Option<Pixels<'a>>,
     pub hit_distance: Option<Pixels<'a>>,
@@ -22,8 +23,7 @@ pub struct Frame<'a> {
 
 impl<'a> Frame<'a> {
     pub fn geometry(&self) -> Option<Geometry<'a>> {
-        let depth = self.surface.depth.map(Pixels::plane);
-        (self.position.map(Geometry::Position)).or(depth.map(Geometry::Depth))
+        (self.position.map(Geometry::Position)).or(self.surface.depth.map(Geometry::Depth))
     }
 
     /// The motion that came with the frame; or, if both cameras are known and where surfaces are, computed; or none.
@@ -52,7 +52,11 @@ pub fn find_motion(
     match cameras.zip(geometry) {
         Some(((camera, previous), geometry)) => {
             used.push("camera");
-            motion_vectors(geometry, camera, previous, None, &Transforms::default())
+            let mut motion = Image::blank(size, 3);
+            let out = motion.bands().map(PixelsMut::Planar);
+            let still = Transforms::default();
+            motion_vectors(geometry, camera, previous, None, &still, out);
+            motion
         }
         None => Image::new(size, 2),
     }

@@ -10,15 +10,20 @@
 
 use std::ops::Range;
 
+use pulp::Simd;
+
 use super::frame::Frame;
-use crate::image::{BandMut, Image, Pixels, Records, Size, Tiles, View};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, Tiles, View, segments};
+use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::camera::virtual_motion::virtual_motion;
-use crate::kernels::fetch::footprint::Filter;
-use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
-use crate::kernels::judge::prediction::prediction_gain;
+use crate::kernels::camera::virtual_motion::Mirrored;
+use crate::kernels::fetch::footprint::{Filter, Motion};
+use crate::kernels::fetch::reproject::{self, Fetch, Fetched, Reprojected};
+use crate::kernels::judge::prediction::{Ids, mean, terms};
 use crate::kernels::judge::surface::{self, Buffers, Tests};
-use crate::rows::{self, Kernel};
+use crate::kernels::merge::accumulate::CHANNELS;
+use crate::pixels::{Rolling, Row};
+use crate::rows::{self, BAND, Kernel, LanesKernel};
 
 /// A candidate's average gain has to be below this to win, in units of relative squared error.
 const MARGIN: f32 = -0.02;
@@ -69,9 +74,7 @@ pub fn choose(
     base: &mut Reprojected,
 ) -> Option<Scores> {
     let geometry = frame.geometry()?;
-    let [known, depth] =
-        [frame.hit_distance, frame.surface.depth].map(|image| image.map(Pixels::plane));
-    let sources: Vec<_> = match (known, depth) {
+    let sources: Vec<_> = match (frame.hit_distance, frame.surface.depth) {
         (Some(known), _) => vec![Source::Known(known)],
         (None, Some(depth)) => distances
             .iter()
@@ -81,71 +84,63 @@ pub fn choose(
     };
     let size = color.size;
     let everywhere = memory.scores.age.is_multiple_of(PERIOD);
-    let asking = (!everywhere).then_some(&memory.scores.asking);
-    let mut scores = Image::new(size, distances.len());
-    let mut best = Image::new(size, 1);
-    best.data_mut().fill(MARGIN);
-    if everywhere || memory.scores.asking.any() {
-        // Elsewhere on the mirror: depth says nothing about what it shows.
-        let [now, before] = [frame.surface, before].map(|surface| Buffers {
-            depth: None,
-            color: None,
-            ..surface
-        });
-        let tests = Tests::new(now, before, None, &surface::Params::default());
-        let fetch = |image: Pixels, motion: &Image| {
-            let params = reproject::Params {
-                filter: Filter::Bilinear,
-                fallback: false,
-                dering: true,
-            };
-            reproject(&[image], motion.pixels(), tests, params)
-        };
-        let first = history.channels;
-        let mut light = base.values.channels(first..first + 3).to_image();
-        forget_uncovered(&mut light, &base.coverage);
-        let old = base.values.channels(first + 3..base.values.channels);
-        let mut winner = Image::new(size, 2);
-        winner.data_mut().fill(f32::NAN);
-        for (k, source) in sources.into_iter().enumerate() {
-            let mut hits = Image::new(size, 1);
-            rows::run(&Hits { source, asking }, size.height, hits.bands());
-            let motion = virtual_motion(geometry, hits.view(), cameras[0], cameras[1]);
-            let mut candidate = fetch(memory.light.pixels(), &motion);
-            forget_uncovered(&mut candidate.values, &candidate.coverage);
-            let gain = prediction_gain(
-                candidate.values.view(),
-                light.view(),
-                color,
-                frame.surface.ids.map(Pixels::plane),
-                RADIUS,
-                asking,
-            );
-            let kernel = Rank {
-                gain: gain.view(),
-                old: old.channel(k),
-                motion: motion.view(),
-                coverage: candidate.coverage.view(),
-                asking,
-            };
-            let mut score = Image::new(size, 1);
-            let outs = winner.bands().zip(best.bands().zip(score.bands()));
-            rows::run(&kernel, size.height, outs);
-            scores.set_channels(k, score.view());
-        }
-        let carried = fetch(history, &winner);
-        let kernel = Replace {
-            carried: &carried,
-            channels: history.channels,
-        };
-        let outs = base.values.bands().zip(base.coverage.bands());
-        rows::run(&kernel, size.height, outs);
-    }
-    Some(Scores {
-        image: Records::of(scores.view()),
-        asking: around_winners(best.view()),
+    let mut scores = Scores {
+        image: Records::new(size, distances.len()),
+        asking: Tiles::new(size),
         age: memory.scores.age + 1,
-    })
+    };
+    if !everywhere && !memory.scores.asking.any() {
+        return Some(scores);
+    }
+    // Elsewhere on the mirror: depth says nothing about what it shows.
+    let [now, before] = [frame.surface, before].map(|surface| Buffers {
+        depth: None,
+        color: None,
+        ..surface
+    });
+    let tests = Tests::new(now, before, None, &surface::Params::default());
+    let params = reproject::Params {
+        filter: Filter::Bilinear,
+        fallback: false,
+        dering: true,
+    };
+    let candidates = Candidates {
+        geometry,
+        camera: cameras[0],
+        mirrored: Mirrored::new(cameras[0], cameras[1]),
+        sources,
+        asking: (!everywhere).then_some(&memory.scores.asking),
+    };
+    let mut errors = Image::blank(size, candidates.sources.len());
+    let predict = Predict {
+        candidates: &candidates,
+        fetch: Fetch::new(&[memory.light.pixels()], size, tests, params),
+        base: base.values.channels(CHANNELS..CHANNELS + 3),
+        coverage: base.coverage.view(),
+        color,
+    };
+    rows::run(&predict, size.height, errors.bands());
+    let choose = Choose {
+        candidates: &candidates,
+        errors: &errors,
+        ids: frame.surface.ids,
+        fetch: Fetch::new(&[history], size, tests, params),
+        scores: distances.len(),
+    };
+    let band = BAND * size.width * distances.len();
+    let outs = base.values.bands().zip(base.coverage.bands());
+    let outs = outs
+        .zip(scores.image.data_mut().chunks_mut(band))
+        .zip(scores.asking.bands());
+    let outs = outs.map(|(((values, coverage), scores), won)| Outs {
+        values,
+        coverage,
+        scores,
+        won,
+    });
+    rows::run_lanes(&choose, size.height, outs);
+    scores.asking = scores.asking.grown();
+    Some(scores)
 }
 
 /// NaN where nothing was fetched, which 0 would pretend to be.
@@ -179,112 +174,248 @@ impl<'a> Kernel for Forget<'a> {
 /// Where distances to what is reflected come from.
 #[derive(Clone, Copy)]
 enum Source<'a> {
-    Known(View<'a>),
+    Known(Pixels<'a>),
     /// So many times the depth.
-    Depths(View<'a>, f32),
+    Depths(Pixels<'a>, f32),
 }
 
-/// The distance to what is reflected; NaN where nobody asks.
-struct Hits<'a> {
-    source: Source<'a>,
+struct Candidates<'a> {
+    geometry: Geometry<'a>,
+    camera: &'a Camera,
+    mirrored: Mirrored<'a>,
+    sources: Vec<Source<'a>>,
+    /// Where; everywhere if there are none.
     asking: Option<&'a Tiles>,
 }
 
-impl<'a> Kernel for Hits<'a> {
+/// Room for the motion of a candidate.
+struct Room {
+    hits: Row,
+    shown: Shown,
+    motion: [Row; 2],
+}
+
+impl Room {
+    fn new() -> Self {
+        Self {
+            hits: [0.0; SEGMENT],
+            shown: Shown::nothing(),
+            motion: [[0.0; SEGMENT]; 2],
+        }
+    }
+}
+
+impl Candidates<'_> {
+    /// The parts of a row that ask.
+    #[inline(always)]
+    fn runs(&self, y: usize, width: usize) -> impl Iterator<Item = Run> {
+        segments(y, width).flat_map(|run| {
+            let part = self.asking.map(|tiles| tiles.runs(run));
+            let whole = part.is_none().then_some(run);
+            part.into_iter().flatten().chain(whole)
+        })
+    }
+
+    /// The motion of a run along a candidate; `room` has what the run shows.
+    #[inline(always)]
+    fn follow<'r>(&self, source: Source, run: Run, room: &'r mut Room) -> Motion<'r> {
+        let hits = &mut room.hits[..run.len];
+        match source {
+            Source::Known(distance) => distance.load(run, 0, hits),
+            Source::Depths(depth, multiple) => {
+                depth.load(run, 0, hits);
+                hits.iter_mut().for_each(|hit| *hit *= multiple);
+            }
+        }
+        let [x, y] = room.motion.each_mut().map(|row| &mut row[..run.len]);
+        self.mirrored.motion(&room.shown, hits, x, y);
+        Motion { x, y, depth: None }
+    }
+}
+
+/// The terms of each candidate's gain: not finite where they are not known, NaN where nothing was fetched.
+struct Predict<'a> {
+    candidates: &'a Candidates<'a>,
+    fetch: Fetch<'a>,
+    base: View<'a>,
+    coverage: View<'a>,
+    color: View<'a>,
+}
+
+impl<'a> Kernel for Predict<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut hits: BandMut<'a>) {
+    fn rows(&self, rows: Range<usize>, mut errors: BandMut<'a>) {
+        let width = self.color.size.width;
+        let (mut room, mut fetched) = (Room::new(), self.fetch.room());
+        let (mut light, mut base) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
         for y in rows {
-            let hits = hits.row(0, y);
-            match self.source {
-                Source::Known(distance) => hits.copy_from_slice(distance.row(0, y)),
-                Source::Depths(depth, multiple) => {
-                    for (hit, &z) in hits.iter_mut().zip(depth.row(0, y)) {
-                        *hit = z * multiple;
+            if self.candidates.asking.is_some() {
+                for k in 0..self.candidates.sources.len() {
+                    errors.row(k, y).fill(f32::NAN);
+                }
+            }
+            for run in self.candidates.runs(y, width) {
+                let covered = &self.coverage.row(0, y)[run.x..][..run.len];
+                let [color, known] = [self.color, self.base]
+                    .map(|image| image.rows::<3>(y).map(|row| &row[run.x..][..run.len]));
+                for (base, known) in base.iter_mut().zip(known) {
+                    for i in 0..run.len {
+                        base[i] = if covered[i] > 0.0 { known[i] } else { f32::NAN };
+                    }
+                }
+                let Candidates {
+                    geometry, camera, ..
+                } = self.candidates;
+                room.shown.find(*geometry, camera, run);
+                for (k, &source) in self.candidates.sources.iter().enumerate() {
+                    let motion = self.candidates.follow(source, run, &mut room);
+                    self.fetch.run(run, motion, &mut fetched);
+                    let records = fetched.values(0)[..3 * run.len].as_chunks::<3>().0;
+                    let [r, g, b] = light.each_mut().map(|row| &mut row[..run.len]);
+                    for i in 0..run.len {
+                        [r[i], g[i], b[i]] = records[i];
+                    }
+                    let errors = &mut errors.row(k, y)[run.x..][..run.len];
+                    let [light, base] =
+                        [&light, &base].map(|rows| rows.each_ref().map(Row::as_slice));
+                    terms(light, base, color, errors);
+                    for (error, &covered) in errors.iter_mut().zip(&fetched.coverage) {
+                        let known = if error.is_finite() {
+                            *error
+                        } else {
+                            f32::INFINITY
+                        };
+                        *error = if covered > 0.0 { known } else { f32::NAN };
                     }
                 }
             }
-            if let Some(tiles) = self.asking {
-                for (x, hit) in hits.iter_mut().enumerate() {
-                    *hit = if tiles.at(x, y) { *hit } else { f32::NAN };
+        }
+    }
+}
+
+/// Averages the scores, which start anew where nobody asks, and takes the history of the best candidate where one wins.
+struct Choose<'a> {
+    candidates: &'a Candidates<'a>,
+    errors: &'a Image,
+    ids: Option<Pixels<'a, u32>>,
+    fetch: Fetch<'a>,
+    /// How many.
+    scores: usize,
+}
+
+struct Outs<'a> {
+    values: BandMut<'a>,
+    coverage: BandMut<'a>,
+    scores: &'a mut [f32],
+    /// Whether a candidate wins, tile by tile.
+    won: &'a mut [bool],
+}
+
+impl<'a> LanesKernel for Choose<'a> {
+    type Out = Outs<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: Outs<'a>) {
+        let Size { height, width } = self.errors.size;
+        let (top, candidates) = (rows.start, self.candidates);
+        let mut ids = Ids::new(self.ids, width, RADIUS);
+        let around = candidates.sources.iter();
+        let mut around: Vec<Rolling<1>> = around.map(|_| Rolling::new(width, RADIUS)).collect();
+        let (mut room, mut fetched) = (Room::new(), self.fetch.room());
+        let mut gain = [0.0; SEGMENT];
+        for y in rows {
+            ids.roll(y, y == top);
+            for (k, around) in around.iter_mut().enumerate() {
+                around.roll(self.errors.view().channel(k).into(), y, y == top);
+            }
+            for run in candidates.runs(y, width) {
+                let mut best = [MARGIN; SEGMENT];
+                let mut winner = [u32::MAX; SEGMENT];
+                for (k, around) in around.iter().enumerate() {
+                    mean(simd, run, height, around, &ids, &mut gain);
+                    let old = &out.values.row(CHANNELS + 3 + k, y)[run.x..][..run.len];
+                    let [errors] = around.row(y as isize);
+                    let errors = &errors[RADIUS + run.x..][..run.len];
+                    let (best, winner) = (&mut best[..run.len], &mut winner[..run.len]);
+                    let gain = &mut gain[..run.len];
+                    for i in 0..run.len {
+                        let score = old[i] + SHARE * (gain[i] - old[i]);
+                        gain[i] = score;
+                        let wins = (score < best[i]) & !errors[i].is_nan();
+                        best[i] = if wins { score } else { best[i] };
+                        winner[i] = if wins { k as u32 } else { winner[i] };
+                    }
+                    let first = ((y - top) * width + run.x) * self.scores;
+                    let records = out.scores[first..].chunks_exact_mut(self.scores);
+                    for (record, &score) in records.zip(&*gain) {
+                        record[k] = score;
+                    }
                 }
+                let winner = &winner[..run.len];
+                if winner.iter().all(|&k| k == u32::MAX) {
+                    continue;
+                }
+                let won = &mut out.won[run.x / Tiles::SIDE..];
+                for (won, winner) in won.iter_mut().zip(winner.chunks(Tiles::SIDE)) {
+                    *won |= winner.iter().any(|&k| k != u32::MAX);
+                }
+                self.replace(run, winner, &mut room, &mut fetched, &mut out);
             }
         }
     }
 }
 
-/// Averages the score, which starts anew where nobody asks, and keeps the motion of the best so far.
-struct Rank<'a> {
-    gain: View<'a>,
-    old: View<'a>,
-    motion: View<'a>,
-    coverage: View<'a>,
-    asking: Option<&'a Tiles>,
-}
-
-impl<'a> Kernel for Rank<'a> {
-    type Out = (BandMut<'a>, (BandMut<'a>, BandMut<'a>));
-
+impl Choose<'_> {
+    /// Takes what was carried along the winners' motion.
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut winner, (mut best, mut score)): Self::Out) {
-        for y in rows {
-            let (gain, old) = (self.gain.row(0, y), self.old.row(0, y));
-            let coverage = self.coverage.row(0, y);
-            let [mx, my] = self.motion.rows(y);
-            let [wx, wy] = winner.rows(y);
-            let (best, score) = (best.row(0, y), score.row(0, y));
-            for x in 0..gain.len() {
-                let asked = self.asking.is_none_or(|tiles| tiles.at(x, y));
-                score[x] = if asked {
-                    old[x] + SHARE * (gain[x] - old[x])
+    fn replace(
+        &self,
+        run: Run,
+        winner: &[u32],
+        room: &mut Room,
+        fetched: &mut Fetched,
+        out: &mut Outs,
+    ) {
+        let [mut x, mut y] = [[f32::NAN; SEGMENT]; 2];
+        let Candidates {
+            geometry, camera, ..
+        } = self.candidates;
+        room.shown.find(*geometry, camera, run);
+        for (k, &source) in self.candidates.sources.iter().enumerate() {
+            let motion = self.candidates.follow(source, run, room);
+            for (i, &winner) in winner.iter().enumerate() {
+                if winner == k as u32 {
+                    (x[i], y[i]) = (motion.x[i], motion.y[i]);
+                }
+            }
+        }
+        let motion = Motion {
+            x: &x[..run.len],
+            y: &y[..run.len],
+            depth: None,
+        };
+        self.fetch.run(run, motion, fetched);
+        let carried = &fetched.coverage[..run.len];
+        let records = fetched.values(0)[..CHANNELS * run.len]
+            .as_chunks::<CHANNELS>()
+            .0;
+        for channel in 0..CHANNELS {
+            let values = &mut out.values.row(channel, run.y)[run.x..][..run.len];
+            for i in 0..run.len {
+                values[i] = if carried[i] > 0.0 {
+                    records[i][channel]
                 } else {
-                    0.0
+                    values[i]
                 };
-                if score[x] < best[x] && coverage[x] > 0.0 {
-                    best[x] = score[x];
-                    (wx[x], wy[x]) = (mx[x], my[x]);
-                }
             }
         }
-    }
-}
-
-/// Takes what was carried along the winners' motion.
-struct Replace<'a> {
-    carried: &'a Reprojected,
-    channels: usize,
-}
-
-impl<'a> Kernel for Replace<'a> {
-    type Out = (BandMut<'a>, BandMut<'a>);
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut values, mut coverage): Self::Out) {
-        for y in rows {
-            let carried = self.carried.coverage.view().row(0, y);
-            for channel in 0..self.channels {
-                let from = self.carried.values.view().row(channel, y);
-                for (x, value) in values.row(channel, y).iter_mut().enumerate() {
-                    *value = if carried[x] > 0.0 { from[x] } else { *value };
-                }
-            }
-            for (coverage, &carried) in coverage.row(0, y).iter_mut().zip(carried) {
-                *coverage = if carried > 0.0 { carried } else { *coverage };
-            }
+        for (coverage, &carried) in out.coverage.row(0, run.y)[run.x..][..run.len]
+            .iter_mut()
+            .zip(carried)
+        {
+            *coverage = if carried > 0.0 { carried } else { *coverage };
         }
     }
-}
-
-/// The tiles in which, or beside which, a candidate has won.
-fn around_winners(best: View) -> Tiles {
-    let mut tiles = Tiles::new(best.size);
-    for y in 0..best.size.height {
-        for (x, &best) in best.row(0, y).iter().enumerate() {
-            if best < MARGIN {
-                tiles.switch_on_around(x, y);
-            }
-        }
-    }
-    tiles
 }

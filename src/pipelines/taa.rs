@@ -11,11 +11,11 @@ use std::ops::Range;
 
 use super::frame::{Frame, Output, Summary, check_size};
 use crate::error::Result;
-use crate::image::{Image, Pixels, Run, SEGMENT, Size, View, segments};
+use crate::image::{Image, Pixels, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes, Wide};
-use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
+use crate::kernels::fetch::reproject::{self, Fetch};
 use crate::kernels::judge::blend_factor;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
@@ -25,7 +25,7 @@ use crate::kernels::merge::blend::{self, Weighting, calm, mix};
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::math::is_present;
 use crate::pixels::{PixelsMut, Row, lanes};
-use crate::rows::{self, BAND, Kernel, Part};
+use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -359,12 +359,7 @@ impl<'a> Kernel for Antialias<'a> {
                         }
                         None => motion,
                     };
-                    rows::apart(FetchRun {
-                        fetch,
-                        run,
-                        from,
-                        fetched,
-                    });
+                    fetch.run(run, from, fetched);
                     let records = fetched.values(0)[..n * CHANNELS].as_chunks::<CHANNELS>().0;
                     let [r, g, b] = history.each_mut();
                     for (i, record) in records.iter().enumerate() {
@@ -403,22 +398,6 @@ impl<'a> Kernel for Antialias<'a> {
                 }
             }
         }
-    }
-}
-
-struct FetchRun<'f, 'a> {
-    fetch: &'f Fetch<'a>,
-    run: Run,
-    from: Motion<'f>,
-    fetched: &'f mut Fetched,
-}
-
-impl Part for FetchRun<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        self.fetch.run(self.run, self.from, self.fetched);
     }
 }
 

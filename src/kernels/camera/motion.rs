@@ -3,9 +3,10 @@
 //! A point X that is seen now stood at T·X one frame ago, with T the rigid (or affine) transform of its object,
 //! previous · inverse(current), or the identity. Its motion is
 //!   project(previous, T·X) − project(current, X)
-//! in pixels, and its change of depth is the third channel. Background stands at infinity along the pixel's ray, where
-//! only the camera's rotation moves it. Both ends are projected from the same point, so sub-pixel jitter of the sample
-//! cancels, and a still camera gives zeros exactly. Everything is computed in double precision.
+//! in pixels, and its change of depth is the third channel. With X on the ray of its pixel, X = C + z D(p), both are
+//! rational in p and z (see [`super::pinhole::Warp`]). Background stands at infinity along the pixel's ray, where only the
+//! camera's rotation moves it. Both ends are those of the same point, so sub-pixel jitter of the sample cancels, and a
+//! still camera gives zeros exactly. Everything is computed in double precision.
 //!
 //! Inputs: depth (H, W), view-space z, +inf where nothing was hit, or position (H, W, 3), world space, not finite where
 //! nothing was hit; ids (H, W). Output: (H, W, 3), previous minus current x and y in pixels and depth in scene units;
@@ -13,51 +14,74 @@
 
 use std::ops::Range;
 
-use glam::{DMat4, DVec2, DVec3};
+use glam::{DAffine3, DMat4, DVec3};
 
-use super::pinhole::Camera;
+use super::pinhole::{Camera, Warp};
 use crate::error::{Error, Result};
-use crate::image::{BandMut, Image, View};
+use crate::image::{Pixels, Run, SEGMENT, segments};
+use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
 /// What is known of where the pixels' surfaces are.
 #[derive(Clone, Copy)]
 pub enum Geometry<'a> {
-    Depth(View<'a>),
-    Position(View<'a>),
+    Depth(Pixels<'a>),
+    Position(Pixels<'a>),
 }
 
-/// What a pixel shows.
-pub enum Shown {
-    Point(DVec3),
-    Background,
-    Unknown,
+/// What the pixels of a run show.
+pub struct Shown {
+    /// Where it appears, in pixels.
+    pub x: [f64; SEGMENT],
+    pub y: [f64; SEGMENT],
+    /// NaN where it is not known, 1 for the background.
+    pub depth: [f64; SEGMENT],
+    /// 1, or 0 for the background.
+    pub near: [f64; SEGMENT],
+    geometry: [Row; 3],
 }
 
-impl<'a> Geometry<'a> {
-    pub fn of(view: View<'a>, positions: bool) -> Self {
-        if positions {
-            Self::Position(view)
-        } else {
-            Self::Depth(view)
+impl Shown {
+    pub fn nothing() -> Self {
+        Self {
+            x: [0.0; SEGMENT],
+            y: [0.0; SEGMENT],
+            depth: [0.0; SEGMENT],
+            near: [0.0; SEGMENT],
+            geometry: [[0.0; SEGMENT]; 3],
         }
     }
 
     #[inline(always)]
-    pub fn at(&self, camera: &Camera, centre: DVec2, i: usize) -> Shown {
-        match self {
-            Self::Depth(depth) => match depth.plane(0)[i] {
-                f32::INFINITY => Shown::Background,
-                z if z > 0.0 => Shown::Point(camera.unproject(centre, f64::from(z))),
-                _ => Shown::Unknown,
-            },
-            Self::Position(position) => {
-                let point = [0, 1, 2].map(|c| f64::from(position.plane(c)[i]));
-                let point = DVec3::from_array(point);
-                if point.is_finite() {
-                    Shown::Point(point)
-                } else {
-                    Shown::Background
+    pub fn find(&mut self, geometry: Geometry, camera: &Camera, run: Run) {
+        let len = run.len;
+        let [x, y, depth, near] = [&mut self.x, &mut self.y, &mut self.depth, &mut self.near]
+            .map(|lane| &mut lane[..len]);
+        let [a, b, c] = self.geometry.each_mut().map(|row| &mut row[..len]);
+        let right = |i: usize| f64::from(run.x as i32 + i as i32) + 0.5;
+        let down = run.y as f64 + 0.5;
+        match geometry {
+            Geometry::Depth(image) => {
+                image.load(run, 0, a);
+                for i in 0..len {
+                    (x[i], y[i]) = (right(i), down);
+                    let far = a[i] == f32::INFINITY;
+                    let known = if a[i] > 0.0 { a[i] } else { f32::NAN };
+                    depth[i] = f64::from(if far { 1.0 } else { known });
+                    near[i] = if far { 0.0 } else { 1.0 };
+                }
+            }
+            Geometry::Position(image) => {
+                image.read(run, [&mut *a, &mut *b, &mut *c]);
+                for i in 0..len {
+                    let point = DVec3::new(a[i].into(), b[i].into(), c[i].into());
+                    let far = !(a[i].is_finite() & b[i].is_finite() & c[i].is_finite());
+                    let (pixel, z) = camera.project(point);
+                    let known = if z > 0.0 { z } else { f64::NAN };
+                    x[i] = if far { right(i) } else { pixel.x };
+                    y[i] = if far { down } else { pixel.y };
+                    depth[i] = if far { 1.0 } else { known };
+                    near[i] = if far { 0.0 } else { 1.0 };
                 }
             }
         }
@@ -66,7 +90,7 @@ impl<'a> Geometry<'a> {
 
 /// Transforms of objects that moved: id and previous · inverse(current), sorted by id.
 #[derive(Default)]
-pub struct Transforms(Vec<(u32, DMat4)>);
+pub struct Transforms(Vec<(u32, DAffine3)>);
 
 impl Transforms {
     pub fn new(mut transforms: Vec<(u32, DMat4)>) -> Result<Self> {
@@ -84,87 +108,71 @@ impl Transforms {
             }
         }
         transforms.sort_by_key(|&(id, _)| id);
-        Ok(Self(transforms))
-    }
-
-    #[inline(always)]
-    fn of(&self, id: u32) -> Option<&DMat4> {
-        self.0
-            .binary_search_by_key(&id, |&(id, _)| id)
-            .ok()
-            .map(|i| &self.0[i].1)
+        let affine = |(id, matrix)| (id, DAffine3::from_mat4(matrix));
+        Ok(Self(transforms.into_iter().map(affine).collect()))
     }
 }
 
 struct Motion<'a> {
     geometry: Geometry<'a>,
     camera: &'a Camera,
-    previous: &'a Camera,
-    ids: Option<View<'a, u32>>,
-    transforms: &'a Transforms,
+    still: Warp,
+    ids: Option<Pixels<'a, u32>>,
+    /// Of objects that moved, sorted by id.
+    moved: Vec<(u32, Warp)>,
 }
 
-/// The motion image (3 channels) of a frame.
-pub fn motion_vectors(
-    geometry: Geometry,
-    camera: &Camera,
+/// Writes the motion (3 channels) of a frame.
+pub fn motion_vectors<'a>(
+    geometry: Geometry<'a>,
+    camera: &'a Camera,
     previous: &Camera,
-    ids: Option<View<u32>>,
+    ids: Option<Pixels<'a, u32>>,
     transforms: &Transforms,
-) -> Image {
-    let mut motion = Image::new(camera.size, 3);
-    rows::run(
-        &Motion {
-            geometry,
-            camera,
-            previous,
-            ids,
-            transforms,
-        },
-        camera.size.height,
-        motion.bands(),
-    );
-    motion
+    motion: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let warp = |transform| Warp::new(camera, previous, transform);
+    let moved = transforms.0.iter();
+    let kernel = Motion {
+        geometry,
+        camera,
+        still: warp(DAffine3::IDENTITY),
+        ids: ids.filter(|_| !transforms.0.is_empty()),
+        moved: moved
+            .map(|&(id, transform)| (id, warp(transform)))
+            .collect(),
+    };
+    rows::run(&kernel, camera.size.height, motion);
 }
 
 impl<'a> Kernel for Motion<'a> {
-    type Out = BandMut<'a>;
+    type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut motion: BandMut<'a>) {
+    fn rows(&self, rows: Range<usize>, mut motion: PixelsMut<'a>) {
         let width = self.camera.size.width;
-        for y in rows {
-            let [mx, my, mz] = motion.rows(y);
-            for x in 0..width {
-                let moved = self
-                    .pixel(x, y, y * width + x)
-                    .unwrap_or(DVec3::NAN)
-                    .as_vec3();
-                (mx[x], my[x], mz[x]) = (moved.x, moved.y, moved.z);
+        let mut shown = Shown::nothing();
+        let mut moved = [[0.0; SEGMENT]; 3];
+        for run in rows.flat_map(|y| segments(y, width)) {
+            shown.find(self.geometry, self.camera, run);
+            let Shown {
+                x, y, depth, near, ..
+            } = &shown;
+            let [mx, my, mz] = moved.each_mut().map(|row| &mut row[..run.len]);
+            for i in 0..run.len {
+                [mx[i], my[i], mz[i]] = self.still.motion([x[i], y[i]], depth[i], near[i]);
             }
+            if let Some(ids) = self.ids {
+                let first = run.y * width + run.x;
+                for i in (0..run.len).filter(|&i| near[i] != 0.0) {
+                    let id = ids.at(first + i, 0);
+                    if let Ok(found) = self.moved.binary_search_by_key(&id, |&(id, _)| id) {
+                        let (_, warp) = self.moved[found];
+                        [mx[i], my[i], mz[i]] = warp.motion([x[i], y[i]], depth[i], near[i]);
+                    }
+                }
+            }
+            motion.write(run, moved.each_ref().map(Row::as_slice));
         }
-    }
-}
-
-impl Motion<'_> {
-    #[inline(always)]
-    fn pixel(&self, x: usize, y: usize, i: usize) -> Option<DVec3> {
-        let centre = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-        let point = match self.geometry.at(self.camera, centre, i) {
-            Shown::Point(point) => point,
-            Shown::Background => {
-                let direction = self.camera.ray(centre);
-                let now = self.camera.project_direction(direction)?;
-                let before = self.previous.project_direction(direction)?;
-                return Some((before - now).extend(0.0));
-            }
-            Shown::Unknown => return None,
-        };
-        let transform = self.ids.and_then(|ids| self.transforms.of(ids.plane(0)[i]));
-        let before = transform.map_or(point, |t| t.transform_point3(point));
-        let (now_pixel, now_depth) = self.camera.project(point);
-        let (before_pixel, before_depth) = self.previous.project(before);
-        let seen = now_depth > 0.0 && before_depth > 0.0;
-        seen.then(|| (before_pixel - now_pixel).extend(before_depth - now_depth))
     }
 }

@@ -6,7 +6,7 @@
 //! With h = A·X + b = depth · (u, v, 1) for a pixel (u, v), the camera stands at C = −A⁻¹b and a point of known depth
 //! is X = C + depth · D(u, v), D(u, v) = A⁻¹(u, v, 1) (Hartley and Zisserman, *Multiple View Geometry*, chapter 6).
 
-use glam::{DMat3, DMat4, DVec2, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Vec3};
 
 use crate::error::{Error, Result};
 use crate::image::Size;
@@ -163,14 +163,7 @@ impl Camera {
     #[inline(always)]
     pub fn project(&self, point: DVec3) -> (DVec2, f64) {
         let h = self.to_pixel * point + self.translation;
-        (h.truncate() / h.z, h.z)
-    }
-
-    /// The pixel of the point at infinity in a direction, where it is in front of the camera.
-    #[inline(always)]
-    pub fn project_direction(&self, direction: DVec3) -> Option<DVec2> {
-        let h = self.to_pixel * direction;
-        (h.z > 0.0).then(|| h.truncate() / h.z)
+        (h.truncate() * (1.0 / h.z), h.z)
     }
 
     #[inline(always)]
@@ -230,6 +223,49 @@ impl Rays {
     #[inline(always)]
     pub fn at(&self, x: f32, y: f32) -> Vec3 {
         self.corner + self.dx * x + self.dy * y
+    }
+}
+
+/// How what one camera sees moves to where another saw it, one frame before.
+///
+/// A point that appears at the pixel p = (u, v, 1) at depth z is X = C + z A⁻¹p. Where T·X stood, the other camera saw
+///   h = z (p + E p) + t,  E = A′ T A⁻¹ − 1,  t = A′ T·C + b′;
+/// the motion (h − h_z p)/h_z needs the small E alone, so that no digits cancel, and is zero where E and t are. At
+/// infinity, z = 1 and t does not count.
+#[derive(Clone, Copy)]
+pub struct Warp {
+    turn: DMat3,
+    shift: DVec3,
+}
+
+impl Warp {
+    /// With the transform of the object.
+    pub fn new(now: &Camera, before: &Camera, transform: DAffine3) -> Self {
+        if now == before && transform == DAffine3::IDENTITY {
+            return Self {
+                turn: DMat3::ZERO,
+                shift: DVec3::ZERO,
+            };
+        }
+        let stood = before.to_pixel * transform.matrix3;
+        let position = transform.transform_point3(now.position);
+        Self {
+            turn: stood * now.from_pixel - DMat3::IDENTITY,
+            shift: before.to_pixel * position + before.translation,
+        }
+    }
+
+    /// Previous minus current position in pixels and, but for the background, depth, of what appears at a place; `near` is
+    /// 0 for the background, or 1. NaN where it was not in front.
+    #[inline(always)]
+    pub fn motion(&self, [x, y]: [f64; 2], depth: f64, near: f64) -> [f32; 3] {
+        let turned = self.turn * DVec3::new(x, y, 1.0) * depth + self.shift * near;
+        let before = depth + turned.z;
+        let scale = 1.0 / if before > 0.0 { before } else { f64::NAN };
+        let moved = [(turned.x - x * turned.z), (turned.y - y * turned.z)].map(|v| v * scale);
+        let nearer = if near == 0.0 { 0.0 } else { turned.z };
+        let nearer = if before > 0.0 { nearer } else { f64::NAN };
+        [moved[0] as f32, moved[1] as f32, nearer as f32]
     }
 }
 

@@ -8,83 +8,96 @@
 //! Curved mirrors bend it, and moving ones turn it: then it is as good as a guess.
 //!
 //! Inputs: geometry as for [`super::motion`], h (1), from 0 to +inf (the environment). Output: (H, W, 2), in pixels; NaN
-//! where h is no such number or V was not in front of the previous camera; background moves as it does.
+//! where h is no such number or V was not in front of the previous camera; surface moves as it does.
 
 use std::ops::Range;
 
-use glam::DVec2;
+use glam::{DAffine3, DVec2};
 
 use super::motion::{Geometry, Shown};
-use super::pinhole::Camera;
-use crate::image::{BandMut, Image, View};
+use super::pinhole::{Camera, Warp};
+use crate::image::{Pixels, SEGMENT, segments};
+use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
-struct VirtualMotion<'a> {
-    geometry: Geometry<'a>,
-    hit_distance: View<'a>,
+/// Two cameras between which reflections move.
+pub struct Mirrored<'a> {
     camera: &'a Camera,
-    previous: &'a Camera,
+    warp: Warp,
 }
 
-pub fn virtual_motion(
-    geometry: Geometry,
-    hit_distance: View,
-    camera: &Camera,
-    previous: &Camera,
-) -> Image {
-    let mut motion = Image::new(camera.size, 2);
-    let kernel = VirtualMotion {
-        geometry,
-        hit_distance,
-        camera,
-        previous,
-    };
-    rows::run(&kernel, camera.size.height, motion.bands());
-    motion
-}
+impl<'a> Mirrored<'a> {
+    pub fn new(camera: &'a Camera, previous: &Camera) -> Self {
+        Self {
+            camera,
+            warp: Warp::new(camera, previous, DAffine3::IDENTITY),
+        }
+    }
 
-impl<'a> Kernel for VirtualMotion<'a> {
-    type Out = BandMut<'a>;
-
+    /// The motion of what pixels reflect at these distances.
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut motion: BandMut<'a>) {
-        for y in rows {
-            let [mx, my] = motion.rows(y);
-            for x in 0..mx.len() {
-                let moved = self.pixel(x, y).unwrap_or(DVec2::NAN).as_vec2();
-                (mx[x], my[x]) = (moved.x, moved.y);
-            }
+    pub fn motion(&self, shown: &Shown, distances: &[f32], x: &mut [f32], y: &mut [f32]) {
+        let len = distances.len();
+        let [u, v, depth, surface] =
+            [&shown.x, &shown.y, &shown.depth, &shown.near].map(|lane| &lane[..len]);
+        let (x, y) = (&mut x[..len], &mut y[..len]);
+        for i in 0..len {
+            let distance = f64::from(distances[i]);
+            // A unit of depth is as long as the ray.
+            let ray = self.camera.ray(DVec2::new(u[i], v[i]));
+            let behind = depth[i] + distance / ray.length();
+            let known = if distance >= 0.0 { behind } else { f64::NAN };
+            // At infinity, but where the surface is not known.
+            let far = (distance == f64::INFINITY) & (depth[i] > 0.0);
+            let (image, near) = if far { (1.0, 0.0) } else { (known, 1.0) };
+            let (image, near) = if surface[i] == 0.0 {
+                (1.0, 0.0)
+            } else {
+                (image, near)
+            };
+            [x[i], y[i], _] = self.warp.motion([u[i], v[i]], image, near);
         }
     }
 }
 
-impl VirtualMotion<'_> {
+struct VirtualMotion<'a> {
+    geometry: Geometry<'a>,
+    hit_distance: Pixels<'a>,
+    camera: &'a Camera,
+    mirrored: Mirrored<'a>,
+}
+
+/// Writes the motion (2 channels) of what the pixels reflect.
+pub fn virtual_motion<'a>(
+    geometry: Geometry<'a>,
+    hit_distance: Pixels<'a>,
+    camera: &'a Camera,
+    previous: &Camera,
+    motion: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let kernel = VirtualMotion {
+        geometry,
+        hit_distance,
+        camera,
+        mirrored: Mirrored::new(camera, previous),
+    };
+    rows::run(&kernel, camera.size.height, motion);
+}
+
+impl<'a> Kernel for VirtualMotion<'a> {
+    type Out = PixelsMut<'a>;
+
     #[inline(always)]
-    fn pixel(&self, x: usize, y: usize) -> Option<DVec2> {
-        let centre = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-        let i = y * self.camera.size.width + x;
-        let distance = f64::from(self.hit_distance.plane(0)[i]);
-        let point = match self.geometry.at(self.camera, centre, i) {
-            Shown::Point(point) => point,
-            Shown::Background => {
-                let direction = self.camera.ray(centre);
-                let now = self.camera.project_direction(direction)?;
-                return Some(self.previous.project_direction(direction)? - now);
-            }
-            Shown::Unknown => return None,
-        };
-        if distance.is_nan() || distance < 0.0 {
-            return None;
+    fn rows(&self, rows: Range<usize>, mut motion: PixelsMut<'a>) {
+        let mut shown = Shown::nothing();
+        let (mut distances, mut moved) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 2]);
+        for run in rows.flat_map(|y| segments(y, self.camera.size.width)) {
+            let distances = &mut distances[..run.len];
+            self.hit_distance.load(run, 0, distances);
+            shown.find(self.geometry, self.camera, run);
+            let [x, y] = &mut moved;
+            self.mirrored.motion(&shown, distances, x, y);
+            motion.write(run, moved.each_ref().map(Row::as_slice));
         }
-        let (now, depth) = self.camera.project(point);
-        let view = (point - self.camera.position).normalize();
-        if depth.is_nan() || depth <= 0.0 {
-            return None;
-        }
-        if distance == f64::INFINITY {
-            return Some(self.previous.project_direction(view)? - now);
-        }
-        let (before, depth) = self.previous.project(point + view * distance);
-        (depth > 0.0).then(|| before - now)
     }
 }

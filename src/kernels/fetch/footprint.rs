@@ -1,7 +1,7 @@
 //! Where a pixel's history lies in the previous frame, and which of those pixels may be used.
 
-use crate::image::{Pixels, Run, SEGMENT, Size};
-use crate::kernels::judge::surface::{Expected, Judged, Lane, Tests, rejection};
+use crate::image::{Pixels, Run, SEGMENT, Size, Spans};
+use crate::kernels::judge::surface::{Expected, Judged, Lane, Places, Tests, rejection};
 
 /// Below this share of valid weight, a footprint says too little (Falcor's SVGF has the same bound).
 pub const MIN_COVERAGE: f32 = 0.01;
@@ -156,8 +156,10 @@ impl MotionLanes {
     #[inline(always)]
     pub fn load(&mut self, motion: &Pixels, run: Run) -> Motion<'_> {
         let Self(lanes) = self;
-        for (channel, lane) in lanes.iter_mut().enumerate().take(motion.channels) {
-            motion.load(run, channel, &mut lane[..run.len]);
+        let [x, y, depth] = lanes.each_mut().map(Lane::as_mut_slice);
+        match motion.channels {
+            3 => motion.read(run, [x, y, depth]),
+            _ => motion.read(run, [x, y]),
         }
         let [x, y, depth] = lanes.each_ref().map(|lane| &lane[..run.len]);
         Motion {
@@ -177,6 +179,7 @@ pub struct Footprints {
     /// The upper left one.
     corner: [Lane; 2],
     pub at: Lane<u32>,
+    pub spans: Spans,
     pub weights: [Lane; 4],
     /// The sum of the weights.
     pub coverage: Lane,
@@ -193,6 +196,7 @@ impl Footprints {
             from: [[0.0; SEGMENT]; 2],
             corner: [[0.0; SEGMENT]; 2],
             at: [0; SEGMENT],
+            spans: Spans::none(),
             weights: [[0.0; SEGMENT]; 4],
             coverage: [0.0; SEGMENT],
             failed: [0; SEGMENT],
@@ -258,31 +262,48 @@ impl Footprints {
             let inside = across.inside & down.inside;
             failed[i] = if inside { 0 } else { rejection::OUTSIDE.into() };
         }
+        self.spans.find(at);
     }
 
     #[inline(always)]
     fn judge(&mut self, len: usize, tests: &Tests) {
-        let [dx, dy] = self.steps();
-        for (tap, weights) in self.weights.iter_mut().enumerate() {
-            let (right, below) = (tap % 2, tap / 2);
-            let step = (right * dx + below * dy) as u32;
-            let [left, top] = self.corner.each_ref().map(|lane| &lane[..len]);
-            let at = &self.at[..len];
-            self.judged.look(len, |i| {
-                (
-                    at[i].wrapping_add(step),
-                    left[i] + right as f32,
-                    top[i] + below as f32,
-                )
-            });
-            tests.judge(&self.expected, len, &mut self.judged);
-            let (trust, failures) = (&self.judged.trust[..len], &self.judged.failed[..len]);
-            let (weights, failed) = (&mut weights[..len], &mut self.failed[..len]);
-            for i in 0..len {
-                failed[i] |= if weights[i] > 0.0 { failures[i] } else { 0 };
-                weights[i] *= trust[i];
-            }
-        }
+        let (size, steps) = (self.size, self.steps());
+        let Self {
+            at,
+            spans,
+            corner,
+            weights,
+            failed,
+            expected,
+            judged,
+            ..
+        } = self;
+        let taps = Places {
+            at: &at[..len],
+            spans,
+            corner: corner.each_ref().map(|lane| &lane[..len]),
+            side: 2,
+            size,
+            steps,
+        };
+        let all = |_, _| true;
+        tests.judge(
+            expected,
+            taps,
+            judged,
+            all,
+            |[row, column], part, trust, failures| {
+                let len = part.len();
+                let weights = &mut weights[2 * row + column][part.start..][..len];
+                let failed = &mut failed[part.start..][..len];
+                let (trust, failures) = (&trust[..len], &failures[..len]);
+                for i in 0..len {
+                    let (weight, failures) = (weights[i], failures[i]);
+                    failed[i] |= if weight > 0.0 { failures } else { 0 };
+                    weights[i] = weight * trust[i];
+                }
+            },
+        );
     }
 
     /// The usable taps of the footprint of pixel `i` of the run.
@@ -341,18 +362,25 @@ impl Footprints {
         Some((at, tests.trust(&self.expected, i, [x, y], at)))
     }
 
-    /// The weights of a wide kernel for each pixel whose 4×4 taps lie inside.
+    /// The weights of a wide kernel, and the pixels that it serves: all of whose taps lie inside and pass the tests.
     #[inline(always)]
-    pub fn widen(&self, kernel: Wide, len: usize, wide: &mut WideLanes) {
+    pub fn widen(&mut self, kernel: Wide, len: usize, tests: &Tests, wide: &mut WideLanes) {
         match kernel {
-            Wide::CatmullRom => self.widen_by(cubic, true, len, wide),
-            Wide::CatmullRom5 => self.widen_by(cubic, false, len, wide),
-            Wide::Lanczos2 => self.widen_by(lanczos, true, len, wide),
+            Wide::CatmullRom => self.weigh(cubic, true, len, wide),
+            Wide::CatmullRom5 => self.weigh(cubic, false, len, wide),
+            Wide::Lanczos2 => self.weigh(lanczos, true, len, wide),
+        }
+        wide.spans.find(&wide.at[..len]);
+        let any = wide.serves[..len]
+            .iter()
+            .fold(0, |any, serves| any | serves);
+        if any != 0 && !tests.accept_all() {
+            self.judge_around(kernel, len, tests, wide);
         }
     }
 
     #[inline(always)]
-    fn widen_by(
+    fn weigh(
         &self,
         side: impl Fn(f32) -> [f32; 4],
         corners: bool,
@@ -360,42 +388,88 @@ impl Footprints {
         wide: &mut WideLanes,
     ) {
         let Size { height, width } = self.size;
+        let [x, y] = self.from.each_ref().map(|lane| &lane[..len]);
+        let [a0, a1, a2, a3] = wide.along.each_mut().map(|lane| &mut lane[..len]);
+        let [d0, d1, d2, d3] = wide.down.each_mut().map(|lane| &mut lane[..len]);
+        let (first, failed) = (&self.at[..len], &self.failed[..len]);
+        let (at, serves) = (&mut wide.at[..len], &mut wide.serves[..len]);
+        let [left, top] = wide.corner.each_mut().map(|lane| &mut lane[..len]);
+        let unsure = &mut wide.unsure[..len];
+        let back = width as u32 + 1;
+        let fits = |at: f32, side: usize| (at >= 1.0) & (at + 2.0 < side as f32);
+        for i in 0..len {
+            let before = [x[i].floor(), y[i].floor()];
+            let [along, down] = product(&side, corners, [x[i] - before[0], y[i] - before[1]]);
+            [a0[i], a1[i], a2[i], a3[i]] = along;
+            [d0[i], d1[i], d2[i], d3[i]] = down;
+            let fits = fits(before[0], width) & fits(before[1], height);
+            [left[i], top[i]] = before.map(|at| at - 1.0);
+            let gaps = (along[0] == 0.0) | (along[3] == 0.0) | (down[0] == 0.0) | (down[3] == 0.0);
+            let passes = failed[i] == 0;
+            at[i] = if fits { first[i].wrapping_sub(back) } else { 0 };
+            serves[i] = (fits & passes).into();
+            unsure[i] = (!fits & gaps & passes).into();
+        }
+    }
+
+    /// Judges the taps around the 2×2 that are judged already.
+    #[inline(always)]
+    fn judge_around(&mut self, kernel: Wide, len: usize, tests: &Tests, wide: &mut WideLanes) {
         let WideLanes {
             along,
             down,
             at,
-            inside,
+            spans,
+            corner,
+            serves,
+            ..
         } = wide;
-        let [x, y] = self.from.each_ref().map(|lane| &lane[..len]);
-        let [a0, a1, a2, a3] = along.each_mut().map(|lane| &mut lane[..len]);
-        let [d0, d1, d2, d3] = down.each_mut().map(|lane| &mut lane[..len]);
-        let (first, at, inside) = (&self.at[..len], &mut at[..len], &mut inside[..len]);
-        let before = width as u32 + 1;
-        let fits = |at: f32, side: usize| (at >= 1.0) & (at + 2.0 < side as f32);
-        for i in 0..len {
-            let (left, top) = (x[i].floor(), y[i].floor());
-            let [along, down] = product(&side, corners, [x[i] - left, y[i] - top]);
-            [a0[i], a1[i], a2[i], a3[i]] = along;
-            [d0[i], d1[i], d2[i], d3[i]] = down;
-            let fits = fits(left, width) & fits(top, height);
-            at[i] = if fits {
-                first[i].wrapping_sub(before)
-            } else {
-                0
-            };
-            inside[i] = fits.into();
-        }
+        let taps = Places {
+            at: &at[..len],
+            spans,
+            corner: corner.each_ref().map(|lane| &lane[..len]),
+            side: 4,
+            size: self.size,
+            steps: self.steps(),
+        };
+        let around = |row, column| {
+            let inner = matches!((row, column), (1 | 2, 1 | 2));
+            !inner && Wide::columns(kernel.has_corners(), row).contains(&column)
+        };
+        let (expected, judged) = (&self.expected, &mut self.judged);
+        tests.judge(
+            expected,
+            taps,
+            judged,
+            around,
+            |[row, column], part, _, failures| {
+                let len = part.len();
+                let along = &along[column][part.start..][..len];
+                let down = &down[row][part.start..][..len];
+                let serves = &mut serves[part.start..][..len];
+                let failures = &failures[..len];
+                for i in 0..len {
+                    let counts = (along[i] != 0.0) & (down[i] != 0.0);
+                    let fails = counts & (failures[i] != 0);
+                    serves[i] = if fails { 0 } else { serves[i] };
+                }
+            },
+        );
     }
 }
 
-/// The weights of a wide kernel.
+/// The weights of a wide kernel, and whom it serves.
 pub struct WideLanes {
     pub along: [Lane; 4],
     pub down: [Lane; 4],
     /// The upper left tap.
     pub at: Lane<u32>,
-    /// 1 where all taps lie inside, or 0.
-    pub inside: Lane<u32>,
+    pub spans: Spans,
+    corner: [Lane; 2],
+    /// 1 where all taps count, or 0.
+    pub serves: Lane<u32>,
+    /// 1 where some taps lie outside that may have no weight, or 0.
+    pub unsure: Lane<u32>,
 }
 
 impl WideLanes {
@@ -404,7 +478,10 @@ impl WideLanes {
             along: [[0.0; SEGMENT]; 4],
             down: [[0.0; SEGMENT]; 4],
             at: [0; SEGMENT],
-            inside: [0; SEGMENT],
+            spans: Spans::none(),
+            corner: [[0.0; SEGMENT]; 2],
+            serves: [0; SEGMENT],
+            unsure: [0; SEGMENT],
         }
     }
 }

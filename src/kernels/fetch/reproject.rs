@@ -18,9 +18,11 @@ use std::ops::Range;
 use super::footprint::{
     Filter, Footprints, MIN_COVERAGE, Motion, MotionLanes, Taps, Wide, WideLanes,
 };
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, record, segments};
+use crate::image::{
+    BandMut, Image, Pixels, Run, SEGMENT, Size, Span, Spans, bands_of, record, segments,
+};
 use crate::kernels::judge::surface::{Lane, Tests};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Part};
 
 /// Channels that are fetched at once: a vector of most CPUs.
 const WIDEST: usize = 8;
@@ -50,6 +52,8 @@ pub struct Fetched {
     wide: WideLanes,
     /// The weights of the 2×2 taps, which sum to one.
     shares: [Lane; 4],
+    /// 1 where no wide kernel serves, or 0.
+    bilinear: Lane<u32>,
     /// 1 where a pixel has its values, or 0.
     done: Lane<u32>,
     /// Records of each part of the history.
@@ -85,6 +89,7 @@ impl<'a> Fetch<'a> {
             footprints: Footprints::new(self.size),
             wide: WideLanes::zeroed(),
             shares: [[0.0; SEGMENT]; 4],
+            bilinear: [0; SEGMENT],
             done: [0; SEGMENT],
             values: values
                 .map(|image| vec![0.0; SEGMENT * image.channels + WIDEST])
@@ -97,28 +102,59 @@ impl<'a> Fetch<'a> {
     /// Fetches what a run of pixels comes from.
     #[inline(always)]
     pub fn run(&self, run: Run, motion: Motion, to: &mut Fetched) {
+        rows::apart(FetchRun {
+            fetch: self,
+            run,
+            motion,
+            to,
+        });
+    }
+
+    #[inline(always)]
+    fn take(&self, run: Run, motion: Motion, to: &mut Fetched) {
         let len = run.len;
         let Params { filter, dering, .. } = self.params;
         let nearest = filter == Filter::Nearest;
-        let has_grid = self.size.width >= 4 && self.size.height >= 4;
         to.footprints.find(run, motion, nearest, &self.tests);
         for i in 0..len {
             to.coverage[i] = to.footprints.coverage[i].min(1.0);
             to.rejection[i] = to.footprints.failed[i] as u8;
         }
         match filter {
-            Filter::Wide(kernel) if self.tests.accept_all() && has_grid => {
-                to.footprints.widen(kernel, len, &mut to.wide);
-                to.done = to.wide.inside;
-                match kernel.has_corners() {
-                    true => self.each_part(len, to, &Grid::<true> { dering }),
-                    false => self.each_part(len, to, &Grid::<false> { dering }),
-                }
+            Filter::Wide(kernel) => {
+                to.footprints.widen(kernel, len, &self.tests, &mut to.wide);
             }
-            Filter::Wide(_) => to.done[..len].fill(0),
-            Filter::Nearest | Filter::Bilinear => {
-                self.share(len, to);
-                self.each_part(len, to, &Quad);
+            Filter::Nearest | Filter::Bilinear => to.wide.serves[..len].fill(0),
+        }
+        self.share(len, to);
+        let Fetched {
+            footprints,
+            wide,
+            shares,
+            bilinear,
+            done,
+            values,
+            ..
+        } = to;
+        let quad = Quad {
+            shares: shares.each_ref().map(|lane| &lane[..len]),
+        };
+        let (at, spans) = (&footprints.at[..len], &footprints.spans);
+        let (steps, on) = (footprints.steps(), &bilinear[..len]);
+        self.each_part(&quad, at, spans, steps, on, values, done);
+        if let Filter::Wide(kernel) = filter {
+            let weights = [&wide.along, &wide.down];
+            let weights = weights.map(|side| side.each_ref().map(|lane| &lane[..len]));
+            let (at, spans, on) = (&wide.at[..len], &wide.spans, &wide.serves[..len]);
+            match kernel.has_corners() {
+                true => {
+                    let grid = Grid::<true> { weights, dering };
+                    self.each_part(&grid, at, spans, steps, on, values, done);
+                }
+                false => {
+                    let grid = Grid::<false> { weights, dering };
+                    self.each_part(&grid, at, spans, steps, on, values, done);
+                }
             }
         }
         for i in 0..len {
@@ -128,6 +164,7 @@ impl<'a> Fetch<'a> {
         }
     }
 
+    /// The bilinear weights of those that no wide kernel serves, and whether they are what is wanted.
     #[inline(always)]
     fn share(&self, len: usize, to: &mut Fetched) {
         let (weights, shares) = (&to.footprints.weights, &mut to.shares);
@@ -135,46 +172,51 @@ impl<'a> Fetch<'a> {
         let [w, x, y, z] = weights.each_ref().map(|lane| &lane[..len]);
         let [sw, sx, sy, sz] = shares.each_mut().map(|lane| &mut lane[..len]);
         let sums = &to.footprints.coverage[..len];
-        let done = &mut to.done[..len];
+        let (serves, unsure) = (&to.wide.serves[..len], &to.wide.unsure[..len]);
+        let (bilinear, done) = (&mut to.bilinear[..len], &mut to.done[..len]);
         let settled = !self.params.fallback;
         for i in 0..len {
-            let enough = sums[i] >= MIN_COVERAGE;
+            let (enough, wide) = (sums[i] >= MIN_COVERAGE, serves[i] != 0);
             let scale = if enough { 1.0 / sums[i] } else { 0.0 };
             (sw[i], sx[i]) = (w[i] * scale, x[i] * scale);
             (sy[i], sz[i]) = (y[i] * scale, z[i] * scale);
-            coverage[i] = if enough { coverage[i] } else { 0.0 };
-            done[i] = (enough | settled).into();
+            coverage[i] = if enough | wide { coverage[i] } else { 0.0 };
+            bilinear[i] = (!wide).into();
+            done[i] = (wide | ((enough | settled) & (unsure[i] == 0))).into();
         }
     }
 
-    /// Averages the taps of each part of the history, up to [`WIDEST`] channels at once.
+    /// Averages the taps of each part of the history for the pixels that are `on`.
     #[inline(always)]
-    fn each_part(&self, len: usize, to: &mut Fetched, average: &impl Average) {
-        let Fetched {
-            footprints,
-            wide,
-            shares,
-            done,
-            values,
-            ..
-        } = to;
+    fn each_part(
+        &self,
+        average: &impl Average,
+        at: &[u32],
+        spans: &Spans,
+        steps: [usize; 2],
+        on: &[u32],
+        values: &mut [Vec<f32>],
+        done: &mut [u32],
+    ) {
+        let done = &mut done[..on.len()];
         for (image, values) in self.history.iter().zip(values) {
-            let stride = image.channels;
-            // From behind, since what follows a record's last channel is written over.
-            for first in (0..stride).step_by(WIDEST).rev() {
-                let part = image.part(first..(first + WIDEST).min(stride));
-                let taps = Surroundings {
-                    image: part,
-                    footprints,
-                    wide,
-                    shares,
+            for Span { part, together } in spans.iter() {
+                let all = on[part.clone()].iter().fold(1, |all, on| all & on) == 1;
+                let any = on[part.clone()].iter().fold(0, |any, on| any | on) == 1;
+                if !any {
+                    continue;
+                }
+                let taps = Taken {
+                    image: *image,
+                    at,
+                    steps,
+                    part,
                 };
-                let values = &mut values[first..];
-                match part.channels {
-                    1 => average.run::<1>(taps, len, values, stride, done),
-                    2 => average.run::<2>(taps, len, values, stride, done),
-                    3 | 4 => average.run::<4>(taps, len, values, stride, done),
-                    _ => average.run::<WIDEST>(taps, len, values, stride, done),
+                match image.channels {
+                    1 if together && all => taps.row::<_, 1>(average, values, done),
+                    2 if together && all => taps.row::<_, 2>(average, values, done),
+                    3 if together && all => taps.row::<_, 3>(average, values, done),
+                    _ => taps.each(average, on, values, done),
                 }
             }
         }
@@ -194,12 +236,11 @@ impl<'a> Fetch<'a> {
             let weights = kernel.weights(f);
             if all_count(kernel, &weights, &grid) {
                 self.write(i, &mut to.values, |image, channel| {
-                    let value = |at: Option<usize>| at.map_or(0.0, |at| image.at(at, channel));
-                    let taps = grid.as_flattened().iter().map(|&at| value(at));
-                    let taps: Vec<_> = taps.collect();
-                    let mean: [f32; 1] = match kernel.has_corners() {
-                        true => wide_mean::<true, 1>(&taps, 0, [1, 4], weights),
-                        false => wide_mean::<false, 1>(&taps, 0, [1, 4], weights),
+                    let value = |at: usize| image.at(at, channel);
+                    let tap = |column: usize, row: usize| [grid[row][column].map_or(0.0, value)];
+                    let mean = match kernel.has_corners() {
+                        true => wide_mean::<true, 1>(weights, tap),
+                        false => wide_mean::<false, 1>(weights, tap),
                     };
                     // Those that do not count are replaced by one that does.
                     let near = near.as_slice();
@@ -251,6 +292,22 @@ impl<'a> Fetch<'a> {
     }
 }
 
+struct FetchRun<'f, 'a> {
+    fetch: &'f Fetch<'a>,
+    run: Run,
+    motion: Motion<'f>,
+    to: &'f mut Fetched,
+}
+
+impl Part for FetchRun<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.fetch.take(self.run, self.motion, self.to);
+    }
+}
+
 #[inline(always)]
 fn is_finite(image: &Pixels, at: usize) -> bool {
     (0..image.channels).all(|channel| image.at(at, channel).is_finite())
@@ -265,106 +322,187 @@ fn all_count(kernel: Wide, [along, down]: &[[f32; 4]; 2], grid: &[[Option<usize>
     })
 }
 
-/// Up to [`WIDEST`] channels of history around where the pixels of a run come from.
-struct Surroundings<'a> {
+/// Some of a run's pixels, and the history around where they come from.
+struct Taken<'a> {
     image: Pixels<'a>,
-    footprints: &'a Footprints,
-    wide: &'a WideLanes,
-    shares: &'a [Lane; 4],
+    /// The upper left taps of the run.
+    at: &'a [u32],
+    /// From a pixel to that on its right, and to that below.
+    steps: [usize; 2],
+    part: Range<usize>,
 }
 
-/// How the taps of a run become its values.
-trait Average {
+impl Taken<'_> {
+    /// The pixels that are `on`, one by one, up to [`WIDEST`] channels at once.
+    #[inline(always)]
+    fn each(&self, average: &impl Average, on: &[u32], values: &mut [f32], done: &mut [u32]) {
+        let stride = self.image.channels;
+        // From behind, since what follows a record's last channel is written over.
+        for first in (0..stride).step_by(WIDEST).rev() {
+            let image = self.image.part(first..(first + WIDEST).min(stride));
+            let (part, values) = (
+                Self {
+                    image,
+                    part: self.part.clone(),
+                    ..*self
+                },
+                &mut values[first..],
+            );
+            match image.channels {
+                1 => part.each_of::<1>(average, stride, on, values, done),
+                2 => part.each_of::<2>(average, stride, on, values, done),
+                3 | 4 => part.each_of::<4>(average, stride, on, values, done),
+                _ => part.each_of::<WIDEST>(average, stride, on, values, done),
+            }
+        }
+    }
+
     /// Writes `N` numbers for every record, of `stride` numbers; what is not finite is not done.
-    fn run<const N: usize>(
+    #[inline(always)]
+    fn each_of<const N: usize>(
         &self,
-        taps: Surroundings,
-        len: usize,
-        values: &mut [f32],
+        average: &impl Average,
         stride: usize,
+        on: &[u32],
+        values: &mut [f32],
         done: &mut [u32],
-    );
+    ) {
+        let (data, step) = self.image.numbers();
+        let [dx, dy] = self.steps.map(|pixels| pixels * step);
+        for i in self.part.clone() {
+            if on[i] != 0 {
+                let start = self.at[i] as usize * step;
+                let tap = |column, row| record(data, start + row * dy + column * dx);
+                let mean: [f32; N] = average.mean(i, tap);
+                done[i] &= u32::from(all_finite(&mean));
+                // The first channels of the next record may be written over where they are yet to come.
+                let due = on.get(i + 1).is_none_or(|&next| next != 0);
+                let values = &mut values[i * stride..];
+                if due {
+                    values[..N].copy_from_slice(&mean);
+                } else {
+                    let count = self.image.channels;
+                    values[..count].copy_from_slice(&mean[..count]);
+                }
+            }
+        }
+    }
+
+    /// All pixels at once, which come from neighbours.
+    #[inline(always)]
+    fn row<A: Average, const C: usize>(&self, average: &A, values: &mut [f32], done: &mut [u32]) {
+        let Range { start, end } = self.part;
+        let len = end - start;
+        let data = self.image.numbers().0;
+        let [dx, dy] = self.steps;
+        let first = self.at[start] as usize;
+        // Those beyond a smaller side are not looked at.
+        let tap = |index: usize| index.min(A::SIDE - 1);
+        let taps: [[&[[f32; C]]; 4]; 4] = [0, 1, 2, 3].map(|row| {
+            [0, 1, 2, 3].map(|column| {
+                let from = first + tap(row) * dy + tap(column) * dx;
+                &data[from * C..][..len * C].as_chunks::<C>().0[..len]
+            })
+        });
+        let average = average.part(start, len);
+        let means = &mut values[start * C..][..len * C].as_chunks_mut::<C>().0[..len];
+        for i in 0..len {
+            means[i] = average.mean(i, |column, row| taps[row][column][i]);
+        }
+        let lost = |value: &f32| u32::from(!value.is_finite());
+        let all = means.as_flattened().iter();
+        if all.fold(0, |any, value| any | lost(value)) != 0 {
+            for (done, mean) in done[start..end].iter_mut().zip(means) {
+                *done &= u32::from(all_finite(mean));
+            }
+        }
+    }
+}
+
+/// How the taps of a pixel become its value.
+trait Average {
+    /// Columns and rows of taps.
+    const SIDE: usize;
+
+    /// The same for some of the pixels.
+    fn part(&self, start: usize, len: usize) -> Self;
+
+    /// The value of pixel `i`; `tap` takes column and row.
+    fn mean<const N: usize>(&self, i: usize, tap: impl Fn(usize, usize) -> [f32; N]) -> [f32; N];
 }
 
 /// 2×2 taps.
-struct Quad;
+struct Quad<'a> {
+    shares: [&'a [f32]; 4],
+}
 
-impl Average for Quad {
+impl Average for Quad<'_> {
+    const SIDE: usize = 2;
+
     #[inline(always)]
-    fn run<const N: usize>(
-        &self,
-        taps: Surroundings,
-        len: usize,
-        values: &mut [f32],
-        stride: usize,
-        done: &mut [u32],
-    ) {
-        let [w, x, y, z] = taps.shares.each_ref().map(|lane| &lane[..len]);
-        let (at, done) = (&taps.footprints.at[..len], &mut done[..len]);
-        let (data, step) = taps.image.numbers();
-        let steps = taps.footprints.steps().map(|pixels| pixels * step);
-        for i in 0..len {
-            let mut mean = [-0.0; N];
-            let quad = quad::<N>(data, at[i] as usize * step, steps);
-            for (tap, share) in quad.iter().zip([w[i], x[i], y[i], z[i]]) {
-                add(&mut mean, share, tap);
-            }
-            done[i] &= u32::from(all_finite(&mean));
-            values[i * stride..][..N].copy_from_slice(&mean);
+    fn part(&self, start: usize, len: usize) -> Self {
+        Self {
+            shares: self.shares.map(|lane| &lane[start..][..len]),
         }
+    }
+
+    #[inline(always)]
+    fn mean<const N: usize>(&self, i: usize, tap: impl Fn(usize, usize) -> [f32; N]) -> [f32; N] {
+        let [w, x, y, z] = self.shares;
+        let mut mean = [-0.0; N];
+        add(&mut mean, w[i], &tap(0, 0));
+        add(&mut mean, x[i], &tap(1, 0));
+        add(&mut mean, y[i], &tap(0, 1));
+        add(&mut mean, z[i], &tap(1, 1));
+        mean
     }
 }
 
-/// 4×4 taps.
-struct Grid<const CORNERS: bool> {
+/// 4×4 taps, with or without the corners.
+struct Grid<'a, const CORNERS: bool> {
+    /// Of the columns and of the rows.
+    weights: [[&'a [f32]; 4]; 2],
     dering: bool,
 }
 
-impl<const CORNERS: bool> Average for Grid<CORNERS> {
+impl<'a, const CORNERS: bool> Average for Grid<'a, CORNERS> {
+    const SIDE: usize = 4;
+
     #[inline(always)]
-    fn run<const N: usize>(
-        &self,
-        taps: Surroundings,
-        len: usize,
-        values: &mut [f32],
-        stride: usize,
-        done: &mut [u32],
-    ) {
-        let [a0, a1, a2, a3] = taps.wide.along.each_ref().map(|lane| &lane[..len]);
-        let [d0, d1, d2, d3] = taps.wide.down.each_ref().map(|lane| &lane[..len]);
-        let (at, done) = (&taps.wide.at[..len], &mut done[..len]);
-        let (data, step) = taps.image.numbers();
-        let line = taps.footprints.steps()[1] * step;
-        for i in 0..len {
-            let first = at[i] as usize * step;
-            let weights = [[a0[i], a1[i], a2[i], a3[i]], [d0[i], d1[i], d2[i], d3[i]]];
-            let mean = wide_mean::<CORNERS, N>(data, first, [step, line], weights);
-            done[i] &= u32::from(all_finite(&mean));
-            let mean = if self.dering {
-                // Taps of no weight do not count.
-                let [a, b, c, d] = quad::<N>(data, first + line + step, [step, line]);
-                let [b, d] = if a2[i] == 0.0 { [a, c] } else { [b, d] };
-                let [c, d] = if d2[i] == 0.0 { [a, b] } else { [c, d] };
-                hold(mean, [a, b, c, d])
-            } else {
-                mean
-            };
-            values[i * stride..][..N].copy_from_slice(&mean);
+    fn part(&self, start: usize, len: usize) -> Self {
+        let cut = |side: [&'a [f32]; 4]| side.map(|lane| &lane[start..][..len]);
+        let [along, down] = self.weights;
+        Self {
+            weights: [cut(along), cut(down)],
+            ..*self
         }
     }
-}
 
-/// The records of 2×2 pixels from one on, with the steps to the right and down.
-#[inline(always)]
-fn quad<const N: usize>(data: &[f32], start: usize, [dx, dy]: [usize; 2]) -> [[f32; N]; 4] {
-    // Spelled out, since `map` is not always compiled into its caller.
-    let (below, beside) = (start + dy, start + dx);
-    [
-        record(data, start),
-        record(data, beside),
-        record(data, below),
-        record(data, below + dx),
-    ]
+    #[inline(always)]
+    fn mean<const N: usize>(&self, i: usize, tap: impl Fn(usize, usize) -> [f32; N]) -> [f32; N] {
+        let [[a0, a1, a2, a3], [d0, d1, d2, d3]] = self.weights;
+        let along = [a0[i], a1[i], a2[i], a3[i]];
+        let down = [d0[i], d1[i], d2[i], d3[i]];
+        let mean = wide_mean::<CORNERS, N>([along, down], &tap);
+        if self.dering {
+            // Taps of no weight do not count.
+            let [a, b, c, d] = [tap(1, 1), tap(2, 1), tap(1, 2), tap(2, 2)];
+            let [b, d] = if along[2] == 0.0 { [a, c] } else { [b, d] };
+            let [c, d] = if down[2] == 0.0 { [a, b] } else { [c, d] };
+            let mut held = hold(mean, [a, b, c, d]);
+            for k in 0..N {
+                // What is missing must not look as if it were there.
+                held[k] = if mean[k].is_finite() {
+                    held[k]
+                } else {
+                    mean[k]
+                };
+            }
+            held
+        } else {
+            mean
+        }
+    }
 }
 
 /// Adds a weighted tap; a sum that begins with −0 keeps the bits of its first tap.
@@ -382,42 +520,50 @@ fn all_finite<const N: usize>(values: &[f32; N]) -> bool {
         .fold(true, |all, value| all & value.is_finite())
 }
 
-/// The weighted mean of 4×4 taps from one on, with the steps to the right and down.
+/// The weighted mean of 4×4 taps.
 #[inline(always)]
 fn wide_mean<const CORNERS: bool, const N: usize>(
-    data: &[f32],
-    start: usize,
-    [dx, dy]: [usize; 2],
-    [along, down]: [[f32; 4]; 2],
+    [along, [d0, d1, d2, d3]]: [[f32; 4]; 2],
+    tap: impl Fn(usize, usize) -> [f32; N],
 ) -> [f32; N] {
     let mut sum = [-0.0; N];
-    let line = line::<CORNERS, N>(data, start, dx, along);
-    add(&mut sum, down[0], &line);
-    let line = self::line::<true, N>(data, start + dy, dx, along);
-    add(&mut sum, down[1], &line);
-    let line = self::line::<true, N>(data, start + 2 * dy, dx, along);
-    add(&mut sum, down[2], &line);
-    let line = self::line::<CORNERS, N>(data, start + 3 * dy, dx, along);
-    add(&mut sum, down[3], &line);
+    add(
+        &mut sum,
+        d0,
+        &line::<CORNERS, N>(along, |column| tap(column, 0)),
+    );
+    add(
+        &mut sum,
+        d1,
+        &line::<true, N>(along, |column| tap(column, 1)),
+    );
+    add(
+        &mut sum,
+        d2,
+        &line::<true, N>(along, |column| tap(column, 2)),
+    );
+    add(
+        &mut sum,
+        d3,
+        &line::<CORNERS, N>(along, |column| tap(column, 3)),
+    );
     sum
 }
 
 /// The weighted sum of a row of four taps, or of those in the middle.
 #[inline(always)]
 fn line<const ENDS: bool, const N: usize>(
-    data: &[f32],
-    start: usize,
-    step: usize,
-    weights: [f32; 4],
+    [w0, w1, w2, w3]: [f32; 4],
+    tap: impl Fn(usize) -> [f32; N],
 ) -> [f32; N] {
     let mut sum = [-0.0; N];
     if ENDS {
-        add(&mut sum, weights[0], &record(data, start));
+        add(&mut sum, w0, &tap(0));
     }
-    add(&mut sum, weights[1], &record(data, start + step));
-    add(&mut sum, weights[2], &record(data, start + 2 * step));
+    add(&mut sum, w1, &tap(1));
+    add(&mut sum, w2, &tap(2));
     if ENDS {
-        add(&mut sum, weights[3], &record(data, start + 3 * step));
+        add(&mut sum, w3, &tap(3));
     }
     sum
 }

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use super::surface::Tests;
-use crate::image::{BandMut, Image, Pixels, segments};
+use crate::image::{BandMut, Pixels, segments};
 use crate::kernels::fetch::footprint::{Footprints, MotionLanes};
 use crate::rows::{self, Kernel};
 
@@ -16,18 +16,14 @@ struct Consistency<'a> {
     tests: Tests<'a>,
 }
 
-/// The mask of failed tests and the confidence in [0, 1].
-pub fn consistency(motion: Pixels, tests: Tests) -> (Image<u8>, Image) {
-    let size = motion.size;
-    let mut rejection = Image::new(size, 1);
-    let mut confidence = Image::new(size, 1);
+/// Writes the mask of failed tests and the confidence in [0, 1].
+pub fn consistency<'a>(
+    motion: Pixels<'a>,
+    tests: Tests<'a>,
+    judged: impl Iterator<Item = (BandMut<'a, u8>, BandMut<'a>)>,
+) {
     let kernel = Consistency { motion, tests };
-    rows::run(
-        &kernel,
-        size.height,
-        rejection.bands().zip(confidence.bands()),
-    );
-    (rejection, confidence)
+    rows::run(&kernel, motion.size.height, judged);
 }
 
 impl<'a> Kernel for Consistency<'a> {

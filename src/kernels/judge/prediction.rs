@@ -12,172 +12,143 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Run, Tap, Tiles, View};
-use crate::rows::{self, Kernel};
+use pulp::Simd;
+
+use crate::image::{BandMut, Pixels, Run, SEGMENT, segments};
+use crate::lanes::{Classes, Lanes};
+use crate::pixels::{Rolling, Row};
+use crate::rows::{self, LanesKernel};
 
 /// The offset of relMSE, by which dark pixels do not count beyond measure.
 const EPSILON: f32 = 0.01;
 
-/// Where `tiles` are given, the gain means something in those alone that are on.
-pub fn prediction_gain(
-    candidate: View,
-    base: View,
-    color: View,
-    ids: Option<View<u32>>,
+/// Writes the gain of a candidate.
+pub fn prediction_gain<'a>(
+    candidate: Pixels<'a>,
+    base: Pixels<'a>,
+    color: Pixels<'a>,
+    ids: Option<Pixels<'a, u32>>,
     radius: usize,
-    tiles: Option<&Tiles>,
-) -> Image {
-    let size = color.size;
-    let mut terms = Image::new(size, 2);
-    let kernel = Terms {
-        candidate,
-        base,
-        color,
+    gain: impl Iterator<Item = BandMut<'a>>,
+) {
+    let kernel = Gain {
+        images: [candidate, base, color],
+        ids,
+        radius,
     };
-    rows::run(&kernel, size.height, terms.bands());
-    // Without ids the window is separable.
-    let axes: &[[isize; 2]] = match ids {
-        None => &[[1, 0], [0, 1]],
-        Some(_) => &[[1, 1]],
-    };
-    let mut sums = Image::new(size, 2);
-    for &axes in axes {
-        let kernel = Window {
-            terms: &terms,
+    rows::run_lanes(&kernel, color.size.height, gain);
+}
+
+/// Of a run of pixels; not finite where something is missing.
+#[inline(always)]
+pub fn terms(candidate: [&[f32]; 3], base: [&[f32]; 3], color: [&[f32]; 3], terms: &mut [f32]) {
+    let len = terms.len();
+    let [k, h, c] = [candidate, base, color].map(|image| image.map(|row| &row[..len]));
+    for i in 0..len {
+        let (mut term, mut size) = (0.0, EPSILON);
+        for channel in 0..3 {
+            let (k, h, c) = (k[channel][i], h[channel][i], c[channel][i]);
+            term += (k - h) * (k + h - 2.0 * c);
+            size += h * h;
+        }
+        terms[i] = term / size;
+    }
+}
+
+/// The ids of the rows around one.
+pub struct Ids<'a> {
+    ids: Option<Pixels<'a, u32>>,
+    rows: Rolling<1, u32>,
+}
+
+impl<'a> Ids<'a> {
+    /// Where there are none, all are alike.
+    pub fn new(ids: Option<Pixels<'a, u32>>, width: usize, radius: usize) -> Self {
+        Self {
             ids,
-            radius,
-            axes,
-            tiles,
-        };
-        rows::run(&kernel, size.height, sums.bands());
-        std::mem::swap(&mut terms, &mut sums);
+            rows: Rolling::within(width, radius, 0),
+        }
     }
-    let mut gain = Image::new(size, 1);
-    rows::run(&Mean { sums: &terms }, size.height, gain.bands());
-    gain
-}
 
-/// The term of each pixel, and whether it counts; both 0 where something is missing.
-struct Terms<'a> {
-    candidate: View<'a>,
-    base: View<'a>,
-    color: View<'a>,
-}
-
-impl<'a> Kernel for Terms<'a> {
-    type Out = BandMut<'a>;
-
+    /// Goes to row `y`, which is below the one before unless it is the first.
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            let k: [_; 3] = self.candidate.rows(y);
-            let h: [_; 3] = self.base.rows(y);
-            let c: [_; 3] = self.color.rows(y);
-            let [terms, counts] = out.rows(y);
-            for x in 0..terms.len() {
-                let (mut term, mut size) = (0.0, EPSILON);
-                for channel in 0..3 {
-                    let (k, h, c) = (k[channel][x], h[channel][x], c[channel][x]);
-                    term += (k - h) * (k + h - 2.0 * c);
-                    size += h * h;
-                }
-                let term = term / size;
-                let known = term.is_finite();
-                terms[x] = if known { term } else { 0.0 };
-                counts[x] = if known { 1.0 } else { 0.0 };
+    pub fn roll(&mut self, y: usize, first: bool) {
+        let Some(ids) = self.ids else { return };
+        for y in self.rows.due(y, first) {
+            if let Some([row]) = self.rows.fresh(y, ids.size) {
+                ids.load(Run::row(y as usize, ids.size.width), 0, row);
             }
         }
     }
 }
 
-struct Window<'a> {
-    terms: &'a Image,
-    ids: Option<View<'a, u32>>,
+/// The mean of the terms, which are those of rows around a run, over windows: 0 where none is finite.
+#[inline(always)]
+pub fn mean<S: Simd>(
+    simd: S,
+    run: Run,
+    height: usize,
+    terms: &Rolling<1>,
+    ids: &Ids,
+    gain: &mut Row,
+) {
+    let (y, radius) = (run.y as isize, terms.radius as isize);
+    let [own] = ids.rows.row(y);
+    for start in (0..run.len).step_by(Lanes::<S>::COUNT) {
+        let x = run.x + start;
+        let own = Classes::load(simd, own, x + terms.radius);
+        let [mut sum, mut count] = [Lanes::all(simd, 0.0); 2];
+        for y in (y - radius).max(0)..=(y + radius).min(height as isize - 1) {
+            let ([terms], [ids]) = (terms.row(y), ids.rows.row(y));
+            for dx in 0..=2 * radius as usize {
+                let term = Lanes::load(simd, terms, x + dx);
+                let alike = own.equal(Classes::load(simd, ids, x + dx));
+                let counts = alike.and(term.is_finite());
+                sum = sum + term.or_all(counts, -0.0);
+                count = count + Lanes::all(simd, 1.0).or_all(counts, 0.0);
+            }
+        }
+        let mean = (sum / count).or_all(count.above(0.0), 0.0);
+        mean.store(gain, start);
+    }
+}
+
+struct Gain<'a> {
+    /// Candidate, base and colour.
+    images: [Pixels<'a>; 3],
+    ids: Option<Pixels<'a, u32>>,
     radius: usize,
-    /// 1 where the window reaches along x and y, 0 where it does not.
-    axes: [isize; 2],
-    tiles: Option<&'a Tiles>,
 }
 
-impl<'a> Kernel for Window<'a> {
+impl<'a> LanesKernel for Gain<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let size = self.terms.size;
-        let [wide, high] = self.axes.map(|axis| axis * self.radius as isize);
-        for y in rows {
-            let [sums, counts] = out.rows(y);
-            sums.fill(0.0);
-            counts.fill(0.0);
-            let row = Run {
-                y,
-                x: 0,
-                len: size.width,
-            };
-            match self.tiles {
-                None => self.add(row, [wide, high], sums, counts),
-                // The sums along x, which come first, are asked for by the rows around as well.
-                Some(tiles) => tiles
-                    .runs(row, self.radius)
-                    .for_each(|run| self.add(run, [wide, high], sums, counts)),
-            }
-        }
-    }
-}
-
-impl Window<'_> {
-    #[inline(always)]
-    fn add(&self, run: Run, [wide, high]: [isize; 2], sums: &mut [f32], counts: &mut [f32]) {
-        for dy in -high..=high {
-            for dx in -wide..=wide {
-                let tap = Tap { dx, dy, step: 1 };
-                let Some(here) = tap.inside(run, self.terms.size) else {
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: BandMut<'a>) {
+        let size = self.images[0].size;
+        let mut ids = Ids::new(self.ids, size.width, self.radius);
+        let mut around = Rolling::new(size.width, self.radius);
+        let mut colors = [[[0.0; SEGMENT]; 3]; 3];
+        let mut gain = [0.0; SEGMENT];
+        for (nth, y) in rows.enumerate() {
+            ids.roll(y, nth == 0);
+            for y in around.due(y, nth == 0) {
+                let Some([row]) = around.fresh(y, size) else {
                     continue;
                 };
-                let there = tap.of(here);
-                let sums = &mut sums[here.x..][..here.len];
-                let counts = &mut counts[here.x..][..here.len];
-                let [terms, known]: [&[f32]; 2] = there.rows(self.terms);
-                match self.ids {
-                    None => {
-                        for i in 0..sums.len() {
-                            sums[i] += terms[i];
-                            counts[i] += known[i];
-                        }
+                for run in segments(y as usize, size.width) {
+                    for (image, rows) in self.images.iter().zip(&mut colors) {
+                        image.read(run, rows.each_mut().map(Row::as_mut_slice));
                     }
-                    Some(ids) => {
-                        let own = &ids.row(0, here.y)[here.x..][..here.len];
-                        let other = &ids.row(0, there.y)[there.x..][..here.len];
-                        for i in 0..sums.len() {
-                            let same = if own[i] == other[i] { 1.0 } else { 0.0 };
-                            sums[i] += same * terms[i];
-                            counts[i] += same * known[i];
-                        }
-                    }
+                    let [k, h, c] = colors
+                        .each_ref()
+                        .map(|rows| rows.each_ref().map(Row::as_slice));
+                    terms(k, h, c, &mut row[run.x..][..run.len]);
                 }
             }
-        }
-    }
-}
-
-struct Mean<'a> {
-    sums: &'a Image,
-}
-
-impl<'a> Kernel for Mean<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut gain: BandMut<'a>) {
-        for y in rows {
-            let [sums, counts] = self.sums.view().rows(y);
-            for (x, gain) in gain.row(0, y).iter_mut().enumerate() {
-                *gain = if counts[x] > 0.0 {
-                    sums[x] / counts[x]
-                } else {
-                    0.0
-                };
+            for run in segments(y, size.width) {
+                mean(simd, run, size.height, &around, &ids, &mut gain);
+                out.put(run, &gain[..run.len], 1);
             }
         }
     }

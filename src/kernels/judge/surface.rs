@@ -15,10 +15,13 @@
 //! - **speed**: the length of the motion in pixels.
 
 use crate::error::{Error, Result, in_range};
-use crate::image::{Pixels, Run, SEGMENT, View};
+use std::ops::Range;
+
+use crate::image::{Pixels, Run, SEGMENT, Size, Span, Spans, View};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::footprint::Motion;
 use crate::math::luminance;
+use crate::pixels::LANES;
 
 /// Why a pixel's history is refused; bits of a mask.
 pub mod rejection {
@@ -218,43 +221,146 @@ impl Expected {
     }
 }
 
-/// One pixel of the previous frame for each of a run, and what is thought of it.
+/// Square footprints of a run of pixels.
+pub struct Places<'a> {
+    /// The upper left ones.
+    pub at: &'a [u32],
+    pub spans: &'a Spans,
+    /// Where these are, in index space.
+    pub corner: [&'a [f32]; 2],
+    /// Columns and rows.
+    pub side: usize,
+    /// Of the image.
+    pub size: Size,
+    /// From a pixel to that on its right, and to that below.
+    pub steps: [usize; 2],
+}
+
+/// For rows of taps.
+type Beside<T = f32> = [T; SEGMENT + LANES];
+
+/// Pixels of the previous frame, and what is thought of them.
 pub struct Judged {
-    at: Lane<u32>,
-    x: Lane,
-    y: Lane,
-    pub trust: Lane,
-    /// The bits of the tests that leave no trust.
-    pub failed: Lane<u32>,
-    ids: Lane<u32>,
-    depth: Lane,
-    vectors: [Lane; 3],
-    lengths: Lane,
+    others: Others,
+    trust: Lane,
+    failed: Lane<u32>,
+}
+
+struct Others {
+    ids: Beside<u32>,
+    depth: Beside,
+    direction: Vectors,
+    normal: Vectors,
+    luminance: Beside,
     records: [[f32; 4]; SEGMENT],
+}
+
+struct Vectors {
+    axes: [Beside; 3],
+    lengths: Beside,
+}
+
+impl Vectors {
+    fn zeroed() -> Self {
+        Self {
+            axes: [[0.0; _]; 3],
+            lengths: [0.0; _],
+        }
+    }
+
+    #[inline(always)]
+    fn measure(&mut self, len: usize) {
+        let [x, y, z] = self.axes.each_ref().map(|axis| &axis[..len]);
+        let lengths = &mut self.lengths[..len];
+        for i in 0..len {
+            lengths[i] = length([x[i], y[i], z[i]]);
+        }
+    }
 }
 
 impl Judged {
     pub fn zeroed() -> Self {
         Self {
-            at: [0; SEGMENT],
-            x: [0.0; SEGMENT],
-            y: [0.0; SEGMENT],
+            others: Others {
+                ids: [0; _],
+                depth: [0.0; _],
+                direction: Vectors::zeroed(),
+                normal: Vectors::zeroed(),
+                luminance: [0.0; _],
+                records: [[0.0; 4]; SEGMENT],
+            },
             trust: [0.0; SEGMENT],
             failed: [0; SEGMENT],
-            ids: [0; SEGMENT],
-            depth: [0.0; SEGMENT],
-            vectors: [[0.0; SEGMENT]; 3],
-            lengths: [0.0; SEGMENT],
-            records: [[0.0; 4]; SEGMENT],
         }
     }
+}
 
-    /// Takes the pixels at these indices and places.
+impl Others {
+    /// Looks at pixels that lie side by side, or anywhere.
     #[inline(always)]
-    pub fn look(&mut self, len: usize, tap: impl Fn(usize) -> (u32, f32, f32)) {
-        let (at, x, y) = (&mut self.at[..len], &mut self.x[..len], &mut self.y[..len]);
-        for i in 0..len {
-            (at[i], x[i], y[i]) = tap(i);
+    fn look(&mut self, tests: &Tests, pixels: Seen) {
+        #[inline(always)]
+        fn vectors(
+            image: &Pixels,
+            pixels: Seen,
+            records: &mut [[f32; 4]],
+            into: [&mut [f32]; 3],
+        ) -> usize {
+            match pixels {
+                Seen::Row(run) => image.read(run, into),
+                Seen::Each(at) => image.gather_vectors(at, records, into),
+            }
+            pixels.len()
+        }
+        #[inline(always)]
+        fn values<T: Copy + Default>(image: &Pixels<T>, pixels: Seen, into: &mut [T]) {
+            let into = &mut into[..pixels.len()];
+            match pixels {
+                Seen::Row(run) => image.load(run, 0, into),
+                Seen::Each(at) => image.gather(at, into),
+            }
+        }
+        let records = &mut self.records;
+        if let Some([_, before]) = &tests.ids {
+            values(before, pixels, &mut self.ids);
+        }
+        if let Some([_, before]) = &tests.depth {
+            values(before, pixels, &mut self.depth);
+        }
+        if let Some([_, before]) = &tests.color {
+            let axes = self.normal.axes.each_mut().map(Beside::as_mut_slice);
+            let len = vectors(before, pixels, records, axes);
+            let [r, g, b] = self.normal.axes.each_ref().map(|axis| &axis[..len]);
+            for (i, luminance) in self.luminance[..len].iter_mut().enumerate() {
+                *luminance = brightness([r[i], g[i], b[i]]);
+            }
+        }
+        if let Some([_, before]) = &tests.direction {
+            let axes = self.direction.axes.each_mut().map(Beside::as_mut_slice);
+            let len = vectors(before, pixels, records, axes);
+            self.direction.measure(len);
+        }
+        if let Some(before) = tests.plane_normal() {
+            let axes = self.normal.axes.each_mut().map(Beside::as_mut_slice);
+            let len = vectors(before, pixels, records, axes);
+            self.normal.measure(len);
+        }
+    }
+}
+
+/// Pixels of the previous frame.
+#[derive(Clone, Copy)]
+enum Seen<'a> {
+    Row(Run),
+    Each(&'a [u32]),
+}
+
+impl Seen<'_> {
+    #[inline(always)]
+    fn len(self) -> usize {
+        match self {
+            Self::Row(run) => run.len,
+            Self::Each(at) => at.len(),
         }
     }
 }
@@ -323,9 +429,7 @@ impl<'a> Tests<'a> {
             }
         }
         if let Some([now, _]) = self.direction {
-            for (channel, lane) in expected.direction.iter_mut().enumerate() {
-                now.load(run, channel, &mut lane[..len]);
-            }
+            now.read(run, expected.direction.each_mut().map(Lane::as_mut_slice));
             let [x, y, z] = expected.direction.each_ref().map(|lane| &lane[..len]);
             let lengths = &mut expected.length[..len];
             for i in 0..len {
@@ -349,9 +453,23 @@ impl<'a> Tests<'a> {
         }
     }
 
-    /// Judges a tap of each pixel.
+    /// The normals of planes, where they are not the directions.
+    fn plane_normal(&self) -> Option<&Pixels<'a>> {
+        let apart = self.rays.is_some() && !self.normal_is_direction;
+        self.normal.as_ref().filter(|_| apart)
+    }
+
+    /// Judges the taps that are `chosen`, by row and column, and tells for each what trust there is in those of some of the
+    /// run's pixels, and the bits of the tests that leave none.
     #[inline(always)]
-    pub fn judge(&self, expected: &Expected, len: usize, taps: &mut Judged) {
+    pub fn judge(
+        &self,
+        expected: &Expected,
+        places: Places,
+        judged: &mut Judged,
+        chosen: impl Fn(usize, usize) -> bool,
+        tell: impl FnMut([usize; 2], Range<usize>, &[f32], &[u32]),
+    ) {
         let Params {
             relative_depth,
             plane_distance,
@@ -365,59 +483,117 @@ impl<'a> Tests<'a> {
             self.turn,
         ];
         match bounds.into_iter().any(Threshold::is_ramp) {
-            true => self.judge_if::<true>(expected, len, taps),
-            false => self.judge_if::<false>(expected, len, taps),
+            true => self.judge_if::<true>(expected, places, judged, chosen, tell),
+            false => self.judge_if::<false>(expected, places, judged, chosen, tell),
         }
     }
 
     #[inline(always)]
-    fn judge_if<const RAMPS: bool>(&self, expected: &Expected, len: usize, taps: &mut Judged) {
-        let (at, x, y) = (&taps.at[..len], &taps.x[..len], &taps.y[..len]);
-        let (trust, failed) = (&mut taps.trust[..len], &mut taps.failed[..len]);
-        let sure = &expected.trust[..len];
+    fn judge_if<const RAMPS: bool>(
+        &self,
+        expected: &Expected,
+        places: Places,
+        judged: &mut Judged,
+        chosen: impl Fn(usize, usize) -> bool,
+        mut tell: impl FnMut([usize; 2], Range<usize>, &[f32], &[u32]),
+    ) {
+        let [across, down] = places.steps;
+        let Judged {
+            others,
+            trust,
+            failed,
+        } = judged;
+        let mut indices = [0; SEGMENT];
+        for Span { part, together } in places.spans.iter() {
+            for row in 0..places.side {
+                let at = &places.at[part.clone()];
+                if together {
+                    let first = at[0] as usize + row * down;
+                    let seen = Run {
+                        y: first / places.size.width,
+                        x: first % places.size.width,
+                        len: part.len() + places.side - 1,
+                    };
+                    others.look(self, Seen::Row(seen));
+                }
+                for column in (0..places.side).filter(|&column| chosen(row, column)) {
+                    let shift = if together {
+                        column
+                    } else {
+                        let step = (row * down + column * across) as u32;
+                        for (to, at) in indices.iter_mut().zip(at) {
+                            *to = at + step;
+                        }
+                        others.look(self, Seen::Each(&indices[..part.len()]));
+                        0
+                    };
+                    let (trust, failed) = (&mut trust[..part.len()], &mut failed[..part.len()]);
+                    let place = (places.corner, [column as f32, row as f32]);
+                    self.test::<RAMPS>(expected, part.start, place, others, shift, trust, failed);
+                    tell([row, column], part.clone(), trust, failed);
+                }
+            }
+        }
+    }
+
+    /// Tests a tap of a run's pixels from `start` on, which were looked at from `shift` on. Memory that is written comes as
+    /// arguments of their own, so that compilers see that it is apart from what is read.
+    #[inline(always)]
+    fn test<const RAMPS: bool>(
+        &self,
+        expected: &Expected,
+        start: usize,
+        (corner, [right, below]): ([&[f32]; 2], [f32; 2]),
+        others: &Others,
+        shift: usize,
+        trust: &mut [f32],
+        failed: &mut [u32],
+    ) {
+        let len = trust.len();
+        let failed = &mut failed[..len];
+        let sure = &expected.trust[start..][..len];
         for i in 0..len {
             trust[i] = sure[i];
             failed[i] = bit(sure[i], rejection::VELOCITY);
         }
-        if let Some([_, before]) = self.ids {
-            let (own, ids) = (&expected.id[..len], &mut taps.ids[..len]);
-            before.gather(at, ids);
+        if self.ids.is_some() {
+            let (own, ids) = (&expected.id[start..][..len], &others.ids[shift..][..len]);
             for i in 0..len {
                 let this = same(own[i], ids[i]);
                 count(&mut trust[i], &mut failed[i], this, rejection::ID);
             }
         }
-        let [vx, vy, vz] = taps.vectors.each_mut().map(|lane| &mut lane[..len]);
-        let lengths = &mut taps.lengths[..len];
-        if let Some([_, before]) = self.direction {
-            before.gather_vectors(at, &mut taps.records, [&mut *vx, &mut *vy, &mut *vz]);
-            for i in 0..len {
-                lengths[i] = length([vx[i], vy[i], vz[i]]);
-            }
-            let [ex, ey, ez] = expected.direction.each_ref().map(|lane| &lane[..len]);
-            let own = &expected.length[..len];
+        if self.direction.is_some() {
+            let axes = others.direction.axes.each_ref();
+            let [vx, vy, vz] = axes.map(|axis| &axis[shift..][..len]);
+            let lengths = &others.direction.lengths[shift..][..len];
+            let axes = expected.direction.each_ref();
+            let [ex, ey, ez] = axes.map(|lane| &lane[start..][..len]);
+            let own = &expected.length[start..][..len];
             for i in 0..len {
                 let turn = -dot([ex[i], ey[i], ez[i]], [vx[i], vy[i], vz[i]]);
                 let this = self.turn.trust_if::<RAMPS>(turn, own[i] * lengths[i]);
                 count(&mut trust[i], &mut failed[i], this, rejection::NORMAL);
             }
         }
-        if let Some([_, before]) = self.depth {
-            let (own, depth) = (&expected.depth[..len], &mut taps.depth[..len]);
-            before.gather(at, depth);
+        if self.depth.is_some() {
+            let own = &expected.depth[start..][..len];
+            let depth = &others.depth[shift..][..len];
             match (self.rays, self.normal) {
-                (Some(rays), Some(before)) => {
-                    if !self.normal_is_direction {
-                        let vectors = [&mut *vx, &mut *vy, &mut *vz];
-                        before.gather_vectors(at, &mut taps.records, vectors);
-                        for i in 0..len {
-                            lengths[i] = length([vx[i], vy[i], vz[i]]);
-                        }
-                    }
-                    let [px, py, pz] = expected.point.each_ref().map(|lane| &lane[..len]);
+                (Some(rays), Some(_)) => {
+                    let normal = match self.normal_is_direction {
+                        true => &others.direction,
+                        false => &others.normal,
+                    };
+                    let [vx, vy, vz] = normal.axes.each_ref().map(|axis| &axis[shift..][..len]);
+                    let lengths = &normal.lengths[shift..][..len];
+                    let point = expected.point.each_ref();
+                    let [px, py, pz] = point.map(|lane| &lane[start..][..len]);
+                    let [left, top] = corner.map(|lane| &lane[start..][..len]);
                     for i in 0..len {
                         let from = [px[i], py[i], pz[i]];
-                        let tap = rays.at(x[i] + 0.5, y[i] + 0.5) * depth[i];
+                        let (x, y) = (left[i] + right, top[i] + below);
+                        let tap = rays.at(x + 0.5, y + 0.5) * depth[i];
                         let normal = [vx[i], vy[i], vz[i]];
                         let away = distance(from, tap.to_array(), normal);
                         let this = self.plane_trust::<RAMPS>(own[i], depth[i], away, lengths[i]);
@@ -432,13 +608,11 @@ impl<'a> Tests<'a> {
                 }
             }
         }
-        if let Some([_, before]) = self.color {
-            let vectors = [&mut *vx, &mut *vy, &mut *vz];
-            before.gather_vectors(at, &mut taps.records, vectors);
-            let own = &expected.luminance[..len];
+        if self.color.is_some() {
+            let own = &expected.luminance[start..][..len];
+            let luminance = &others.luminance[shift..][..len];
             for i in 0..len {
-                let other = brightness([vx[i], vy[i], vz[i]]);
-                let this = self.luminance_trust::<RAMPS>(own[i], other);
+                let this = self.luminance_trust::<RAMPS>(own[i], luminance[i]);
                 count(&mut trust[i], &mut failed[i], this, rejection::LUMINANCE);
             }
         }

@@ -331,7 +331,9 @@ impl Around<'_> {
             v = v + w * w * tv;
         }
         let some = weight.above(0.0);
-        let [r, g, b] = [r, g, b].map(|sum| (sum / weight).or_all(some, 0.0));
+        let r = (r / weight).or_all(some, 0.0);
+        let g = (g / weight).or_all(some, 0.0);
+        let b = (b / weight).or_all(some, 0.0);
         let v = floored_all(v / weight / weight);
         let l = luminances(r, g, b).or_all(some, f32::NAN);
         [r, g, b, v, l]
