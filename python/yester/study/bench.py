@@ -64,15 +64,15 @@ _STEPS, _SETTLED = 12, 3
 _CALM = 0.02
 
 
-def settings(threads: Sequence[int] | None = None, levels: Sequence[str] | None = None) -> list[tuple[int, str]]:
+def settings(threads: Sequence[int] | None = None, simd: Sequence[str] | None = None) -> list[tuple[int, str]]:
     """Choose settings: all numbers of threads with the best SIMD level, and all levels with the most threads.
 
     Parameters
     ----------
     threads : sequence of int, optional
         By default one, and all that there are.
-    levels : sequence of str, optional
-        By default all that the machine has.
+    simd : sequence of str, optional
+        Levels; by default all that the machine has.
 
     Returns
     -------
@@ -89,11 +89,11 @@ def settings(threads: Sequence[int] | None = None, levels: Sequence[str] | None 
     for number in threads or ():
         if not 1 <= number <= most:
             raise ValueError(f"threads: expected 1 to {most}, got {number}")
-    for level in levels or ():
+    for level in simd or ():
         if level not in known:
             raise ValueError(f"simd: expected some of {', '.join(known)}, got {level}")
     counts = sorted({*(threads or (1, most))}, reverse=True)
-    names = [level for level in reversed(known) if level in (levels or known)]
+    names = [level for level in reversed(known) if level in (simd or known)]
     return [*((count, names[0]) for count in counts), *((counts[0], level) for level in names[1:])]
 
 
@@ -209,9 +209,13 @@ def measure(
 
     Raises
     ------
+    ValueError
+        If there are to be no repetitions.
     OSError
         If a process ends, as it does where memory is short.
     """
+    if repetitions < 1:
+        raise ValueError(f"repetitions: expected at least 1, got {repetitions}")
     measured: list[tuple[Task, tuple[int, int], _Entrant]] = []
     weighed = max((size for size in sizes if math.prod(size) <= math.prod(HD)), key=math.prod, default=None)
     limits: dict[tuple[int, str], list[tuple[float, float]]] = {setting: [] for setting in settings}

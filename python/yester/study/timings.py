@@ -253,17 +253,19 @@ def markdown(timings: Sequence[Timing], *, about: str, missing: Iterable[str] = 
         width, height = held[0][0].size
         head = (f"memory at {width}×{height}, {_setting(*settings[0])}", "state and scratch, MB", "growth, MB")
         pages.append(_table(head, [(timing.task, f"{one.most:.1f}", f"{one.growth:.1f}") for timing, one in held]))
-    judged = [
-        (
-            target.name,
-            f"{target.relation} {target.wanted:g}",
-            "not measured" if target.measured is None else f"{target.measured:.2f}",
-            {None: "", True: "met", False: "**missed**"}[target.met],
-        )
-        for target in targets(timings)
-    ]
-    place = f"targets at {HD[0]}×{HD[1]}, {THREADS} threads"
-    pages.append(_table((place, "wanted", "measured", ""), judged))
+    judged = targets(timings)
+    if any(target.measured is not None for target in judged):
+        rows = [
+            (
+                target.name,
+                f"{target.relation} {target.wanted:g}",
+                "not measured" if target.measured is None else f"{target.measured:.2f}",
+                {None: "", True: "met", False: "**missed**"}[target.met],
+            )
+            for target in judged
+        ]
+        place = f"targets at {HD[0]}×{HD[1]}, {THREADS} threads"
+        pages.append(_table((place, "wanted", "measured", ""), rows))
     if not held and any(task.name == timing.task and task.pipeline for task in TASKS for timing in ours):
         pages.append("Not here: memory, which this system does not tell")
     pages += [f"Not here: {one}" for one in missing]
