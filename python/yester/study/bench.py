@@ -8,9 +8,9 @@ multiply-adds.
 
 A run is one call, or as many as fill 20 ms, of which the mean counts. What is told are medians and quartiles of the
 runs after the first, which warms caches up. Who is slow has fewer: three, if they take more than `PATIENCE` seconds in
-all. References, which are very slow, are run up to 1920×1080 and with the most threads; beyond that size rivals, too,
-have the most threads, and of the SIMD levels there is the best alone. Results go where those of the call before went,
-for kernels and rivals that can do that.
+all, and one, if the first alone did. References, which are very slow, are run up to 1920×1080 and with the most
+threads; beyond that size rivals, too, have the most threads, and of the SIMD levels there is the best alone. Results go
+where those of the call before went, for kernels and rivals that can do that.
 
 The least that a kernel has to move are its images, read or written once. The share of its limit is the time that this
 takes at the bandwidth of copies, or its multiply-adds at their rate if they have been counted and take longer, over its
@@ -55,7 +55,7 @@ __all__ = ["LEVELS", "PATIENCE", "chosen", "measure", "run", "settings"]
 #: Instruction sets, each with all before it; neon stands alone.
 LEVELS = ("baseline", "avx2", "avx512")
 #: Seconds after which a contender has had runs enough, if it has had the fewest; and seconds that a run lasts at least.
-PATIENCE, _FEWEST, _SHORTEST = 2.0, 3, 0.02
+PATIENCE, _FEWEST, _SHORTEST = 4.0, 3, 0.02
 #: Tasks.
 _LIMITS_EVERY = 4
 #: Steps of a pipeline whose memory is measured, and those after which it should have all that it needs.
@@ -176,7 +176,9 @@ class _Entrant:
         self.bytes, self.first = self.worker.ask("prepare", self.name, task.name, inputs)
 
     def take_turn(self) -> None:
-        if len(self.runs) < _FEWEST or self.first + sum(self.runs) < 1e3 * PATIENCE:
+        patience = 1e3 * PATIENCE
+        fewest = _FEWEST if self.first < patience else 1
+        if len(self.runs) < fewest or self.first + sum(self.runs) < patience:
             self.runs.append(self.worker.ask("run", self.name))
 
 
