@@ -3,8 +3,10 @@
 //! Inside the library every channel is a plane of its own, rows from the top, so that loops over a row read and write
 //! contiguous floats. Interleaved arrays are taken apart at the door and put together on the way out.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 
+use crate::memory::Memory;
 use crate::rows::{self, BAND, Kernel};
 
 /// Height and width in pixels; both at least 1.
@@ -20,20 +22,35 @@ impl Size {
     }
 }
 
+/// What images consist of.
+pub trait Value: Copy + Default + Send + Sync + 'static {}
+
+impl<T: Copy + Default + Send + Sync + 'static> Value for T {}
+
 /// An owned planar image.
 #[derive(Clone, Debug)]
-pub struct Image<T = f32> {
+pub struct Image<T: Value = f32> {
     pub size: Size,
     pub channels: usize,
-    data: Vec<T>,
+    data: Memory<T>,
 }
 
-impl<T: Copy + Default + Send + Sync> Image<T> {
+impl<T: Value> Image<T> {
+    /// All default.
     pub fn new(size: Size, channels: usize) -> Self {
         Self {
             size,
             channels,
-            data: vec![T::default(); size.pixels() * channels],
+            data: Memory::zeroed(size.pixels() * channels),
+        }
+    }
+
+    /// For who overwrites all of it.
+    pub fn blank(size: Size, channels: usize) -> Self {
+        Self {
+            size,
+            channels,
+            data: Memory::left(size.pixels() * channels),
         }
     }
 
@@ -70,7 +87,7 @@ impl<T: Copy + Default + Send + Sync> Image<T> {
 
     /// A planar copy of interleaved (height, width, channels) data.
     pub fn from_interleaved(size: Size, channels: usize, interleaved: &[T]) -> Self {
-        let mut image = Self::new(size, channels);
+        let mut image = Self::blank(size, channels);
         rows::run(
             &Deinterleave {
                 interleaved,
@@ -86,7 +103,7 @@ impl<T: Copy + Default + Send + Sync> Image<T> {
     /// The data of a single-channel image, or interleaved (height, width, channels) data.
     pub fn into_interleaved(self) -> Vec<T> {
         if self.channels == 1 {
-            return self.data;
+            return self.data.into_vec();
         }
         let mut interleaved = vec![T::default(); self.data.len()];
         self.view().interleave(&mut interleaved);
@@ -99,7 +116,7 @@ impl<T: Copy + Default + Send + Sync> Image<T> {
     }
 }
 
-impl<T> Image<T> {
+impl<T: Value> Image<T> {
     pub fn data_mut(&mut self) -> &mut [T] {
         &mut self.data
     }
@@ -121,12 +138,12 @@ impl<T: Copy + Send + Sync> View<'_, T> {
     }
 }
 
-impl<T: Copy> View<'_, T> {
+impl<T: Value> View<'_, T> {
     pub fn to_image(self) -> Image<T> {
         Image {
             size: self.size,
             channels: self.channels,
-            data: self.data.to_vec(),
+            data: self.data.into(),
         }
     }
 }
@@ -230,6 +247,19 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         self.data[pixel * self.steps[0] + channel * self.steps[1]]
     }
 
+    /// The first channel, whose pixels lie side by side: that of planes, or of an image that has no other.
+    pub fn plane(self) -> View<'a, T> {
+        assert_eq!(self.steps[0], 1);
+        View::new(self.size, 1, &self.data[..self.size.pixels()])
+    }
+
+    /// A row of that.
+    #[inline(always)]
+    pub fn row(&self, y: usize) -> &'a [T] {
+        assert_eq!(self.steps[0], 1);
+        &self.data[y * self.size.width..][..self.size.width]
+    }
+
     /// All numbers, and how many lie between a pixel and the next.
     #[inline(always)]
     pub fn numbers(&self) -> (&'a [T], usize) {
@@ -305,7 +335,25 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     }
 }
 
+impl<T: Value> Pixels<'_, T> {
+    /// A copy of records, or of a single plane.
+    pub fn to_records(self) -> Records<T> {
+        assert_eq!(self.steps[0], self.channels);
+        let mut records = Records::blank(self.size, self.channels);
+        let band = BAND * self.size.width * self.channels;
+        let outs = self.data.chunks(band).zip(records.data.chunks_mut(band));
+        rows::run(&Copies(PhantomData), self.size.height, outs);
+        records
+    }
+}
+
 impl Pixels<'_> {
+    pub fn to_planes(self) -> Image {
+        let mut image = Image::blank(self.size, self.channels);
+        rows::run(&ToPlanes { pixels: self }, self.size.height, image.bands());
+        image
+    }
+
     /// Copies the first `N` channels of a run: all at once where they lie side by side.
     #[inline(always)]
     pub fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
@@ -350,25 +398,38 @@ fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
 
 /// An owned image of records.
 #[derive(Clone, Debug)]
-pub struct Records<T = f32> {
+pub struct Records<T: Value = f32> {
     pub size: Size,
     channels: usize,
-    data: Vec<T>,
+    data: Memory<T>,
 }
 
-impl<T: Copy + Default + Send + Sync> Records<T> {
+impl<T: Value> Records<T> {
     pub fn new(size: Size, channels: usize) -> Self {
         Self {
             size,
             channels,
-            data: vec![T::default(); size.pixels() * channels],
+            data: Memory::zeroed(size.pixels() * channels),
+        }
+    }
+
+    /// For who overwrites all of it.
+    pub fn blank(size: Size, channels: usize) -> Self {
+        Self {
+            size,
+            channels,
+            data: Memory::left(size.pixels() * channels),
         }
     }
 
     pub fn of(image: View<T>) -> Self {
-        let mut records = Self::new(image.size, image.channels);
+        let mut records = Self::blank(image.size, image.channels);
         image.interleave(&mut records.data);
         records
+    }
+
+    pub fn data_mut(&mut self) -> &mut [T] {
+        &mut self.data
     }
 
     pub fn pixels(&self) -> Pixels<'_, T> {
@@ -401,6 +462,10 @@ pub struct BandMut<'a, T = f32> {
 }
 
 impl<T> BandMut<'_, T> {
+    pub fn channels(&self) -> usize {
+        self.planes.len()
+    }
+
     #[inline(always)]
     pub fn row(&mut self, channel: usize, y: usize) -> &mut [T] {
         &mut self.planes[channel][(y - self.rows.start) * self.width..][..self.width]
@@ -462,12 +527,18 @@ pub struct Run {
 }
 
 impl Run {
+    /// A whole row.
+    pub fn row(y: usize, width: usize) -> Self {
+        Self {
+            y,
+            x: 0,
+            len: width,
+        }
+    }
+
     /// The run's pixels in the first `N` channels of an image.
     #[inline(always)]
-    pub fn rows<T, const N: usize>(self, image: &Image<T>) -> [&[T]; N]
-    where
-        T: Copy + Default + Send + Sync,
-    {
+    pub fn rows<T: Value, const N: usize>(self, image: &Image<T>) -> [&[T]; N] {
         image
             .view()
             .rows(self.y)
@@ -650,6 +721,34 @@ impl<'a, T: Copy + Send + Sync + 'a> Kernel for Deinterleave<'a, T> {
                 let start = (y * self.width + run.x) * self.channels;
                 let records = &self.interleaved[start..][..run.len * self.channels];
                 deinterleave(records, out.parts(run));
+            }
+        }
+    }
+}
+
+struct Copies<'a, T>(PhantomData<&'a T>);
+
+impl<'a, T: Value> Kernel for Copies<'a, T> {
+    type Out = (&'a [T], &'a mut [T]);
+
+    #[inline(always)]
+    fn rows(&self, _: Range<usize>, (from, to): Self::Out) {
+        to.copy_from_slice(from);
+    }
+}
+
+struct ToPlanes<'a> {
+    pixels: Pixels<'a>,
+}
+
+impl<'a> Kernel for ToPlanes<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        for run in rows.flat_map(|y| segments(y, self.pixels.size.width)) {
+            for (channel, out) in out.parts(run).enumerate() {
+                self.pixels.load(run, channel, out);
             }
         }
     }

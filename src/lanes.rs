@@ -1,149 +1,272 @@
-//! Sixteen neighbouring pixels as one value, for kernels whose inner loop runs over many taps: their sums then stay in
-//! registers.
+//! Neighbouring pixels as one value, for kernels whose inner loop runs over many taps: their sums then stay in registers.
 //!
-//! The compiler turns each operation into the vector instructions of the level that [`crate::rows`] runs; lanes never mix.
+//! Written out in registers, as compilers do not find them: they turn loops over a few pixels inside of loops over taps
+//! into gathers, at half the speed. Lanes never mix.
 
 use std::ops::{Add, Div, Mul, Range, Sub};
 
-use crate::image::{BandMut, Image, Size};
+use pulp::Simd;
 
-pub const LANES: usize = 32;
+use crate::image::{BandMut, Image, Size, Value};
 
+/// The most lanes that there are.
+const WIDEST: usize = 16;
+
+/// A register of numbers.
 #[derive(Clone, Copy)]
-pub struct Lanes<T = f32>(pub [T; LANES]);
+pub struct Lanes<S: Simd> {
+    simd: S,
+    values: S::f32s,
+}
 
-impl<T: Copy> Lanes<T> {
+/// The same of whole numbers, which are only compared.
+#[derive(Clone, Copy)]
+pub struct Classes<S: Simd> {
+    simd: S,
+    values: S::u32s,
+}
+
+/// Which lanes something holds for.
+#[derive(Clone, Copy)]
+pub struct Mask<S: Simd> {
+    simd: S,
+    values: S::m32s,
+}
+
+impl<S: Simd> Lanes<S> {
+    pub const COUNT: usize = S::F32_LANES;
+
     #[inline(always)]
-    pub fn all(value: T) -> Self {
-        Self([value; LANES])
+    pub fn all(simd: S, value: f32) -> Self {
+        Self {
+            simd,
+            values: simd.splat_f32s(value),
+        }
     }
 
     /// The values from `at` on.
     #[inline(always)]
-    pub fn load(plane: &[T], at: usize) -> Self {
-        let values = plane[at..][..LANES].try_into();
-        Self(values.expect("as many values as lanes"))
+    pub fn load(simd: S, plane: &[f32], at: usize) -> Self {
+        let (registers, _) = S::as_simd_f32s(&plane[at..][..Self::COUNT]);
+        Self {
+            simd,
+            values: registers[0],
+        }
     }
 
     /// The same of several planes.
     #[inline(always)]
-    pub fn load_all<const N: usize>(planes: [&[T]; N], at: usize) -> [Self; N]
-    where
-        T: Default,
-    {
-        let mut lanes = [Self([T::default(); LANES]); N];
+    pub fn load_all<const N: usize>(simd: S, planes: [&[f32]; N], at: usize) -> [Self; N] {
+        let mut lanes = [Self::all(simd, 0.0); N];
         for (lanes, plane) in lanes.iter_mut().zip(planes) {
-            *lanes = Self::load(plane, at);
+            *lanes = Self::load(simd, plane, at);
         }
         lanes
     }
 
     /// The values of a row from `x` on, and `outside` beyond its ends.
     #[inline(always)]
-    pub fn load_around(row: &[T], x: isize, outside: T) -> Self {
-        let inside = usize::try_from(x).ok().and_then(|x| row.get(x..x + LANES));
-        match inside {
-            Some(values) => Self(values.try_into().expect("as many values as lanes")),
-            None => Self(std::array::from_fn(|lane| {
-                let at = usize::try_from(x + lane as isize).ok();
-                at.and_then(|at| row.get(at)).copied().unwrap_or(outside)
-            })),
+    pub fn load_around(simd: S, row: &[f32], x: isize, outside: f32) -> Self {
+        if x >= 0 && x as usize + Self::COUNT <= row.len() {
+            return Self::load(simd, row, x as usize);
         }
+        let mut values = [outside; WIDEST];
+        for (lane, value) in values.iter_mut().enumerate().take(Self::COUNT) {
+            let at = x + lane as isize;
+            if at >= 0 && (at as usize) < row.len() {
+                *value = row[at as usize];
+            }
+        }
+        Self::load(simd, &values, 0)
+    }
+
+    /// Columns `x` and those to the right.
+    #[inline(always)]
+    pub fn count_from(simd: S, x: f32) -> Self {
+        const COUNT: [f32; WIDEST] = [
+            0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+        ];
+        Self::load(simd, &COUNT, 0) + x
     }
 
     /// Writes into a row from `x` on, as far as the row goes.
     #[inline(always)]
-    pub fn store(self, row: &mut [T], x: usize) {
-        let rest = &mut row[x..];
-        match rest.first_chunk_mut() {
-            Some(whole) => *whole = self.0,
-            None => rest.copy_from_slice(&self.0[..rest.len()]),
-        }
+    pub fn store(self, row: &mut [f32], x: usize) {
+        let end = row.len().min(x + Self::COUNT);
+        self.simd.partial_store_f32s(&mut row[x..end], self.values);
     }
 
+    /// The first lane.
     #[inline(always)]
-    pub fn map<U: Copy + Default>(self, f: impl Fn(T) -> U) -> Lanes<U> {
-        let mut mapped = [U::default(); LANES];
-        for lane in 0..LANES {
-            mapped[lane] = f(self.0[lane]);
-        }
-        Lanes(mapped)
+    pub fn first(self) -> f32 {
+        let mut first = [0.0];
+        self.store(&mut first, 0);
+        first[0]
     }
 
+    /// Times a factor, plus a term, rounded once: not for kernels, as not every level has an instruction for it.
     #[inline(always)]
-    pub fn zip<U: Copy, V: Copy + Default>(
-        self,
-        other: Lanes<U>,
-        f: impl Fn(T, U) -> V,
-    ) -> Lanes<V> {
-        let mut zipped = [V::default(); LANES];
-        for lane in 0..LANES {
-            zipped[lane] = f(self.0[lane], other.0[lane]);
-        }
-        Lanes(zipped)
+    pub fn mul_add(self, factor: Self, term: Self) -> Self {
+        self.with(
+            self.simd
+                .mul_add_e_f32s(self.values, factor.values, term.values),
+        )
     }
-}
 
-impl Lanes {
     #[inline(always)]
     pub fn abs(self) -> Self {
-        self.map(|x| x.abs())
+        self.with(self.simd.abs_f32s(self.values))
     }
 
     #[inline(always)]
     pub fn sqrt(self) -> Self {
-        self.map(|x| x.sqrt())
+        self.with(self.simd.sqrt_f32s(self.values))
     }
 
-    /// The lanes for which `holds`, and `other` for the rest.
+    /// 2^n times these, by their exponents, of the n that the low bits of `other` are.
     #[inline(always)]
-    pub fn or(self, holds: Lanes<bool>, other: f32) -> Self {
-        self.zip(holds, |x, holds| if holds { x } else { other })
+    pub fn scale_by_low_bits(self, other: Self) -> Self {
+        let simd = self.simd;
+        let [bits, other] = [self, other].map(|lanes| simd.transmute_u32s_f32s(lanes.values));
+        let exponent = simd.wrapping_dyn_shl_u32s(other, simd.splat_u32s(23));
+        self.with(simd.transmute_f32s_u32s(simd.add_u32s(bits, exponent)))
+    }
+
+    #[inline(always)]
+    pub fn above(self, other: f32) -> Mask<S> {
+        let other = self.simd.splat_f32s(other);
+        self.mask(self.simd.greater_than_f32s(self.values, other))
+    }
+
+    #[inline(always)]
+    pub fn at_least(self, other: f32) -> Mask<S> {
+        let other = self.simd.splat_f32s(other);
+        self.mask(self.simd.greater_than_or_equal_f32s(self.values, other))
+    }
+
+    #[inline(always)]
+    pub fn is_number(self) -> Mask<S> {
+        self.mask(self.simd.equal_f32s(self.values, self.values))
+    }
+
+    #[inline(always)]
+    pub fn is_finite(self) -> Mask<S> {
+        let infinity = self.simd.splat_f32s(f32::INFINITY);
+        self.mask(self.simd.less_than_f32s(self.abs().values, infinity))
+    }
+
+    /// The lanes for which `holds`, and others for the rest.
+    #[inline(always)]
+    pub fn or(self, holds: Mask<S>, other: Self) -> Self {
+        let (mask, simd) = (holds.values, self.simd);
+        self.with(simd.select_f32s(mask, self.values, other.values))
+    }
+
+    /// The lanes for which `holds`, and a number for the rest.
+    #[inline(always)]
+    pub fn or_all(self, holds: Mask<S>, other: f32) -> Self {
+        self.or(holds, Self::all(self.simd, other))
+    }
+
+    #[inline(always)]
+    fn with(self, values: S::f32s) -> Self {
+        Self { values, ..self }
+    }
+
+    #[inline(always)]
+    fn mask(self, values: S::m32s) -> Mask<S> {
+        Mask {
+            simd: self.simd,
+            values,
+        }
     }
 }
 
-impl Add for Lanes {
+impl<S: Simd> Classes<S> {
+    #[inline(always)]
+    pub fn load(simd: S, plane: &[u32], at: usize) -> Self {
+        let (registers, _) = S::as_simd_u32s(&plane[at..][..S::U32_LANES]);
+        Self {
+            simd,
+            values: registers[0],
+        }
+    }
+
+    #[inline(always)]
+    pub fn equal(self, other: Self) -> Mask<S> {
+        Mask {
+            simd: self.simd,
+            values: self.simd.equal_u32s(self.values, other.values),
+        }
+    }
+}
+
+impl<S: Simd> Mask<S> {
+    #[inline(always)]
+    pub fn and(self, other: Self) -> Self {
+        let values = self.simd.and_m32s(self.values, other.values);
+        Self { values, ..self }
+    }
+
+    /// Whether it holds for all lanes.
+    #[inline(always)]
+    pub fn all(self) -> bool {
+        let not = self.simd.not_m32s(self.values);
+        self.simd.first_true_m32s(not) == S::M32_LANES
+    }
+}
+
+impl<S: Simd> Add for Lanes<S> {
     type Output = Self;
 
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        self.zip(other, |a, b| a + b)
+        self.with(self.simd.add_f32s(self.values, other.values))
     }
 }
 
-impl Sub for Lanes {
+impl<S: Simd> Add<f32> for Lanes<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: f32) -> Self {
+        self + Self::all(self.simd, other)
+    }
+}
+
+impl<S: Simd> Sub for Lanes<S> {
     type Output = Self;
 
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        self.zip(other, |a, b| a - b)
+        self.with(self.simd.sub_f32s(self.values, other.values))
     }
 }
 
-impl Mul for Lanes {
+impl<S: Simd> Mul for Lanes<S> {
     type Output = Self;
 
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        self.zip(other, |a, b| a * b)
+        self.with(self.simd.mul_f32s(self.values, other.values))
     }
 }
 
-impl Mul<f32> for Lanes {
+impl<S: Simd> Mul<f32> for Lanes<S> {
     type Output = Self;
 
     #[inline(always)]
     fn mul(self, factor: f32) -> Self {
-        self.map(|x| x * factor)
+        self * Self::all(self.simd, factor)
     }
 }
 
-impl Div for Lanes {
+impl<S: Simd> Div for Lanes<S> {
     type Output = Self;
 
     #[inline(always)]
     fn div(self, other: Self) -> Self {
-        self.zip(other, |a, b| a / b)
+        self.with(self.simd.div_f32s(self.values, other.values))
     }
 }
 
@@ -159,11 +282,11 @@ impl Layout {
     /// For taps up to `reach` pixels to the side.
     pub fn new(size: Size, reach: usize) -> Self {
         // Taps beyond the width all lie outside. One vector more, since the last of a row may begin at its last pixel.
-        let border = reach.min(size.width).next_multiple_of(LANES) + LANES;
+        let border = reach.min(size.width).next_multiple_of(WIDEST) + WIDEST;
         Self {
             size,
             border,
-            stride: size.width.next_multiple_of(LANES) + 2 * border,
+            stride: size.width.next_multiple_of(WIDEST) + 2 * border,
         }
     }
 
@@ -205,27 +328,27 @@ impl Tap {
 }
 
 /// A planar image whose rows go on for some pixels to both sides, so that taps need not look where they are.
-pub struct Bordered<T = f32> {
+pub struct Bordered<T: Value = f32> {
     pub layout: Layout,
     image: Image<T>,
 }
 
-impl<T: Copy + Default + Send + Sync> Bordered<T> {
-    /// All default, border included.
-    pub fn new(layout: Layout, channels: usize) -> Self {
+impl<T: Value> Bordered<T> {
+    /// Planes to be overwritten, with these values beyond their rows.
+    pub fn new<const N: usize>(layout: Layout, beyond: [T; N]) -> Self {
         let size = Size {
             height: layout.size.height,
             width: layout.stride,
         };
-        Self {
-            layout,
-            image: Image::new(size, channels),
+        let mut image = Image::blank(size, N);
+        let planes = image.data_mut().chunks_exact_mut(size.pixels());
+        for (plane, value) in planes.zip(beyond) {
+            for row in plane.chunks_exact_mut(layout.stride) {
+                row[..layout.border].fill(value);
+                row[layout.border + layout.size.width..].fill(value);
+            }
         }
-    }
-
-    pub fn fill(&mut self, channel: usize, value: T) {
-        let pixels = self.image.size.pixels();
-        self.image.data_mut()[channel * pixels..][..pixels].fill(value);
+        Self { layout, image }
     }
 
     /// The first `N` planes, border included.
@@ -256,6 +379,10 @@ pub struct BorderedBand<'a, T = f32> {
 }
 
 impl<T> BorderedBand<'_, T> {
+    pub fn channels(&self) -> usize {
+        self.band.channels()
+    }
+
     fn columns(&self) -> Range<usize> {
         self.layout.border..self.layout.border + self.layout.size.width
     }

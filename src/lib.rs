@@ -26,6 +26,7 @@ pub mod kernels;
 pub mod lanes;
 pub mod limits;
 pub mod math;
+pub mod memory;
 pub mod pipelines;
 pub mod pixels;
 pub mod rows;

@@ -1,13 +1,15 @@
 //! What this machine can do at most, by measurement: the yardstick of the benchmark.
 
 use std::hint::black_box;
-use std::iter::repeat_n;
+use std::marker::PhantomData;
 use std::ops::Range;
 use std::time::Instant;
 
+use pulp::Simd;
+
 use crate::image::{BandMut, Image, Size, View};
-use crate::lanes::{LANES, Lanes};
-use crate::rows::{self, BAND, Kernel, Settings};
+use crate::lanes::Lanes;
+use crate::rows::{self, BAND, Kernel, LanesKernel, Settings};
 
 /// 134 MB.
 const COPIED: Size = Size {
@@ -28,18 +30,23 @@ pub fn limits() -> (f64, f64) {
 
     // Kernels do without, for the sake of the bits, but the machine's limit is what it is.
     let fused = Settings::get().level_name() != "baseline";
-    let multiplied = multiply_adds::<4>(fused)
-        .max(multiply_adds::<6>(fused))
-        .max(multiply_adds::<10>(fused));
+    let multiplied = multiply_adds::<8>(fused)
+        .max(multiply_adds::<12>(fused))
+        .max(multiply_adds::<20>(fused));
     (copied, multiplied)
 }
 
 /// Per second, in so many independent chains: enough to hide an operation's latency, not more than registers hold.
 fn multiply_adds<const CHAINS: usize>(fused: bool) -> f64 {
-    let kernel = MultiplyAdd::<CHAINS> { factor: 0.5, fused };
-    let seconds = best(|| rows::run(&kernel, BANDS * BAND, repeat_n((), BANDS)));
+    let kernel = MultiplyAdd::<CHAINS> {
+        factor: 0.5,
+        fused,
+        lanes: PhantomData,
+    };
+    let mut lanes = [0; BANDS];
+    let seconds = best(|| rows::run_lanes(&kernel, BANDS * BAND, lanes.iter_mut()));
     let operations = if fused { 1 } else { 2 };
-    (BANDS * STEPS * CHAINS * LANES * operations) as f64 / seconds
+    (lanes.iter().sum::<usize>() * STEPS * CHAINS * operations) as f64 / seconds
 }
 
 fn best(mut work: impl FnMut()) -> f64 {
@@ -66,36 +73,32 @@ impl<'a> Kernel for Copy<'a> {
     }
 }
 
-struct MultiplyAdd<const CHAINS: usize> {
+struct MultiplyAdd<'a, const CHAINS: usize> {
     factor: f32,
     /// Whether the level has an instruction for it.
     fused: bool,
+    lanes: PhantomData<&'a usize>,
 }
 
-impl<const CHAINS: usize> Kernel for MultiplyAdd<CHAINS> {
-    type Out = ();
+impl<'a, const CHAINS: usize> LanesKernel for MultiplyAdd<'a, CHAINS> {
+    /// How many lanes the chains have.
+    type Out = &'a mut usize;
 
     #[inline(always)]
-    fn rows(&self, _: Range<usize>, (): ()) {
-        let factor = Lanes::all(self.factor);
-        let sum = if self.fused {
-            self.chains(|v| v.zip(factor, |v, f| v.mul_add(f, f)))
-        } else {
-            self.chains(|v| v * factor + factor)
-        };
-        black_box(sum.0);
-    }
-}
-
-impl<const CHAINS: usize> MultiplyAdd<CHAINS> {
-    #[inline(always)]
-    fn chains(&self, step: impl Fn(Lanes) -> Lanes) -> Lanes {
-        let mut chains = [Lanes::all(1.0); CHAINS];
+    fn rows<S: Simd>(&self, simd: S, _: Range<usize>, lanes: &'a mut usize) {
+        let factor = Lanes::all(simd, self.factor);
+        let mut chains = [Lanes::all(simd, 1.0); CHAINS];
         for _ in 0..STEPS {
             for chain in &mut chains {
-                *chain = step(*chain);
+                *chain = if self.fused {
+                    chain.mul_add(factor, factor)
+                } else {
+                    *chain * factor + factor
+                };
             }
         }
-        chains.into_iter().fold(Lanes::all(0.0), |a, b| a + b)
+        let sum = chains.into_iter().fold(factor, |a, b| a + b);
+        black_box(sum.first());
+        *lanes = Lanes::<S>::COUNT;
     }
 }

@@ -1,5 +1,7 @@
 //! Formulas that several kernels share. All are branch-free, so that loops over rows vectorise.
 
+use pulp::Simd;
+
 use crate::lanes::Lanes;
 
 /// Rec. 709 weights of linear red, green and blue.
@@ -8,6 +10,12 @@ const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 #[inline(always)]
 pub fn luminance(r: f32, g: f32, b: f32) -> f32 {
     LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b
+}
+
+/// The same of neighbouring pixels.
+#[inline(always)]
+pub fn luminances<S: Simd>(r: Lanes<S>, g: Lanes<S>, b: Lanes<S>) -> Lanes<S> {
+    r * LUMINANCE[0] + g * LUMINANCE[1] + b * LUMINANCE[2]
 }
 
 /// Whether a sample is there: a pixel with NaN or infinity in a channel is missing. Without branches, for rows.
@@ -34,29 +42,18 @@ const SMALLEST_EXPONENT: f32 = -64.0;
 /// The integer part of x is found by adding 1.5·2^23, which leaves it in the low mantissa bits, from where a shift
 /// moves it into the exponent; the fraction in [-½, ½] goes through the polynomial of degree five whose largest relative
 /// error is smallest, among those that are 1 at 0.
-///
-/// Each operation is done for all lanes before the next, so that their chains overlap.
 #[inline(always)]
-pub fn exp2_weight(x: Lanes) -> Lanes {
+pub fn exp2_weight<S: Simd>(x: Lanes<S>) -> Lanes<S> {
     const ROUND: f32 = 12_582_912.0; // 1.5 · 2^23
-    let counts = x.map(|x| x > SMALLEST_EXPONENT);
-    let x = x.or(counts, SMALLEST_EXPONENT);
-    let shifted = x.map(|x| x + ROUND);
-    let f = x - shifted.map(|s| s - ROUND);
-    let mut p = Lanes::all(1.326_472e-3);
-    for coefficient in [
-        9.671_513e-3,
-        5.550_734e-2,
-        2.402_224_2e-1,
-        6.931_469_4e-1,
-        1.0,
-    ] {
-        p = p * f + Lanes::all(coefficient);
+    let counts = x.above(SMALLEST_EXPONENT);
+    let x = x.or_all(counts, SMALLEST_EXPONENT);
+    let shifted = x + ROUND;
+    let f = x - (shifted + -ROUND);
+    let mut p = f * 1.326_472e-3 + 9.671_513e-3;
+    for coefficient in [5.550_734e-2, 2.402_224_2e-1, 6.931_469_4e-1, 1.0] {
+        p = p * f + coefficient;
     }
-    let power = p.zip(shifted, |p, shifted| {
-        f32::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 23))
-    });
-    power.or(counts, 0.0)
+    p.scale_by_low_bits(shifted).or_all(counts, 0.0)
 }
 
 #[cfg(test)]
@@ -65,7 +62,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn of(x: f32) -> f32 {
-        exp2_weight(Lanes::all(x)).0[0]
+        exp2_weight(Lanes::all(pulp::Scalar128b, x)).first()
     }
 
     proptest! {

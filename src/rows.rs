@@ -10,6 +10,7 @@ use std::ops::Range;
 use std::sync::OnceLock;
 
 pub use pulp::NullaryFnOnce as Part;
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
@@ -34,18 +35,41 @@ pub trait Kernel: Sync {
     fn rows(&self, rows: Range<usize>, out: Self::Out);
 }
 
+/// The same, written in registers ([`crate::lanes`]).
+pub trait LanesKernel: Sync {
+    type Out: Send;
+
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, out: Self::Out);
+}
+
 /// Runs a kernel over an image of `height` rows; `outs` yields its outputs band by band, as [`bands`] does.
 pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::Out>) {
     let level = Settings::get().level;
-    let jobs: Vec<_> = bands(height)
-        .zip(outs)
-        .map(|(rows, out)| Band { kernel, rows, out })
-        .collect();
+    each(height, outs, |rows, out| {
+        level.call(Band { kernel, rows, out });
+    });
+}
+
+/// The same for kernels in registers.
+pub fn run_lanes<K: LanesKernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::Out>) {
+    let level = Settings::get().level;
+    each(height, outs, |rows, out| {
+        level.call(LanesBand { kernel, rows, out });
+    });
+}
+
+/// Hands bands to the threads.
+fn each<O: Send>(
+    height: usize,
+    outs: impl Iterator<Item = O>,
+    call: impl Fn(Range<usize>, O) + Sync,
+) {
+    let jobs: Vec<_> = bands(height).zip(outs).collect();
     match pool() {
-        Some(pool) if jobs.len() > 1 => {
-            pool.install(|| jobs.into_par_iter().for_each(|job| level.call(job)))
-        }
-        _ => jobs.into_iter().for_each(|job| level.call(job)),
+        Some(pool) if jobs.len() > 1 => pool.install(|| {
+            jobs.into_par_iter().for_each(|(rows, out)| call(rows, out));
+        }),
+        _ => jobs.into_iter().for_each(|(rows, out)| call(rows, out)),
     }
 }
 
@@ -67,6 +91,21 @@ impl<K: Kernel> Part for Band<'_, K> {
     #[inline(always)]
     fn call(self) {
         self.kernel.rows(self.rows, self.out);
+    }
+}
+
+struct LanesBand<'k, K: LanesKernel> {
+    kernel: &'k K,
+    rows: Range<usize>,
+    out: K::Out,
+}
+
+impl<K: LanesKernel> WithSimd for LanesBand<'_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.kernel.rows(simd, self.rows, self.out);
     }
 }
 
@@ -108,17 +147,19 @@ impl Level {
         }
     }
 
-    fn call(self, job: impl Part<Output = ()>) {
+    fn call(self, job: impl WithSimd<Output = ()>) {
         match self {
-            Self::Baseline => job.call(),
+            Self::Baseline => pulp::Scalar128b.vectorize(job),
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => pulp::x86::V3::try_new()
-                .expect("never above the detected level")
-                .vectorize(job),
+            Self::Avx2 => {
+                let simd = pulp::x86::V3::try_new();
+                Simd::vectorize(simd.expect("never above the detected level"), job);
+            }
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => pulp::x86::V4::try_new()
-                .expect("never above the detected level")
-                .vectorize(job),
+            Self::Avx512 => {
+                let simd = pulp::x86::V4::try_new();
+                Simd::vectorize(simd.expect("never above the detected level"), job);
+            }
         }
     }
 }

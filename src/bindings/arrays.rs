@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::{Error, Kind};
-use crate::image::{Image, Pixels, Size, View};
+use crate::image::{Image, Pixels, Size, Value, View};
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -21,7 +21,7 @@ impl From<Error> for PyErr {
 }
 
 /// The number types of image buffers.
-pub trait Number: Element + Copy + Default + Send + Sync {
+pub trait Number: Element + Value {
     const NAME: &'static str;
 
     /// Converts an array of another dtype, or says why not.
@@ -292,7 +292,7 @@ impl<'a, T: Number> Interleaved<'a, T> {
 }
 
 /// A planar image that is borrowed where the array already was planar.
-pub enum Planes<'a, T = f32> {
+pub enum Planes<'a, T: Value = f32> {
     Borrowed(View<'a, T>),
     Owned(Image<T>),
 }
@@ -307,12 +307,12 @@ impl<T: Number> Planes<'_, T> {
 }
 
 /// An image on its way to numpy.
-pub struct Outgoing<T = f32> {
+pub struct Outgoing<T: Value = f32> {
     image: Image<T>,
     shape: Vec<usize>,
 }
 
-impl<T: Element + Copy + Default + Send + Sync> Outgoing<T> {
+impl<T: Element + Value> Outgoing<T> {
     /// To be (H, W) for a single channel, (H, W, C) for several.
     pub fn new(image: Image<T>) -> Self {
         let channel_axis = image.channels > 1;
@@ -402,18 +402,18 @@ impl<'py> Out<'py> {
 }
 
 /// Where a kernel writes a result as numpy has it, without a copy unless the memory is an input's as well.
-pub struct Direct<'py, T: Number = f32> {
+pub struct Direct<'py, T: Element + Value = f32> {
     array: Bound<'py, PyArrayDyn<T>>,
     memory: Memory<'py, T>,
 }
 
-enum Memory<'py, T: Number> {
+enum Memory<'py, T: Element> {
     Own(PyReadwriteArrayDyn<'py, T>),
     /// The array is written last.
     Shared(Vec<T>),
 }
 
-impl<'py, T: Number> Direct<'py, T> {
+impl<'py, T: Element + Value> Direct<'py, T> {
     /// To be asked for while the inputs are borrowed.
     pub fn new(py: Python<'py>, out: Out<'py, T>, shape: &[usize]) -> PyResult<Self> {
         let array = match out.0 {

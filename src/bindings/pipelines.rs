@@ -1,20 +1,20 @@
 //! The pipelines.
 
-use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{Element, PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{
-    COLOR, Channels, Input, Interleaved, MOTION, Number, Out, Outgoing, Planes, choice,
+    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, Planes, choice,
 };
 use super::camera::Camera;
 use super::judge::Bounds;
 use crate::error::Error;
-use crate::image::{Size, View};
+use crate::image::{Size, Value};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::judge::neighborhood;
-use crate::kernels::judge::surface::{self, Surface};
+use crate::kernels::judge::surface::{self, Buffers};
 use crate::kernels::merge::{accumulate, blend};
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
@@ -50,18 +50,70 @@ pub struct Output {
     missing: usize,
 }
 
-impl Output {
-    fn new(py: Python<'_>, output: frame::Output) -> PyResult<Self> {
-        let array = |image| Ok::<_, PyErr>(Outgoing::new(image).array(py, Out::fresh())?.unbind());
-        let rejection = Outgoing::new(output.rejection).array(py, Out::fresh())?;
+/// The arrays that a step writes: those of an earlier output, or new ones.
+struct Room<'py> {
+    color: Direct<'py>,
+    variance: Option<Direct<'py>>,
+    history_length: Direct<'py>,
+    confidence: Direct<'py>,
+    rejection: Direct<'py, u8>,
+}
+
+impl<'py> Room<'py> {
+    fn new(
+        py: Python<'py>,
+        out: Option<&Output>,
+        size: Size,
+        estimates_variance: bool,
+    ) -> PyResult<Self> {
+        fn room<'py, T: Element + Value>(
+            py: Python<'py>,
+            given: Option<&Py<PyArrayDyn<T>>>,
+            shape: &[usize],
+        ) -> PyResult<Direct<'py, T>> {
+            let given = given.map(|array| array.bind(py).clone().into_any());
+            Direct::new(py, Out::given(given, shape)?, shape)
+        }
+        if out.is_some_and(|out| out.variance.is_some() != estimates_variance) {
+            let expected = ["one of a pipeline without variance", "one with variance"];
+            let [expected, got] =
+                [estimates_variance, !estimates_variance].map(|has| expected[usize::from(has)]);
+            return Err(Error::value("out", expected, got).into());
+        }
+        let shape = [size.height, size.width, 3];
+        let flat = &shape[..2];
         Ok(Self {
-            color: array(output.color)?,
-            variance: output.variance.map(array).transpose()?,
-            history_length: array(output.history_length)?,
-            confidence: array(output.confidence)?,
-            rejection: rejection.unbind(),
-            used: PyTuple::new(py, output.used)?.unbind(),
-            missing: output.missing,
+            color: room(py, out.map(|out| &out.color), &shape)?,
+            variance: estimates_variance
+                .then(|| room(py, out.and_then(|out| out.variance.as_ref()), flat))
+                .transpose()?,
+            history_length: room(py, out.map(|out| &out.history_length), flat)?,
+            confidence: room(py, out.map(|out| &out.confidence), flat)?,
+            rejection: room(py, out.map(|out| &out.rejection), flat)?,
+        })
+    }
+
+    fn data(&mut self) -> PyResult<frame::Output<'_>> {
+        Ok(frame::Output {
+            color: self.color.data()?,
+            variance: self.variance.as_mut().map(Direct::data).transpose()?,
+            history_length: self.history_length.data()?,
+            confidence: self.confidence.data()?,
+            rejection: self.rejection.data()?,
+        })
+    }
+
+    /// To be called when the frame is no longer borrowed.
+    fn output(self, py: Python<'py>, summary: frame::Summary) -> PyResult<Output> {
+        let variance = self.variance.map(Direct::array).transpose()?;
+        Ok(Output {
+            color: self.color.array()?.unbind(),
+            variance: variance.map(Bound::unbind),
+            history_length: self.history_length.array()?.unbind(),
+            confidence: self.confidence.array()?.unbind(),
+            rejection: self.rejection.array()?.unbind(),
+            used: PyTuple::new(py, summary.used)?.unbind(),
+            missing: summary.missing,
         })
     }
 }
@@ -219,6 +271,9 @@ impl SVGF {
     /// ----------
     /// frame : Frame
     ///     Of the same size as those before.
+    /// out : Output, optional
+    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones. From the
+    ///     second frame on no memory for images is then asked for.
     ///
     /// Returns
     /// -------
@@ -227,11 +282,22 @@ impl SVGF {
     /// Raises
     /// ------
     /// ValueError
-    ///     If the size changes, or albedo appears or vanishes, without `reset` in between.
-    fn step<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<Output> {
-        let frame = FrameArgs::new(frame)?;
-        let output = frame.with(py, |frame| self.inner.step(frame))?;
-        Output::new(py, output)
+    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` does not fit.
+    #[pyo3(signature = (frame, out=None))]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, Output>>,
+    ) -> PyResult<Output> {
+        let (room, summary) = {
+            let frame = FrameArgs::new(frame)?;
+            let mut room = Room::new(py, out.map(Bound::get), frame.size(), true)?;
+            let output = room.data()?;
+            let summary = frame.with(py, |frame| self.inner.step(frame, output))?;
+            (room, summary)
+        };
+        room.output(py, summary)
     }
 
     /// Forgets the sequence; the next frame is a first one.
@@ -350,6 +416,9 @@ impl TAA {
     /// ----------
     /// frame : Frame
     ///     Of the same size as those before.
+    /// out : Output, optional
+    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones. From the
+    ///     second frame on no memory for images is then asked for.
     ///
     /// Returns
     /// -------
@@ -359,39 +428,22 @@ impl TAA {
     /// Raises
     /// ------
     /// ValueError
-    ///     If the size changes without `reset` in between.
-    fn step<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<Output> {
-        let frame = FrameArgs::new(frame)?;
-        let Size { height, width } = frame.size();
-        let color = PyArrayDyn::zeros(py, [height, width, 3].as_slice(), false);
-        let [history_length, confidence] =
-            [(); 2].map(|()| PyArrayDyn::zeros(py, [height, width].as_slice(), false));
-        let rejection = PyArrayDyn::zeros(py, [height, width].as_slice(), false);
-        let (used, missing) = {
-            let mut arrays = [
-                color.try_readwrite()?,
-                history_length.try_readwrite()?,
-                confidence.try_readwrite()?,
-            ];
-            let mut rejection = rejection.try_readwrite()?;
-            let [color, history_length, confidence] = arrays.each_mut();
-            let color = color.as_slice_mut()?;
-            let details = taa::Details {
-                history_length: history_length.as_slice_mut()?,
-                confidence: confidence.as_slice_mut()?,
-                rejection: rejection.as_slice_mut()?,
-            };
-            frame.antialias(py, |frame| self.inner.step(frame, color, details))?
+    ///     If the size changes without `reset` in between; if `out` does not fit.
+    #[pyo3(signature = (frame, out=None))]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, Output>>,
+    ) -> PyResult<Output> {
+        let (room, summary) = {
+            let frame = FrameArgs::new(frame)?;
+            let mut room = Room::new(py, out.map(Bound::get), frame.size(), false)?;
+            let output = room.data()?;
+            let summary = frame.with(py, |frame| self.inner.step(frame, output))?;
+            (room, summary)
         };
-        Ok(Output {
-            color: color.unbind(),
-            variance: None,
-            history_length: history_length.unbind(),
-            confidence: confidence.unbind(),
-            rejection: rejection.unbind(),
-            used: PyTuple::new(py, used)?.unbind(),
-            missing,
-        })
+        room.output(py, summary)
     }
 
     /// Forgets the sequence; the next frame is a first one.
@@ -447,38 +499,9 @@ impl<'py> FrameArgs<'py> {
         self.floats[place].as_ref().map(Input::data)
     }
 
-    fn color(&self) -> Interleaved<'_, f32> {
-        self.buffer("color").expect("every frame has colour")
-    }
-
     fn size(&self) -> Size {
-        self.color().pixels().size
-    }
-
-    /// Calls `step` with what antialiasing asks for, without the interpreter.
-    fn antialias<R: Send>(
-        &self,
-        py: Python<'_>,
-        step: impl FnOnce(&taa::Frame) -> crate::error::Result<R> + Send,
-    ) -> PyResult<R> {
-        let color = self.color();
-        let [motion, depth, position] =
-            ["motion", "depth", "position"].map(|name| self.buffer(name));
-        let (camera, jitter) = (self.camera, self.jitter);
-        let result = py.detach(|| {
-            // Without motion, it may be computed from positions.
-            let position = position.filter(|_| motion.is_none() && camera.is_some());
-            let position = position.map(Interleaved::planes);
-            step(&taa::Frame {
-                color: color.pixels(),
-                motion: motion.map(Interleaved::pixels),
-                depth: depth.map(Interleaved::flat),
-                position: view(&position),
-                camera,
-                jitter,
-            })
-        });
-        Ok(result?)
+        let color = self.buffer("color").expect("every frame has colour");
+        color.pixels().size
     }
 
     /// Calls `step` without the interpreter.
@@ -487,44 +510,32 @@ impl<'py> FrameArgs<'py> {
         py: Python<'_>,
         step: impl FnOnce(&frame::Frame) -> crate::error::Result<R> + Send,
     ) -> PyResult<R> {
-        let floats = self
-            .floats
-            .each_ref()
-            .map(|buffer| buffer.as_ref().map(Input::data));
-        let ids = self.ids.as_ref().map(Input::data);
-        let (camera, jitter) = (self.camera, self.jitter);
+        let buffer = |name| self.buffer(name).map(Interleaved::pixels);
+        let surface = Buffers {
+            depth: buffer("depth"),
+            normal: buffer("normal"),
+            ids: self.ids.as_ref().map(|ids| ids.data().pixels()),
+            object_normal: buffer("object_normal"),
+            color: None,
+        };
+        let frame = frame::Frame {
+            color: buffer("color").expect("every frame has colour"),
+            albedo: buffer("albedo"),
+            emission: buffer("emission"),
+            surface,
+            position: None,
+            motion: buffer("motion"),
+            replay: buffer("replay"),
+            hit_distance: buffer("hit_distance"),
+            camera: self.camera,
+            jitter: self.jitter,
+        };
+        let position = self.buffer("position").filter(|_| self.camera.is_some());
         let result = py.detach(|| {
-            let floats = floats.map(|buffer| buffer.map(Interleaved::planes));
-            let ids = ids.map(Interleaved::planes);
-            let [
-                color,
-                albedo,
-                emission,
-                normal,
-                object_normal,
-                position,
-                depth,
-                motion,
-                replay,
-                hit_distance,
-            ] = floats.each_ref().map(view);
+            let position = position.map(Interleaved::planes);
             step(&frame::Frame {
-                color: color.expect("every frame has colour"),
-                albedo,
-                emission,
-                surface: Surface {
-                    depth,
-                    normal,
-                    ids: view(&ids),
-                    object_normal,
-                    color: None,
-                },
-                position,
-                motion,
-                replay,
-                hit_distance,
-                camera,
-                jitter,
+                position: position.as_ref().map(Planes::view),
+                ..frame
             })
         });
         Ok(result?)
@@ -542,8 +553,4 @@ fn read<'py, T: Number>(
     } else {
         Input::new(&value, name, channels).map(Some)
     }
-}
-
-fn view<'a, T: Number>(planes: &'a Option<Planes<'_, T>>) -> Option<View<'a, T>> {
-    planes.as_ref().map(Planes::view)
 }

@@ -3,14 +3,17 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, Planes, parts};
+use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
-use crate::image::{Image, Size, View};
+use crate::image::{Pixels, Size};
 use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::surface::Surface;
+use crate::kernels::judge::surface::Buffers;
+use crate::kernels::smooth::demodulate::{self, Texture, Way};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
-use crate::kernels::smooth::{atrous, demodulate, fireflies, history_fix, morphological, variance};
+use crate::kernels::smooth::variance::{self, Estimate, estimate_variance};
+use crate::kernels::smooth::{atrous, fireflies, history_fix, morphological};
+use crate::pixels::PixelsMut;
 
 /// The guide's checked arguments.
 struct GuideArgs<'py> {
@@ -66,15 +69,10 @@ struct GuideData<'a> {
 impl GuideData<'_> {
     /// For taps up to `reach` pixels to the side.
     fn guide(self, size: Size, reach: usize) -> Guide {
-        let (depth, normal) = (
-            self.depth.map(Interleaved::planes),
-            self.normal.map(Interleaved::planes),
-        );
-        let ids = self.ids.map(Interleaved::planes);
-        let surface = Surface {
-            depth: depth.as_ref().map(Planes::view),
-            normal: normal.as_ref().map(Planes::view),
-            ids: ids.as_ref().map(Planes::view),
+        let surface = Buffers {
+            depth: self.depth.map(Interleaved::pixels),
+            normal: self.normal.map(Interleaved::pixels),
+            ids: self.ids.map(Interleaved::pixels),
             ..Default::default()
         };
         Guide::new(size, reach, surface, self.rays)
@@ -153,27 +151,23 @@ pub fn estimate_variance_<'py>(
         sigmas,
     };
     params.check()?;
-    let (variance, out) = {
+    let variance = {
         let moments = Input::<f32>::new(moments, "moments", Channels::Of(&[2]))?;
         let size = moments.size();
         let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
             .sized("history_length", size)?;
         let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
-        let out = Out::given(out, &[size.height, size.width])?;
-        let (data, guide) = ([moments.data(), length.data()], guide.data());
-        let variance = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [moments, length] = planes.each_ref().map(Planes::view);
-            Outgoing::new(variance::estimate_variance(
-                moments,
-                length,
-                &guide.guide(size, params.radius),
-                params,
-            ))
-        });
-        (variance, out)
+        let shape = [size.height, size.width];
+        let out = Out::given(out, &shape)?;
+        let (moments, length, guide) = (moments.data(), length.data().flat(), guide.data());
+        out.fill(py, &shape, |variance| {
+            let moments = moments.planes();
+            let guide = guide.guide(size, params.radius);
+            let estimate = Estimate::new(moments.view(), length, &guide, params);
+            estimate_variance(&estimate, size, variance);
+        })?
     };
-    variance.array(py, out)
+    variance.array()
 }
 
 /// The edge-avoiding à-trous wavelet filter, guided by variance.
@@ -259,36 +253,33 @@ pub fn atrous_<'py>(
         sigmas,
     };
     params.check()?;
-    let ((color, variance), out) = {
+    let (color, variance) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let variance =
             Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
         let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
         let [first, second] = parts(out.as_ref())?;
-        let out = (
-            Out::given(first, &[size.height, size.width, 3])?,
-            Out::given(second, &[size.height, size.width])?,
+        let shapes = [color.shape(), variance.shape()];
+        let [first, second] = [
+            Out::given(first, shapes[0])?,
+            Out::given(second, shapes[1])?,
+        ];
+        let mut out = (
+            Direct::new(py, first, shapes[0])?,
+            Direct::new(py, second, shapes[1])?,
         );
         let (data, guide) = ([color.data(), variance.data()], guide.data());
-        let filtered = py.detach(|| {
-            let planes = data.map(Interleaved::planes);
-            let [color, variance] = planes.each_ref().map(Planes::view);
-            let filtered = atrous::atrous(
-                color,
-                variance,
-                &guide.guide(size, params.reach()),
-                params,
-                [None; 2],
-            );
-            (
-                Outgoing::new(filtered.color),
-                Outgoing::new(filtered.variance),
-            )
+        let (filtered, filtered_variance) = (out.0.data()?, out.1.data()?);
+        py.detach(|| {
+            let [color, variance] = data.map(Interleaved::pixels);
+            let guide = guide.guide(size, params.reach());
+            let filtered = PixelsMut::bands(size, 3, filtered);
+            atrous::atrous(color, variance, &guide, params, filtered, filtered_variance);
         });
-        (filtered, out)
+        out
     };
-    Ok((color.array(py, out.0)?, variance.array(py, out.1)?))
+    Ok((color.array()?, variance.array()?))
 }
 
 /// Samples far brighter than all around them held down, and their light spread.
@@ -446,28 +437,30 @@ pub fn fix_history_<'py>(
     fixed.array(py, out)
 }
 
-type Modulate = fn(View, View, Option<View>) -> Image;
-
 fn modulate<'py>(
     py: Python<'py>,
     (name, image): (&str, &Bound<'py, PyAny>),
     albedo: &Bound<'py, PyAny>,
     emission: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
-    kernel: Modulate,
+    way: Way,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let (result, out) = {
+    let modulated = {
         let image = Input::<f32>::new(image, name, COLOR)?;
         let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?.sized("albedo", image.size())?;
         let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
         let out = Out::given(out, image.shape())?;
-        let shape = image.shape().to_vec();
-        let [image, albedo] = [&image, &albedo].map(|input| input.data().flat());
-        let emission = emission.as_ref().map(|input| input.data().flat());
-        let result = py.detach(|| Outgoing::flat(kernel(image, albedo, emission), shape));
-        (result, out)
+        // All channels alike.
+        let [values, albedo] = [&image, &albedo].map(|input| input.data().flat().into());
+        let emission = emission.as_ref().map(|input| input.data().flat().into());
+        let texture = Texture { albedo, emission };
+        let values: Pixels = values;
+        out.fill(py, image.shape(), |modulated| {
+            let modulated = PixelsMut::bands(values.size, 1, modulated);
+            demodulate::modulate::<1>(values, texture, way, modulated);
+        })?
     };
-    result.array(py, out)
+    modulated.array()
 }
 
 /// Light without texture: ``(color - emission) / max(albedo, 2**-10)``.
@@ -506,14 +499,7 @@ pub fn demodulate_<'py>(
     emission: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    modulate(
-        py,
-        ("color", color),
-        albedo,
-        emission,
-        out,
-        demodulate::demodulate,
-    )
+    modulate(py, ("color", color), albedo, emission, out, Way::Off)
 }
 
 /// Texture put back on light: ``illumination * max(albedo, 2**-10) + emission``.
@@ -552,7 +538,7 @@ pub fn remodulate_<'py>(
         albedo,
         emission,
         out,
-        demodulate::remodulate,
+        Way::Back,
     )
 }
 

@@ -1,30 +1,29 @@
 //! What goes into a pipeline and what comes out, one frame at a time.
 
 use crate::error::{Error, Result};
-use crate::image::{Image, Size, View};
+use crate::image::{Image, Pixels, Size, View};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::judge::surface::Surface;
+use crate::kernels::judge::surface::Buffers;
 
 /// One frame's buffers.
 pub struct Frame<'a> {
-    pub color: View<'a>,
-    pub albedo: Option<View<'a>>,
-    pub emission: Option<View<'a>>,
-    pub surface: Surface<'a>,
+    pub color: Pixels<'a>,
+    pub albedo: Option<Pixels<'a>>,
+    pub emission: Option<Pixels<'a>>,
+    pub surface: Buffers<'a>,
     pub position: Option<View<'a>>,
-    pub motion: Option<View<'a>>,
-    pub replay: Option<View<'a>>,
-    pub hit_distance: Option<View<'a>>,
+    pub motion: Option<Pixels<'a>>,
+    pub replay: Option<Pixels<'a>>,
+    pub hit_distance: Option<Pixels<'a>>,
     pub camera: Option<Camera>,
     pub jitter: Option<[f64; 2]>,
 }
 
 impl<'a> Frame<'a> {
     pub fn geometry(&self) -> Option<Geometry<'a>> {
-        self.position
-            .map(Geometry::Position)
-            .or(self.surface.depth.map(Geometry::Depth))
+        let depth = self.surface.depth.map(Pixels::plane);
+        (self.position.map(Geometry::Position)).or(depth.map(Geometry::Depth))
     }
 
     /// The motion that came with the frame; or, if both cameras are known and where surfaces are, computed; or none.
@@ -60,27 +59,31 @@ pub fn find_motion(
 }
 
 pub enum Motion<'a> {
-    Given(View<'a>),
+    Given(Pixels<'a>),
     Computed(Image),
 }
 
 impl Motion<'_> {
-    pub fn view(&self) -> View<'_> {
+    pub fn pixels(&self) -> Pixels<'_> {
         match self {
-            Self::Given(view) => *view,
-            Self::Computed(image) => image.view(),
+            Self::Given(pixels) => *pixels,
+            Self::Computed(image) => image.pixels(),
         }
     }
 }
 
-/// What a step returns.
-pub struct Output {
-    pub color: Image,
+/// Where a step writes its results: records of colour, and a number for each pixel of the others.
+pub struct Output<'a> {
+    pub color: &'a mut [f32],
     /// Of the luminance, where the pipeline estimates it.
-    pub variance: Option<Image>,
-    pub history_length: Image,
-    pub confidence: Image,
-    pub rejection: Image<u8>,
+    pub variance: Option<&'a mut [f32]>,
+    pub history_length: &'a mut [f32],
+    pub confidence: &'a mut [f32],
+    pub rejection: &'a mut [u8],
+}
+
+/// What else a step knows.
+pub struct Summary {
     /// Names of the buffers that took part.
     pub used: Vec<&'static str>,
     /// Samples that were not finite.
@@ -95,10 +98,4 @@ pub fn check_size(before: Size, now: Size) -> Result<()> {
     }
     let expected = format!("{}, as in earlier frames (or reset() before)", text(before));
     Err(Error::value("frame", expected, text(now)))
-}
-
-/// Where nobody has seen anything, nor has a neighbour, there is black.
-pub fn blacken_missing(color: &mut Image) {
-    let missing = color.data_mut().iter_mut().filter(|v| !v.is_finite());
-    missing.for_each(|v| *v = 0.0);
 }

@@ -69,7 +69,9 @@ pub fn choose(
     base: &mut Reprojected,
 ) -> Option<Scores> {
     let geometry = frame.geometry()?;
-    let sources: Vec<_> = match (frame.hit_distance, frame.surface.depth) {
+    let [known, depth] =
+        [frame.hit_distance, frame.surface.depth].map(|image| image.map(Pixels::plane));
+    let sources: Vec<_> = match (known, depth) {
         (Some(known), _) => vec![Source::Known(known)],
         (None, Some(depth)) => distances
             .iter()
@@ -85,7 +87,7 @@ pub fn choose(
     best.data_mut().fill(MARGIN);
     if everywhere || memory.scores.asking.any() {
         // Elsewhere on the mirror: depth says nothing about what it shows.
-        let [now, before] = [frame.surface.into(), before].map(|surface| Buffers {
+        let [now, before] = [frame.surface, before].map(|surface| Buffers {
             depth: None,
             color: None,
             ..surface
@@ -115,7 +117,7 @@ pub fn choose(
                 candidate.values.view(),
                 light.view(),
                 color,
-                frame.surface.ids,
+                frame.surface.ids.map(Pixels::plane),
                 RADIUS,
                 asking,
             );

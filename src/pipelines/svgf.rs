@@ -5,23 +5,30 @@
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
-use super::frame::{Frame, Output, blacken_missing, check_size};
+use std::ops::Range;
+
+use pulp::Simd;
+
+use super::frame::{Frame, Output, Summary, check_size};
 use super::reflections::{self, forget_uncovered};
-use super::taa::{self, Stage};
+use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Error, Result, in_range};
-use crate::image::{Image, Records, View};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, segments};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::surface::{self, Buffers, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate};
-use crate::kernels::smooth::atrous::{self, Filtered, atrous};
-use crate::kernels::smooth::demodulate::{demodulate, remodulate};
+use crate::kernels::smooth::atrous::{self, Filtered};
+use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
-use crate::kernels::smooth::variance::{self, estimate_variance};
-use crate::pixels::PixelsMut;
+use crate::kernels::smooth::variance::{self, Estimate};
+use crate::lanes::BorderedBand;
+use crate::memory::Reserve;
+use crate::pixels::{PixelsMut, Row};
+use crate::rows::{self, Kernel, LanesKernel};
 
 #[derive(Clone, Debug, Default)]
 pub struct Params {
@@ -60,17 +67,17 @@ impl Params {
     }
 }
 
-/// What one frame leaves to the next.
+/// What one frame leaves to the next; in records, as all that is fetched in several channels.
 struct Memory {
-    /// As [`accumulate`] has it; in records, as all that is fetched in several channels.
+    /// As [`accumulate`] has it.
     history: Records,
     /// As it came, for its replay.
-    color: Option<Image>,
+    color: Option<Records>,
     reflections: Option<reflections::Memory>,
-    depth: Option<Image>,
+    depth: Option<Records>,
     normal: Option<Records>,
     object_normal: Option<Records>,
-    ids: Option<Image<u32>>,
+    ids: Option<Records<u32>>,
     camera: Option<Camera>,
     demodulated: bool,
 }
@@ -78,9 +85,9 @@ struct Memory {
 impl Memory {
     fn surface(&self) -> Buffers<'_> {
         Buffers {
-            depth: self.depth.as_ref().map(Image::pixels),
+            depth: self.depth.as_ref().map(Records::pixels),
             normal: self.normal.as_ref().map(Records::pixels),
-            ids: self.ids.as_ref().map(Image::pixels),
+            ids: self.ids.as_ref().map(Records::pixels),
             object_normal: self.object_normal.as_ref().map(Records::pixels),
             color: None,
         }
@@ -97,6 +104,7 @@ struct Recalled {
 
 pub struct Svgf {
     params: Params,
+    reserve: Reserve,
     memory: Option<Memory>,
     antialias: Option<Stage>,
 }
@@ -107,6 +115,7 @@ impl Svgf {
         Ok(Self {
             antialias: params.antialias.map(Stage::new),
             params,
+            reserve: Reserve::default(),
             memory: None,
         })
     }
@@ -114,85 +123,147 @@ impl Svgf {
     /// Forgets the sequence.
     pub fn reset(&mut self) {
         self.memory = None;
+        self.reserve = Reserve::default();
         self.antialias.iter_mut().for_each(Stage::reset);
     }
 
-    pub fn step(&mut self, frame: &Frame) -> Result<Output> {
-        let memory = self.memory.as_ref();
-        if let Some(memory) = memory {
+    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+        let mut reserve = std::mem::take(&mut self.reserve);
+        let summary = reserve.serve(|| self.next(frame, output));
+        self.reserve = reserve;
+        summary
+    }
+
+    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+        if let Some(memory) = &self.memory {
             check_continues(memory, frame)?;
         }
         let size = frame.color.size;
         let params = &self.params;
         let mut used = vec![];
 
-        let illumination = frame
-            .albedo
-            .map(|albedo| demodulate(frame.color, albedo, frame.emission));
-        let sample = illumination.as_ref().map_or(frame.color, Image::view);
+        let texture = frame.albedo.map(|albedo| Texture {
+            albedo,
+            emission: frame.emission,
+        });
+        let sample = match texture {
+            Some(texture) => {
+                let mut light = Image::blank(size, 3);
+                let out = light.bands().map(PixelsMut::Planar);
+                modulate::<3>(frame.color, texture, Way::Off, out);
+                light
+            }
+            None => frame.color.to_planes(),
+        };
         let held = params
             .fireflies
-            .map(|fireflies| suppress_fireflies(sample, fireflies).0);
-        let color = held.as_ref().map_or(sample, Image::view);
+            .map(|fireflies| suppress_fireflies(sample.view(), fireflies).0);
+        let color = held.as_ref().unwrap_or(&sample);
 
-        let camera = memory.and_then(|memory| memory.camera.as_ref());
-        let motion = frame.motion(camera, &mut used);
-        let recalled = match memory {
-            Some(memory) => recall(params, memory, frame, motion.view(), [sample, color]),
+        let memory = self.memory.take();
+        let continues = memory.is_some();
+        let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
+        let motion = frame.motion(before, &mut used);
+        let Recalled {
+            history: recalled,
+            gradient,
+            reflections,
+        } = match &memory {
+            Some(memory) => recall(params, memory, frame, motion.pixels(), [&sample, color]),
             None => Recalled {
                 history: Reprojected::nothing(size, accumulate::CHANNELS),
                 gradient: None,
                 reflections: None,
             },
         };
-        let history = std::array::from_fn(|channel| recalled.history.values.plane(channel));
-        let gradient = recalled.gradient.as_ref().map(Image::view);
-        let (mut history, missing) = accumulate(color, history, gradient, params.accumulate);
+        let history = std::array::from_fn(|channel| recalled.values.plane(channel));
+        let change = gradient.as_ref().map(Image::view);
+        let (mut history, missing) = accumulate(color.view(), history, change, params.accumulate);
+        let Reprojected {
+            coverage,
+            rejection,
+            values,
+        } = recalled;
+        drop((memory, values, sample, held));
 
         let reach = params.atrous.reach().max(params.variance.radius);
         let rays = frame.camera.as_ref().map(Camera::rays);
         let guide = Guide::new(size, reach, frame.surface, rays);
-        let [color, moments, length] =
-            [0..3, 3..5, 5..6].map(|channels| history.channels(channels));
-        let variance = estimate_variance(moments, length, &guide, params.variance);
-        let reflects = !params.reflections.is_empty();
-        let keep = [params.feedback.then_some(1), reflects.then_some(2)];
-        let Filtered {
-            mut color,
-            variance,
-            kept: [first, second],
-        } = atrous(color, variance.view(), &guide, params.atrous, keep);
+        let mut filtered = Filtered::new(guide.layout);
+        let [moments, length] = [3..5, 5..6].map(|channels| history.channels(channels));
+        let begin = Begin {
+            color: history.channels(0..3),
+            length,
+            variance: Estimate::new(moments, length, &guide, params.variance),
+        };
+        let outs = (filtered.bands()).zip(bands_of(output.history_length, size));
+        rows::run_lanes(&begin, size.height, outs);
 
-        let history_length = length.to_image();
-        if let Some(first) = first {
-            history.set_channels(0, first.view());
+        let passes = params.atrous.iterations;
+        let mut kept = None;
+        let mut light = None;
+        for pass in 0..=passes {
+            if pass > 0 {
+                filtered.filter(&guide, params.atrous, pass - 1);
+            }
+            if params.feedback && pass == passes.min(1) {
+                let out = history.bands().map(PixelsMut::Planar);
+                rows::run(&Keep(&filtered), size.height, out);
+            }
+            if pass == passes.min(params.feedback.into()) {
+                kept = Some(Records::of(history.view()));
+                drop(std::mem::replace(&mut history, Image::blank(size, 0)));
+            }
+            if !params.reflections.is_empty() && pass == passes.min(2) {
+                let mut records = Records::blank(size, 3);
+                let out = PixelsMut::bands(size, 3, records.data_mut());
+                rows::run(&Keep(&filtered), size.height, out);
+                light = Some(records);
+            }
         }
-        if let Some(albedo) = frame.albedo {
-            color = remodulate(color.view(), albedo, frame.emission);
-        }
+
+        let finish = Finish {
+            filtered: &filtered,
+            texture,
+            coverage: &coverage,
+            rejection: &rejection,
+            last: self.antialias.is_none(),
+        };
+        let others = bands_of(output.variance.expect("an estimate has room"), size)
+            .zip(bands_of(output.confidence, size))
+            .zip(bands_of(output.rejection, size));
+        let write = |colors: &mut dyn Iterator<Item = PixelsMut>| {
+            let outs = colors.zip(others);
+            let outs = outs.map(|(color, ((variance, confidence), rejection))| Outs {
+                color,
+                variance,
+                confidence,
+                rejection,
+            });
+            rows::run(&finish, size.height, outs);
+        };
         match &mut self.antialias {
             Some(stage) => {
-                let mut antialiased = Image::new(size, 3);
+                let mut color = Image::blank(size, 3);
+                write(&mut color.bands().map(PixelsMut::Planar));
                 stage.step(
-                    color.view().into(),
-                    motion.view().into(),
-                    frame.surface.depth,
-                    antialiased.bands().map(PixelsMut::Planar),
+                    color.pixels(),
+                    motion.pixels(),
+                    frame.surface.depth.map(Pixels::plane),
+                    PixelsMut::bands(size, 3, output.color),
                     None,
                 );
-                color = antialiased;
             }
-            None => blacken_missing(&mut color),
+            None => write(&mut PixelsMut::bands(size, 3, output.color)),
         }
 
         used.extend(list_used(frame, &guide));
-        let before = memory.is_some();
-        let reflected = reflects && recalled.reflections.is_some();
+        let reflected = reflections.is_some();
         used.extend(
             [
                 (
                     "object_normal",
-                    before && frame.surface.object_normal.is_some(),
+                    continues && frame.surface.object_normal.is_some(),
                 ),
                 ("replay", gradient.is_some() && frame.replay.is_some()),
                 ("hit_distance", reflected && frame.hit_distance.is_some()),
@@ -201,30 +272,109 @@ impl Svgf {
             .filter_map(|(name, used)| used.then_some(name)),
         );
         self.memory = Some(Memory {
-            history: Records::of(history.view()),
-            color: params.gradient.then(|| frame.color.to_image()),
-            reflections: second.map(|light| reflections::Memory {
-                light: Records::of(light.view()),
-                scores: recalled
-                    .reflections
+            history: kept.expect("kept after as many passes as there are"),
+            color: params.gradient.then(|| frame.color.to_records()),
+            reflections: light.map(|light| reflections::Memory {
+                light,
+                scores: reflections
                     .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
             }),
-            depth: frame.surface.depth.map(|v| v.to_image()),
-            normal: frame.surface.normal.map(Records::of),
-            object_normal: frame.surface.object_normal.map(Records::of),
-            ids: frame.surface.ids.map(|v| v.to_image()),
+            depth: frame.surface.depth.map(Pixels::to_records),
+            normal: frame.surface.normal.map(Pixels::to_records),
+            object_normal: frame.surface.object_normal.map(Pixels::to_records),
+            ids: frame.surface.ids.map(Pixels::to_records),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
         });
-        Ok(Output {
-            color,
-            variance: Some(variance),
-            history_length,
-            confidence: recalled.history.coverage,
-            rejection: recalled.history.rejection,
-            used,
-            missing,
-        })
+        Ok(Summary { used, missing })
+    }
+}
+
+/// Estimates the variance of an accumulated image, and makes it ready for the filter.
+struct Begin<'a> {
+    color: View<'a>,
+    length: View<'a>,
+    variance: Estimate<'a>,
+}
+
+impl<'a> LanesKernel for Begin<'a> {
+    type Out = (BorderedBand<'a>, BandMut<'a>);
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, (mut out, mut length): Self::Out) {
+        for y in rows {
+            self.variance.row(simd, y, atrous::variance_of(&mut out, y));
+            atrous::settle_variance(y, &mut out);
+            atrous::load(
+                Run::row(y, self.color.size.width),
+                self.color.rows(y),
+                &mut out,
+            );
+            length.row(0, y).copy_from_slice(self.length.row(0, y));
+        }
+    }
+}
+
+/// The colour after the passes so far.
+struct Keep<'a>(&'a Filtered);
+
+impl<'a> Kernel for Keep<'a> {
+    type Out = PixelsMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+        let mut color = [[0.0; SEGMENT]; 3];
+        for run in rows.flat_map(|y| segments(y, self.0.size().width)) {
+            self.0.color(run, &mut color);
+            out.write(run, color.each_ref().map(Row::as_slice));
+        }
+    }
+}
+
+/// Puts texture back on the filtered light, and writes what is known of it.
+struct Finish<'a> {
+    filtered: &'a Filtered,
+    texture: Option<Texture<'a>>,
+    coverage: &'a Image,
+    rejection: &'a Image<u8>,
+    /// Whether what nobody has seen, nor a neighbour, is to be black.
+    last: bool,
+}
+
+struct Outs<'a> {
+    color: PixelsMut<'a>,
+    variance: BandMut<'a>,
+    confidence: BandMut<'a>,
+    rejection: BandMut<'a, u8>,
+}
+
+impl<'a> Kernel for Finish<'a> {
+    type Out = Outs<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+        let mut color = [[0.0; SEGMENT]; 3];
+        for y in rows {
+            out.variance
+                .row(0, y)
+                .copy_from_slice(self.filtered.variance(y));
+            out.confidence
+                .row(0, y)
+                .copy_from_slice(self.coverage.view().row(0, y));
+            out.rejection
+                .row(0, y)
+                .copy_from_slice(self.rejection.view().row(0, y));
+            for run in segments(y, self.filtered.size().width) {
+                self.filtered.color(run, &mut color);
+                if let Some(texture) = &self.texture {
+                    texture.modulate(Way::Back, run, &mut color);
+                }
+                if self.last {
+                    color.iter_mut().for_each(|row| blacken_missing(row));
+                }
+                out.color.write(run, color.each_ref().map(Row::as_slice));
+            }
+        }
     }
 }
 
@@ -233,8 +383,8 @@ fn recall(
     params: &Params,
     memory: &Memory,
     frame: &Frame,
-    motion: View,
-    [sample, color]: [View; 2],
+    motion: Pixels,
+    [sample, color]: [&Image; 2],
 ) -> Recalled {
     let rays = memory
         .camera
@@ -244,12 +394,13 @@ fn recall(
     let tests = Tests::new(frame.surface, memory.surface(), rays, &params.surface);
     let before = memory.color.as_ref();
     let replayed = frame.replay.zip(before).map(|(replay, before)| {
+        let [replay, before] = [replay, before.pixels()].map(Pixels::to_planes);
         // The same random numbers make the same noise.
         let exact = gradient::Params {
             noise: 0.0,
             ..Default::default()
         };
-        temporal_gradient(replay, before.view(), exact)
+        temporal_gradient(replay.view(), before.view(), exact)
     });
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
@@ -264,7 +415,7 @@ fn recall(
         fallback: true,
         dering: true,
     };
-    let mut history = reproject(&planes, motion.into(), tests, bilinear);
+    let mut history = reproject(&planes, motion, tests, bilinear);
 
     let gradient = params.gradient.then(|| match replayed {
         Some(_) => {
@@ -281,7 +432,7 @@ fn recall(
                 widest: 5,
                 ..Default::default()
             };
-            temporal_gradient(color, known.view(), estimated)
+            temporal_gradient(color.view(), known.view(), estimated)
         }
     });
     let reflections = reflections
@@ -294,7 +445,7 @@ fn recall(
                 frame,
                 [now, before],
                 memory.surface(),
-                sample,
+                sample.view(),
                 &mut history,
             )
         });

@@ -9,11 +9,10 @@
 
 use std::ops::Range;
 
-use super::frame::{check_size, find_motion};
+use super::frame::{Frame, Output, Summary, check_size};
 use crate::error::Result;
 use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window};
-use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes, Wide};
 use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
@@ -437,20 +436,10 @@ fn warm_up([r, g, b]: [&[f32]; 3], longest: f32, shares: &mut Row, length: &mut 
 
 /// Where nobody has seen anything there is black.
 #[inline(always)]
-fn blacken_missing(row: &mut [f32]) {
+pub fn blacken_missing(row: &mut [f32]) {
     for value in row {
         *value = if value.is_finite() { *value } else { 0.0 };
     }
-}
-
-/// One frame's buffers, those that take part.
-pub struct Frame<'a> {
-    pub color: Pixels<'a>,
-    pub motion: Option<Pixels<'a>>,
-    pub depth: Option<View<'a>>,
-    pub position: Option<View<'a>>,
-    pub camera: Option<Camera>,
-    pub jitter: Option<[f64; 2]>,
 }
 
 pub struct Taa {
@@ -473,14 +462,7 @@ impl Taa {
         self.camera = None;
     }
 
-    /// Writes records of the next frame's colours, and the rest; returns the names of the buffers that took part, and the
-    /// number of samples that were not finite.
-    pub fn step(
-        &mut self,
-        frame: &Frame,
-        color: &mut [f32],
-        details: Details,
-    ) -> Result<(Vec<&'static str>, usize)> {
+    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
         let size = frame.color.size;
         if let Some(before) = self.stage.size {
             check_size(before, size)?;
@@ -497,26 +479,27 @@ impl Taa {
                 (resolve.finish(), missing)
             });
         let source = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.view().into());
-        let cameras = frame.camera.as_ref().zip(self.camera.as_ref());
-        let geometry =
-            (frame.position.map(Geometry::Position)).or(frame.depth.map(Geometry::Depth));
-        let computed = match frame.motion {
-            Some(_) => {
-                used.push("motion");
-                None
-            }
-            None => Some(find_motion(size, cameras, geometry, &mut used)),
-        };
-        let motion = (frame.motion)
-            .or(computed.as_ref().map(|image| image.view().into()))
-            .expect("given or computed");
-        let depth = frame.depth.filter(|_| params.dilate.is_some());
+        let motion = frame.motion(self.camera.as_ref(), &mut used);
+        let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
         if depth.is_some() {
             used.push("depth");
         }
-        let color = PixelsMut::bands(size, 3, color);
-        let missing = self.stage.step(source, motion, depth, color, Some(details));
+        let details = Details {
+            history_length: output.history_length,
+            confidence: output.confidence,
+            rejection: output.rejection,
+        };
+        let missing = self.stage.step(
+            source,
+            motion.pixels(),
+            depth.map(Pixels::plane),
+            PixelsMut::bands(size, 3, output.color),
+            Some(details),
+        );
         self.camera = frame.camera;
-        Ok((used, resolved.map_or(missing, |(_, missing)| missing)))
+        Ok(Summary {
+            used,
+            missing: resolved.map_or(missing, |(_, missing)| missing),
+        })
     }
 }

@@ -10,7 +10,7 @@ A run is one call, or as many as fill 20 ms, of which the mean counts. What is t
 runs after the first, which warms caches up. Who is slow has fewer: three, if they take more than `PATIENCE` seconds in
 all, and one, if the first alone did. References, which are very slow, are run up to 1920×1080 and with the most
 threads; beyond that size rivals, too, have the most threads, and of the SIMD levels there is the best alone. Results go
-where those of the call before went, for kernels and rivals that can do that.
+where those of the call before went, for rivals as well where they can do that.
 
 The least that a kernel has to move are its images, read or written once. The share of its limit is the time that this
 takes at the bandwidth of copies, or its multiply-adds at their rate if they have been counted and take longer, over its

@@ -94,7 +94,7 @@ class Task:
         return {**images, **self.options}
 
     def start(self, inputs: Inputs) -> Call:
-        """Make ready to time it; kernels write where they wrote before, so that no memory is asked for."""
+        """Make ready to time it: results go where those before went, so that no memory is asked for."""
         if self.pipeline:
             state, turns = getattr(yester, self.function)(**self.options), cycle(inputs.frames(self.jitter))
             # The first step has no history to bring along.
@@ -102,7 +102,7 @@ class Task:
             output, buffers = state.step(frame), frame.buffers()
             used = [buffers[name] for name in {"color", *output.used} & buffers.keys()]
             made = _bytes([output.color, output.variance, output.history_length, output.confidence, output.rejection])
-            return Call(lambda: state.step(next(turns)), _bytes(used) + made, made)
+            return Call(lambda: state.step(next(turns), out=output), _bytes(used) + made, made)
         function, given = getattr(yester, self.function), self.arguments(inputs)
         result = function(**given)
         if isinstance(result, yester.Accumulated):
@@ -156,8 +156,8 @@ _CENTER = 24
 # 2 to hold the exponent, 3 to split it, 10 for the polynomial, 2 to put both together, 1 where the weight is zero.
 _EXP2 = 18
 # An à-trous pass: 25 taps, the centre among them, with 4 for luminance and 10 to add weight, colour and variance; then
-# 30 for the blurred deviation and its reciprocal, 18 to divide the sums and for the luminance of the result.
-_PASS = 25 * (_GUIDED + 4 + _EXP2 + 10) + _CENTER + 30 + 18
+# 30 for the blurred deviation and its reciprocal, 17 to divide the sums and for the luminance of the result.
+_PASS = 25 * (_GUIDED + 4 + _EXP2 + 10) + _CENTER + 30 + 17
 # Before the first pass, and after the last: what is missing or no surface is found and replaced. Of pipelines, too, the
 # passes and this alone are counted.
 _AROUND = 22 + 23 + 4

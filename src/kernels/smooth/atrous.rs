@@ -16,13 +16,16 @@
 
 use std::ops::Range;
 
+use pulp::Simd;
+
 use super::guide::{Comparison, Guide, Sigmas};
-use super::variance::floored;
+use super::variance::{floored, floored_all};
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, View};
-use crate::lanes::{Bordered, BorderedBand, LANES, Lanes, Layout, Tap};
-use crate::math::{LOG2_E, exp2_weight, is_present, luminance};
-use crate::rows::{self, Kernel};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
+use crate::lanes::{Bordered, BorderedBand, Lanes, Layout, Tap};
+use crate::math::{LOG2_E, exp2_weight, is_present, luminance, luminances};
+use crate::pixels::{PixelsMut, Row};
+use crate::rows::{self, Kernel, LanesKernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -74,73 +77,90 @@ const LUMINANCE: usize = 4;
 /// log₂ of 1, 2/3 and 1/6.
 const LOG2_KERNEL: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
 
-/// The filter's results.
-pub struct Filtered {
-    pub color: Image,
-    pub variance: Image,
-    /// The colour after the passes that were asked for.
-    pub kept: [Option<Image>; 2],
-}
-
-/// `keep` names passes, counted from 1, after which the colour is wanted as well.
-pub fn atrous(
-    color: View,
-    variance: View,
+/// Writes the filtered colour and variance.
+pub fn atrous<'a>(
+    color: Pixels,
+    variance: Pixels,
     guide: &Guide,
     params: Params,
-    keep: [Option<u32>; 2],
-) -> Filtered {
+    filtered: impl Iterator<Item = PixelsMut<'a>>,
+    filtered_variance: &mut [f32],
+) {
     let size = color.size;
-    let [mut image, mut filtered] = [(); 2].map(|()| {
-        let mut image = Bordered::new(guide.layout, CHANNELS);
-        image.fill(LUMINANCE, f32::NAN);
-        image
-    });
+    let mut image = Filtered::new(guide.layout);
     rows::run(&Load { color, variance }, size.height, image.bands());
-    let mut kept = [None, None];
     for iteration in 0..params.iterations {
+        image.filter(guide, params, iteration);
+    }
+    let variances = bands_of(filtered_variance, size);
+    let outs = (filtered.zip(variances)).map(|(color, variance)| Outs { color, variance });
+    rows::run(&Unload { image: &image }, size.height, outs);
+}
+
+/// An image on its way through the passes.
+pub struct Filtered {
+    image: Bordered,
+    /// That of the pass before, to be overwritten.
+    spare: Option<Bordered>,
+}
+
+impl Filtered {
+    pub fn new(layout: Layout) -> Self {
+        Self {
+            image: blank(layout),
+            spare: None,
+        }
+    }
+
+    pub fn size(&self) -> Size {
+        self.image.layout.size
+    }
+
+    /// To be loaded.
+    pub fn bands(&mut self) -> impl Iterator<Item = BorderedBand<'_>> {
+        self.image.bands()
+    }
+
+    /// Runs pass `iteration`, from 0.
+    pub fn filter(&mut self, guide: &Guide, params: Params, iteration: u32) {
+        let mut filtered = self.spare.take().unwrap_or_else(|| blank(guide.layout));
         let pass = Pass {
-            image: &image,
+            image: &self.image,
             guide,
             params,
             step: 1 << iteration,
         };
-        rows::run(&pass, size.height, filtered.bands());
-        std::mem::swap(&mut image, &mut filtered);
-        for (kept, pass) in kept.iter_mut().zip(keep) {
-            if pass == Some(iteration + 1) {
-                *kept = Some(unload(&image).0);
+        rows::run_lanes(&pass, guide.layout.size.height, filtered.bands());
+        self.spare = Some(std::mem::replace(&mut self.image, filtered));
+    }
+
+    /// A run's colour; NaN where it is missing.
+    #[inline(always)]
+    pub fn color(&self, run: Run, color: &mut [Row; 3]) {
+        let rows = self.image.rows::<CHANNELS>(run.y);
+        let [r, g, b, _, l] = rows.map(|row| &row[run.x..][..run.len]);
+        for (out, plane) in color.iter_mut().zip([r, g, b]) {
+            for ((out, &value), &l) in out.iter_mut().zip(plane).zip(l) {
+                *out = if l.is_nan() { f32::NAN } else { value };
             }
         }
     }
-    let (color, variance) = unload(&image);
-    // A filter that ends before is kept as it ended.
-    for (kept, pass) in kept.iter_mut().zip(keep) {
-        if pass.is_some_and(|pass| pass > params.iterations) {
-            *kept = Some(color.clone());
-        }
-    }
-    Filtered {
-        color,
-        variance,
-        kept,
+
+    #[inline(always)]
+    pub fn variance(&self, y: usize) -> &[f32] {
+        self.image.rows::<CHANNELS>(y)[VARIANCE]
     }
 }
 
-fn unload(image: &Bordered) -> (Image, Image) {
-    let size = image.layout.size;
-    let (mut color, mut variance) = (Image::new(size, 3), Image::new(size, 1));
-    rows::run(
-        &Unload { image },
-        size.height,
-        color.bands().zip(variance.bands()),
-    );
-    (color, variance)
+fn blank(layout: Layout) -> Bordered {
+    let mut beyond = [0.0; CHANNELS];
+    beyond[LUMINANCE] = f32::NAN;
+    Bordered::new(layout, beyond)
 }
 
 struct Load<'a> {
-    color: View<'a>,
-    variance: View<'a>,
+    color: Pixels<'a>,
+    variance: Pixels<'a>,
 }
 
 impl<'a> Kernel for Load<'a> {
@@ -148,15 +168,38 @@ impl<'a> Kernel for Load<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
+        let mut color = [[0.0; SEGMENT]; 3];
         for y in rows {
-            load(self.color.rows(y), self.variance.row(0, y), out.rows(y));
-            out.replicate(VARIANCE, y);
+            variance_of(&mut out, y).copy_from_slice(self.variance.row(y));
+            settle_variance(y, &mut out);
+            for run in segments(y, self.color.size.width) {
+                self.color
+                    .read(run, color.each_mut().map(Row::as_mut_slice));
+                load(run, color.each_ref().map(|row| &row[..run.len]), &mut out);
+            }
         }
     }
 }
 
+/// Where a row's variance belongs, to be settled when it is there.
 #[inline(always)]
-fn load([r, g, b]: [&[f32]; 3], v: &[f32], [or, og, ob, ov, ol]: [&mut [f32]; CHANNELS]) {
+pub fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
+    image.row(VARIANCE, y)
+}
+
+#[inline(always)]
+pub fn settle_variance(y: usize, image: &mut BorderedBand) {
+    for v in image.row(VARIANCE, y) {
+        *v = if v.is_finite() { floored(*v) } else { 0.0 };
+    }
+    image.replicate(VARIANCE, y);
+}
+
+/// Puts a run's colour in place.
+#[inline(always)]
+pub fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
+    let rows = out.rows::<CHANNELS>(run.y);
+    let [or, og, ob, _, ol] = rows.map(|row| &mut row[run.x..][..run.len]);
     for x in 0..r.len() {
         let present = is_present([r[x], g[x], b[x]]);
         let keep = |c: f32| if present { c } else { 0.0 };
@@ -166,26 +209,31 @@ fn load([r, g, b]: [&[f32]; 3], v: &[f32], [or, og, ob, ov, ol]: [&mut [f32]; CH
         } else {
             f32::NAN
         };
-        ov[x] = if v[x].is_finite() { floored(v[x]) } else { 0.0 };
     }
 }
 
 struct Unload<'a> {
-    image: &'a Bordered,
+    image: &'a Filtered,
+}
+
+struct Outs<'a> {
+    color: PixelsMut<'a>,
+    variance: BandMut<'a>,
 }
 
 impl<'a> Kernel for Unload<'a> {
-    type Out = (BandMut<'a>, BandMut<'a>);
+    type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut color, mut variance): Self::Out) {
+    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+        let mut values = [[0.0; SEGMENT]; 3];
         for y in rows {
-            let [r, g, b, v, l] = self.image.rows::<CHANNELS>(y);
-            variance.row(0, y).copy_from_slice(v);
-            for (out, plane) in color.rows::<3>(y).into_iter().zip([r, g, b]) {
-                for ((out, &value), &l) in out.iter_mut().zip(plane).zip(l) {
-                    *out = if l.is_nan() { f32::NAN } else { value };
-                }
+            out.variance
+                .row(0, y)
+                .copy_from_slice(self.image.variance(y));
+            for run in segments(y, self.image.size().width) {
+                self.image.color(run, &mut values);
+                out.color.write(run, values.each_ref().map(Row::as_slice));
             }
         }
     }
@@ -198,11 +246,11 @@ struct Pass<'a> {
     step: usize,
 }
 
-impl<'a> Kernel for Pass<'a> {
+impl<'a> LanesKernel for Pass<'a> {
     type Out = BorderedBand<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: BorderedBand<'a>) {
         let layout = self.image.layout;
         let around = Around {
             layout,
@@ -216,8 +264,8 @@ impl<'a> Kernel for Pass<'a> {
                 .collect();
             // The border continues the rows; above the first and below the last row, these do.
             let near = [y.saturating_sub(1), (y + 1).min(layout.size.height - 1)];
-            for x in (0..layout.size.width).step_by(LANES) {
-                let filtered = around.filter(x, y, near, &taps);
+            for x in (0..layout.size.width).step_by(Lanes::<S>::COUNT) {
+                let filtered = around.filter(simd, x, y, near, &taps);
                 for (row, lanes) in out.rows::<CHANNELS>(y).into_iter().zip(filtered) {
                     lanes.store(row, x);
                 }
@@ -244,21 +292,22 @@ struct Around<'a> {
 impl Around<'_> {
     /// The pixels from (x, y) on.
     #[inline(always)]
-    fn filter(
+    fn filter<S: Simd>(
         &self,
+        simd: S,
         x: usize,
         y: usize,
         near: [usize; 2],
         taps: &[(Tap, f32)],
-    ) -> [Lanes; CHANNELS] {
+    ) -> [Lanes<S>; CHANNELS] {
         let at = self.layout.at(x, y);
-        let center = self.guide.center(x, y);
-        let (here, sharpness) = self.sharpness(x, y, near);
-        let mut weight = Lanes::all(0.0);
-        let [mut r, mut g, mut b, mut v] = [Lanes::all(0.0); 4];
+        let center = self.guide.center(simd, x, y);
+        let (here, sharpness) = self.sharpness(simd, x, y, near);
+        let mut weight = Lanes::all(simd, 0.0);
+        let [mut r, mut g, mut b, mut v] = [Lanes::all(simd, 0.0); 4];
         for &(tap, exponent) in taps {
-            let guided = self.guide.exponents(&center, tap, exponent);
-            let [tr, tg, tb, tv, tl] = Lanes::load_all(self.image, tap.of(at));
+            let guided = self.guide.exponents(simd, &center, tap, exponent);
+            let [tr, tg, tb, tv, tl] = Lanes::load_all(simd, self.image, tap.of(at));
             let w = exp2_weight(guided - sharpness * (here - tl).abs());
             weight = weight + w;
             r = r + w * tr;
@@ -266,44 +315,42 @@ impl Around<'_> {
             b = b + w * tb;
             v = v + w * w * tv;
         }
-        let some = weight.map(|w| w > 0.0);
-        let (r, g, b) = (
-            (r / weight).or(some, 0.0),
-            (g / weight).or(some, 0.0),
-            (b / weight).or(some, 0.0),
-        );
-        let v = (v / weight / weight).or(some, 0.0).map(floored);
-        let l = luminance_of(r, g, b).or(some, f32::NAN);
+        let some = weight.above(0.0);
+        let [r, g, b] = [r, g, b].map(|sum| (sum / weight).or_all(some, 0.0));
+        let v = floored_all(v / weight / weight);
+        let l = luminances(r, g, b).or_all(some, f32::NAN);
         [r, g, b, v, l]
     }
 
     /// The centres' luminance, and log₂e over the difference from it that counts as one; both 0 where it is missing, so that
     /// it does not count.
     #[inline(always)]
-    fn sharpness(&self, x: usize, y: usize, [above, below]: [usize; 2]) -> (Lanes, Lanes) {
-        let [above, own, below] =
-            [above, y, below].map(|y| blurred(self.image[VARIANCE], self.layout.at(x, y)));
+    fn sharpness<S: Simd>(
+        &self,
+        simd: S,
+        x: usize,
+        y: usize,
+        [above, below]: [usize; 2],
+    ) -> (Lanes<S>, Lanes<S>) {
+        let above = blurred(simd, self.image[VARIANCE], self.layout.at(x, above));
+        let own = blurred(simd, self.image[VARIANCE], self.layout.at(x, y));
+        let below = blurred(simd, self.image[VARIANCE], self.layout.at(x, below));
         let deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
-        let luminance = Lanes::load(self.image[LUMINANCE], self.layout.at(x, y));
-        let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + Lanes::all(1e-30);
-        let known = luminance.map(|l| !l.is_nan());
-        let sharpness = Lanes::all(LOG2_E) / unit;
-        (luminance.or(known, 0.0), sharpness.or(known, 0.0))
+        let luminance = Lanes::load(simd, self.image[LUMINANCE], self.layout.at(x, y));
+        let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + 1e-30;
+        let known = luminance.is_number();
+        let sharpness = Lanes::all(simd, LOG2_E) / unit;
+        (luminance.or_all(known, 0.0), sharpness.or_all(known, 0.0))
     }
 }
 
 /// Along a row.
 #[inline(always)]
-fn blurred(plane: &[f32], at: usize) -> Lanes {
-    let (left, right) = (Lanes::load(plane, at - 1), Lanes::load(plane, at + 1));
-    left * 0.25 + Lanes::load(plane, at) * 0.5 + right * 0.25
-}
-
-#[inline(always)]
-fn luminance_of(r: Lanes, g: Lanes, b: Lanes) -> Lanes {
-    let mut l = [0.0; LANES];
-    for lane in 0..LANES {
-        l[lane] = luminance(r.0[lane], g.0[lane], b.0[lane]);
-    }
-    Lanes(l)
+fn blurred<S: Simd>(simd: S, plane: &[f32], at: usize) -> Lanes<S> {
+    let [left, own, right] = [
+        Lanes::load(simd, plane, at - 1),
+        Lanes::load(simd, plane, at),
+        Lanes::load(simd, plane, at + 1),
+    ];
+    left * 0.25 + own * 0.5 + right * 0.25
 }

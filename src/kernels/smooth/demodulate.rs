@@ -10,87 +10,95 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, View};
+use crate::image::{Pixels, Run, SEGMENT, segments};
+use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel};
 
 /// The least albedo that is divided by.
 const LEAST: f32 = 1.0 / 1024.0;
 
-struct Modulate<'a> {
-    image: View<'a>,
-    albedo: View<'a>,
-    emission: Option<View<'a>>,
-    back: bool,
+/// What light falls on.
+#[derive(Clone, Copy)]
+pub struct Texture<'a> {
+    pub albedo: Pixels<'a>,
+    pub emission: Option<Pixels<'a>>,
 }
 
-/// Illumination of a colour image.
-pub fn demodulate(color: View, albedo: View, emission: Option<View>) -> Image {
-    modulate(Modulate {
-        image: color,
-        albedo,
-        emission,
-        back: false,
-    })
+/// Whether texture comes off or is put back.
+#[derive(Clone, Copy)]
+pub enum Way {
+    Off,
+    Back,
 }
 
-/// Colour of an illumination image.
-pub fn remodulate(illumination: View, albedo: View, emission: Option<View>) -> Image {
-    modulate(Modulate {
-        image: illumination,
-        albedo,
-        emission,
-        back: true,
-    })
+/// Illumination of colour, or colour of illumination: of images of `N` channels, texture included.
+pub fn modulate<'a, const N: usize>(
+    image: Pixels<'a>,
+    texture: Texture<'a>,
+    way: Way,
+    out: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let kernel = Modulate::<N> {
+        image,
+        texture,
+        way,
+    };
+    rows::run(&kernel, image.size.height, out);
 }
 
-fn modulate(kernel: Modulate) -> Image {
-    let mut out = Image::new(kernel.image.size, kernel.image.channels);
-    rows::run(&kernel, kernel.image.size.height, out.bands());
-    out
+struct Modulate<'a, const N: usize> {
+    image: Pixels<'a>,
+    texture: Texture<'a>,
+    way: Way,
 }
 
-impl<'a> Kernel for Modulate<'a> {
-    type Out = BandMut<'a>;
+impl<'a, const N: usize> Kernel for Modulate<'a, N> {
+    type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            for channel in 0..self.image.channels {
-                let out = out.row(channel, y);
-                let image = self.image.row(channel, y);
-                let albedo = self.albedo.row(channel, y);
-                match (
-                    self.emission.map(|emission| emission.row(channel, y)),
-                    self.back,
-                ) {
-                    (None, false) => each(out, image, albedo, albedo, |c, a, _| c / a),
-                    (None, true) => each(out, image, albedo, albedo, |i, a, _| i * a),
-                    (Some(emission), false) => {
-                        each(out, image, albedo, emission, |c, a, e| (c - e) / a)
-                    }
-                    (Some(emission), true) => {
-                        each(out, image, albedo, emission, |i, a, e| i * a + e)
-                    }
-                }
+    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+        let mut values = [[0.0; SEGMENT]; N];
+        for run in rows.flat_map(|y| segments(y, self.image.size.width)) {
+            self.image
+                .read(run, values.each_mut().map(|row| &mut row[..]));
+            self.texture.modulate(self.way, run, &mut values);
+            out.write(run, values.each_ref().map(|row| &row[..]));
+        }
+    }
+}
+
+impl Texture<'_> {
+    /// Changes a run's values.
+    #[inline(always)]
+    pub fn modulate<const N: usize>(&self, way: Way, run: Run, values: &mut [[f32; SEGMENT]; N]) {
+        let mut albedo = [[0.0; SEGMENT]; N];
+        self.albedo
+            .read(run, albedo.each_mut().map(|row| &mut row[..]));
+        let mut emission = [[0.0; SEGMENT]; N];
+        if let Some(image) = self.emission {
+            image.read(run, emission.each_mut().map(|row| &mut row[..]));
+        }
+        for ((values, albedo), emission) in values.iter_mut().zip(&albedo).zip(&emission) {
+            let (values, albedo) = (&mut values[..run.len], &albedo[..run.len]);
+            let emission = &emission[..run.len];
+            match (way, self.emission.is_some()) {
+                (Way::Off, false) => each(values, albedo, emission, |c, a, _| c / a),
+                (Way::Off, true) => each(values, albedo, emission, |c, a, e| (c - e) / a),
+                (Way::Back, false) => each(values, albedo, emission, |i, a, _| i * a),
+                (Way::Back, true) => each(values, albedo, emission, |i, a, e| i * a + e),
             }
         }
     }
 }
 
 #[inline(always)]
-fn each(
-    out: &mut [f32],
-    image: &[f32],
-    albedo: &[f32],
-    emission: &[f32],
-    f: impl Fn(f32, f32, f32) -> f32,
-) {
-    for (((out, &c), &a), &e) in out.iter_mut().zip(image).zip(albedo).zip(emission) {
+fn each(values: &mut [f32], albedo: &[f32], emission: &[f32], f: impl Fn(f32, f32, f32) -> f32) {
+    for ((value, &a), &e) in values.iter_mut().zip(albedo).zip(emission) {
         let a = if (a > LEAST) & (a < f32::INFINITY) {
             a
         } else {
             LEAST
         };
-        *out = f(c, a, if e.is_finite() { e } else { 0.0 });
+        *value = f(*value, a, if e.is_finite() { e } else { 0.0 });
     }
 }

@@ -13,12 +13,13 @@
 use std::ops::Range;
 
 use glam::Vec3;
+use pulp::Simd;
 
 use crate::error::{Result, in_range};
-use crate::image::{Size, View};
+use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::pinhole::Rays;
-use crate::kernels::judge::surface::Surface;
-use crate::lanes::{Bordered, BorderedBand, LANES, Lanes, Layout, Tap};
+use crate::kernels::judge::surface::Buffers;
+use crate::lanes::{Bordered, BorderedBand, Classes, Lanes, Layout, Tap};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
 
@@ -71,31 +72,33 @@ enum Depth {
 impl Guide {
     /// For taps up to `reach` pixels to the side. Planes are compared where rays, depth and normals are given, slopes where
     /// only depth is.
-    pub fn new(size: Size, reach: usize, surface: Surface, rays: Option<Rays>) -> Self {
-        let Surface {
+    pub fn new(size: Size, reach: usize, surface: Buffers, rays: Option<Rays>) -> Self {
+        let Buffers {
             depth, normal, ids, ..
         } = surface;
         let layout = Layout::new(size, reach);
-        let mut class = Bordered::new(layout, 1);
-        if depth.is_some() || ids.is_some() {
-            rows::run(&Classes { depth, ids }, size.height, class.bands());
-        }
-        let fill = |channels, kernel: Fill| {
-            let mut image = Bordered::new(layout, channels);
-            rows::run(&kernel, size.height, image.bands());
-            image
-        };
-        let normal = normal.map(|normal| fill(3, Fill::Normals { normal, depth }));
-        let depth = depth.map(|depth| match rays.filter(|_| normal.is_some()) {
-            Some(rays) => Depth::Plane(fill(1, Fill::Depths { depth }), rays),
-            None => Depth::Slope(fill(3, Fill::Slopes { depth })),
-        });
-        Self {
+        let mut guide = Self {
             layout,
+            class: Bordered::new(layout, [0]),
+            normal: normal.map(|_| Bordered::new(layout, [0.0; 3])),
+            depth: depth.map(|_| match rays.filter(|_| normal.is_some()) {
+                Some(rays) => Depth::Plane(Bordered::new(layout, [1.0]), rays),
+                None => Depth::Slope(Bordered::new(layout, [0.0; 3])),
+            }),
+        };
+        let mut normals = guide.normal.as_mut().map(Bordered::bands);
+        let mut depths = guide.depth.as_mut().map(|depth| match depth {
+            Depth::Plane(image, _) | Depth::Slope(image) => image.bands(),
+        });
+        let outs = guide.class.bands().map(|class| Outs {
             class,
-            normal,
-            depth,
-        }
+            normal: normals.as_mut().and_then(Iterator::next),
+            depth: depths.as_mut().and_then(Iterator::next),
+        });
+        let kernel = Fill { depth, normal, ids };
+        rows::run(&kernel, size.height, outs);
+        drop((normals, depths));
+        guide
     }
 
     pub fn compares_planes(&self) -> bool {
@@ -145,46 +148,43 @@ enum Depths<'a> {
 /// With D(x, y) the ray of a pixel, which is linear in x and y, a point of depth Z′ seen Δ pixels away from the pixel (x, y)
 /// of depth Z and normal n is n·(X′ − X) = Z′ (n·D + Δx n·∂D/∂x + Δy n·∂D/∂y) − Z n·D from its plane.
 #[derive(Clone, Copy)]
-pub struct Center {
+pub struct Center<S: Simd> {
     at: usize,
-    class: Lanes<u32>,
-    normal: [Lanes; 3],
+    class: Classes<S>,
+    normal: [Lanes<S>; 3],
     /// n·∂D/∂x, n·∂D/∂y, n·D and Z n·D, in units of the distance that counts as one.
-    plane: [Lanes; 4],
+    plane: [Lanes<S>; 4],
     /// Depth and its slopes.
-    slope: [Lanes; 3],
+    slope: [Lanes<S>; 3],
 }
 
 impl Comparison<'_> {
     /// The pixels from (x, y) on.
     #[inline(always)]
-    pub fn center(&self, x: usize, y: usize) -> Center {
+    pub fn center<S: Simd>(&self, simd: S, x: usize, y: usize) -> Center<S> {
         let at = self.layout.at(x, y);
         let mut center = Center {
             at,
-            class: Lanes::load(self.class, at),
-            normal: [Lanes::all(0.0); 3],
-            plane: [Lanes::all(0.0); 4],
-            slope: [Lanes::all(0.0); 3],
+            class: Classes::load(simd, self.class, at),
+            normal: [Lanes::all(simd, 0.0); 3],
+            plane: [Lanes::all(simd, 0.0); 4],
+            slope: [Lanes::all(simd, 0.0); 3],
         };
         if let Some(normal) = self.normal {
-            center.normal = Lanes::load_all(normal, at);
+            center.normal = Lanes::load_all(simd, normal, at);
         }
         match self.depth {
             Depths::Plane([depth], rays) => {
-                let z = Lanes::load(depth, at);
-                let scale = Lanes::all(self.plane_scale) / z;
+                let z = Lanes::load(simd, depth, at);
+                let scale = Lanes::all(simd, self.plane_scale) / z;
                 let right = scale * dot(center.normal, rays.dx);
                 let down = scale * dot(center.normal, rays.dy);
-                let mut columns = [0.0; LANES];
-                for (lane, column) in columns.iter_mut().enumerate() {
-                    *column = (x + lane) as f32 + 0.5;
-                }
+                let columns = Lanes::count_from(simd, x as f32 + 0.5);
                 let corner = scale * dot(center.normal, rays.corner);
-                let ray = corner + right * Lanes(columns) + down * (y as f32 + 0.5);
+                let ray = corner + right * columns + down * (y as f32 + 0.5);
                 center.plane = [right, down, ray, z * ray];
             }
-            Depths::Slope(slopes) => center.slope = Lanes::load_all(slopes, at),
+            Depths::Slope(slopes) => center.slope = Lanes::load_all(simd, slopes, at),
             Depths::Absent => {}
         }
         center
@@ -193,40 +193,40 @@ impl Comparison<'_> {
     /// Exponents, in units of log₂, of the weights between centres and a tap of theirs: that of the tap itself, less what
     /// stands between the two; −∞ between classes.
     #[inline(always)]
-    pub fn exponents(&self, center: &Center, tap: Tap, own: f32) -> Lanes {
+    pub fn exponents<S: Simd>(&self, simd: S, center: &Center<S>, tap: Tap, own: f32) -> Lanes<S> {
         let there = tap.of(center.at);
-        let mut exponents = Lanes::all(own);
+        let mut exponents = Lanes::all(simd, own);
         if let Some(normal) = self.normal {
-            let [nx, ny, nz] = Lanes::load_all(normal, there);
+            let [nx, ny, nz] = Lanes::load_all(simd, normal, there);
             let [hx, hy, hz] = center.normal;
             let (x, y, z) = (hx - nx, hy - ny, hz - nz);
             exponents = exponents - (x * x + y * y + z * z) * self.normal_scale;
         }
         match self.depth {
             Depths::Plane([depth], _) => {
-                let z = Lanes::load(depth, there);
+                let z = Lanes::load(simd, depth, there);
                 let [right, down, ray, here] = center.plane;
                 let ray = ray + down * tap.offset[1] as f32 + right * tap.offset[0] as f32;
                 exponents = exponents - (z * ray - here).abs();
             }
             Depths::Slope([depth, ..]) => {
-                let z_there = Lanes::load(depth, there);
+                let z_there = Lanes::load(simd, depth, there);
                 let [z, zx, zy] = center.slope;
                 let [dx, dy] = tap.offset;
                 let rise = zx * dx.unsigned_abs() as f32 + zy * dy.unsigned_abs() as f32;
                 // The last term keeps background, where all is zero, from 0/0.
-                let unit = rise * self.slope_unit + z * 1e-3 + Lanes::all(1e-30);
+                let unit = rise * self.slope_unit + z * 1e-3 + 1e-30;
                 exponents = exponents - (z - z_there).abs() * LOG2_E / unit;
             }
             Depths::Absent => {}
         }
-        let class = Lanes::load(self.class, there);
-        exponents.or(center.class.zip(class, |a, b| a == b), f32::NEG_INFINITY)
+        let class = Classes::load(simd, self.class, there);
+        exponents.or_all(center.class.equal(class), f32::NEG_INFINITY)
     }
 }
 
 #[inline(always)]
-fn dot([x, y, z]: [Lanes; 3], v: Vec3) -> Lanes {
+fn dot<S: Simd>([x, y, z]: [Lanes<S>; 3], v: Vec3) -> Lanes<S> {
     x * v.x + y * v.y + z * v.z
 }
 
@@ -236,66 +236,43 @@ fn is_surface(z: f32) -> bool {
     (z > 0.0) & (z < f32::INFINITY)
 }
 
-struct Classes<'a> {
-    depth: Option<View<'a>>,
-    ids: Option<View<'a, u32>>,
+struct Fill<'a> {
+    depth: Option<Pixels<'a>>,
+    normal: Option<Pixels<'a>>,
+    ids: Option<Pixels<'a, u32>>,
 }
 
-impl<'a> Kernel for Classes<'a> {
-    type Out = BorderedBand<'a, u32>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut class: BorderedBand<'a, u32>) {
-        for y in rows {
-            let class = class.row(0, y);
-            match self.ids {
-                // Background is 0, and an object may be as well.
-                Some(ids) => {
-                    for (class, &id) in class.iter_mut().zip(ids.row(0, y)) {
-                        *class = id.saturating_add(1);
-                    }
-                }
-                None => class.fill(1),
-            }
-            if let Some(depth) = self.depth {
-                for (class, &z) in class.iter_mut().zip(depth.row(0, y)) {
-                    *class = if is_surface(z) { *class } else { 0 };
-                }
-            }
-        }
-    }
-}
-
-/// The float planes of a guide.
-enum Fill<'a> {
-    Normals {
-        normal: View<'a>,
-        depth: Option<View<'a>>,
-    },
-    Depths {
-        depth: View<'a>,
-    },
-    Slopes {
-        depth: View<'a>,
-    },
+/// A band of each image of a guide. Depth has one channel or, with slopes, three.
+struct Outs<'a> {
+    class: BorderedBand<'a, u32>,
+    normal: Option<BorderedBand<'a>>,
+    depth: Option<BorderedBand<'a>>,
 }
 
 impl<'a> Kernel for Fill<'a> {
-    type Out = BorderedBand<'a>;
+    type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
+    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
         for y in rows {
-            match *self {
-                Self::Normals { normal, depth } => {
-                    normals(normal.rows(y), depth.map(|d| d.row(0, y)), out.rows(y))
-                }
-                Self::Depths { depth } => depths(depth.row(0, y), out.row(0, y)),
-                Self::Slopes { depth } => {
-                    let row = |y: usize| (y < depth.size.height).then(|| depth.row(0, y));
+            let depth = self.depth.map(|depth| depth.row(y));
+            classes(depth, self.ids.map(|ids| ids.row(y)), out.class.row(0, y));
+            if let Some((normal, out)) = self.normal.zip(out.normal.as_mut()) {
+                let mut out = out.rows(y);
+                normal.read(
+                    Run::row(y, normal.size.width),
+                    out.each_mut().map(|row| &mut **row),
+                );
+                normals(depth, out);
+            }
+            if let Some((image, out)) = self.depth.zip(out.depth.as_mut()) {
+                if out.channels() == 1 {
+                    depths(image.row(y), out.row(0, y));
+                } else {
+                    let row = |y: usize| (y < image.size.height).then(|| image.row(y));
                     slopes(
                         row(y.wrapping_sub(1)),
-                        depth.row(0, y),
+                        image.row(y),
                         row(y + 1),
                         out.rows(y),
                     );
@@ -305,16 +282,33 @@ impl<'a> Kernel for Fill<'a> {
     }
 }
 
+/// All alike where neither depth nor ids are known.
 #[inline(always)]
-fn normals([nx, ny, nz]: [&[f32]; 3], depth: Option<&[f32]>, [ox, oy, oz]: [&mut [f32]; 3]) {
+fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
+    match ids {
+        // Background is 0, and an object may be as well.
+        Some(ids) => {
+            for (class, &id) in class.iter_mut().zip(ids) {
+                *class = id.saturating_add(1);
+            }
+        }
+        None => class.fill(1),
+    }
+    if let Some(depth) = depth {
+        for (class, &z) in class.iter_mut().zip(depth) {
+            *class = if is_surface(z) { *class } else { 0 };
+        }
+    }
+}
+
+/// Normals as they came, to zero where there is no surface.
+#[inline(always)]
+fn normals(depth: Option<&[f32]>, [nx, ny, nz]: [&mut [f32]; 3]) {
     for x in 0..nx.len() {
         let finite = is_present([nx[x], ny[x], nz[x]]);
         let kept = finite && depth.is_none_or(|depth| is_surface(depth[x]));
-        (ox[x], oy[x], oz[x]) = if kept {
-            (nx[x], ny[x], nz[x])
-        } else {
-            (0.0, 0.0, 0.0)
-        };
+        let keep = |n: f32| if kept { n } else { 0.0 };
+        (nx[x], ny[x], nz[x]) = (keep(nx[x]), keep(ny[x]), keep(nz[x]));
     }
 }
 

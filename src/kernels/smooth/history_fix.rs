@@ -9,11 +9,13 @@
 
 use std::ops::Range;
 
+use pulp::Simd;
+
 use super::guide::{Guide, Sigmas};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
 use crate::math::{exp2_weight, is_present};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, LanesKernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -69,15 +71,15 @@ pub fn fix_history(color: View, length: View, guide: &Guide, params: Params) -> 
         guide,
         params,
     };
-    rows::run(&kernel, color.size.height, fixed.bands());
+    rows::run_lanes(&kernel, color.size.height, fixed.bands());
     fixed
 }
 
-impl<'a> Kernel for Fix<'a> {
+impl<'a> LanesKernel for Fix<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut fixed: BandMut<'a>) {
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut fixed: BandMut<'a>) {
         for y in rows {
             for channel in 0..3 {
                 fixed
@@ -86,7 +88,7 @@ impl<'a> Kernel for Fix<'a> {
             }
             for (x, &length) in self.length.row(0, y).iter().enumerate() {
                 if length < self.params.max_length
-                    && let Some(mean) = self.mean(x, y, length)
+                    && let Some(mean) = self.mean(simd, x, y, length)
                 {
                     for (channel, mean) in mean.into_iter().enumerate() {
                         fixed.row(channel, y)[x] = mean;
@@ -99,11 +101,11 @@ impl<'a> Kernel for Fix<'a> {
 
 impl Fix<'_> {
     #[inline(always)]
-    fn mean(&self, x: usize, y: usize, length: f32) -> Option<[f32; 3]> {
+    fn mean<S: Simd>(&self, simd: S, x: usize, y: usize, length: f32) -> Option<[f32; 3]> {
         let step = (self.params.stride / (1.0 + length.max(0.0)) + 0.5).max(1.0) as usize;
         let (mut weight, mut sum) = (0.0, [0.0; 3]);
         let guide = self.guide.compare(&self.params.sigmas);
-        let center = guide.center(x, y);
+        let center = guide.center(simd, x, y);
         for tap in self.guide.layout.taps(y, 2, step) {
             let [dx, dy] = tap.offset;
             let (x, y) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
@@ -113,8 +115,8 @@ impl Fix<'_> {
             let color = [0, 1, 2].map(|c| self.color.row(c, y)[x]);
             let samples = self.length.row(0, y)[x];
             if is_present(color) && samples > 0.0 {
-                let weights = exp2_weight(guide.exponents(&center, tap, 0.0));
-                let w = weights.0[0] * samples;
+                let weights = exp2_weight(guide.exponents(simd, &center, tap, 0.0));
+                let w = weights.first() * samples;
                 weight += w;
                 for (sum, c) in sum.iter_mut().zip(color) {
                     *sum += w * c;

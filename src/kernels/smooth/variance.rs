@@ -9,12 +9,14 @@
 
 use std::ops::Range;
 
+use pulp::Simd;
+
 use super::guide::{Comparison, Guide, Sigmas};
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Image, View};
-use crate::lanes::{LANES, Lanes, Tap};
+use crate::image::{BandMut, Size, View, bands_of};
+use crate::lanes::{Lanes, Mask, Tap};
 use crate::math::exp2_weight;
-use crate::rows::{self, Kernel};
+use crate::rows::{self, LanesKernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -61,106 +63,115 @@ pub fn floored(variance: f32) -> f32 {
     if variance >= SMALLEST { variance } else { 0.0 }
 }
 
-struct Estimate<'a> {
+/// An estimate that can be made row by row.
+pub struct Estimate<'a> {
     moments: View<'a>,
     length: View<'a>,
     guide: &'a Guide,
     params: Params,
 }
 
-/// The variance of a history image's moments; planes as in [`crate::kernels::merge::accumulate`].
-pub fn estimate_variance(moments: View, length: View, guide: &Guide, params: Params) -> Image {
-    let mut variance = Image::new(length.size, 1);
-    let kernel = Estimate {
-        moments,
-        length,
-        guide,
-        params,
-    };
-    rows::run(&kernel, length.size.height, variance.bands());
-    variance
+pub fn estimate_variance(estimate: &Estimate, size: Size, variance: &mut [f32]) {
+    rows::run_lanes(estimate, size.height, bands_of(variance, size));
 }
 
-impl<'a> Kernel for Estimate<'a> {
+impl<'a> LanesKernel for Estimate<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut variance: BandMut<'a>) {
-        let guide = self.guide.compare(&self.params.sigmas);
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut variance: BandMut<'a>) {
         for y in rows {
-            let taps = self.guide.layout.taps(y, self.params.radius as isize, 1);
-            let out = variance.row(0, y);
-            for x in (0..out.len()).step_by(LANES) {
-                self.variance(x, y, &guide, &taps).store(out, x);
-            }
+            self.row(simd, y, variance.row(0, y));
         }
     }
 }
 
-impl Estimate<'_> {
+impl<'a> Estimate<'a> {
+    /// Planes as in [`crate::kernels::merge::accumulate`]; a guide for at least the window's radius.
+    pub fn new(moments: View<'a>, length: View<'a>, guide: &'a Guide, params: Params) -> Self {
+        Self {
+            moments,
+            length,
+            guide,
+            params,
+        }
+    }
+
+    #[inline(always)]
+    pub fn row<S: Simd>(&self, simd: S, y: usize, variance: &mut [f32]) {
+        let guide = self.guide.compare(&self.params.sigmas);
+        let taps = self.guide.layout.taps(y, self.params.radius as isize, 1);
+        for x in (0..variance.len()).step_by(Lanes::<S>::COUNT) {
+            self.variance(simd, x, y, &guide, &taps).store(variance, x);
+        }
+    }
+
     /// Of the pixels from (x, y) on.
     #[inline(always)]
-    fn variance(&self, x: usize, y: usize, guide: &Comparison, taps: &[Tap]) -> Lanes {
-        let [m1, m2] = self.moments(x as isize, y);
-        // Beyond the row there is nothing to estimate.
-        let length = Lanes::load_around(self.length.row(0, y), x as isize, f32::INFINITY);
-        let temporal = (m2 - m1 * m1).map(floored);
-        let mut lasts = known(m1, m2);
-        let mut all = true;
-        for lane in 0..LANES.min(self.length.size.width - x) {
-            lasts.0[lane] &= length.0[lane] >= self.params.min_length;
-            all &= lasts.0[lane];
-        }
-        if all {
-            return temporal;
-        }
-        let mut spatial = self.spatial(x, y, guide, taps, length);
-        for lane in 0..LANES {
-            spatial.0[lane] = if lasts.0[lane] {
-                temporal.0[lane]
-            } else {
-                spatial.0[lane]
-            };
-        }
-        spatial
-    }
-
-    #[inline(always)]
-    fn moments(&self, x: isize, y: usize) -> [Lanes; 2] {
-        let [m1, m2] = self.moments.rows(y);
-        [m1, m2].map(|row| Lanes::load_around(row, x, f32::NAN))
-    }
-
-    #[inline(always)]
-    fn spatial(
+    fn variance<S: Simd>(
         &self,
+        simd: S,
         x: usize,
         y: usize,
         guide: &Comparison,
         taps: &[Tap],
-        length: Lanes,
-    ) -> Lanes {
-        let center = guide.center(x, y);
-        let [mut weight, mut first, mut second] = [Lanes::all(0.0); 3];
+    ) -> Lanes<S> {
+        // Beyond the row there is nothing to estimate.
+        let [m1, m2] = self.moments(simd, x as isize, y, 0.0);
+        let length = Lanes::load_around(simd, self.length.row(0, y), x as isize, f32::INFINITY);
+        let temporal = floored_all(m2 - m1 * m1);
+        let lasts = known(m1, m2).and(length.at_least(self.params.min_length));
+        if lasts.all() {
+            return temporal;
+        }
+        temporal.or(lasts, self.spatial(simd, x, y, guide, taps, length))
+    }
+
+    #[inline(always)]
+    fn moments<S: Simd>(&self, simd: S, x: isize, y: usize, outside: f32) -> [Lanes<S>; 2] {
+        let [m1, m2] = self.moments.rows(y);
+        [
+            Lanes::load_around(simd, m1, x, outside),
+            Lanes::load_around(simd, m2, x, outside),
+        ]
+    }
+
+    #[inline(always)]
+    fn spatial<S: Simd>(
+        &self,
+        simd: S,
+        x: usize,
+        y: usize,
+        guide: &Comparison,
+        taps: &[Tap],
+        length: Lanes<S>,
+    ) -> Lanes<S> {
+        let center = guide.center(simd, x, y);
+        let [mut weight, mut first, mut second] = [Lanes::all(simd, 0.0); 3];
         for &tap in taps {
             let [dx, dy] = tap.offset;
-            let [m1, m2] = self.moments(x as isize + dx, y.wrapping_add_signed(dy));
+            let (x, y) = (x as isize + dx, y.wrapping_add_signed(dy));
+            let [m1, m2] = self.moments(simd, x, y, f32::NAN);
             let known = known(m1, m2);
-            let w = exp2_weight(guide.exponents(&center, tap, 0.0));
-            let w = w.or(known, 0.0);
+            let w = exp2_weight(guide.exponents(simd, &center, tap, 0.0)).or_all(known, 0.0);
             weight = weight + w;
-            first = first + (w * m1).or(known, 0.0);
-            second = second + (w * m2).or(known, 0.0);
+            first = first + (w * m1).or_all(known, 0.0);
+            second = second + (w * m2).or_all(known, 0.0);
         }
-        let some = weight.map(|w| w > 0.0);
         let (m1, m2) = (first / weight, second / weight);
-        let samples = length.map(|n| if n > 1.0 { n } else { 1.0 });
-        let young = Lanes::all(self.params.min_length) / samples;
-        ((m2 - m1 * m1) * young).map(floored).or(some, 0.0)
+        let samples = length.or_all(length.above(1.0), 1.0);
+        let young = Lanes::all(simd, self.params.min_length) / samples;
+        floored_all((m2 - m1 * m1) * young).or_all(weight.above(0.0), 0.0)
     }
 }
 
 #[inline(always)]
-fn known(m1: Lanes, m2: Lanes) -> Lanes<bool> {
-    m1.zip(m2, |a, b| a.is_finite() & b.is_finite())
+fn known<S: Simd>(m1: Lanes<S>, m2: Lanes<S>) -> Mask<S> {
+    m1.is_finite().and(m2.is_finite())
+}
+
+/// The same of neighbouring pixels.
+#[inline(always)]
+pub fn floored_all<S: Simd>(variance: Lanes<S>) -> Lanes<S> {
+    variance.or_all(variance.at_least(SMALLEST), 0.0)
 }
