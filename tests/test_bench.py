@@ -10,7 +10,7 @@ from test_cli import refused, run
 from test_cli_study import files, interrupted, table, without
 from yester.study import bench, peers, rivals
 from yester.study.tasks import TASKS, Inputs, stage
-from yester.study.timings import OURS, Limits, Timing, draw, markdown, targets, write_csv
+from yester.study.timings import OURS, Limits, Memory, Timing, draw, markdown, targets, write_csv
 
 HD, UHD = (1920, 1080), (3840, 2160)
 LIMITS = Limits(20.0, 100.0)
@@ -40,7 +40,8 @@ def test_every_task_runs_again_and_again(task, inputs):
     call.run(), call.run()
     given = [array for name in task.images.values() for array in inputs_of(inputs, name)]
     least = sum(array.nbytes for array in given) if given else 64 * 48 * 4 * 3
-    assert least <= call.bytes < 1e6
+    assert least <= call.bytes - call.made < 1e6
+    assert 64 * 48 * 4 <= call.made < 1e6 or task.function == "exposure"
 
 
 def inputs_of(inputs, names):
@@ -53,7 +54,9 @@ def test_bytes_count_each_image_once(inputs):
     calls = {task.name: task.start(inputs) for task in TASKS if task.name in ("reproject, bilinear", "exposure")}
     pixels = 64 * 48
     assert calls["reproject, bilinear"].bytes == pixels * 4 * (3 + 3 + 3 + 1)
+    assert calls["reproject, bilinear"].made == pixels * 4 * (3 + 1)
     assert calls["exposure"].bytes == pixels * 4 * 3
+    assert calls["exposure"].made == 0
 
 
 def test_frames_follow_each_other(inputs):
@@ -88,12 +91,38 @@ def test_rivals_do_the_like(name, inputs):
     assert np.mean(difference) < 0.01 * np.mean(ours)
 
 
-@pytest.mark.parametrize("name", ["reproject, bilinear, tested", "TAA, 5 taps"])
+@pytest.mark.parametrize("name", ["reproject, bilinear, tested", "clip_history, blended", "TAA, 5 taps"])
 def test_references_do_the_same(name, inputs):
     (task,) = (task for task in TASKS if task.name == name)
     other, ours = (call.run() for call in (rivals.start(rivals.REFERENCE, task, inputs), task.start(inputs)))
-    other, ours = (result.color if task.pipeline else result[0] for result in (other, ours))
+    if not isinstance(ours, np.ndarray):
+        other, ours = (result.color if task.pipeline else result[0] for result in (other, ours))
     assert np.mean(np.abs(np.asarray(other) - ours) > 1e-3) < 0.01
+
+
+def test_memory_of_a_pipeline(tmp_path):
+    """More than the colours that it remembers, less than ten times its images; and no more from frame to frame."""
+    width, height = 512, 288
+    stage(tmp_path, width, height)
+    with bench._Worker(2) as worker:
+        memory = worker.ask("memory", "TAA, 5 taps", (tmp_path, width, height))
+    image = 12e-6 * width * height
+    assert image < memory.most < 10 * image
+    assert abs(memory.growth) < image
+
+
+def test_memory_is_what_is_left_of_growth(monkeypatch, inputs):
+    (task,) = (task for task in TASKS if task.name == "TAA")
+    known = iter([(100, 105), (120, 130), (140, 150), (150, 155), *[(151, 160)] * 8, (153, 170)])
+    monkeypatch.setattr(bench, "_resident", lambda: next(known))
+    made = 1e-6 * task.start(inputs).made
+    assert bench._memory(task, inputs) == (pytest.approx(70 - made), 3)
+
+    def refuse():
+        raise FileNotFoundError
+
+    monkeypatch.setattr(bench, "_resident", refuse)
+    assert bench._memory(task, inputs) is None
 
 
 # What is made of the times
@@ -122,7 +151,7 @@ def test_targets():
         timing("reproject, catmull-rom", OURS, 20.0),
         timing("reproject, catmull-rom", "OpenCV remap, cubic", 20.0),
         timing("atrous, 1 pass", OURS, 10.0, bytes=100_000_000, limits=LIMITS),
-        timing("SVGF, 5 passes", OURS, 50.0),
+        timing("SVGF, 5 passes", OURS, 50.0, memory=Memory(149.0, 0.75)),
         timing("SVGF, 5 passes", OURS, 90.0, threads=1),
         timing("SVGF, 5 passes", OURS, 500.0, simd="baseline"),
         timing("SVGF, 5 passes", OURS, 220.0, size=UHD),
@@ -140,6 +169,8 @@ def test_targets():
         "SVGF, 5 passes: how many times faster than torch reference": (38, False),
         "SVGF, 5 passes: one thread's time, in times of two": (1.8, False),
         "SVGF, 5 passes: a pixel's time at 4K, in times of 1080p": (1.1, True),
+        "SVGF, 5 passes: state and scratch, MB": (149, True),
+        "SVGF, 5 passes: their growth from frame to frame, MB": (0.75, False),
     }
     assert all(target.met is None for target in targets([timings[0]]))
 
@@ -149,18 +180,25 @@ def test_page_and_tables(tmp_path):
         timing("exposure", OURS, 2.0, 1.0, 3.0, bytes=10_000_000, limits=LIMITS),
         timing("exposure", OURS, 4.0, threads=1, bytes=10_000_000, limits=LIMITS),
         timing("exposure", "torch reference", 50.0),
-        timing("exposure", "torch reference", 70.0, threads=1),
+        timing("exposure", "OpenCV mean", 8.0),
+        timing("exposure", "OpenCV mean", 9.0, threads=1),
+        timing("TAA", OURS, 6.0, memory=Memory(34.56, 0.0)),
+        timing("TAA", OURS, 7.0, size=UHD),
     ]
     page = markdown(timings, about="of a machine", missing=["OpenCV: buy it"])
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("|")]
     assert ["2 threads, avx2", "20.0", "100"] in rows
-    assert ["exposure", "2.00", "1.50 to 2.50", "3", "0.96", "5.0", "25% memory", "4.00"] in rows
-    assert ["— torch reference", "50.00", "50.00 to 50.00", "1", "24.11", "", "(25.00 × yester)", "70.00"] in rows
-    assert all(row[2] == "not measured" for row in rows if row[0].startswith("SVGF"))
+    assert ["exposure", "2.00", "1.50 to 2.50", "0.96", "5.0", "25% memory", "4.00", "50.00"] in rows
+    assert ["— OpenCV mean", "8.00", "8.00 to 8.00", "3.86", "", "(4.00 × yester)", "9.00", ""] in rows
+    assert ["TAA", "6.00", "6.00 to 6.00", "2.89", "", "", "", ""] in rows
+    assert ["TAA", "7.00", "7.00 to 7.00", "0.84", "", "", ""] in rows
+    assert ["TAA", "34.6", "0.0"] in rows
+    assert ["TAA: a pixel's time at 4K, in times of 1080p", "≤ 1.15", "0.29", "met"] in rows
+    assert ["SVGF: a pixel's time at 4K, in times of 1080p", "≤ 1.15", "not measured", ""] in rows
     assert "of a machine" in page
     assert page.endswith("Not here: OpenCV: buy it\n")
     write_csv(timings, tmp_path)
-    first, *_, last = table(tmp_path / "bench.csv")
+    first, *_, last = table(tmp_path / "bench.csv")[:5]
     assert (first["task"], first["contender"], first["width"], first["runs"], first["limit"]) == (
         *("exposure", OURS, "1920", "3", "memory"),
     )
@@ -170,8 +208,16 @@ def test_page_and_tables(tmp_path):
     assert (last["threads"], last["simd"], last["share"], last["copy_gb_per_s"]) == ("1", "", "", "")
     judged = table(tmp_path / "targets.csv")
     assert [row["target"] for row in judged] == [target.name for target in targets(timings)]
+    held = [(row["held_mb"], row["growth_mb"]) for row in table(tmp_path / "bench.csv")]
+    assert held == [*[("", "")] * 5, ("34.56", "0.0"), ("", "")]
     figure = draw(timings)
-    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["exposure"]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["exposure", "TAA"]
+
+
+def test_what_the_system_does_not_tell_is_named():
+    assert "Not here: memory" in markdown([timing("TAA", OURS, 6.0)], about="")
+    assert "Not here: memory" not in markdown([timing("exposure", OURS, 6.0)], about="")
+    assert "targets" not in markdown([timing("exposure", OURS, 6.0)], about="")
 
 
 def test_who_is_slow_has_few_runs(monkeypatch, tmp_path):
@@ -193,8 +239,9 @@ def test_who_is_slow_has_few_runs(monkeypatch, tmp_path):
 
     patience = 1e3 * bench.PATIENCE
     assert raced(1.0, *range(7)) == [6, 5, 4, 3, 2, 1, 0]
+    assert len(raced(0.1 * patience, *[0.2 * patience] * 7)) == 5
     assert len(raced(0.6 * patience, *[0.6 * patience] * 7)) == 3
-    assert raced(1.1 * patience) == [1.1 * patience]
+    assert raced(1.1 * patience, *[1.2 * patience] * 7) == [1.2 * patience]
 
 
 def test_large_images_are_spared_the_slow():
@@ -227,6 +274,11 @@ def test_settings(monkeypatch):
         bench.settings(None, ["avx512"])
     monkeypatch.setattr(bench._core, "settings", lambda: (4, "neon"))
     assert bench.settings([4]) == [(4, "neon")]
+
+
+def test_something_is_to_be_measured():
+    with pytest.raises(ValueError, match="repetitions: expected at least 1, got 0"):
+        bench.measure(TASKS, [HD], [(1, "")], repetitions=0)
 
 
 def test_what_is_missing_is_named(monkeypatch):
@@ -302,11 +354,12 @@ def test_refuses_before_work_starts(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_interrupted(tmp_path, monkeypatch):
-    """Nothing is left behind."""
+@pytest.mark.parametrize("moment", ["*", "*/*.npy"], ids=["processes start", "images are made"])
+def test_interrupted(moment, tmp_path, monkeypatch):
+    """Nothing is left behind, and nothing is said by the processes that measure."""
     out, images = tmp_path / "out", tmp_path / "images"
     images.mkdir()
     monkeypatch.setenv("TMPDIR", str(images))
-    interrupted("bench", "--sizes", "640x480", "--no-rivals", "-o", out, until=lambda: [*images.glob("*/*.npy")])
+    interrupted("bench", "--sizes", "640x480", "--no-rivals", "-o", out, until=lambda: [*images.glob(moment)])
     assert not [*images.iterdir()]
     assert not [*out.iterdir()]

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -36,13 +37,14 @@ def without(modules, *arguments, code=0):
 
 
 def interrupted(*arguments, until):
-    """Press Ctrl-C as soon as something is the case."""
+    """Press Ctrl-C as soon as something is the case: as in a terminal, all processes hear it."""
     command = [sys.executable, "-m", "yester", *map(str, arguments)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as process:
         while not until():
             assert process.poll() is None, process.communicate()
             time.sleep(1e-3)
-        process.send_signal(signal.SIGINT)
+        os.killpg(process.pid, signal.SIGINT)
         _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (130, "yester: interrupted\n")
 

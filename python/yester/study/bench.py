@@ -7,16 +7,18 @@ them alike. Every few tasks, each setting measures what the machine allows it: t
 multiply-adds.
 
 A run is one call, or as many as fill 20 ms, of which the mean counts. What is told are medians and quartiles of the
-runs after the first, which warms caches up. Who is slow has fewer: three, once they have taken `PATIENCE` seconds in
-all; and if the first alone took as long, that counts, and it is the only one. References, which are very slow, have a
-quarter of that time, are run up to 1920×1080 and with the most threads; beyond that size rivals, too, have the most
-threads, and of the SIMD levels there is the best alone. Results go where those of the call before went, for kernels and
-rivals that can do that.
+runs after the first, which warms caches up. Who is slow has fewer: three, if they take more than `PATIENCE` seconds in
+all, and one, if the first alone did. References, which are very slow, are run up to 1920×1080 and with the most
+threads; beyond that size rivals, too, have the most threads, and of the SIMD levels there is the best alone. Results go
+where those of the call before went, for rivals as well where they can do that.
 
 The least that a kernel has to move are its images, read or written once. The share of its limit is the time that this
 takes at the bandwidth of copies, or its multiply-adds at their rate if they have been counted and take longer, over its
 own time. Small images stay in caches, which are faster than that: their share may be more than one. What a pipeline
 remembers from frame to frame is not counted.
+
+The memory of pipelines is that by which a process of its own grows: from before it makes one to the most in a few
+steps, less the images that come out.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ import math
 import os
 import platform
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -45,31 +48,31 @@ from yester.io.files import beside
 from . import rivals
 from .report import save_figure
 from .tasks import TASKS, Call, Inputs, Task, stage
-from .timings import HD, OURS, Limits, Timing, draw, markdown, write_csv
+from .timings import HD, OURS, Limits, Memory, Timing, draw, markdown, write_csv
 
 __all__ = ["LEVELS", "PATIENCE", "chosen", "measure", "run", "settings"]
 
 #: Instruction sets, each with all before it; neon stands alone.
 LEVELS = ("baseline", "avx2", "avx512")
-#: Seconds of runs after which a contender has had enough of them, and a reference has.
-PATIENCE, _PATIENCE_WITH_REFERENCES = 2.0, 0.5
-#: Runs of a contender whose first stayed within that, and seconds that a run lasts at least.
-_FEWEST, _SHORTEST = 3, 0.02
+#: Seconds after which a contender has had runs enough, if it has had the fewest; and seconds that a run lasts at least.
+PATIENCE, _FEWEST, _SHORTEST = 4.0, 3, 0.02
 #: Tasks.
 _LIMITS_EVERY = 4
+#: Steps of a pipeline whose memory is measured, and those after which it should have all that it needs.
+_STEPS, _SETTLED = 12, 3
 #: Seconds for which the threads of some rivals go on spinning after their work.
 _CALM = 0.02
 
 
-def settings(threads: Sequence[int] | None = None, levels: Sequence[str] | None = None) -> list[tuple[int, str]]:
+def settings(threads: Sequence[int] | None = None, simd: Sequence[str] | None = None) -> list[tuple[int, str]]:
     """Choose settings: all numbers of threads with the best SIMD level, and all levels with the most threads.
 
     Parameters
     ----------
     threads : sequence of int, optional
         By default one, and all that there are.
-    levels : sequence of str, optional
-        By default all that the machine has.
+    simd : sequence of str, optional
+        Levels; by default all that the machine has.
 
     Returns
     -------
@@ -86,11 +89,11 @@ def settings(threads: Sequence[int] | None = None, levels: Sequence[str] | None 
     for number in threads or ():
         if not 1 <= number <= most:
             raise ValueError(f"threads: expected 1 to {most}, got {number}")
-    for level in levels or ():
+    for level in simd or ():
         if level not in known:
             raise ValueError(f"simd: expected some of {', '.join(known)}, got {level}")
     counts = sorted({*(threads or (1, most))}, reverse=True)
-    names = [level for level in reversed(known) if level in (levels or known)]
+    names = [level for level in reversed(known) if level in (simd or known)]
     return [*((count, names[0]) for count in counts), *((counts[0], level) for level in names[1:])]
 
 
@@ -164,6 +167,7 @@ class _Entrant:
     setting: tuple[int, str]
     worker: _Worker
     bytes: int = 0
+    memory: Memory | None = None
     #: Milliseconds of the first run, and of those after it.
     first: float = 0.0
     runs: list[float] = field(default_factory=list)
@@ -172,8 +176,9 @@ class _Entrant:
         self.bytes, self.first = self.worker.ask("prepare", self.name, task.name, inputs)
 
     def take_turn(self) -> None:
-        patience = 1e3 * (_PATIENCE_WITH_REFERENCES if self.name == rivals.REFERENCE else PATIENCE)
-        if self.first < patience and (len(self.runs) < _FEWEST or self.first + sum(self.runs) < patience):
+        patience = 1e3 * PATIENCE
+        fewest = _FEWEST if self.first < patience else 1
+        if len(self.runs) < fewest or self.first + sum(self.runs) < patience:
             self.runs.append(self.worker.ask("run", self.name))
 
 
@@ -206,10 +211,15 @@ def measure(
 
     Raises
     ------
+    ValueError
+        If there are to be no repetitions.
     OSError
         If a process ends, as it does where memory is short.
     """
+    if repetitions < 1:
+        raise ValueError(f"repetitions: expected at least 1, got {repetitions}")
     measured: list[tuple[Task, tuple[int, int], _Entrant]] = []
+    weighed = max((size for size in sizes if math.prod(size) <= math.prod(HD)), key=math.prod, default=None)
     limits: dict[tuple[int, str], list[tuple[float, float]]] = {setting: [] for setting in settings}
     with ExitStack() as stack:
         ours = {setting: stack.enter_context(_Worker(*setting)) for setting in settings}
@@ -227,7 +237,11 @@ def measure(
                     for entrant in entrants:
                         if entrant.name == OURS and number % _LIMITS_EVERY == 0:
                             limits[entrant.setting].append(entrant.worker.ask("limits"))
-                    _race(entrants, task, (Path(folder), *size), repetitions)
+                    inputs = (Path(folder), *size)
+                    if task.pipeline and size == weighed:
+                        with _Worker(*settings[0]) as alone:
+                            entrants[0].memory = alone.ask("memory", task.name, inputs)
+                    _race(entrants, task, inputs, repetitions)
                     measured += [(task, size, entrant) for entrant in entrants]
                     progress.update()
     # In 10⁹/s.
@@ -235,7 +249,7 @@ def measure(
     return [
         Timing(
             *(task.name, entrant.name, size, *entrant.setting, tuple(entrant.runs)),
-            *(entrant.bytes, task.multiply_adds, allowed.get(entrant.setting)),
+            *(entrant.bytes, task.multiply_adds, allowed.get(entrant.setting), entrant.memory),
         )
         for task, size, entrant in measured
     ]
@@ -269,7 +283,6 @@ def _race(entrants: Sequence[_Entrant], task: Task, inputs: tuple[Path, int, int
         for number in (*range(i % len(entrants), len(entrants)), *range(i % len(entrants))):
             entrants[number].take_turn()
     for entrant in entrants:
-        entrant.runs = entrant.runs or [entrant.first]
         entrant.worker.ask("forget")
 
 
@@ -280,7 +293,8 @@ class _Worker:
         context = get_context("spawn")
         self._pipe, end = context.Pipe()
         self._process = context.Process(target=_serve, args=(end,), daemon=True)
-        with _environment(YESTER_THREADS=str(threads), YESTER_SIMD=simd):
+        # Ctrl-C is for the process that asks, from the very beginning of this one.
+        with _environment(YESTER_THREADS=str(threads), YESTER_SIMD=simd), _deaf():
             self._process.start()
         end.close()
 
@@ -293,10 +307,10 @@ class _Worker:
         self._pipe.close()
 
     def ask(self, *request: Any) -> Any:
-        self._pipe.send(request)
         try:
+            self._pipe.send(request)
             answer = self._pipe.recv()
-        except EOFError:
+        except (EOFError, ConnectionError):
             self._process.join()
             code = self._process.exitcode
             raise OSError(f"a process of the benchmark has ended with code {code}: is memory short?") from None
@@ -316,10 +330,22 @@ def _environment(**variables: str) -> Iterator[None]:
         os.environ.update(before)
 
 
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Ignore Ctrl-C, as do processes that start meanwhile, for good."""
+    if threading.current_thread() is not threading.main_thread():
+        # Only that one hears it, and may decide.
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _serve(pipe: Connection) -> None:
     """Answer until nobody asks any more."""
-    # Ctrl-C is for the process that asks.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     tasks = {task.name: task for task in TASKS}
     calls: dict[str, Call] = {}
     while True:
@@ -339,6 +365,8 @@ def _serve(pipe: Connection) -> None:
                     answer = calls[contender].bytes, _timed(calls[contender].run)
                 case "run", contender:
                     answer = _timed(calls[contender].run)
+                case "memory", name, inputs:
+                    answer = _memory(tasks[name], Inputs(*inputs))
                 case ("forget",):
                     calls.clear()
                     answer = None
@@ -355,3 +383,27 @@ def _timed(run: Callable[[], object]) -> float:
         calls, elapsed = calls + 1, time.perf_counter() - start
     time.sleep(_CALM)
     return 1e3 * elapsed / calls
+
+
+def _memory(task: Task, images: Inputs) -> Memory | None:
+    """What a pipeline holds, if the system tells."""
+    images.frames()
+    try:
+        before, _ = _resident()
+    except OSError:
+        return None
+    call = task.start(images)
+    held = []
+    for _ in range(_STEPS):
+        call.run()
+        held.append(_resident())
+    (settled, _), (end, most) = held[_SETTLED - 1], held[-1]
+    return Memory(most - before - 1e-6 * call.made, end - settled)
+
+
+def _resident() -> tuple[float, float]:
+    """What this process has in memory, and the most that it ever had, in MB: from a file that Linux has."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    known = {name: text.split() for name, _, text in (line.partition(":") for line in lines)}
+    now, most = (1.024e-3 * int(known[name][0]) for name in ("VmRSS", "VmHWM"))
+    return now, most

@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +85,9 @@ class Oidn:
         self._device.commit()
         # A filter of its own for each: to change the quality of one builds its network anew.
         self._network = pyoidn.Filter(self._device)
+        # They hold gigabytes, and nothing else lets go of them.
+        for held in (self._network, self._device):
+            finalize(self, held.release)
         self._network.set_bool("hdr", True)
         self._network.set_quality(
             {"fast": pyoidn.OIDN_QUALITY_FAST, "balanced": pyoidn.OIDN_QUALITY_BALANCED}.get(

@@ -39,10 +39,13 @@ class Call(NamedTuple):
     run : callable
     bytes : int
         Of the images that go in and come out, each once; 0 if that is not known.
+    made : int
+        Of those that come out.
     """
 
     run: Callable[[], object]
     bytes: int = 0
+    made: int = 0
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,10 @@ class Task:
     rivals : tuple of str, default none
         Keys of `rivals.RIVALS`; the reference is one of every task.
     multiply_adds : float, optional
-        That a pixel needs at least, other arithmetic of the same units among them; None where nobody has counted.
+        That a pixel needs at least; None where nobody has counted. The limit that they are held to is one of
+        instructions, as many as the vector units take in, times lanes: whatever else goes through these units (a sum,
+        a product, a comparison, a choice, a shift) counts as much as a multiply-add, and so does a quotient or a root,
+        which takes longer. Loads and stores are not counted.
     jitter : (float, float), optional
         That frames tell of their samples, which a pipeline may use to resolve them.
     """
@@ -88,21 +94,21 @@ class Task:
         return {**images, **self.options}
 
     def start(self, inputs: Inputs) -> Call:
-        """Make ready to time it; kernels write where they wrote before, so that no memory is asked for."""
+        """Make ready to time it: results go where those before went, so that no memory is asked for."""
         if self.pipeline:
             state, turns = getattr(yester, self.function)(**self.options), cycle(inputs.frames(self.jitter))
             # The first step has no history to bring along.
             frame = next(turns)
             output, buffers = state.step(frame), frame.buffers()
             used = [buffers[name] for name in {"color", *output.used} & buffers.keys()]
-            made = [output.color, output.variance, output.history_length, output.confidence, output.rejection]
-            return Call(lambda: state.step(next(turns)), _bytes([*used, *made]))
+            made = _bytes([output.color, output.variance, output.history_length, output.confidence, output.rejection])
+            return Call(lambda: state.step(next(turns), out=output), _bytes(used) + made, made)
         function, given = getattr(yester, self.function), self.arguments(inputs)
         result = function(**given)
         if isinstance(result, yester.Accumulated):
             result = result.color, result.moments, result.history_length
         out = {} if isinstance(result, float) else {"out": result}
-        return Call(partial(function, **given, **out), _bytes([*given.values(), result]))
+        return Call(partial(function, **given, **out), _bytes(given.values()) + _bytes([result]), _bytes([result]))
 
 
 def _bytes(values: Iterable[Any]) -> int:
@@ -127,16 +133,42 @@ _MOVED = _named("camera", "previous_camera", geometry="depth")
 _FETCH = _named("history", "motion")
 _TESTED = _named("history", "motion", *_TESTS)
 _MERGE = _named("color", "history", "history_moments", "history_length")
+_BLEND = _named("color", "history", alpha="confidence")
 _SMOOTH = _named("color", "variance", *_SURFACE, "camera")
 
 _LINEAR, _CUBIC, _LANCZOS = (f"OpenCV remap, {name}" for name in ("linear", "cubic", "Lanczos4"))
 _BILINEAR, _BICUBIC = (f"torch grid_sample, {name}" for name in ("bilinear", "bicubic"))
+_MOMENTS = "OpenCV blur + sqrBoxFilter"
 _WINDOWS = ("OpenCV joint bilateral, 5x5", "OpenCV guided filter, 5x5")
 _NETWORKS = ("OIDN fast", "OIDN balanced", "OIDN high")
 
 _SEED: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {"reflections": (), "gradient": False, "fireflies": False, "antialias": False}
+
+# What one pixel takes of the vector units, as `Task.multiply_adds` counts, read from the kernels.
+#
+# A tap's exponent: normals 8 for the squared distance, 2 to scale and subtract it; planes 4 to move the ray, 4 for the
+# distance from the plane and to subtract it; classes 2.
+_GUIDED = 10 + 8 + 2
+# Its centre: rays in units of the distance that counts as one.
+_CENTER = 24
+# 2 to hold the exponent, 3 to split it, 10 for the polynomial, 2 to put both together, 1 where the weight is zero.
+_EXP2 = 18
+# An à-trous pass: 25 taps, the centre among them, with 4 for luminance and 10 to add weight, colour and variance; then
+# 30 for the blurred deviation and its reciprocal, 17 to divide the sums and for the luminance of the result.
+_PASS = 25 * (_GUIDED + 4 + _EXP2 + 10) + _CENTER + 30 + 17
+# Before the first pass, and after the last: what is missing or no surface is found and replaced. Of pipelines, too, the
+# passes and this alone are counted.
+_AROUND = 22 + 23 + 4
+# Variance in time 11; for a tenth of the pixels, whose history is short, 49 taps with 5 to know the moments by and 8 to
+# add them.
+_ESTIMATE = 11 + 0.1 * (49 * (_GUIDED + _EXP2 + 13) + _CENTER + 12)
+# Both colours 24 to convert; statistics of columns 86, across them 76; the box with its room 19, the way into it 52,
+# and 8 back to RGB.
+_CLIP = 2 * 24 + 86 + 76 + 19 + 52 + 8
+# The blend by alpha that may follow: 16 to know what is missing, 22 to mix.
+_MIX = 16 + 22
 
 TASKS = (
     Task("motion_vectors", "motion_vectors", _MOVED),
@@ -150,7 +182,8 @@ TASKS = (
     Task("reproject, catmull-rom-5", "reproject", _FETCH, {"filter": "catmull-rom-5"}, (_CUBIC, _BICUBIC)),
     Task("reproject, lanczos-2", "reproject", _FETCH, {"filter": "lanczos-2"}, (_LANCZOS,)),
     Task("consistency", "consistency", _named("motion", *_TESTS)),
-    Task("clip_history, variance", "clip_history", _named("history", "color"), rivals=("OpenCV blur + sqrBoxFilter",)),
+    Task("clip_history, variance", "clip_history", _named("history", "color"), {}, (_MOMENTS,), _CLIP),
+    Task("clip_history, blended", "clip_history", _BLEND, {}, (_MOMENTS,), _CLIP + _MIX),
     Task("clip_history, minmax", "clip_history", _named("history", "color"), _SEED, ("OpenCV erode + dilate",)),
     Task("clip_history, hull", "clip_history", _named("history", "color"), {"box": "hull", "response": "current"}),
     Task("exposure", "exposure", _named("color")),
@@ -158,7 +191,7 @@ TASKS = (
     Task("temporal_gradient", "temporal_gradient", _named("color", previous="history")),
     Task("prediction_gain", "prediction_gain", _named("color", "ids", candidate="history", base="previous_color")),
     Task("blend_factor", "blend_factor", _named("confidence", "motion")),
-    Task("blend", "blend", _named("color", "history", alpha="confidence")),
+    Task("blend", "blend", _BLEND),
     Task("accumulate", "accumulate", _MERGE),
     Task("accumulate, with gradient", "accumulate", {**_MERGE, "gradient": "confidence"}),
     Task("resolve, 2 samples", "resolve", {"samples": ["color", "history"]}, {"offsets": yester.jitter(2).tolist()}),
@@ -168,16 +201,18 @@ TASKS = (
         "estimate_variance",
         "estimate_variance",
         _named("history_length", *_SURFACE, "camera", moments="history_moments"),
+        multiply_adds=_ESTIMATE,
     ),
-    Task("atrous, 1 pass", "atrous", _SMOOTH, {"iterations": 1}, _WINDOWS),
-    Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}),
+    Task("atrous, 1 pass", "atrous", _SMOOTH, {"iterations": 1}, _WINDOWS, _AROUND + _PASS),
+    Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}, (), _AROUND + 5 * _PASS),
     Task("demodulate", "demodulate", _named("color", "albedo")),
     Task("remodulate", "remodulate", _named("albedo", illumination="color")),
     Task("morphological_aa", "morphological_aa", _named("color")),
     Task("TAA", "TAA", jitter=(0.25, -0.125)),
     Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
-    Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS),
-    Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}),
+    Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _PASS),
+    Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _PASS),
+    Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}, (), _AROUND + 5 * _PASS),
 )
 
 

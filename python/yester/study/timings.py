@@ -14,12 +14,13 @@ import numpy as np
 from yester.io.files import beside
 
 from .report import COLORS, GRID, INK, PAPER
+from .rivals import REFERENCE
 from .tasks import TASKS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["OURS", "Limits", "Target", "Timing", "draw", "markdown", "targets", "write_csv"]
+__all__ = ["OURS", "Limits", "Memory", "Target", "Timing", "draw", "markdown", "targets", "write_csv"]
 
 #: What this package is called among those that are timed.
 OURS = "yester"
@@ -33,13 +34,28 @@ class Limits(NamedTuple):
     Attributes
     ----------
     bandwidth : float
-        Of copies of arrays that no cache holds, read and written, in GB/s.
+        Of copies of arrays of 134 MB, read and written, in GB/s.
     arithmetic : float
-        Multiply-adds of floats in registers, in 10⁹/s.
+        Multiply-adds of floats in registers, in 10⁹/s; where no instruction does both, multiplications and additions.
     """
 
     bandwidth: float
     arithmetic: float
+
+
+class Memory(NamedTuple):
+    """What a pipeline has in memory beside its inputs and outputs: state and scratch.
+
+    Attributes
+    ----------
+    most : float
+        In MB.
+    growth : float
+        From the third step to the last of a few more, in MB.
+    """
+
+    most: float
+    growth: float
 
 
 @dataclass(frozen=True)
@@ -65,6 +81,8 @@ class Timing:
         That a pixel needs at least, if known.
     limits : Limits or None
         Of the setting; None for rivals.
+    memory : Memory or None
+        Of pipelines, if it was measured.
     """
 
     task: str
@@ -76,6 +94,7 @@ class Timing:
     bytes: int = 0
     multiply_adds: float | None = None
     limits: Limits | None = None
+    memory: Memory | None = None
 
     @property
     def pixels(self) -> int:
@@ -174,8 +193,9 @@ def targets(timings: Sequence[Timing]) -> list[Target]:
         return Target(f"{task}: how many times faster than {rival}", "≥", wanted, measured)
 
     pipelines = [task.name for task in TASKS if task.pipeline]
-    atrous = timed("atrous, 1 pass")
+    atrous, denoiser = timed("atrous, 1 pass"), timed("SVGF, 5 passes")
     binding = f" ({atrous.limit[0]} binds)" if atrous and atrous.limit else ""
+    memory = denoiser.memory if denoiser else None
     return [
         slower("reproject, bilinear", "OpenCV remap, linear", 1.0),
         slower("reproject, catmull-rom", "OpenCV remap, cubic", 1.0, "<"),
@@ -183,7 +203,7 @@ def targets(timings: Sequence[Timing]) -> list[Target]:
         Target(f"atrous, 1 pass: share of the limit{binding}", "≥", 0.4, atrous.share if atrous else None),
         slower("TAA, 5 taps", "OpenCV remap, linear", 4.0),
         faster("SVGF, 5 passes", "OIDN fast", 10.0),
-        faster("SVGF, 5 passes", "torch reference", 40.0),
+        faster("SVGF, 5 passes", REFERENCE, 40.0),
         *(
             Target(
                 f"{task}: one thread's time, in times of two",
@@ -198,6 +218,8 @@ def targets(timings: Sequence[Timing]) -> list[Target]:
             )
             for task in pipelines
         ),
+        Target("SVGF, 5 passes: state and scratch, MB", "≤", 150, memory and memory.most),
+        Target("SVGF, 5 passes: their growth from frame to frame, MB", "≤", 0.5, memory and memory.growth),
     ]
 
 
@@ -207,7 +229,7 @@ def markdown(timings: Sequence[Timing], *, about: str, missing: Iterable[str] = 
     Parameters
     ----------
     timings : sequence of Timing
-        The setting that comes first is shown in full, of the others the medians alone.
+        The setting that comes first is shown in full, of the others, and of references, the medians alone.
     about : str
         A paragraph at its head.
     missing : iterable of str, default none
@@ -221,26 +243,31 @@ def markdown(timings: Sequence[Timing], *, about: str, missing: Iterable[str] = 
     settings = list(dict.fromkeys((timing.threads, timing.simd) for timing in ours))
     known = {(timing.threads, timing.simd): timing.limits for timing in ours if timing.limits}
     pages = ["# yester bench", about]
-    head: tuple[str, ...] = ("the machine's limits", "copies, GB/s", "multiply-adds, 10⁹/s")
+    head: Sequence[str] = ("the machine's limits", "copies, GB/s", "multiply-adds, 10⁹/s")
     limits = [(_setting(*key), f"{one.bandwidth:.1f}", f"{one.arithmetic:.0f}") for key, one in known.items()]
     pages.append(_table(head, limits))
     for size in dict.fromkeys(timing.size for timing in timings):
-        same = [timing for timing in timings if timing.size == size]
-        title = f"{size[0]}×{size[1]}, {_setting(*settings[0])}"
-        others = [_setting(*setting) for setting in settings[1:]]
-        head = (title, "ms", "quartiles", "runs", "ns/pixel", "GB/s", "of its limit", *(f"ms, {one}" for one in others))
-        pages.append(_table(head, [*_rows(same, settings)]))
-    judged = [
-        (
-            target.name,
-            f"{target.relation} {target.wanted:g}",
-            "not measured" if target.measured is None else f"{target.measured:.2f}",
-            {None: "", True: "met", False: "**missed**"}[target.met],
-        )
-        for target in targets(timings)
-    ]
-    place = f"targets at {HD[0]}×{HD[1]}, {THREADS} threads"
-    pages.append(_table((place, "wanted", "measured", ""), judged))
+        pages.append(_compare([timing for timing in timings if timing.size == size], settings))
+    held = [(timing, timing.memory) for timing in ours if timing.memory]
+    if held:
+        width, height = held[0][0].size
+        head = (f"memory at {width}×{height}, {_setting(*settings[0])}", "state and scratch, MB", "growth, MB")
+        pages.append(_table(head, [(timing.task, f"{one.most:.1f}", f"{one.growth:.1f}") for timing, one in held]))
+    judged = targets(timings)
+    if any(target.measured is not None for target in judged):
+        rows = [
+            (
+                target.name,
+                f"{target.relation} {target.wanted:g}",
+                "not measured" if target.measured is None else f"{target.measured:.2f}",
+                {None: "", True: "met", False: "**missed**"}[target.met],
+            )
+            for target in judged
+        ]
+        place = f"targets at {HD[0]}×{HD[1]}, {THREADS} threads"
+        pages.append(_table((place, "wanted", "measured", ""), rows))
+    if not held and any(task.name == timing.task and task.pipeline for task in TASKS for timing in ours):
+        pages.append("Not here: memory, which this system does not tell")
     pages += [f"Not here: {one}" for one in missing]
     return "\n\n".join(pages) + "\n"
 
@@ -249,32 +276,41 @@ def _setting(threads: int, simd: str) -> str:
     return f"{threads} thread{'s' if threads > 1 else ''}" + (f", {simd}" if simd else "")
 
 
-def _rows(timings: Sequence[Timing], settings: Sequence[tuple[int, str]]) -> Iterable[tuple[str, ...]]:
-    """A row for each task, and below it one for each rival, with how many times our time it takes."""
+def _compare(timings: Sequence[Timing], settings: Sequence[tuple[int, str]]) -> str:
+    """A table of one size: a row for each task, with its reference in the last column, and below it one for each rival,
+    with how many times our time that takes.
+    """
     cells: dict[tuple[str, str], dict[tuple[int, str], Timing]] = {}
     for timing in timings:
         cells.setdefault((timing.task, timing.contender), {})[timing.threads, timing.simd] = timing
+    referred = any(contender == REFERENCE for _, contender in cells)
+    (most, best), *others = settings
+    width, height = timings[0].size
+    measures = ("ms", "quartiles", "ns/pixel", "GB/s", "of its limit", *(f"ms, {_setting(*other)}" for other in others))
+    rows = []
     for (task, contender), found in cells.items():
-        us = cells.get((task, OURS), {}).get(settings[0])
-        # Rivals, who choose the instructions themselves, have one time for each number of threads.
-        shown = [found.get((threads, simd if contender == OURS else "")) for threads, simd in settings]
-        if contender != OURS:
-            shown = [one if simd == settings[0][1] else None for one, (_, simd) in zip(shown, settings, strict=True)]
-        first, *others = shown
-        extra = [f"{one.ms:.2f}" if one else "" for one in others]
-        name = task if contender == OURS else f"— {contender}"
-        if first is None:
-            yield (name, *[""] * 6, *extra)
+        ours = contender == OURS
+        # Rivals choose the instructions themselves, and have one time for each number of threads.
+        first, *rest = (
+            found.get((threads, simd if ours else "")) if ours or simd == best else None for threads, simd in settings
+        )
+        if contender == REFERENCE or first is None:
             continue
         low, high = first.quartiles
-        limit, reached = first.limit, ""
-        if limit and first.share is not None:
-            reached = f"{first.share:.0%} {limit[0]}"
-        elif us and contender != OURS:
+        reached = ""
+        if first.limit and first.share is not None:
+            reached = f"{first.share:.0%} {first.limit[0]}"
+        elif not ours and (us := cells.get((task, OURS), {}).get((most, best))):
             reached = f"({first.ms / us.ms:.2f} × yester)"
-        rate = "" if first.bandwidth is None else f"{first.bandwidth:.1f}"
-        cost = (f"{first.ns_per_pixel:.2f}", rate, reached)
-        yield (name, f"{first.ms:.2f}", f"{low:.2f} to {high:.2f}", str(len(first.runs)), *cost, *extra)
+        row = [task if ours else f"— {contender}", f"{first.ms:.2f}", f"{low:.2f} to {high:.2f}"]
+        row += [f"{first.ns_per_pixel:.2f}", "" if first.bandwidth is None else f"{first.bandwidth:.1f}", reached]
+        row += [f"{one.ms:.2f}" if one else "" for one in rest]
+        if referred:
+            twin = cells.get((task, REFERENCE), {}).get((most, "")) if ours else None
+            row.append(f"{twin.ms:.2f}" if twin else "")
+        rows.append(row)
+    head = [f"{width}×{height}, {_setting(most, best)}", *measures, *([f"ms, {REFERENCE}"] if referred else [])]
+    return _table(head, rows)
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -293,13 +329,14 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def write_csv(timings: Sequence[Timing], folder: Path) -> None:
     """Write ``bench.csv``, a row for each timing, and ``targets.csv``; what is unknown is empty."""
     measures = ("ms", "ms_low", "ms_high", "runs", "ns_per_pixel", "gb_per_s", "share", "limit")
-    machine = ("copy_gb_per_s", "giga_multiply_adds_per_s")
-    head = ["task", "contender", "width", "height", "threads", "simd", *measures, *machine]
+    machine, memory = ("copy_gb_per_s", "giga_multiply_adds_per_s"), ("held_mb", "growth_mb")
+    head = ["task", "contender", "width", "height", "threads", "simd", *measures, *machine, *memory]
     rows: list[Sequence[Any]] = []
     for one in timings:
         place = (one.task, one.contender, *one.size, one.threads, one.simd)
         spread = (one.ms, *one.quartiles, len(one.runs), one.ns_per_pixel)
-        rows.append([*place, *spread, one.bandwidth, one.share, one.limit and one.limit[0], *(one.limits or ("", ""))])
+        reached = (one.bandwidth, one.share, one.limit and one.limit[0])
+        rows.append([*place, *spread, *reached, *(one.limits or ("", "")), *(one.memory or ("", ""))])
     _write(folder / "bench.csv", head, rows)
     _write(
         *(folder / "targets.csv", ["target", "relation", "wanted", "measured", "met"]),
@@ -381,4 +418,4 @@ def draw(timings: Sequence[Timing]) -> Figure:
 
 def _library(timing: Timing) -> str:
     """The part of a rival's name that tells where it comes from."""
-    return timing.contender if timing.contender == "torch reference" else timing.contender.split()[0]
+    return timing.contender if timing.contender == REFERENCE else timing.contender.split()[0]
