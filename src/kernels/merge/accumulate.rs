@@ -93,7 +93,6 @@ pub fn accumulate<'a>(
         .zip(&mut missing)
         .map(|(merged, missing)| Outs { merged, missing });
     rows::run(&kernel, height, outs);
-    drop(kernel);
     missing.iter().sum()
 }
 
