@@ -365,8 +365,11 @@ impl Pixels<'_> {
 
 /// Takes the first `N` channels of records apart.
 #[inline(always)]
-fn apart<T: Copy, const C: usize, const N: usize>(records: &[[T; C]], into: [&mut [T]; N]) {
-    let into = into.map(|row| &mut row[..records.len()]);
+fn apart<T: Copy, const C: usize, const N: usize>(records: &[[T; C]], mut into: [&mut [T]; N]) {
+    // Not by `map`, which is not always compiled into its caller: lengths that are known need no checks.
+    for row in &mut into {
+        *row = &mut std::mem::take(row)[..records.len()];
+    }
     for i in 0..records.len() {
         for c in 0..N {
             into[c][i] = records[i][c];
@@ -743,14 +746,18 @@ pub fn interleave<'a, T: Copy + 'a>(
 ) {
     #[inline(always)]
     fn all<'a, T: Copy + 'a, const C: usize>(
-        mut rows: impl Iterator<Item = &'a [T]>,
+        parts: impl Iterator<Item = &'a [T]>,
         records: &mut [T],
     ) {
         let records = records.as_chunks_mut::<C>().0;
-        let rows: [&[T]; C] =
-            std::array::from_fn(|_| &rows.next().expect("C rows")[..records.len()]);
-        for (x, record) in records.iter_mut().enumerate() {
-            *record = std::array::from_fn(|channel| rows[channel][x]);
+        let mut rows: [&[T]; C] = [&[]; C];
+        for (row, part) in rows.iter_mut().zip(parts) {
+            *row = &part[..records.len()];
+        }
+        for i in 0..records.len() {
+            for c in 0..C {
+                records[i][c] = rows[c][i];
+            }
         }
     }
     let channels = rows.len();

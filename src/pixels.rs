@@ -42,40 +42,24 @@ impl<'a> PixelsMut<'a> {
         bands_of(data, size).map(PixelsMut::Planar)
     }
 
-    /// Overwrites a run.
-    #[inline(always)]
-    pub fn write<const N: usize>(&mut self, run: Run, from: [&[f32]; N]) {
-        let from = from.map(|row| &row[..run.len]);
-        match self {
-            Self::Planar(band) => {
-                for (row, from) in band.rows::<N>(run.y).into_iter().zip(from) {
-                    row[run.x..][..run.len].copy_from_slice(from);
-                }
-            }
-            Self::Interleaved { top, width, data } => {
-                let start = ((run.y - *top) * *width + run.x) * N;
-                let pixels = data[start..][..run.len * N].as_chunks_mut::<N>().0;
-                for i in 0..run.len {
-                    pixels[i] = from.map(|row| row[i]);
-                }
-            }
-        }
-    }
-
     /// Overwrites a run of as many channels as there are rows.
     #[inline(always)]
-    pub fn write_all<'r>(&mut self, run: Run, from: impl ExactSizeIterator<Item = &'r [f32]>) {
+    pub fn write<'r>(
+        &mut self,
+        run: Run,
+        rows: impl IntoIterator<Item = &'r [f32], IntoIter: ExactSizeIterator>,
+    ) {
+        let rows = rows.into_iter().map(|row| &row[..run.len]);
         match self {
             Self::Planar(band) => {
-                for (row, from) in band.parts(run).zip(from) {
-                    row.copy_from_slice(&from[..run.len]);
+                for (part, row) in band.parts(run).zip(rows) {
+                    part.copy_from_slice(row);
                 }
             }
             Self::Interleaved { top, width, data } => {
-                let channels = from.len();
+                let channels = rows.len();
                 let start = ((run.y - *top) * *width + run.x) * channels;
-                let records = &mut data[start..][..run.len * channels];
-                interleave(from.map(|row| &row[..run.len]), records);
+                interleave(rows, &mut data[start..][..run.len * channels]);
             }
         }
     }

@@ -51,7 +51,7 @@ pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::O
 }
 
 /// The same for kernels that look up to `reach` rows beyond theirs: they get several bands at a time, so that little is
-/// computed twice, but leave none of the threads without.
+/// computed twice.
 pub fn run_far<O: Send, K: Kernel<Out = Vec<O>>>(
     kernel: &K,
     height: usize,
@@ -60,7 +60,9 @@ pub fn run_far<O: Send, K: Kernel<Out = Vec<O>>>(
 ) {
     let level = Settings::get().level;
     let fair = height.div_ceil(Settings::get().threads);
-    let bands = fair.min(8 * reach).max(fair / 8).div_ceil(BAND).max(1);
+    let least = 10 * reach.max(1);
+    let turns = ((fair + least / 2) / least).clamp(1, 8);
+    let bands = fair.div_ceil(turns).div_ceil(BAND);
     let groups = std::iter::repeat_with(|| outs.by_ref().take(bands).collect());
     each(height, bands * BAND, groups, |rows, out| {
         level.call(Band { kernel, rows, out });

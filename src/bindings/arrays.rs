@@ -226,11 +226,6 @@ impl<'py, T: Number> Input<'py, T> {
         self.channels
     }
 
-    /// Whether the array has an axis for channels.
-    pub fn has_channel_axis(&self) -> bool {
-        self.array.ndim() == 3
-    }
-
     pub fn data(&self) -> Interleaved<'_, T> {
         let data = self
             .array
@@ -315,14 +310,8 @@ pub struct Outgoing<T: Value = f32> {
 impl<T: Element + Value> Outgoing<T> {
     /// To be (H, W) for a single channel, (H, W, C) for several.
     pub fn new(image: Image<T>) -> Self {
-        let channel_axis = image.channels > 1;
-        Self::with_axis(image, channel_axis)
-    }
-
-    /// To be with or without an axis for channels.
-    pub fn with_axis(image: Image<T>, channel_axis: bool) -> Self {
         let Size { height, width } = image.size;
-        let channels = channel_axis.then_some(image.channels);
+        let channels = (image.channels > 1).then_some(image.channels);
         let shape = [height, width].into_iter().chain(channels).collect();
         Self { image, shape }
     }

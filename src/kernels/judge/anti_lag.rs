@@ -72,7 +72,7 @@ impl<'a> Kernel for AntiLag<'a> {
                 let moved = distance.is_finite() & (self.strength * distance > 0.0);
                 out[x] = if moved { shortened } else { length };
             }
-            shortened.write(run, [&out]);
+            shortened.write(run, [&out[..]]);
         }
     }
 }

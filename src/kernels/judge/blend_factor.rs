@@ -70,7 +70,7 @@ impl<'a> Kernel for BlendFactor<'a> {
             let motion = self.motion.as_ref().map(|motion| lanes.load(motion, run));
             let confidence = &self.confidence.row(0, run.y)[run.x..][..run.len];
             self.params.shares(confidence, motion, &mut shares);
-            alpha.write(run, [&shares]);
+            alpha.write(run, [&shares[..]]);
         }
     }
 }

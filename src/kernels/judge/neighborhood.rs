@@ -565,7 +565,7 @@ impl ColumnSums {
                 count += if row[0][i].is_nan() { 0.0 } else { 1.0 };
             }
             self.count[i] = count;
-            let share = 1.0 / larger(count, 1.0);
+            let share = reciprocal::<N>(count);
             for c in 0..3 {
                 let mut sum = 0.0;
                 for row in rows {
@@ -584,6 +584,18 @@ impl ColumnSums {
             }
         }
     }
+}
+
+/// 1/count, of up to `N`, without a division; 1 for none.
+#[inline(always)]
+fn reciprocal<const N: usize>(count: f32) -> f32 {
+    (2..=N).fold(1.0, |share, n| {
+        if count == n as f32 {
+            1.0 / n as f32
+        } else {
+            share
+        }
+    })
 }
 
 /// Ranges of columns.

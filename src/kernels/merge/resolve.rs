@@ -129,7 +129,7 @@ impl<'a> Kernel for Resolve<'a> {
                         *sum = if weight > 1e-6 { mean } else { f32::NAN };
                     }
                 }
-                image.write_all(run, parts.iter().map(|part| &**part));
+                image.write(run, parts.iter().map(|part| &**part));
             }
         }
     }
