@@ -13,12 +13,13 @@
 use std::ops::Range;
 
 use crate::image::{BandMut, Pixels, Run, SEGMENT, segments};
-use crate::lanes::{LANES, Lanes};
 use crate::pixels::{Rolling, Row};
 use crate::rows::{self, Kernel};
 
 /// The offset of relMSE, by which dark pixels do not count beyond measure.
 const EPSILON: f32 = 0.01;
+/// Pixels whose sums stay in registers while the window is looked at.
+const GROUP: usize = 32;
 
 /// Writes the gain of a candidate.
 pub fn prediction_gain<'a>(
@@ -83,28 +84,32 @@ impl<'a> Ids<'a> {
 /// The mean of the terms, which are those of rows around a run, over windows: 0 where none is finite.
 #[inline(always)]
 pub fn mean(run: Run, height: usize, terms: &Rolling<1>, ids: &Ids, gain: &mut Row) {
+    #[inline(always)]
+    fn group<T>(row: &[T], x: usize) -> &[T; GROUP] {
+        row[x..]
+            .first_chunk()
+            .expect("rows go on beyond their image")
+    }
     let (y, radius) = (run.y as isize, terms.radius as isize);
     let [own] = ids.rows.row(y);
-    for start in (0..run.len).step_by(LANES) {
-        let x = run.x + start;
-        let own = Lanes::load(own, x + terms.radius);
-        let (mut sum, mut count) = (Lanes::all(0.0), Lanes::all(0.0));
+    for (nth, gain) in gain[..run.len].chunks_mut(GROUP).enumerate() {
+        let x = run.x + nth * GROUP;
+        let own = group(own, x + terms.radius);
+        let (mut sums, mut counts) = ([0.0; GROUP], [0.0; GROUP]);
         for y in (y - radius).max(0)..=(y + radius).min(height as isize - 1) {
             let ([terms], [ids]) = (terms.row(y), ids.rows.row(y));
             for dx in 0..=2 * radius as usize {
-                let (term, id) = (Lanes::load(terms, x + dx), Lanes::load(ids, x + dx));
-                for lane in 0..LANES {
-                    let counts = (own.0[lane] == id.0[lane]) & term.0[lane].is_finite();
-                    sum.0[lane] += if counts { term.0[lane] } else { -0.0 };
-                    count.0[lane] += if counts { 1.0 } else { 0.0 };
+                let (terms, ids) = (group(terms, x + dx), group(ids, x + dx));
+                for i in 0..GROUP {
+                    let known = (own[i] == ids[i]) & terms[i].is_finite();
+                    sums[i] += if known { terms[i] } else { -0.0 };
+                    counts[i] += if known { 1.0 } else { 0.0 };
                 }
             }
         }
-        let mean = sum.zip(
-            count,
-            |sum, count| if count > 0.0 { sum / count } else { 0.0 },
-        );
-        mean.store(gain, start);
+        for (gain, (sum, count)) in gain.iter_mut().zip(sums.iter().zip(counts)) {
+            *gain = if count > 0.0 { sum / count } else { 0.0 };
+        }
     }
 }
 
