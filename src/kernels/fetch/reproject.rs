@@ -406,15 +406,43 @@ impl Taken<'_> {
         });
         let average = average.part(start, len);
         let means = &mut values[start * C..][..len * C].as_chunks_mut::<C>().0[..len];
-        for i in 0..len {
-            means[i] = average.mean(i, |column, row| taps[row][column][i]);
-        }
+        rows::apart(Means {
+            average,
+            taps,
+            means: &mut *means,
+        });
         let lost = |value: &f32| u32::from(!value.is_finite());
         let all = means.as_flattened().iter();
         if all.fold(0, |any, value| any | lost(value)) != 0 {
             for (done, mean) in done[start..end].iter_mut().zip(means) {
                 *done &= u32::from(all_finite(mean));
             }
+        }
+    }
+}
+
+/// The averages of a row.
+struct Means<'a, A, const C: usize> {
+    average: A,
+    taps: [[&'a [[f32; C]]; 4]; 4],
+    means: &'a mut [[f32; C]],
+}
+
+impl<A: Average, const C: usize> Part for Means<'_, A, C> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            average,
+            taps,
+            means,
+        } = self;
+        let len = means.len();
+        let average = average.part(0, len);
+        let taps = taps.map(|row| row.map(|tap| &tap[..len]));
+        for i in 0..len {
+            means[i] = average.mean(i, |column, row| taps[row][column][i]);
         }
     }
 }
