@@ -179,6 +179,8 @@ impl Svgf {
                 reflections: None,
             },
         };
+        drop(memory);
+        let color = held.unwrap_or(sample);
         let values = recalled.values.pixels();
         let before = [0..3, 3..5, 5..6].map(|channels| values.part(channels));
         let change = gradient.as_ref().map(Image::view);
@@ -195,7 +197,7 @@ impl Svgf {
             rejection,
             values,
         } = recalled;
-        drop((memory, values, sample, held));
+        drop((values, color));
 
         let reach = params.atrous.reach().max(params.variance.radius);
         let rays = frame.camera.as_ref().map(Camera::rays);

@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use super::frame::{Frame, Output, Summary, check_size};
 use crate::error::Result;
-use crate::image::{Image, Pixels, SEGMENT, Size, View, segments};
+use crate::image::{Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes, Wide};
@@ -24,6 +24,7 @@ use crate::kernels::merge::accumulate::count_missing;
 use crate::kernels::merge::blend::{self, Weighting, calm, mix};
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::math::is_present;
+use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel};
 
@@ -204,26 +205,21 @@ impl<'a> Details<'a> {
 /// Merges colours into the history of those before.
 pub struct Stage {
     params: Params,
-    size: Option<Size>,
-    /// Records of the last frame.
-    history: Vec<f32>,
-    /// Memory for those of the next.
-    next: Vec<f32>,
+    /// Of the last frame.
+    history: Option<Records>,
 }
 
 impl Stage {
     pub fn new(params: Params) -> Self {
         Self {
             params,
-            size: None,
-            history: vec![],
-            next: vec![],
+            history: None,
         }
     }
 
     /// Forgets the sequence.
     pub fn reset(&mut self) {
-        self.size = None;
+        self.history = None;
     }
 
     /// Merges the next colour, whose history came along `motion`; what is nowhere known becomes black. Returns how many
@@ -236,24 +232,17 @@ impl Stage {
         merged: impl Iterator<Item = PixelsMut<'a>>,
         details: Option<Details<'a>>,
     ) -> usize {
-        let Self {
-            params,
-            size: before,
-            history,
-            next,
-        } = self;
-        let size = color.size;
-        next.resize(size.pixels() * CHANNELS, 0.0);
+        let (params, size) = (&self.params, color.size);
+        let mut next = Records::blank(size, CHANNELS);
         let (nothing, limits) = (Surface::default(), surface::Params::default());
-        let fetch = before.map(|_| {
-            let history = Pixels::records(size, CHANNELS, history);
+        let fetch = self.history.as_ref().map(|history| {
             let tests = Tests::new(nothing, nothing, None, &limits);
             let params = reproject::Params {
                 filter: params.filter,
                 fallback: false,
                 dering: true,
             };
-            Fetch::new(&[history], size, tests, params)
+            Fetch::new(&[history.pixels()], size, tests, params)
         });
         // Tone curves are for images that are exposed as photographs are.
         let exposure = if params.is_exposed() {
@@ -280,7 +269,7 @@ impl Stage {
         };
         let mut missing = vec![0; size.height.div_ceil(BAND)];
         let mut details = details.map(|details| details.bands(size.width));
-        let outs = PixelsMut::bands(size, CHANNELS, next)
+        let outs = PixelsMut::bands(size, CHANNELS, next.data_mut())
             .zip(merged)
             .zip(&mut missing)
             .map(|((history, merged), missing)| Outs {
@@ -290,9 +279,7 @@ impl Stage {
                 details: details.as_mut().and_then(Iterator::next),
             });
         rows::run_far(&kernel, size.height, params.clip.radius as usize, outs);
-        drop(kernel);
-        std::mem::swap(history, next);
-        *before = Some(size);
+        self.history = Some(next);
         missing.iter().sum()
     }
 }
@@ -425,6 +412,7 @@ pub fn blacken_missing(row: &mut [f32]) {
 
 pub struct Taa {
     stage: Stage,
+    reserve: Reserve,
     camera: Option<Camera>,
 }
 
@@ -433,6 +421,7 @@ impl Taa {
         params.check()?;
         Ok(Self {
             stage: Stage::new(params),
+            reserve: Reserve::default(),
             camera: None,
         })
     }
@@ -440,13 +429,21 @@ impl Taa {
     /// Forgets the sequence.
     pub fn reset(&mut self) {
         self.stage.reset();
+        self.reserve = Reserve::default();
         self.camera = None;
     }
 
     pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+        let mut reserve = std::mem::take(&mut self.reserve);
+        let summary = reserve.serve(|| self.next(frame, output));
+        self.reserve = reserve;
+        summary
+    }
+
+    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
         let size = frame.color.size;
-        if let Some(before) = self.stage.size {
-            check_size(before, size)?;
+        if let Some(before) = &self.stage.history {
+            check_size(before.size, size)?;
         }
         let mut used = vec![];
         let params = &self.stage.params;

@@ -664,7 +664,11 @@ impl Reprojected {
 pub fn reproject(history: &[Pixels], motion: Pixels, tests: Tests, params: Params) -> Reprojected {
     let size = motion.size;
     let channels = history.iter().map(|image| image.channels).sum();
-    let mut reprojected = Reprojected::nothing(size, channels);
+    let mut reprojected = Reprojected {
+        values: Image::blank(size, channels),
+        coverage: Image::blank(size, 1),
+        rejection: Image::blank(size, 1),
+    };
     let fetch = Fetch::new(history, size, tests, params);
     let mut rest = reprojected.values.data_mut();
     let mut parts = vec![];

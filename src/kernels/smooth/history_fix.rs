@@ -64,7 +64,7 @@ struct Fix<'a> {
 }
 
 pub fn fix_history(color: View, length: View, guide: &Guide, params: Params) -> Image {
-    let mut fixed = Image::new(color.size, 3);
+    let mut fixed = Image::blank(color.size, 3);
     let kernel = Fix {
         color,
         length,
