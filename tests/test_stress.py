@@ -367,7 +367,7 @@ def test_endurance_of_one_that_leaks():
     kept = []
 
     def leak(number, image):
-        kept.append(np.ones((100, 1000)))  # 0.8 MB
+        kept.append(np.ones((100, 4000)))  # 3.2 MB: more than what earlier tests still give back
         return image
 
     result = endured(leak, frames=200)
