@@ -80,11 +80,6 @@ impl<T: Value> Image<T> {
         )
     }
 
-    /// Overwrites the channels from `first` on.
-    pub fn set_channels(&mut self, first: usize, image: View<T>) {
-        self.data[first * self.size.pixels()..][..image.data.len()].copy_from_slice(image.data);
-    }
-
     /// A planar copy of interleaved (height, width, channels) data.
     pub fn from_interleaved(size: Size, channels: usize, interleaved: &[T]) -> Self {
         let mut image = Self::blank(size, channels);
@@ -534,15 +529,6 @@ impl Run {
             len: width,
         }
     }
-
-    /// The run's pixels in the first `N` channels of an image.
-    #[inline(always)]
-    pub fn rows<T: Value, const N: usize>(self, image: &Image<T>) -> [&[T]; N] {
-        image
-            .view()
-            .rows(self.y)
-            .map(|row| &row[self.x..][..self.len])
-    }
 }
 
 /// Some of a run's pixels, and whether the pixels that they look at lie side by side.
@@ -601,42 +587,6 @@ impl Spans {
             start = part.end;
             Span { part, together }
         })
-    }
-}
-
-/// An offset between pixels: `step` times (dx, dy).
-#[derive(Clone, Copy)]
-pub struct Tap {
-    pub dx: isize,
-    pub dy: isize,
-    pub step: usize,
-}
-
-impl Tap {
-    /// The part of a run whose taps lie inside the image.
-    #[inline(always)]
-    pub fn inside(self, run: Run, size: Size) -> Option<Run> {
-        let (shift_x, shift_y) = (self.dx * self.step as isize, self.dy * self.step as isize);
-        let y = run.y as isize + shift_y;
-        let start = (run.x as isize).max(-shift_x);
-        let end = ((run.x + run.len) as isize).min(size.width as isize - shift_x);
-        let inside = y >= 0 && y < size.height as isize && start < end;
-        inside.then(|| Run {
-            y: run.y,
-            x: start as usize,
-            len: (end - start) as usize,
-        })
-    }
-
-    /// The pixels that the taps of a run inside are.
-    #[inline(always)]
-    pub fn of(self, run: Run) -> Run {
-        let shift = |v: usize, d: isize| v.wrapping_add_signed(d * self.step as isize);
-        Run {
-            y: shift(run.y, self.dy),
-            x: shift(run.x, self.dx),
-            len: run.len,
-        }
     }
 }
 

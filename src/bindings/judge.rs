@@ -12,7 +12,7 @@ use super::merge::AlphaArg;
 use crate::error::{Error, whole};
 use crate::image::{Pixels, bands_of};
 use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::surface::{self, Buffers, Tests, Threshold, check_plane_test};
+use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
 use crate::kernels::judge::{
     anti_lag, blend_factor, consistency, exposure, gradient, neighborhood, prediction,
 };
@@ -153,7 +153,7 @@ impl<'a> SurfaceData<'a> {
         fn part<'a, T: Number>(pair: Pair<Interleaved<'a, T>>, i: usize) -> Option<Pixels<'a, T>> {
             pair.map(|pair| pair[i].pixels())
         }
-        let buffers = |i: usize| Buffers {
+        let buffers = |i: usize| Surface {
             depth: part(self.depth, i),
             normal: part(self.normal, i),
             ids: part(self.ids, i),

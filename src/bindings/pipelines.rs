@@ -12,7 +12,7 @@ use crate::image::{Size, Value};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::judge::neighborhood;
-use crate::kernels::judge::surface::{self, Buffers};
+use crate::kernels::judge::surface::{self, Surface};
 use crate::kernels::merge::{accumulate, blend};
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
@@ -131,7 +131,7 @@ impl Output {
 /// Spatiotemporal variance-guided filtering of a sequence of frames.
 ///
 /// Carries the history of every pixel along its motion, accepts it where it shows the same surface, merges it with the
-/// new sample, estimates the variance that is left and filters in space accordingly. Buffers that a frame lacks drop out
+/// new sample, estimates the variance that is left and filters in space accordingly. Surface that a frame lacks drop out
 /// of the tests and weights: without albedo, texture is filtered with the light; without normals, depth or ids, their
 /// tests fall away; without motion, it is computed from the cameras if both frames have one and depth or position is
 /// known, and otherwise history stays in place.
@@ -509,7 +509,7 @@ impl<'py> FrameArgs<'py> {
         step: impl FnOnce(&frame::Frame) -> crate::error::Result<R> + Send,
     ) -> PyResult<R> {
         let buffer = |name| self.buffer(name).map(Interleaved::pixels);
-        let surface = Buffers {
+        let surface = Surface {
             depth: buffer("depth"),
             normal: buffer("normal"),
             ids: self.ids.as_ref().map(|ids| ids.data().pixels()),

@@ -8,7 +8,7 @@ use super::camera::{Camera, check_size};
 use crate::error::Error;
 use crate::image::{Pixels, Size};
 use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::surface::Buffers;
+use crate::kernels::judge::surface::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate, estimate_variance};
@@ -69,7 +69,7 @@ struct GuideData<'a> {
 impl GuideData<'_> {
     /// For taps up to `reach` pixels to the side.
     fn guide(self, size: Size, reach: usize) -> Guide {
-        let surface = Buffers {
+        let surface = Surface {
             depth: self.depth.map(Interleaved::pixels),
             normal: self.normal.map(Interleaved::pixels),
             ids: self.ids.map(Interleaved::pixels),

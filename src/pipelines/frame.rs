@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Size};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::judge::surface::Buffers;
+use crate::kernels::judge::surface::Surface;
 use crate::pixels::PixelsMut;
 
 /// One frame's buffers.
@@ -12,7 +12,7 @@ pub struct Frame<'a> {
     pub color: Pixels<'a>,
     pub albedo: Option<Pixels<'a>>,
     pub emission: Option<Pixels<'a>>,
-    pub surface: Buffers<'a>,
+    pub surface: Surface<'a>,
     pub position: Option<Pixels<'a>>,
     pub motion: Option<Pixels<'a>>,
     pub replay: Option<Pixels<'a>>,

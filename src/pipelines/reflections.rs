@@ -20,7 +20,7 @@ use crate::kernels::camera::virtual_motion::Mirrored;
 use crate::kernels::fetch::footprint::{Filter, Motion};
 use crate::kernels::fetch::reproject::{self, Fetch, Fetched, Reprojected};
 use crate::kernels::judge::prediction::{Ids, mean, terms};
-use crate::kernels::judge::surface::{self, Buffers, Tests};
+use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::CHANNELS;
 use crate::pixels::{Rolling, Row};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
@@ -69,7 +69,7 @@ pub fn choose(
     distances: &[f32],
     frame: &Frame,
     cameras: [&Camera; 2],
-    before: Buffers,
+    before: Surface,
     color: View,
     base: &mut Reprojected,
 ) -> Option<Scores> {
@@ -93,7 +93,7 @@ pub fn choose(
         return Some(scores);
     }
     // Elsewhere on the mirror: depth says nothing about what it shows.
-    let [now, before] = [frame.surface, before].map(|surface| Buffers {
+    let [now, before] = [frame.surface, before].map(|surface| Surface {
         depth: None,
         color: None,
         ..surface

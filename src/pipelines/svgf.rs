@@ -18,7 +18,7 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
-use crate::kernels::judge::surface::{self, Buffers, Tests};
+use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::smooth::atrous::{self, Filtered};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
@@ -83,8 +83,8 @@ struct Memory {
 }
 
 impl Memory {
-    fn surface(&self) -> Buffers<'_> {
-        Buffers {
+    fn surface(&self) -> Surface<'_> {
+        Surface {
             depth: self.depth.as_ref().map(Records::pixels),
             normal: self.normal.as_ref().map(Records::pixels),
             ids: self.ids.as_ref().map(Records::pixels),

@@ -17,7 +17,7 @@
 use crate::error::{Error, Result, in_range};
 use std::ops::Range;
 
-use crate::image::{Pixels, Run, SEGMENT, Size, Span, Spans, View};
+use crate::image::{Pixels, Run, SEGMENT, Size, Span, Spans};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::footprint::Motion;
 use crate::math::luminance;
@@ -37,16 +37,6 @@ pub mod rejection {
     pub const VELOCITY: u8 = 16;
     /// Another brightness.
     pub const LUMINANCE: u8 = 32;
-}
-
-/// What is known of the surfaces of one frame.
-#[derive(Clone, Copy, Default)]
-pub struct Surface<'a> {
-    pub depth: Option<View<'a>>,
-    pub normal: Option<View<'a>>,
-    pub ids: Option<View<'a, u32>>,
-    pub object_normal: Option<View<'a>>,
-    pub color: Option<View<'a>>,
 }
 
 /// Up to `full` a difference is trusted, beyond `none` it is not; the ramp between is linear.
@@ -148,26 +138,14 @@ impl Params {
     }
 }
 
-/// The same in either layout, as the tests read it.
+/// What is known of the surfaces of one frame.
 #[derive(Clone, Copy, Default)]
-pub struct Buffers<'a> {
+pub struct Surface<'a> {
     pub depth: Option<Pixels<'a>>,
     pub normal: Option<Pixels<'a>>,
     pub ids: Option<Pixels<'a, u32>>,
     pub object_normal: Option<Pixels<'a>>,
     pub color: Option<Pixels<'a>>,
-}
-
-impl<'a> From<Surface<'a>> for Buffers<'a> {
-    fn from(surface: Surface<'a>) -> Self {
-        Self {
-            depth: surface.depth.map(Pixels::from),
-            normal: surface.normal.map(Pixels::from),
-            ids: surface.ids.map(Pixels::from),
-            object_normal: surface.object_normal.map(Pixels::from),
-            color: surface.color.map(Pixels::from),
-        }
-    }
 }
 
 /// A buffer of the current and of the previous frame.
@@ -367,8 +345,8 @@ impl Seen<'_> {
 
 impl<'a> Tests<'a> {
     pub fn new(
-        now: impl Into<Buffers<'a>>,
-        before: impl Into<Buffers<'a>>,
+        now: impl Into<Surface<'a>>,
+        before: impl Into<Surface<'a>>,
         rays: Option<Rays>,
         params: &Params,
     ) -> Self {

@@ -18,7 +18,7 @@ use pulp::Simd;
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::pinhole::Rays;
-use crate::kernels::judge::surface::Buffers;
+use crate::kernels::judge::surface::Surface;
 use crate::lanes::{Bordered, BorderedBand, Classes, Lanes, Layout, Tap};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
@@ -72,8 +72,8 @@ enum Depth {
 impl Guide {
     /// For taps up to `reach` pixels to the side. Planes are compared where rays, depth and normals are given, slopes where
     /// only depth is.
-    pub fn new(size: Size, reach: usize, surface: Buffers, rays: Option<Rays>) -> Self {
-        let Buffers {
+    pub fn new(size: Size, reach: usize, surface: Surface, rays: Option<Rays>) -> Self {
+        let Surface {
             depth, normal, ids, ..
         } = surface;
         let layout = Layout::new(size, reach);
