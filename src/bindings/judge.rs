@@ -579,7 +579,7 @@ pub fn temporal_gradient<'py>(
         let out = Out::given(out, &shape)?;
         let [color, previous] = [color.data(), previous.data()].map(Interleaved::pixels);
         out.fill(py, &shape, |gradient| {
-            gradient::temporal_gradient(color, previous, params, gradient);
+            gradient::temporal_gradient(color, previous, None, params, gradient);
         })?
     };
     gradient.array()

@@ -18,7 +18,7 @@ use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::camera::virtual_motion::Mirrored;
 use crate::kernels::fetch::footprint::{Filter, Motion};
-use crate::kernels::fetch::reproject::{self, Fetch, Fetched, Reprojected};
+use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
 use crate::kernels::judge::prediction::{Ids, mean, terms};
 use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::CHANNELS;
@@ -59,10 +59,15 @@ impl Scores {
     }
 }
 
-/// Replaces history by that of the best candidate, where one wins.
-///
-/// `base` holds what [`reproject`] fetched along the surface's motion: the history image, then the light, then the scores;
-/// of these, the history is replaced.
+/// What [`reproject`] fetches of the history and of this memory, along the surface's motion.
+pub struct Carried<'a> {
+    pub history: &'a mut Image,
+    pub coverage: &'a mut Image,
+    pub light: View<'a>,
+    pub scores: View<'a>,
+}
+
+/// Replaces history, and its coverage, by that of the best candidate, where one wins.
 pub fn choose(
     memory: &Memory,
     history: Pixels,
@@ -71,7 +76,7 @@ pub fn choose(
     cameras: [&Camera; 2],
     before: Surface,
     color: View,
-    base: &mut Reprojected,
+    carried: Carried,
 ) -> Option<Scores> {
     let geometry = frame.geometry()?;
     let sources: Vec<_> = match (frame.hit_distance, frame.surface.depth) {
@@ -115,8 +120,8 @@ pub fn choose(
     let predict = Predict {
         candidates: &candidates,
         fetch: Fetch::new(&[memory.light.pixels()], size, tests, params),
-        base: base.values.channels(CHANNELS..CHANNELS + 3),
-        coverage: base.coverage.view(),
+        base: carried.light,
+        coverage: carried.coverage.view(),
         color,
     };
     rows::run(&predict, size.height, errors.bands());
@@ -125,15 +130,15 @@ pub fn choose(
         errors: &errors,
         ids: frame.surface.ids,
         fetch: Fetch::new(&[history], size, tests, params),
-        scores: distances.len(),
+        before: carried.scores,
     };
     let band = BAND * size.width * distances.len();
-    let outs = base.values.bands().zip(base.coverage.bands());
+    let outs = carried.history.bands().zip(carried.coverage.bands());
     let outs = outs
         .zip(scores.image.data_mut().chunks_mut(band))
         .zip(scores.asking.bands());
-    let outs = outs.map(|(((values, coverage), scores), won)| Outs {
-        values,
+    let outs = outs.map(|(((history, coverage), scores), won)| Outs {
+        history,
         coverage,
         scores,
         won,
@@ -141,34 +146,6 @@ pub fn choose(
     rows::run_lanes(&choose, size.height, outs);
     scores.asking = scores.asking.grown();
     Some(scores)
-}
-
-/// NaN where nothing was fetched, which 0 would pretend to be.
-pub fn forget_uncovered(values: &mut Image, coverage: &Image) {
-    let channels = values.channels;
-    let kernel = Forget { coverage, channels };
-    rows::run(&kernel, coverage.size.height, values.bands());
-}
-
-struct Forget<'a> {
-    coverage: &'a Image,
-    channels: usize,
-}
-
-impl<'a> Kernel for Forget<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut values: BandMut<'a>) {
-        for y in rows {
-            let coverage = self.coverage.view().row(0, y);
-            for channel in 0..self.channels {
-                for (value, &coverage) in values.row(channel, y).iter_mut().zip(coverage) {
-                    *value = if coverage > 0.0 { *value } else { f32::NAN };
-                }
-            }
-        }
-    }
 }
 
 /// Where distances to what is reflected come from.
@@ -301,12 +278,12 @@ struct Choose<'a> {
     errors: &'a Image,
     ids: Option<Pixels<'a, u32>>,
     fetch: Fetch<'a>,
-    /// How many.
-    scores: usize,
+    /// Scores so far.
+    before: View<'a>,
 }
 
 struct Outs<'a> {
-    values: BandMut<'a>,
+    history: BandMut<'a>,
     coverage: BandMut<'a>,
     scores: &'a mut [f32],
     /// Whether a candidate wins, tile by tile.
@@ -335,7 +312,7 @@ impl<'a> LanesKernel for Choose<'a> {
                 let mut winner = [u32::MAX; SEGMENT];
                 for (k, around) in around.iter().enumerate() {
                     mean(simd, run, height, around, &ids, &mut gain);
-                    let old = &out.values.row(CHANNELS + 3 + k, y)[run.x..][..run.len];
+                    let old = &self.before.row(k, y)[run.x..][..run.len];
                     let [errors] = around.row(y as isize);
                     let errors = &errors[RADIUS + run.x..][..run.len];
                     let (best, winner) = (&mut best[..run.len], &mut winner[..run.len]);
@@ -347,8 +324,9 @@ impl<'a> LanesKernel for Choose<'a> {
                         best[i] = if wins { score } else { best[i] };
                         winner[i] = if wins { k as u32 } else { winner[i] };
                     }
-                    let first = ((y - top) * width + run.x) * self.scores;
-                    let records = out.scores[first..].chunks_exact_mut(self.scores);
+                    let scores = self.before.channels;
+                    let first = ((y - top) * width + run.x) * scores;
+                    let records = out.scores[first..].chunks_exact_mut(scores);
                     for (record, &score) in records.zip(&*gain) {
                         record[k] = score;
                     }
@@ -402,7 +380,7 @@ impl Choose<'_> {
             .as_chunks::<CHANNELS>()
             .0;
         for channel in 0..CHANNELS {
-            let values = &mut out.values.row(channel, run.y)[run.x..][..run.len];
+            let values = &mut out.history.row(channel, run.y)[run.x..][..run.len];
             for i in 0..run.len {
                 values[i] = if carried[i] > 0.0 {
                     records[i][channel]

@@ -10,7 +10,7 @@ use std::ops::Range;
 use pulp::Simd;
 
 use super::frame::{Frame, Output, Summary, check_size};
-use super::reflections::{self, forget_uncovered};
+use super::reflections::{self, Carried};
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Error, Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, segments};
@@ -96,8 +96,9 @@ impl Memory {
 
 /// What the memory knows of the current frame's pixels.
 struct Recalled {
-    /// Beginning with the channels of the history image.
-    history: Reprojected,
+    history: Image,
+    coverage: Image,
+    rejection: Image<u8>,
     gradient: Option<Image>,
     reflections: Option<reflections::Scores>,
 }
@@ -168,21 +169,24 @@ impl Svgf {
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
         let motion = frame.motion(before, &mut used);
         let Recalled {
-            history: recalled,
+            history: known,
+            coverage,
+            rejection,
             gradient,
             reflections,
         } = match &memory {
             Some(memory) => recall(params, memory, frame, motion.pixels(), [&sample, color]),
             None => Recalled {
-                history: Reprojected::nothing(size, accumulate::CHANNELS),
+                history: Image::new(size, accumulate::CHANNELS),
+                coverage: Image::new(size, 1),
+                rejection: Image::new(size, 1),
                 gradient: None,
                 reflections: None,
             },
         };
         drop(memory);
         let color = held.unwrap_or(sample);
-        let values = recalled.values.pixels();
-        let before = [0..3, 3..5, 5..6].map(|channels| values.part(channels));
+        let before = [0..3, 3..5, 5..6].map(|channels| known.pixels().part(channels));
         let change = gradient.as_ref().map(Image::view);
         let mut history = Image::blank(size, accumulate::CHANNELS);
         let (colors, rest) = history.data_mut().split_at_mut(3 * size.pixels());
@@ -192,12 +196,7 @@ impl Svgf {
             .zip(PixelsMut::planar(size, lengths))
             .map(|((color, moments), length)| [color, moments, length]);
         let missing = accumulate(color.pixels(), before, change, params.accumulate, merged);
-        let Reprojected {
-            coverage,
-            rejection,
-            values,
-        } = recalled;
-        drop((values, color));
+        drop((known, color));
 
         let reach = params.atrous.reach().max(params.variance.radius);
         let rays = frame.camera.as_ref().map(Camera::rays);
@@ -407,13 +406,12 @@ fn recall(
     let tests = Tests::new(frame.surface, memory.surface(), rays, &params.surface);
     let before = memory.color.as_ref();
     let replayed = frame.replay.zip(before).map(|(replay, before)| {
-        let [replay, before] = [replay, before.pixels()].map(Pixels::to_planes);
         // The same random numbers make the same noise.
         let exact = gradient::Params {
             noise: 0.0,
             ..Default::default()
         };
-        find_gradient(replay.view(), before.view(), exact)
+        find_gradient([replay, before.pixels()], None, exact)
     });
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
@@ -428,16 +426,19 @@ fn recall(
         fallback: true,
         dering: true,
     };
-    let mut history = reproject(&planes, motion, tests, bilinear);
+    let Reprojected {
+        values,
+        mut coverage,
+        rejection,
+    } = reproject(&planes, motion, tests, bilinear);
+    let mut values = values.into_iter();
+    let mut next = || values.next().expect("an image for each that is fetched");
+    let mut history = next();
+    let carried = reflections.map(|_| [next(), next()]);
 
     let gradient = params.gradient.then(|| match replayed {
-        Some(_) => {
-            let last = history.values.channels - 1;
-            history.values.channels(last..last + 1).to_image()
-        }
+        Some(_) => next(),
         None => {
-            let mut known = history.values.channels(0..3).to_image();
-            forget_uncovered(&mut known, &history.coverage);
             // A lamp that travels changes all of the light by less than the noise of a few pixels. Three looks find more
             // that is not there than one: hence the larger margin.
             let estimated = gradient::Params {
@@ -445,33 +446,46 @@ fn recall(
                 widest: 5,
                 ..Default::default()
             };
-            find_gradient(color.view(), known.view(), estimated)
+            let images = [color.pixels(), history.pixels().part(0..3)];
+            find_gradient(images, Some(coverage.view()), estimated)
         }
     });
-    let reflections = reflections
-        .zip(cameras)
-        .and_then(|(reflections, (now, before))| {
+    let reflections = reflections.zip(carried).zip(cameras).and_then(
+        |((reflections, [light, scores]), (now, then))| {
+            let carried = Carried {
+                history: &mut history,
+                coverage: &mut coverage,
+                light: light.view(),
+                scores: scores.view(),
+            };
             reflections::choose(
                 reflections,
                 memory.history.pixels(),
                 &params.reflections,
                 frame,
-                [now, before],
+                [now, then],
                 memory.surface(),
                 sample.view(),
-                &mut history,
+                carried,
             )
-        });
+        },
+    );
     Recalled {
         history,
+        coverage,
+        rejection,
         gradient,
         reflections,
     }
 }
 
-fn find_gradient(color: View, previous: View, params: gradient::Params) -> Image {
-    let mut gradient = Image::blank(color.size, 1);
-    temporal_gradient(color.into(), previous.into(), params, gradient.data_mut());
+fn find_gradient(
+    [now, before]: [Pixels; 2],
+    coverage: Option<View>,
+    params: gradient::Params,
+) -> Image {
+    let mut gradient = Image::blank(now.size, 1);
+    temporal_gradient(now, before, coverage, params, gradient.data_mut());
     gradient
 }
 

@@ -644,39 +644,22 @@ impl<'a> Kernel for Reproject<'a> {
 
 /// History as it appears in the current frame.
 pub struct Reprojected {
-    /// All planes of all images, one after the other.
-    pub values: Image,
+    /// Of each image; of each plane of those that are planar.
+    pub values: Vec<Image>,
     pub coverage: Image,
     pub rejection: Image<u8>,
 }
 
-impl Reprojected {
-    /// What the first frame knows of those before.
-    pub fn nothing(size: Size, channels: usize) -> Self {
-        Self {
-            values: Image::new(size, channels),
-            coverage: Image::new(size, 1),
-            rejection: Image::new(size, 1),
-        }
-    }
-}
-
 pub fn reproject(history: &[Pixels], motion: Pixels, tests: Tests, params: Params) -> Reprojected {
     let size = motion.size;
-    let channels = history.iter().map(|image| image.channels).sum();
+    let fetch = Fetch::new(history, size, tests, params);
+    let values = (fetch.history.iter()).map(|image| Image::blank(size, image.channels));
     let mut reprojected = Reprojected {
-        values: Image::blank(size, channels),
+        values: values.collect(),
         coverage: Image::blank(size, 1),
         rejection: Image::blank(size, 1),
     };
-    let fetch = Fetch::new(history, size, tests, params);
-    let mut rest = reprojected.values.data_mut();
-    let mut parts = vec![];
-    for image in &fetch.history {
-        let (part, others) = rest.split_at_mut(image.channels * size.pixels());
-        parts.push(bands_of(part, size));
-        rest = others;
-    }
+    let parts = reprojected.values.iter_mut().map(Image::bands).collect();
     let coverage = reprojected.coverage.bands();
     let rejection = reprojected.rejection.bands().map(Some);
     let outs = together(parts).zip(coverage).zip(rejection);

@@ -16,7 +16,7 @@
 use std::ops::Range;
 
 use crate::error::{Result, in_range, whole};
-use crate::image::{Pixels, Run, Size};
+use crate::image::{Pixels, Run, Size, View};
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{LANES, STRIP, larger};
 use crate::rows::{self, BAND, Kernel};
@@ -61,12 +61,19 @@ impl Params {
 /// w, δ, δ² and m; all 0 where a pixel is missing.
 const CHANNELS: usize = 4;
 
-/// Writes the gradient of each pixel.
-pub fn temporal_gradient(color: Pixels, previous: Pixels, params: Params, gradient: &mut [f32]) {
+/// Writes the gradient of each pixel; where a coverage is given and 0, nothing is known of before.
+pub fn temporal_gradient(
+    color: Pixels,
+    previous: Pixels,
+    coverage: Option<View>,
+    params: Params,
+    gradient: &mut [f32],
+) {
     let size = color.size;
     let kernel = Gradient {
         color,
         previous,
+        coverage,
         params,
     };
     let bands = gradient.chunks_mut(BAND * size.width);
@@ -98,6 +105,7 @@ fn sum_of_squares(passes: u32) -> f32 {
 struct Gradient<'a> {
     color: Pixels<'a>,
     previous: Pixels<'a>,
+    coverage: Option<View<'a>>,
     params: Params,
 }
 
@@ -211,7 +219,13 @@ impl Gradient<'_> {
         };
         let [r, g, b, pr, pg, pb] = colors.each_mut().map(|row| &mut row[inside.clone()]);
         self.color.read(run, [r, g, b]);
-        self.previous.read(run, [pr, pg, pb]);
+        self.previous.read(run, [&mut *pr, pg, pb]);
+        if let Some(coverage) = self.coverage {
+            let coverage = &coverage.row(0, y)[run.x..][..run.len];
+            for (pr, &coverage) in pr.iter_mut().zip(coverage) {
+                *pr = if coverage > 0.0 { *pr } else { f32::NAN };
+            }
+        }
         let [weight, delta, square, most] = sums.each_mut().map(Vec::as_mut_slice);
         let n = weight.len();
         let [r, g, b, pr, pg, pb] = colors.each_ref().map(|row| &row[..n]);
