@@ -219,7 +219,8 @@ def measure(
     if repetitions < 1:
         raise ValueError(f"repetitions: expected at least 1, got {repetitions}")
     measured: list[tuple[Task, tuple[int, int], _Entrant]] = []
-    weighed = max((size for size in sizes if math.prod(size) <= math.prod(HD)), key=math.prod, default=None)
+    small = [size for size in sizes if math.prod(size) <= math.prod(HD)]
+    weighed = max(small, key=math.prod) if small else min(sizes, key=math.prod)
     limits: dict[tuple[int, str], list[tuple[float, float]]] = {setting: [] for setting in settings}
     with ExitStack() as stack:
         ours = {setting: stack.enter_context(_Worker(*setting)) for setting in settings}
