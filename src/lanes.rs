@@ -11,7 +11,7 @@ use crate::image::{BandMut, Image, Size, Value};
 use crate::rows;
 
 /// The most lanes that there are.
-const WIDEST: usize = 16;
+pub const WIDEST: usize = 16;
 
 /// A register of numbers.
 #[derive(Clone, Copy)]

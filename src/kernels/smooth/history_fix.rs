@@ -14,7 +14,8 @@ use pulp::Simd;
 use super::guide::{Guide, Sigmas};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
-use crate::math::{exp2_weight, is_present};
+use crate::lanes::{Lanes, Tap, WIDEST};
+use crate::math::exp2_weight;
 use crate::rows::{self, LanesKernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -39,7 +40,12 @@ impl Default for Params {
 impl Params {
     /// Pixels from the farthest tap to the centre.
     pub fn reach(&self) -> usize {
-        2 * (self.stride + 0.5) as usize
+        2 * self.step(0.0)
+    }
+
+    /// Pixels from tap to tap, for a history of this length.
+    fn step(&self, length: f32) -> usize {
+        (self.stride / (1.0 + length.max(0.0)) + 0.5).max(1.0) as usize
     }
 
     pub fn check(&self) -> Result<()> {
@@ -86,12 +92,38 @@ impl<'a> LanesKernel for Fix<'a> {
                     .row(channel, y)
                     .copy_from_slice(self.color.row(channel, y));
             }
-            for (x, &length) in self.length.row(0, y).iter().enumerate() {
-                if length < self.params.max_length
-                    && let Some(mean) = self.mean(simd, x, y, length)
-                {
-                    for (channel, mean) in mean.into_iter().enumerate() {
-                        fixed.row(channel, y)[x] = mean;
+            // For each step, when it is needed.
+            let mut taps = vec![None; self.params.step(0.0) + 1];
+            let lengths = self.length.row(0, y).chunks(Lanes::<S>::COUNT);
+            for (lengths, x) in lengths.zip((0..).step_by(Lanes::<S>::COUNT)) {
+                let mut steps = [0; WIDEST];
+                for (step, &length) in steps.iter_mut().zip(lengths) {
+                    if length < self.params.max_length {
+                        *step = self.params.step(length);
+                    }
+                }
+                // Neighbours mostly came into view together: all that have the same step at once.
+                for lane in 0..lengths.len() {
+                    let step = std::mem::take(&mut steps[lane]);
+                    if step == 0 {
+                        continue;
+                    }
+                    let mut chosen = [0.0; WIDEST];
+                    chosen[lane] = 1.0;
+                    for (chosen, other) in chosen.iter_mut().zip(&mut steps) {
+                        if *other == step {
+                            (*chosen, *other) = (1.0, 0);
+                        }
+                    }
+                    let layout = &self.guide.layout;
+                    let taps = taps[step].get_or_insert_with(|| layout.taps(y, 2, step));
+                    let (weight, sum) = self.sums(simd, x, y, taps);
+                    let chosen = Lanes::load(simd, &chosen, 0).above(0.0);
+                    let known = chosen.and(weight.above(0.0));
+                    for (channel, sum) in sum.into_iter().enumerate() {
+                        let row = fixed.row(channel, y);
+                        let own = Lanes::load_around(simd, row, x as isize, 0.0);
+                        (sum / weight).or(known, own).store(row, x);
                     }
                 }
             }
@@ -100,29 +132,35 @@ impl<'a> LanesKernel for Fix<'a> {
 }
 
 impl Fix<'_> {
+    /// Of the taps of the pixels from (x, y) on: the weight, and the colour times the weight.
     #[inline(always)]
-    fn mean<S: Simd>(&self, simd: S, x: usize, y: usize, length: f32) -> Option<[f32; 3]> {
-        let step = (self.params.stride / (1.0 + length.max(0.0)) + 0.5).max(1.0) as usize;
-        let (mut weight, mut sum) = (0.0, [0.0; 3]);
+    fn sums<S: Simd>(
+        &self,
+        simd: S,
+        x: usize,
+        y: usize,
+        taps: &[Tap],
+    ) -> (Lanes<S>, [Lanes<S>; 3]) {
+        let nothing = Lanes::all(simd, 0.0);
+        let (mut weight, mut sum) = (nothing, [nothing; 3]);
         let guide = self.guide.compare(&self.params.sigmas);
         let center = guide.center(simd, x, y);
-        for tap in self.guide.layout.taps(y, 2, step) {
+        for &tap in taps {
             let [dx, dy] = tap.offset;
-            let (x, y) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
-            if x >= self.color.size.width {
-                continue;
-            }
-            let color = [0, 1, 2].map(|c| self.color.row(c, y)[x]);
-            let samples = self.length.row(0, y)[x];
-            if is_present(color) && samples > 0.0 {
-                let weights = exp2_weight(guide.exponents(simd, &center, tap, 0.0));
-                let w = weights.first() * samples;
-                weight += w;
-                for (sum, c) in sum.iter_mut().zip(color) {
-                    *sum += w * c;
-                }
+            let (x, y) = (x as isize + dx, y.wrapping_add_signed(dy));
+            let load = |row| Lanes::load_around(simd, row, x, f32::NAN);
+            let [r, g, b] = self.color.rows(y);
+            let color = [load(r), load(g), load(b)];
+            let samples = load(self.length.row(0, y));
+            let [r, g, b] = color;
+            let known =
+                (r.is_finite().and(g.is_finite()).and(b.is_finite())).and(samples.above(0.0));
+            let w = exp2_weight(guide.exponents(simd, &center, tap, 0.0)) * samples;
+            weight = weight + w.or_all(known, 0.0);
+            for (sum, c) in sum.iter_mut().zip(color) {
+                *sum = *sum + (w * c).or_all(known, 0.0);
             }
         }
-        (weight > 0.0).then(|| sum.map(|sum| sum / weight))
+        (weight, sum)
     }
 }
