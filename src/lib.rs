@@ -10,8 +10,9 @@
 //!   judge    consistency, exposure ► clip_history ► anti_lag,   what shows another surface or light is refused,
 //!            temporal_gradient, prediction_gain ► blend_factor  or counts for less
 //!   merge    accumulate, blend, resolve                         new samples join the history that is left
-//!   smooth   suppress_fireflies, fix_history,                   what noise remains
-//!            estimate_variance ► atrous, morphological_aa       is averaged in space
+//!   smooth   suppress_fireflies, fix_history, reconstruct,      what noise remains
+//!            estimate_variance ► atrous, morphological_aa,      is averaged in space,
+//!            joint_bilateral_upsample                           and what was not traced is filled
 //!   numpy ◄─ bindings ─── planar images
 //! ```
 //!
@@ -44,6 +45,10 @@ mod _core {
     use bindings::camera::{Camera, dilate_motion, jitter_, motion_vectors, virtual_motion_};
     #[pymodule_export]
     use bindings::fetch::reproject_;
+    #[pymodule_export]
+    use bindings::half_res::HalfRes;
+    #[pymodule_export]
+    use bindings::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
     #[pymodule_export]
     use bindings::judge::{
         anti_lag_, blend_factor_, clip_history_, consistency_, exposure_, prediction_gain,

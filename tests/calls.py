@@ -22,6 +22,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     lit = {"color": color, "previous_color": history, "relative_luminance": (0.2, 0.9), "speed": (1, 9)}
     tests = {**now, **before, **turned, "previous_camera": previous_camera}
     surface = {**now, "camera": camera}
+    low = {f"{name}_low": image[::2, ::2].copy() for name, image in now.items()}
     albedo = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
     emission = rng.exponential(0.1, (height, width, 3)).astype(np.float32)
     position = rng.normal(0, 2, (height, width, 3)).astype(np.float32) - np.float32([0, 0, 8])
@@ -73,6 +74,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
                 "history_moments": moments,
                 "history_length": length,
                 "gradient": length / 9,
+                "weight": length[::-1].copy() / 9,
             },
         ),
         "resolve": (yester.resolve, {"samples": [color, history], "offsets": yester.jitter(2).tolist()}),
@@ -84,6 +86,11 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         "atrous(slopes)": (yester.atrous, {"color": color, "variance": light**2, **now}),
         "suppress_fireflies": (yester.suppress_fireflies, {"color": color}),
         "fix_history": (yester.fix_history, {"color": color, "history_length": length, **surface}),
+        "reconstruct": (yester.reconstruct, {"color": color, **surface}),
+        "joint_bilateral_upsample": (
+            yester.joint_bilateral_upsample,
+            {"color": color[::2, ::2].copy(), **surface, **low},
+        ),
         "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
         "remodulate": (yester.remodulate, {"illumination": color, "albedo": albedo, "emission": emission}),
         "morphological_aa": (yester.morphological_aa, {"color": color}),

@@ -203,11 +203,12 @@ class SVGF:
                 light = np.where(covered, more[0], np.float32(np.nan))
                 mirrored = self.reflect(frame, tests, history, confidence, light, more[1], sample)
 
-        merged = yester.accumulate(held, *history, gradient=gradient, **self.alpha)
-        color, moments, length = merged.color, merged.moments, merged.history_length
         alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         if frame.depth is not None and frame.normal is not None:
             alike["camera"] = frame.camera
+        filled, weight = self.fill(held, history[2], alike)
+        merged = yester.accumulate(filled, *history, weight=weight, gradient=gradient, **self.alpha)
+        color, moments, length = merged.color, merged.moments, merged.history_length
         variance = yester.estimate_variance(moments, length, min_length=self.min_length, **alike)
 
         def smooth(passes: int):
@@ -233,8 +234,12 @@ class SVGF:
             history_length=length,
             confidence=confidence,
             rejection=rejection,
-            missing=merged.missing,
+            missing=int((~np.isfinite(sample).all(-1)).sum()),
         )
+
+    def fill(self, color: NDArray, length: NDArray, alike: dict) -> tuple[NDArray, NDArray | None]:
+        """What joins the history, and how much of a sample it is."""
+        return color, None
 
     def same_surface(self, frame: yester.Frame, motion: NDArray) -> dict:
         tests = {}
@@ -284,3 +289,14 @@ class SVGF:
             tiles[y : y + 3, x : x + 3] = True
         tiles = np.kron(tiles[1:-1, 1:-1], np.ones((TILE, TILE), bool))[:height, :width]
         return SimpleNamespace(scores=scores, tiles=tiles, age=self.mirrored.age + 1)
+
+
+class HalfRes(SVGF):
+    def __init__(self, *, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
+        super().__init__(iterations=iterations, sigma_luminance=sigma_luminance, **named)
+        self.weight, self.radius = np.float32(weight), radius
+
+    def fill(self, color, length, alike):
+        traced = np.isfinite(color).all(-1)
+        weight = np.where(traced, np.float32(1), self.weight / (1 + length))
+        return yester.reconstruct(color, radius=self.radius, **alike), weight

@@ -25,6 +25,12 @@ def gradients(rng, color):
     return np.where(np.isfinite(color).all(-1), found, np.minimum(found, 0.9)).astype(np.float32)
 
 
+def weights(rng, color):
+    """Mostly whole samples, parts of one, none, and what is none: beyond both ends or no number."""
+    kind = rng.choice(6, color.shape[:2], p=[0.5, 0.3, 0.05, 0.05, 0.05, 0.05])
+    return np.choose(kind, [1.0, rng.uniform(0.01, 1, kind.shape), 0.0, -0.5, 1.5, np.nan]).astype(np.float32)
+
+
 def check(*images, **named):
     got = yester.accumulate(*images, **named)
     want = reference.accumulate(*tensor(images), **tensor(named))
@@ -43,13 +49,16 @@ def check(*images, **named):
     alpha=st.sampled_from([0.01, 0.05, 0.3, 1.0]),
     moments_alpha=st.sampled_from([0.0, 0.2, 1.0]),
     warmup=st.booleans(),
+    parts=st.booleans(),
     changes=st.booleans(),
 )
-def test_reference(seed, size, changes, **named):
+def test_reference(seed, size, parts, changes, **named):
     assume(named["warmup"] or named["moments_alpha"] > 0)
     rng = np.random.default_rng(seed)
     images = inputs(rng, *size)
-    check(*images, gradient=gradients(rng, images[0]) if changes else None, **named)
+    weight = weights(rng, images[0]) if parts else None
+    seen = images[0] if weight is None else np.where(weight[..., None] > 0, images[0], np.float32(np.nan))
+    check(*images, weight=weight, gradient=gradients(rng, seen) if changes else None, **named)
 
 
 @pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
@@ -147,6 +156,39 @@ def test_no_gradient_changes_nothing():
         assert got.missing == want.missing
 
 
+def test_whole_weights_change_nothing():
+    images = inputs(np.random.default_rng(1), 20, 30)
+    want = yester.accumulate(*images)
+    for value in (1.0, 2.0, np.inf):
+        got = yester.accumulate(*images, weight=np.full((20, 30), value, np.float32))
+        for name in ("color", "moments", "history_length"):
+            assert_same_bits(getattr(got, name), getattr(want, name))
+        assert got.missing == want.missing
+
+
+def test_no_weight_is_no_sample():
+    images = inputs(np.random.default_rng(1), 20, 30)
+    want = yester.accumulate(np.full_like(images[0], np.nan), *images[1:])
+    for value in (0.0, -1.0, np.nan):
+        got = yester.accumulate(*images, weight=np.full((20, 30), value, np.float32))
+        for name in ("color", "moments", "history_length"):
+            assert_same_bits(getattr(got, name), getattr(want, name))
+        assert got.missing == want.missing == 600
+
+
+def test_weights_are_those_of_a_mean():
+    rng = np.random.default_rng(0)
+    frames = rng.exponential(1, (30, 8, 9, 3)).astype(np.float32)
+    weight = rng.uniform(0.01, 1, (30, 8, 9)).astype(np.float32)
+    history = [np.zeros((8, 9, *c), np.float32) for c in ((3,), (2,), ())]
+    for frame, part in zip(frames, weight, strict=True):
+        got = yester.accumulate(frame, *history, weight=part, alpha=0.0, moments_alpha=0.0)
+        history = [got.color, got.moments, got.history_length]
+    many = weight[..., None].astype(np.float64)
+    np.testing.assert_allclose(got.color, (frames * many).sum(0) / many.sum(0), rtol=1e-5)
+    np.testing.assert_allclose(got.history_length, weight.sum(0), rtol=1e-5)
+
+
 @pytest.mark.parametrize("value", [1.0, 7.0, np.inf])
 @pytest.mark.parametrize("warmup", [True, False])
 def test_a_full_gradient_takes_the_sample(value, warmup):
@@ -185,10 +227,11 @@ def test_the_more_gradient_the_more_of_the_sample():
     assert (np.diff(got.color[0, :, 0]) >= 0).all()
 
 
-def test_a_gradient_of_another_shape():
+@pytest.mark.parametrize("name", ["weight", "gradient"])
+def test_shares_of_another_shape(name):
     images = inputs(np.random.default_rng(0), 4, 5)
-    for gradient in (np.zeros((3, 5)), np.zeros((4, 5, 1)), np.zeros(5)):
-        with pytest.raises(ValueError, match=r"^gradient: expected"):
-            yester.accumulate(*images, gradient=gradient)
-    with pytest.raises(TypeError, match="gradient"):
-        yester.accumulate(*images, gradient=np.zeros((4, 5), int))
+    for share in (np.zeros((3, 5)), np.zeros((4, 5, 1)), np.zeros(5)):
+        with pytest.raises(ValueError, match=rf"^{name}: expected"):
+            yester.accumulate(*images, **{name: share})
+    with pytest.raises(TypeError, match=name):
+        yester.accumulate(*images, **{name: np.zeros((4, 5), int)})

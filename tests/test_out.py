@@ -15,6 +15,7 @@ IN_PLACE = {
     "estimate_variance": ("history_length",),
     "atrous": ("color", "variance"),
     "atrous(slopes)": ("color", "variance"),
+    "reconstruct": ("color",),
     "demodulate": ("color",),
     "remodulate": ("illumination",),
     "motion_vectors(position)": ("geometry",),

@@ -22,6 +22,7 @@ __all__ = [
     "TAA",
     "Accumulated",
     "Camera",
+    "HalfRes",
     "Output",
     "__version__",
     "accumulate",
@@ -38,10 +39,12 @@ __all__ = [
     "exposure",
     "fix_history",
     "jitter",
+    "joint_bilateral_upsample",
     "machine_limits",
     "morphological_aa",
     "motion_vectors",
     "prediction_gain",
+    "reconstruct",
     "remodulate",
     "reproject",
     "resolve",
@@ -142,6 +145,24 @@ class SVGF:
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
+
+@final
+class HalfRes:
+    def __new__(
+        cls,
+        *,
+        alpha: float = 0.05,
+        weight: float = 0.1,
+        radius: int = 2,
+        iterations: int = 5,
+        sigma_luminance: float = 4.0,
+        reflections: Sequence[float] = (0.5, 2.0),
+        antialias: bool = True,
+    ) -> Self: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
+    def reset(self) -> None: ...
+    @staticmethod
+    def offset(number: int) -> tuple[int, int]: ...
 
 @final
 class TAA:
@@ -330,6 +351,7 @@ def accumulate(
     history_moments: ArrayLike,
     history_length: ArrayLike,
     *,
+    weight: ArrayLike | None = None,
     gradient: ArrayLike | None = None,
     alpha: float = 0.05,
     moments_alpha: float = 0.2,
@@ -391,6 +413,39 @@ def fix_history(
     camera: Camera | None = None,
     max_length: float = 3.0,
     stride: float = 14.0,
+    sigma_normal: float = 128.0,
+    sigma_depth: float = 1.0,
+    sigma_plane: float = 0.01,
+    out: _Floats | None = None,
+) -> _Floats: ...
+def reconstruct(
+    color: ArrayLike,
+    *,
+    depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    camera: Camera | None = None,
+    radius: int = 2,
+    sigma: float = 1.0,
+    sigma_normal: float = 128.0,
+    sigma_depth: float = 1.0,
+    sigma_plane: float = 0.01,
+    out: _Floats | None = None,
+) -> _Floats: ...
+def joint_bilateral_upsample(
+    color: ArrayLike,
+    *,
+    depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    camera: Camera | None = None,
+    depth_low: ArrayLike | None = None,
+    normal_low: ArrayLike | None = None,
+    ids_low: ArrayLike | None = None,
+    scale: int = 2,
+    offset: ArrayLike | None = None,
+    radius: int = 2,
+    sigma: float = 1.0,
     sigma_normal: float = 128.0,
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,

@@ -54,6 +54,9 @@ impl Accumulated {
 ///     Reprojected means of luminance and of its square.
 /// history_length : (H, W) array_like of float
 ///     Reprojected number of samples, fractions included; 0 where there is no history.
+/// weight : (H, W) array_like of float, optional
+///     How much of a sample each new colour is, 0 to 1: less than 1 for one that neighbours have lent. One of 0 or NaN is
+///     missing. By default all are 1.
 /// gradient : (H, W) array_like of float, optional
 ///     How much the light has changed, 0 to 1, as `temporal_gradient` returns it; NaN counts as 0.
 /// alpha : float, default 0.05
@@ -80,14 +83,15 @@ impl Accumulated {
 ///
 /// Notes
 /// -----
-/// With N = min(`history_length` + 1, 1/alpha) and l the Rec. 709 luminance: ``color = h + (c - h)/N`` and
-/// ``moments = m + max(moments_alpha, 1/N) * ((l, l*l) - m)``. Schied et al. 2017, *Spatiotemporal Variance-Guided
+/// With w the `weight`, N = min(`history_length` + w, 1/alpha) and l the Rec. 709 luminance: ``color = h + w (c - h)/N``
+/// and ``moments = m + w max(moments_alpha, 1/N) ((l, l*l) - m)``. Schied et al. 2017, *Spatiotemporal Variance-Guided
 /// Filtering*, section 4.2; the equal start as in Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing
 /// Techniques*. A `gradient` g first shortens the history to ``N (1 - g)**10`` and then moves both shares towards 1:
 /// ``a + g (1 - a)`` (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal
 /// Filtering*; the exponent as in Q2RTX).
 #[pyfunction]
-#[pyo3(signature = (color, history, history_moments, history_length, *, gradient=None, alpha=0.05, moments_alpha=0.2, warmup=true, out=None))]
+#[pyo3(signature = (color, history, history_moments, history_length, *, weight=None, gradient=None, alpha=0.05,
+    moments_alpha=0.2, warmup=true, out=None))]
 #[pyo3(name = "accumulate")]
 pub fn accumulate_<'py>(
     py: Python<'py>,
@@ -95,6 +99,7 @@ pub fn accumulate_<'py>(
     history: &Bound<'py, PyAny>,
     history_moments: &Bound<'py, PyAny>,
     history_length: &Bound<'py, PyAny>,
+    weight: Option<&Bound<'py, PyAny>>,
     gradient: Option<&Bound<'py, PyAny>>,
     alpha: f32,
     moments_alpha: f32,
@@ -115,10 +120,12 @@ pub fn accumulate_<'py>(
             .sized("history_moments", size)?;
         let length = Input::<f32>::new(history_length, "history_length", Channels::One)?
             .sized("history_length", size)?;
+        let weight = Input::<f32>::optional(weight, "weight", Channels::One, size)?;
         let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
         let data = [color.data(), history.data(), moments.data(), length.data()];
         let [color, history @ ..] = data.map(Interleaved::pixels);
-        let gradient = gradient.as_ref().map(|gradient| gradient.data().flat());
+        let [weight, gradient] =
+            [&weight, &gradient].map(|image| image.as_ref().map(|image| image.data().flat()));
         let Size { height, width } = size;
         let [first, second, third] = parts(out.as_ref())?;
         let out = (
@@ -138,7 +145,7 @@ pub fn accumulate_<'py>(
                 .zip(PixelsMut::bands(size, 2, moments))
                 .zip(PixelsMut::bands(size, 1, lengths))
                 .map(|((color, moments), length)| [color, moments, length]);
-            accumulate::accumulate(color, history, gradient, params, merged)
+            accumulate::accumulate(color, weight, history, gradient, params, merged)
         });
         (merged, missing)
     };

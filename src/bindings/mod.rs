@@ -4,6 +4,8 @@
 pub mod arrays;
 pub mod camera;
 pub mod fetch;
+pub mod half_res;
+pub mod joint_bilateral;
 pub mod judge;
 pub mod merge;
 pub mod pipelines;

@@ -16,7 +16,7 @@ use crate::kernels::smooth::{atrous, fireflies, history_fix, morphological};
 use crate::pixels::PixelsMut;
 
 /// The guide's checked arguments.
-struct GuideArgs<'py> {
+pub(super) struct GuideArgs<'py> {
     depth: Option<Input<'py>>,
     normal: Option<Input<'py>>,
     ids: Option<Input<'py, u32>>,
@@ -24,7 +24,7 @@ struct GuideArgs<'py> {
 }
 
 impl<'py> GuideArgs<'py> {
-    fn new(
+    pub(super) fn new(
         size: Size,
         depth: Option<&Bound<'py, PyAny>>,
         normal: Option<&Bound<'py, PyAny>>,
@@ -47,7 +47,7 @@ impl<'py> GuideArgs<'py> {
         })
     }
 
-    fn data(&self) -> GuideData<'_> {
+    pub(super) fn data(&self) -> GuideData<'_> {
         GuideData {
             depth: self.depth.as_ref().map(Input::data),
             normal: self.normal.as_ref().map(Input::data),
@@ -59,16 +59,16 @@ impl<'py> GuideArgs<'py> {
 
 /// The same, without the interpreter.
 #[derive(Clone, Copy)]
-struct GuideData<'a> {
-    depth: Option<Interleaved<'a, f32>>,
-    normal: Option<Interleaved<'a, f32>>,
-    ids: Option<Interleaved<'a, u32>>,
-    rays: Option<Rays>,
+pub(super) struct GuideData<'a> {
+    pub depth: Option<Interleaved<'a, f32>>,
+    pub normal: Option<Interleaved<'a, f32>>,
+    pub ids: Option<Interleaved<'a, u32>>,
+    pub rays: Option<Rays>,
 }
 
 impl GuideData<'_> {
     /// For taps up to `reach` pixels to the side.
-    fn guide(self, size: Size, reach: usize) -> Guide {
+    pub(super) fn guide(self, size: Size, reach: usize) -> Guide {
         let surface = Surface {
             depth: self.depth.map(Interleaved::pixels),
             normal: self.normal.map(Interleaved::pixels),

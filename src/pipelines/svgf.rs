@@ -1,7 +1,7 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
-//!   demodulate → (suppress fireflies) → (motion from cameras) → reproject → (temporal gradient) → accumulate
-//!     → estimate variance → à-trous → remodulate → (antialias)
+//!   demodulate → (suppress fireflies) → (motion from cameras) → reproject → (temporal gradient) → (reconstruct)
+//!     → accumulate → estimate variance → à-trous → remodulate → (antialias)
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -10,6 +10,7 @@ use std::ops::Range;
 use pulp::Simd;
 
 use super::frame::{Frame, Output, Summary, check_size};
+use super::half_res;
 use super::reflections::{self, Carried};
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Error, Result, in_range};
@@ -45,6 +46,8 @@ pub struct Params {
     pub reflections: Vec<f32>,
     /// The output stage.
     pub antialias: Option<taa::Params>,
+    /// For frames of which only a part is traced.
+    pub half_res: Option<half_res::Params>,
 }
 
 impl Params {
@@ -55,11 +58,18 @@ impl Params {
         self
     }
 
+    /// Pixels from the farthest tap to the centre.
+    fn reach(&self) -> usize {
+        let lent = self.half_res.map_or(0, |half_res| half_res.window.radius);
+        self.atrous.reach().max(self.variance.radius).max(lent)
+    }
+
     pub fn check(&self) -> Result<()> {
         self.surface.check()?;
         self.accumulate.check()?;
         self.variance.check()?;
         self.atrous.check()?;
+        self.half_res.iter().try_for_each(half_res::Params::check)?;
         for &distance in &self.reflections {
             in_range("reflections", distance, "distances above 0", |v| v > 0.0)?;
         }
@@ -186,6 +196,16 @@ impl Svgf {
         };
         drop(memory);
         let color = held.unwrap_or(sample);
+        let rays = frame.camera.as_ref().map(Camera::rays);
+        let new_guide = || Guide::new(size, params.reach(), frame.surface, rays);
+        let (color, lent, guide) = match params.half_res {
+            Some(half_res) => {
+                let guide = new_guide();
+                let (color, lent) = half_res.fill(color, known.channels(5..6), &guide);
+                (color, Some(lent), Some(guide))
+            }
+            None => (color, None, None),
+        };
         let before = [0..3, 3..5, 5..6].map(|channels| known.pixels().part(channels));
         let change = gradient.as_ref().map(Image::view);
         let mut history = Image::blank(size, accumulate::CHANNELS);
@@ -195,12 +215,18 @@ impl Svgf {
             .zip(PixelsMut::planar(size, moments))
             .zip(PixelsMut::planar(size, lengths))
             .map(|((color, moments), length)| [color, moments, length]);
-        let missing = accumulate(color.pixels(), before, change, params.accumulate, merged);
-        drop((known, color));
+        let missing = accumulate(
+            color.pixels(),
+            lent.as_ref().map(|lent| lent.weight.view()),
+            before,
+            change,
+            params.accumulate,
+            merged,
+        );
+        let missing = lent.as_ref().map_or(missing, |lent| lent.missing);
+        drop((known, color, lent));
 
-        let reach = params.atrous.reach().max(params.variance.radius);
-        let rays = frame.camera.as_ref().map(Camera::rays);
-        let guide = Guide::new(size, reach, frame.surface, rays);
+        let guide = guide.unwrap_or_else(new_guide);
         let mut filtered = Filtered::new(guide.layout);
         let [moments, length] = [3..5, 5..6].map(|channels| history.channels(channels));
         let begin = Begin {

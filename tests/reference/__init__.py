@@ -15,8 +15,10 @@ from .dilate import dilate_motion
 from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
+from .half_res import HalfRes
 from .history_fix import fix_history
 from .jitter import jitter
+from .joint_bilateral import joint_bilateral_upsample, reconstruct
 from .morphological import morphological_aa
 from .motion import motion_vectors
 from .neighborhood import clip_history
@@ -33,6 +35,7 @@ __all__ = [
     "SVGF",
     "TAA",
     "Accumulated",
+    "HalfRes",
     "Output",
     "accumulate",
     "anti_lag",
@@ -47,12 +50,14 @@ __all__ = [
     "exposure",
     "fix_history",
     "jitter",
+    "joint_bilateral_upsample",
     "luminance",
     "morphological_aa",
     "motion_vectors",
     "prediction_gain",
     "project",
     "rays",
+    "reconstruct",
     "remodulate",
     "reproject",
     "resolve",

@@ -22,14 +22,15 @@ def accumulate(
     history_moments: Tensor,
     history_length: Tensor,
     *,
+    weight: Tensor | None = None,
     gradient: Tensor | None = None,
     alpha=0.05,
     moments_alpha=0.2,
     warmup=True,
 ) -> Accumulated:
-    """Blend a sample into its history: N' = min(N + 1, 1/alpha), h + (c - h)/N', and the luminance's moments likewise.
+    """Blend a sample into its history: N' = min(N + w, 1/alpha), h + w (c - h)/N', and the luminance's moments likewise.
 
-    A gradient λ first shortens N to N (1 - λ)^10, and then moves both shares a of the sample to a + λ (1 - a).
+    w is 1, or the weight of what is less than a sample. A gradient λ first shortens N to N (1 - λ)^10, and then moves both shares a of the sample to a + λ (1 - a).
     Sources: Schied et al. 2017, section 4.2; the warm-up is Falcor's alpha = max(alpha, 1/N); Schied et al. 2018.
 
     Parameters
@@ -37,6 +38,7 @@ def accumulate(
     color, history : (H, W, 3)
     history_moments : (H, W, 2), means of luminance and of its square
     history_length : (H, W), number of samples
+    weight : (H, W), 0 to 1, where 0 is no sample
     gradient : (H, W), 0 to 1
 
     Returns
@@ -45,7 +47,8 @@ def accumulate(
     """
     changed = torch.zeros_like(history_length) if gradient is None else gradient.nan_to_num(0).clamp(0, 1)  # (H, W)
     history_length = history_length * (1 - changed) ** 10  # (H, W)
-    seen = color.isfinite().all(-1)  # (H, W)
+    w = torch.ones_like(history_length) if weight is None else weight.nan_to_num(0).clamp(0, 1)  # (H, W)
+    seen = color.isfinite().all(-1) & (w > 0)  # (H, W)
     known = history.isfinite().all(-1) & history_moments.isfinite().all(-1)  # (H, W)
     known &= history_length.isfinite() & (history_length > 0)  # (H, W)
     length = history_length.where(known, 0)  # (H, W)
@@ -54,10 +57,10 @@ def accumulate(
 
     light = luminance(color)  # (H, W)
     moments = torch.stack([light, light * light], -1)  # (H, W, 2)
-    n = (length + 1).clamp(max=1 / alpha if alpha > 0 else torch.inf)  # (H, W)
-    n = n.where(known, 1)  # (H, W)
-    a = 1 / n if warmup else torch.full_like(n, alpha)  # (H, W)
-    am = (1 / n).clamp(min=moments_alpha) if warmup else torch.full_like(n, moments_alpha)  # (H, W)
+    n = (length + w).clamp(max=1 / alpha if alpha > 0 else torch.inf)  # (H, W)
+    n = n.where(known, w)  # (H, W)
+    a = w / n if warmup else w * alpha  # (H, W)
+    am = w * (1 / n).clamp(min=moments_alpha) if warmup else w * moments_alpha  # (H, W)
     a, am = (share + changed * (1 - share) for share in (a, am))  # (H, W), (H, W)
     blended = history + a[..., None] * (color - history)  # (H, W, 3)
     blended_moments = history_moments + am[..., None] * (moments - history_moments)  # (H, W, 2)

@@ -90,11 +90,13 @@ class SVGF:
                 known = history[0].where((confidence > 0)[..., None], torch.nan)  # (H, W, 3)
                 gradient = temporal_gradient(light, known, noise=2.2, widest=5)  # (H, W)
 
-        merged = accumulate(light, *history, gradient=gradient, **self.blend)
-        color, moments, length, missing = merged  # (H, W, 3), (H, W, 2), (H, W)
         similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         if frame.depth is not None and frame.normal is not None:
             similarity["camera"] = frame.camera
+        missing = int((~light.isfinite().all(-1)).sum())
+        light, weight = self.fill(light, history[2], similarity)  # (H, W, 3), (H, W)
+        merged = accumulate(light, *history, weight=weight, gradient=gradient, **self.blend)
+        color, moments, length, _ = merged  # (H, W, 3), (H, W, 2), (H, W)
         variance = estimate_variance(moments, length, min_length=self.min_length, **similarity)  # (H, W)
         smooth, smooth_variance = atrous(color, variance, iterations=self.iterations, **self.luminance, **similarity)
         if self.feedback and self.iterations > 0:
@@ -107,6 +109,10 @@ class SVGF:
             smooth, _ = self.antialiased  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing)
+
+    def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
+        """What joins the history (H, W, 3), and how much of a sample it is (H, W): all as it comes."""
+        return light, None
 
     def _tests(self, frame, motion: Tensor) -> dict:
         tests = {}

@@ -7,15 +7,19 @@
 //! Where a temporal gradient λ says that the light has changed, history is shortened before and its share falls:
 //!   N ← N (1 − λ)¹⁰,  a ← lerp(a, 1, λ)
 //! (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*; the exponent
-//! as in Q2RTX). A pixel without history starts at N = 1. A sample with NaN or infinity is missing: history is kept as it is, and
-//! where there is none, colour and moments are NaN and N = 0, the mark of a pixel that nobody has seen.
+//! as in Q2RTX). A colour that is less than a sample, such as one lent by neighbours, has a weight w below 1:
+//!   N ← min(N + w, 1/α),  a = w/N,  and max(w αₘ, w/N) for the moments,
+//! so that what is reconstructed helps where little is known, and hardly shows among samples. A pixel without history
+//! starts at N = w. A sample with NaN or infinity, or without weight, is missing: history is kept as it is, and where there is
+//! none, colour and moments are NaN and N = 0, the mark of a pixel that nobody has seen.
 //!
-//! Inputs: colour (3), history: colour (3), moments (2), length (1), λ (1) in [0, 1], optional. Outputs: the same, and the number of missing samples.
+//! Inputs: colour (3), w (1) in [0, 1], optional; history: colour (3), moments (2), length (1); λ (1) in [0, 1], optional.
+//! Outputs: the history, and the number of missing samples.
 
 use std::ops::Range;
 
 use crate::error::{Error, Result, in_range};
-use crate::image::{Pixels, SEGMENT, View, segments};
+use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{PixelsMut, Row, larger, smaller};
 use crate::rows::{self, Kernel};
@@ -67,6 +71,7 @@ pub const CHANNELS: usize = 6;
 
 struct Accumulate<'a> {
     color: Pixels<'a>,
+    weight: Option<View<'a>>,
     history: [Pixels<'a>; 3],
     gradient: Option<View<'a>>,
     params: Params,
@@ -76,6 +81,7 @@ struct Accumulate<'a> {
 /// number of missing samples.
 pub fn accumulate<'a>(
     color: Pixels<'a>,
+    weight: Option<View<'a>>,
     history: [Pixels<'a>; 3],
     gradient: Option<View<'a>>,
     params: Params,
@@ -85,6 +91,7 @@ pub fn accumulate<'a>(
     let mut missing = vec![0; rows::bands(height).count()];
     let kernel = Accumulate {
         color,
+        weight,
         history,
         gradient,
         params,
@@ -108,10 +115,16 @@ impl<'a> Kernel for Accumulate<'a> {
     fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
         let mut colors = [[0.0; SEGMENT]; 3];
         let mut history = [[0.0; SEGMENT]; CHANNELS];
-        let mut changes = [0.0; SEGMENT];
+        let (mut weights, mut changes) = ([1.0; SEGMENT], [0.0; SEGMENT]);
         for run in rows.flat_map(|y| segments(y, self.color.size.width)) {
             self.color
                 .read(run, colors.each_mut().map(Row::as_mut_slice));
+            if let Some(weight) = self.weight {
+                load_shares(weight, run, &mut weights);
+                for (red, &weight) in colors[0].iter_mut().zip(&weights) {
+                    *red = if weight > 0.0 { *red } else { f32::NAN };
+                }
+            }
             *out.missing += count_missing(colors.each_ref().map(|row| &row[..run.len]));
             let [r, g, b, first, second, length] = history.each_mut().map(Row::as_mut_slice);
             let [color, moments, lengths] = self.history;
@@ -119,18 +132,24 @@ impl<'a> Kernel for Accumulate<'a> {
             moments.read(run, [first, second]);
             lengths.read(run, [length]);
             if let Some(gradient) = self.gradient {
-                let gradient = &gradient.row(0, run.y)[run.x..][..run.len];
-                for (change, &gradient) in changes.iter_mut().zip(gradient) {
-                    *change = saturate(gradient);
-                }
+                load_shares(gradient, run, &mut changes);
             }
-            self.params.merge(&colors, &changes, &mut history);
+            self.params.merge(&colors, &weights, &changes, &mut history);
             let [r, g, b, first, second, length] = history.each_ref().map(Row::as_slice);
             let [color, moments, lengths] = &mut out.merged;
             color.write(run, [r, g, b]);
             moments.write(run, [first, second]);
             lengths.write(run, [length]);
         }
+    }
+}
+
+/// Of a run, held to [0, 1].
+#[inline(always)]
+fn load_shares(image: View, run: Run, shares: &mut Row) {
+    let values = &image.row(0, run.y)[run.x..][..run.len];
+    for (share, &value) in shares.iter_mut().zip(values) {
+        *share = saturate(value);
     }
 }
 
@@ -152,9 +171,16 @@ fn tenth_power(x: f32) -> f32 {
 }
 
 impl Params {
-    /// Merges new colours into the channels of a history, by how much the light has changed, 0 to 1.
+    /// Merges new colours into the channels of a history, by how much of a sample each is, above 0 to 1, and by how much
+    /// the light has changed, 0 to 1.
     #[inline(always)]
-    pub fn merge(self, colors: &[Row; 3], changes: &Row, history: &mut [Row; CHANNELS]) {
+    pub fn merge(
+        self,
+        colors: &[Row; 3],
+        weights: &Row,
+        changes: &Row,
+        history: &mut [Row; CHANNELS],
+    ) {
         let longest = 1.0 / self.alpha;
         let [cr, cg, cb] = colors;
         let [hr, hg, hb, h1, h2, hn] = history;
@@ -162,7 +188,7 @@ impl Params {
             let c = [cr[x], cg[x], cb[x]];
             let h = [hr[x], hg[x], hb[x]];
             let present = is_present(c);
-            let change = changes[x];
+            let (weight, change) = (weights[x], changes[x]);
             let before = hn[x] * tenth_power(1.0 - change);
             let remembered = is_present(h)
                 & h1[x].is_finite()
@@ -170,12 +196,13 @@ impl Params {
                 & before.is_finite()
                 & (before > 0.0);
             let before = if remembered { before } else { 0.0 };
-            let counted = smaller(before + 1.0, longest);
-            let inverse = 1.0 / counted;
+            let counted = smaller(before + weight, longest);
+            let inverse = weight / counted;
+            let (alpha, moments_alpha) = (weight * self.alpha, weight * self.moments_alpha);
             let (a, am) = if self.warmup {
-                (inverse, larger(inverse, self.moments_alpha))
+                (inverse, larger(inverse, moments_alpha))
             } else {
-                (self.alpha, self.moments_alpha)
+                (alpha, moments_alpha)
             };
             let (a, am) = (a + change * (1.0 - a), am + change * (1.0 - am));
             let l = luminance(c[0], c[1], c[2]);
@@ -193,7 +220,7 @@ impl Params {
             hb[x] = mixed(h[2], c[2], a);
             h1[x] = mixed(h1[x], l, am);
             h2[x] = mixed(h2[x], l * l, am);
-            let length = if remembered { counted } else { 1.0 };
+            let length = if remembered { counted } else { weight };
             hn[x] = if present { length } else { before };
         }
     }

@@ -5,5 +5,6 @@ pub mod demodulate;
 pub mod fireflies;
 pub mod guide;
 pub mod history_fix;
+pub mod joint_bilateral;
 pub mod morphological;
 pub mod variance;

@@ -1,0 +1,284 @@
+//! Joint bilateral reconstruction: the kernels that fill what was not traced.
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+
+use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, vector};
+use super::camera::Camera;
+use super::smooth::{GuideArgs, GuideData};
+use crate::error::Error;
+use crate::image::{Image, Pixels, Size};
+use crate::kernels::judge::surface::Surface;
+use crate::kernels::smooth::guide::{Guide, Sigmas};
+use crate::kernels::smooth::joint_bilateral::{
+    Grid, Params, joint_bilateral_upsample, reconstruct,
+};
+
+/// Missing pixels filled from those around them that show the same surface.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     Light without texture, if there is albedo. Pixels with NaN or infinity are missing.
+/// depth : (H, W) array_like of float, optional
+///     View-space z; +inf, NaN or not above 0 is background.
+/// normal : (H, W, 3) array_like of float, optional
+///     World space, unit length.
+/// ids : (H, W) array_like of int, optional
+///     Pixels of different ids do not mix.
+/// camera : Camera, optional
+///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     `normal`.
+/// radius : int, default 2
+///     The window reaches so many pixels to each side, 1 to 16.
+/// sigma : float, default 1.0
+///     Standard deviation of the weight by distance, in pixels; above 0.
+/// sigma_normal, sigma_depth, sigma_plane : float
+///     As in `atrous`.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// color : (H, W, 3) float32
+///     Missing pixels are the weighted mean of those in the window that are not, or NaN where none is like them; the others
+///     keep their bits.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range.
+///
+/// Notes
+/// -----
+/// The weight of a pixel at a distance of d is ``exp(-d²/(2 sigma²) - en - ez)``, with en and ez as in `atrous`, and zero
+/// between ids or between surface and background: a joint bilateral filter (Kopf et al. 2007, *Joint Bilateral
+/// Upsampling*), whose samples may lie anywhere.
+#[pyfunction]
+#[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, radius=2, sigma=1.0, sigma_normal=128.0,
+    sigma_depth=1.0, sigma_plane=0.01, out=None))]
+#[pyo3(name = "reconstruct")]
+pub fn reconstruct_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    depth: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    camera: Option<&Camera>,
+    radius: i64,
+    sigma: f32,
+    sigma_normal: f32,
+    sigma_depth: f32,
+    sigma_plane: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = Params {
+        radius: Params::radius(radius)?,
+        sigma,
+        sigmas: Sigmas {
+            normal: sigma_normal,
+            depth: sigma_depth,
+            plane: sigma_plane,
+        },
+    };
+    params.check()?;
+    let (filled, out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
+        let out = Out::given(out, color.shape())?;
+        let (color, guide) = (color.data().pixels(), guide.data());
+        let filled = py.detach(|| {
+            let guide = guide.guide(size, params.radius);
+            Outgoing::new(reconstruct(color, &guide, params))
+        });
+        (filled, out)
+    };
+    filled.array(py, out)
+}
+
+/// A small image brought to full size along the edges of full-resolution buffers.
+///
+/// Parameters
+/// ----------
+/// color : (⌈H/scale⌉, ⌈W/scale⌉, 3) array_like of float
+///     One sample for each block of scale×scale pixels; light without texture, if there is albedo. Pixels with NaN or
+///     infinity are missing.
+/// depth : (H, W) array_like of float, optional
+///     View-space z in full resolution; +inf, NaN or not above 0 is background. One of `depth`, `normal` and `ids` has to
+///     be given: they tell the size.
+/// normal : (H, W, 3) array_like of float, optional
+///     World space, unit length.
+/// ids : (H, W) array_like of int, optional
+///     Pixels do not take from samples of other ids.
+/// camera : Camera, optional
+///     Of the full frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     `normal`.
+/// depth_low, normal_low, ids_low : array_like, optional
+///     What the samples show, of the size of `color`; by default, what the full-resolution buffers have at the pixels in
+///     which the samples lie.
+/// scale : int, default 2
+///     Pixels of a block's side, 1 to 16.
+/// offset : (float, float), optional
+///     Where in its block each sample lies: so many pixels right and down from the centre of its first pixel, 0 to
+///     scale - 1. Whole numbers are those of a pixel; by default it is the block's centre, (scale - 1)/2. In blocks that
+///     the border cuts short, samples lie in the last pixel that there is.
+/// radius : int, default 2
+///     The window reaches so many times `scale` pixels to each side, 1 to 16.
+/// sigma : float, default 1.0
+///     Standard deviation of the weight by distance, in multiples of `scale` pixels; above 0.
+/// sigma_normal, sigma_depth, sigma_plane : float
+///     As in `atrous`.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array.
+///
+/// Returns
+/// -------
+/// color : (H, W, 3) float32
+///     NaN where no sample in the window is like the pixel.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, sizes that do not fit each other, or parameters out of range.
+///
+/// Notes
+/// -----
+/// The mean of the samples in the window, each with the weight ``exp(-d²/(2 (sigma scale)²) - en - ez)`` at a distance of d
+/// pixels, with en and ez as in `atrous` and zero between ids or between surface and background. Kopf, Cohen, Lischinski
+/// and Uyttendaele 2007, *Joint Bilateral Upsampling*; what is joint is geometry here, not colour. `reconstruct` does the
+/// same for samples that lie anywhere.
+#[pyfunction]
+#[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, depth_low=None, normal_low=None,
+    ids_low=None, scale=2, offset=None, radius=2, sigma=1.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01,
+    out=None))]
+#[pyo3(name = "joint_bilateral_upsample")]
+pub fn joint_bilateral_upsample_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    depth: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    camera: Option<&Camera>,
+    depth_low: Option<&Bound<'py, PyAny>>,
+    normal_low: Option<&Bound<'py, PyAny>>,
+    ids_low: Option<&Bound<'py, PyAny>>,
+    scale: i64,
+    offset: Option<&Bound<'py, PyAny>>,
+    radius: i64,
+    sigma: f32,
+    sigma_normal: f32,
+    sigma_depth: f32,
+    sigma_plane: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = Params {
+        radius: Params::radius(radius)?,
+        sigma,
+        sigmas: Sigmas {
+            normal: sigma_normal,
+            depth: sigma_depth,
+            plane: sigma_plane,
+        },
+    };
+    params.check()?;
+    let scale = Grid::scale(scale)?;
+    let offset = match offset {
+        Some(offset) => vector::<2>(offset, "offset")?.map(|d| d as f32),
+        None => [(scale as f32 - 1.0) / 2.0; 2],
+    };
+    for (name, full, low) in [
+        ("depth", depth, depth_low),
+        ("normal", normal, normal_low),
+        ("ids", ids, ids_low),
+    ] {
+        if low.is_some() && full.is_none() {
+            return Err(Error::needs(&format!("{name}_low"), name).into());
+        }
+    }
+    let (upsampled, out) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let full = match (depth, normal, ids) {
+            (Some(depth), _, _) => Input::<f32>::new(depth, "depth", Channels::One)?.size(),
+            (_, Some(normal), _) => Input::<f32>::new(normal, "normal", COLOR)?.size(),
+            (_, _, Some(ids)) => Input::<u32>::new(ids, "ids", Channels::One)?.size(),
+            (None, None, None) => {
+                let expected = "one of them in full resolution";
+                return Err(Error::value("depth, normal, ids", expected, "none").into());
+            }
+        };
+        let grid = Grid {
+            full,
+            scale,
+            offset,
+        };
+        grid.check()?;
+        check_fits(grid, color.size())?;
+        let guide = GuideArgs::new(full, depth, normal, ids, camera)?;
+        let size = color.size();
+        let depth = Input::<f32>::optional(depth_low, "depth_low", Channels::One, size)?;
+        let normal = Input::<f32>::optional(normal_low, "normal_low", COLOR, size)?;
+        let ids = Input::<u32>::optional(ids_low, "ids_low", Channels::One, size)?;
+        let out = Out::given(out, &[full.height, full.width, 3])?;
+        let (color, guide) = (color.data().pixels(), guide.data());
+        let low = GuideData {
+            depth: depth.as_ref().map(Input::data),
+            normal: normal.as_ref().map(Input::data),
+            ids: ids.as_ref().map(Input::data),
+            rays: None,
+        };
+        let upsampled = py.detach(|| {
+            let reach = params.radius * scale;
+            let shown = low.shown(guide, grid, reach);
+            let guide = guide.guide(full, reach);
+            let guides = [&guide, shown.as_ref().unwrap_or(&guide)];
+            Outgoing::new(joint_bilateral_upsample(color, grid, guides, params))
+        });
+        (upsampled, out)
+    };
+    upsampled.array(py, out)
+}
+
+fn check_fits(grid: Grid, low: Size) -> PyResult<()> {
+    let expected = grid.low();
+    if low == expected {
+        return Ok(());
+    }
+    let text = |Size { height, width }: Size| format!("height {height} and width {width}");
+    let Grid { full, scale, .. } = grid;
+    let expected = format!(
+        "{}, a sample for each block of {scale}x{scale} of the full {}",
+        text(expected),
+        text(full)
+    );
+    Err(Error::value("color", expected, text(low)).into())
+}
+
+impl GuideData<'_> {
+    /// What samples show, where it is not what the full guide has in their pixels.
+    fn shown(self, full: GuideData, grid: Grid, reach: usize) -> Option<Guide> {
+        let floats = |low: Option<Interleaved<f32>>| low.map(|low| grid.scatter(low.pixels(), 0.0));
+        let (depth, normal) = (floats(self.depth), floats(self.normal));
+        let ids = self.ids.map(|ids| grid.scatter(ids.pixels(), 0));
+        if depth.is_none() && normal.is_none() && ids.is_none() {
+            return None;
+        }
+        fn or<'a>(
+            low: &'a Option<Image>,
+            full: Option<Interleaved<'a, f32>>,
+        ) -> Option<Pixels<'a>> {
+            let low = low.as_ref().map(Image::pixels);
+            low.or(full.map(Interleaved::pixels))
+        }
+        let surface = Surface {
+            depth: or(&depth, full.depth),
+            normal: or(&normal, full.normal),
+            ids: ids
+                .as_ref()
+                .map(Image::pixels)
+                .or(full.ids.map(Interleaved::pixels)),
+            ..Default::default()
+        };
+        Some(Guide::new(grid.full, reach, surface, full.rays))
+    }
+}

@@ -1,0 +1,315 @@
+//! Joint bilateral reconstruction: colour for the pixels that were not traced, from those near them that were.
+//!
+//! A pixel takes Σwc/Σw over the samples up to r·s pixels to each side, each weighted by
+//!   w = exp(−|Δ|² / (2 (σ s)²)) · guide,
+//! Δ the distance in pixels and `guide` the likeness of the two surfaces (see [`super::guide`]), which full-resolution
+//! buffers tell also where colour was traced sparsely: every s-th pixel of a row and of a column. So edges of geometry stay
+//! sharp (Kopf, Cohen, Lischinski and Uyttendaele 2007, *Joint Bilateral Upsampling*).
+//!
+//! - [`reconstruct`]: samples anywhere in a full image, s = 1; they keep their bits, and only missing pixels are filled.
+//! - [`joint_bilateral_upsample`]: an image of ⌈H/s⌉×⌈W/s⌉ samples, one in each block of s×s pixels, which becomes H×W.
+//!   Blocks that the border cuts short have theirs in the last pixel that they have.
+//!
+//! Inputs: colour (3), guide, and one of what the samples themselves show, if it is another. Output: colour (3). Missing
+//! samples do not count; a pixel without any like it is missing, too.
+
+use std::ops::Range;
+
+use pulp::Simd;
+
+use super::guide::{Comparison, Guide, Sigmas};
+use crate::error::{Result, in_range, whole};
+use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, Value, segments};
+use crate::lanes::{Bordered, BorderedBand, Lanes, Layout, Tap};
+use crate::math::{LOG2_E, exp2_weight, is_present};
+use crate::pixels::Row;
+use crate::rows::{self, Kernel, LanesKernel};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// r: samples to each side that count, where they are as dense as can be; 1 to 16; 2.
+    pub radius: usize,
+    /// σ: distance of samples that counts as one standard deviation; > 0; 1.
+    pub sigma: f32,
+    pub sigmas: Sigmas,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            radius: 2,
+            sigma: 1.0,
+            sigmas: Sigmas::default(),
+        }
+    }
+}
+
+impl Params {
+    /// A window's radius.
+    pub fn radius(value: i64) -> Result<usize> {
+        whole("radius", value, "1 to 16 samples", |&n| {
+            (1..=16).contains(&n)
+        })
+    }
+
+    pub fn check(&self) -> Result<()> {
+        in_range("sigma", self.sigma, "a number above 0", |v| v > 0.0)?;
+        self.sigmas.check()
+    }
+}
+
+/// Where in the full image the samples of a small one lie.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid {
+    pub full: Size,
+    /// s; 1 to 16.
+    pub scale: usize,
+    /// Of each sample, right and down, from the centre of its block's first pixel; 0 to s − 1.
+    pub offset: [f32; 2],
+}
+
+impl Grid {
+    pub fn scale(value: i64) -> Result<usize> {
+        whole("scale", value, "1 to 16 pixels", |&n| (1..=16).contains(&n))
+    }
+
+    pub fn check(&self) -> Result<()> {
+        let last = self.scale as f32 - 1.0;
+        let expected = format!("0 to {last} pixels right and down");
+        (self.offset.into_iter())
+            .try_for_each(|d| in_range("offset", d, &expected, |d| (0.0..=last).contains(&d)))
+    }
+
+    /// The size of the image that has a sample for each block.
+    pub fn low(&self) -> Size {
+        Size {
+            height: self.full.height.div_ceil(self.scale),
+            width: self.full.width.div_ceil(self.scale),
+        }
+    }
+
+    /// The pixel of a block that has its sample.
+    fn pixel(&self) -> [usize; 2] {
+        self.offset.map(|d| (d + 0.5) as usize)
+    }
+
+    /// From that pixel's centre to the sample.
+    fn rest(&self) -> [f32; 2] {
+        let [x, y] = self.pixel();
+        [self.offset[0] - x as f32, self.offset[1] - y as f32]
+    }
+
+    /// A full image that has the values of a small one where its samples lie, and `outside` elsewhere.
+    pub fn scatter<T: Value>(&self, low: Pixels<T>, outside: T) -> Image<T> {
+        let mut image = Image::blank(self.full, low.channels);
+        let kernel = Scatter {
+            grid: *self,
+            low,
+            outside,
+        };
+        rows::run(&kernel, self.full.height, image.bands());
+        image
+    }
+}
+
+struct Scatter<'a, T> {
+    grid: Grid,
+    low: Pixels<'a, T>,
+    outside: T,
+}
+
+impl<'a, T: Value> Kernel for Scatter<'a, T> {
+    type Out = BandMut<'a, T>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a, T>) {
+        let Grid { full, scale, .. } = self.grid;
+        let [right, down] = self.grid.pixel();
+        for y in rows {
+            let block = y / scale;
+            let has_samples = y == (block * scale + down).min(full.height - 1);
+            for channel in 0..self.low.channels {
+                let row = out.row(channel, y);
+                row.fill(self.outside);
+                for x in 0..if has_samples { self.low.size.width } else { 0 } {
+                    let sample = self.low.at(block * self.low.size.width + x, channel);
+                    row[(x * scale + right).min(full.width - 1)] = sample;
+                }
+            }
+        }
+    }
+}
+
+/// Fills the missing pixels of a colour; the guide is for taps up to the radius.
+pub fn reconstruct(color: Pixels, guide: &Guide, params: Params) -> Image {
+    let samples = Samples::new(color, guide.layout);
+    let fill = Fill {
+        samples: &samples,
+        guide: guide.compare(&params.sigmas),
+        shown: guide.compare(&params.sigmas),
+        radius: params.radius,
+        sigma: params.sigma,
+        rest: [0.0; 2],
+        keep: true,
+    };
+    fill.image()
+}
+
+/// Brings a small image to full size, by what the full one shows, and what the samples do: the same, or something that
+/// has been scattered like them. Both guides are for taps up to radius times scale pixels.
+pub fn joint_bilateral_upsample(
+    low: Pixels,
+    grid: Grid,
+    [guide, shown]: [&Guide; 2],
+    params: Params,
+) -> Image {
+    let color = grid.scatter(low, f32::NAN);
+    let samples = Samples::new(color.pixels(), guide.layout);
+    let fill = Fill {
+        samples: &samples,
+        guide: guide.compare(&params.sigmas),
+        shown: shown.compare(&params.sigmas),
+        radius: params.radius * grid.scale,
+        sigma: params.sigma * grid.scale as f32,
+        rest: grid.rest(),
+        keep: false,
+    };
+    fill.image()
+}
+
+/// Colour with borders, black where it is missing, and log₂ of each pixel's own weight: 0 or −∞.
+struct Samples {
+    image: Bordered,
+    /// Which rows have any.
+    rows: Vec<bool>,
+}
+
+const CHANNELS: usize = 4;
+const OWN: usize = 3;
+
+impl Samples {
+    fn new(color: Pixels, layout: Layout) -> Self {
+        let mut image = Bordered::new(layout, [0.0, 0.0, 0.0, f32::NEG_INFINITY]);
+        let mut rows = vec![false; layout.size.height];
+        let outs = image.bands().zip(rows.chunks_mut(rows::BAND));
+        rows::run(&Load(color), layout.size.height, outs);
+        Self { image, rows }
+    }
+}
+
+struct Load<'a>(Pixels<'a>);
+
+impl<'a> Kernel for Load<'a> {
+    type Out = (BorderedBand<'a>, &'a mut [bool]);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (mut image, any): Self::Out) {
+        let mut color = [[0.0; SEGMENT]; 3];
+        for (y, any) in rows.zip(any) {
+            for run in segments(y, self.0.size.width) {
+                self.0.read(run, color.each_mut().map(Row::as_mut_slice));
+                let [r, g, b] = color.each_ref().map(|row| &row[..run.len]);
+                let [or, og, ob, own] =
+                    (image.rows::<CHANNELS>(y)).map(|row| &mut row[run.x..][..run.len]);
+                let mut here = false;
+                for x in 0..run.len {
+                    let present = is_present([r[x], g[x], b[x]]);
+                    let keep = |c: f32| if present { c } else { 0.0 };
+                    (or[x], og[x], ob[x]) = (keep(r[x]), keep(g[x]), keep(b[x]));
+                    own[x] = if present { 0.0 } else { f32::NEG_INFINITY };
+                    here |= present;
+                }
+                *any |= here;
+            }
+        }
+    }
+}
+
+struct Fill<'a> {
+    samples: &'a Samples,
+    guide: Comparison<'a>,
+    /// What the samples show.
+    shown: Comparison<'a>,
+    /// In pixels.
+    radius: usize,
+    sigma: f32,
+    /// From the centre of its pixel to each sample.
+    rest: [f32; 2],
+    /// Whether samples keep their bits.
+    keep: bool,
+}
+
+impl<'a> LanesKernel for Fill<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: BandMut<'a>) {
+        for y in rows {
+            let taps = self.taps(y);
+            let [r, g, b] = out.rows(y);
+            for x in (0..r.len()).step_by(Lanes::<S>::COUNT) {
+                let [mr, mg, mb] = self.mean(simd, x, y, &taps);
+                mr.store(r, x);
+                mg.store(g, x);
+                mb.store(b, x);
+            }
+        }
+    }
+}
+
+impl Fill<'_> {
+    fn image(&self) -> Image {
+        let size = self.samples.image.layout.size;
+        let mut image = Image::blank(size, 3);
+        rows::run_lanes(self, size.height, image.bands());
+        image
+    }
+
+    /// The taps of a row's pixels in rows that have samples, with log₂ of their weight by distance.
+    fn taps(&self, y: usize) -> Vec<(Tap, f32)> {
+        let scale = LOG2_E / (2.0 * self.sigma * self.sigma);
+        let all = self.samples.image.layout.taps(y, self.radius as isize, 1);
+        all.into_iter()
+            .filter(|tap| self.samples.rows[y.wrapping_add_signed(tap.offset[1])])
+            .map(|mut tap| {
+                let [x, y] = tap.distance;
+                tap.distance = [x + self.rest[0], y + self.rest[1]];
+                let [x, y] = tap.distance;
+                (tap, -(x * x + y * y) * scale)
+            })
+            .collect()
+    }
+
+    /// Of the pixels from (x, y) on; NaN where they have none like them.
+    #[inline(always)]
+    fn mean<S: Simd>(&self, simd: S, x: usize, y: usize, taps: &[(Tap, f32)]) -> [Lanes<S>; 3] {
+        let at = self.samples.image.layout.at(x, y);
+        let planes = self.samples.image.planes::<CHANNELS>();
+        let sample = Lanes::load_all(simd, planes, at);
+        let sampled = sample[OWN].is_finite();
+        if self.keep && sampled.all() {
+            return [sample[0], sample[1], sample[2]];
+        }
+        let center = self.guide.center(simd, x, y);
+        let mut weight = Lanes::all(simd, 0.0);
+        let mut sums = [weight; 3];
+        for &(tap, own) in taps {
+            let there = Lanes::load_all(simd, planes, tap.of(at));
+            let likeness = self.shown.exponents(simd, &center, tap, own);
+            let w = exp2_weight(likeness + there[OWN]);
+            weight = weight + w;
+            for (sum, &there) in sums.iter_mut().zip(&there) {
+                *sum = *sum + w * there;
+            }
+        }
+        let any = weight.above(0.0);
+        let mut mean = sums;
+        for (channel, mean) in mean.iter_mut().enumerate() {
+            *mean = (*mean / weight).or_all(any, f32::NAN);
+            if self.keep {
+                *mean = sample[channel].or(sampled, *mean);
+            }
+        }
+        mean
+    }
+}

@@ -1,0 +1,18 @@
+import torch
+from torch import Tensor
+
+from .joint_bilateral import reconstruct
+from .svgf import SVGF
+
+
+class HalfRes(SVGF):
+    """SVGF of frames of which a part is traced: the rest is borrowed, and counts as weight / (1 + N) of a sample."""
+
+    def __init__(self, *, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
+        super().__init__(iterations=iterations, sigma_luminance=sigma_luminance, **named)
+        self.weight, self.radius = weight, radius
+
+    def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor]:
+        traced = light.isfinite().all(-1)  # (H, W)
+        weight = (self.weight / (1 + length)).where(~traced, 1)  # (H, W)
+        return reconstruct(light, radius=self.radius, **similarity), weight  # (H, W, 3), (H, W)

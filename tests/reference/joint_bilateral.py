@@ -1,0 +1,134 @@
+import torch
+from torch import Tensor
+
+from .projection import pixel_centres, rays
+from .similarity import CUT, Similarity, shift
+
+
+def reconstruct(
+    color: Tensor, *, radius=2, sigma=1.0, margin=False, **similarity
+) -> Tensor | tuple[Tensor, Tensor]:
+    """Fill missing pixels with the mean of similar ones in a window, near ones more: Σ w c / Σ w.
+
+    Source: the joint bilateral filter, Kopf et al. 2007, for samples anywhere.
+
+    Parameters
+    ----------
+    color : (H, W, 3)
+    radius : of the window, in pixels
+    sigma : of the Gaussian of the distance, in pixels
+    margin : also return the sum of the weights (H, W), infinite where nothing is missing
+    **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
+
+    Returns
+    -------
+    (H, W, 3), NaN where nothing is similar
+    """
+    present = color.isfinite().all(-1)  # (H, W)
+    clean = color.where(present[..., None], 0)  # (H, W, 3)
+    alike = Similarity(color, **similarity)
+    colors, weights = torch.zeros_like(color), torch.zeros_like(color[..., 0])  # (H, W, 3), (H, W)
+    for dy in range(-radius, radius + 1):
+        for dx in range(-radius, radius + 1):
+            exponent, same = alike(dx, dy)  # (H, W)
+            weight = torch.exp(-exponent - (dx * dx + dy * dy) / (2 * sigma**2))  # (H, W)
+            weight = weight.where(same & shift(present, dx, dy, False) & (weight >= CUT), 0)  # (H, W)
+            colors += weight[..., None] * shift(clean, dx, dy, 0)  # (H, W, 3)
+            weights += weight  # (H, W)
+    filled = (colors / weights[..., None]).where((weights > 0)[..., None], torch.nan)  # (H, W, 3)
+    filled = color.where(present[..., None], filled)  # (H, W, 3)
+    return (filled, weights.where(~present, torch.inf)) if margin else filled
+
+
+def joint_bilateral_upsample(
+    color: Tensor,
+    *,
+    depth: Tensor | None = None,
+    normal: Tensor | None = None,
+    ids: Tensor | None = None,
+    camera=None,
+    depth_low: Tensor | None = None,
+    normal_low: Tensor | None = None,
+    ids_low: Tensor | None = None,
+    scale=2,
+    offset=None,
+    radius=2,
+    sigma=1.0,
+    sigma_normal=128.0,
+    sigma_depth=1.0,
+    sigma_plane=0.01,
+    margin=False,
+) -> Tensor | tuple[Tensor, Tensor]:
+    """Bring samples, one in each block of pixels, to full resolution: Σ w c / Σ w over those near and alike.
+
+    Source: Kopf et al. 2007.
+
+    Parameters
+    ----------
+    color : (h, w, 3), h = ceil(H / scale), w = ceil(W / scale)
+    depth : (H, W)
+    normal : (H, W, 3)
+    ids : (H, W)
+    depth_low, normal_low, ids_low : of (h, w), what the samples show; else what their pixels do
+    offset : of each sample from the centre of its block's first pixel, to the right and down
+    radius, sigma : of the window and of the Gaussian of the distance, in blocks
+    margin : also return the sum of the weights (H, W)
+
+    Returns
+    -------
+    (H, W, 3), NaN where nothing is similar
+    """
+    height, width = next(guide for guide in (depth, normal, ids) if guide is not None).shape[:2]
+    right, down = ((scale - 1) / 2,) * 2 if offset is None else offset
+    pixel_x, pixel_y = int(right + 0.5), int(down + 0.5)
+    columns = (torch.arange(color.shape[1]) * scale + pixel_x).clamp(max=width - 1)  # (w,), of the samples' pixels
+    rows = (torch.arange(color.shape[0]) * scale + pixel_y).clamp(max=height - 1)  # (h,)
+
+    def shown(full, low):
+        return full[rows][:, columns] if low is None and full is not None else low
+
+    here = Similarity(color.new_zeros(height, width, 3), depth=depth, normal=normal, ids=ids)
+    there = Similarity(
+        color, depth=shown(depth, depth_low), normal=shown(normal, normal_low), ids=shown(ids, ids_low)
+    )
+    if camera is not None:
+        centres = pixel_centres(height, width, color)  # (H, W, 2)
+        rest = color.new_tensor([right - pixel_x, down - pixel_y])  # (2,)
+        _, directions = rays(camera, centres)  # (H, W, 3)
+        points = here.depth[..., None] * directions  # (H, W, 3), seen from the camera
+        _, directions = rays(camera, centres[rows][:, columns] + rest)  # (h, w, 3)
+        sampled = there.depth[..., None] * directions  # (h, w, 3)
+    present = color.isfinite().all(-1)  # (h, w)
+    clean = color.where(present[..., None], 0)  # (h, w, 3)
+    x, y = torch.arange(width), torch.arange(height)  # (W,), (H,)
+    colors, weights = color.new_zeros(height, width, 3), color.new_zeros(height, width)  # (H, W, 3), (H, W)
+    for j in range(-radius - 1, radius + 2):
+        for i in range(-radius - 1, radius + 2):
+            block_x, block_y = x // scale + i, y // scale + j  # (W,), (H,)
+            inside = ((block_y >= 0) & (block_y < len(rows)))[:, None] & (block_x >= 0) & (block_x < len(columns))
+            block_x, block_y = block_x.clamp(0, len(columns) - 1), block_y.clamp(0, len(rows) - 1)  # (W,), (H,)
+            across, along = columns[block_x] - x, rows[block_y] - y  # (W,), (H,), from pixel to pixel
+            inside &= (along.abs() <= radius * scale)[:, None] & (across.abs() <= radius * scale)  # (H, W)
+            dx, dy = across + right - pixel_x, (along + down - pixel_y)[:, None]  # (W,), (H, 1), to the sample
+
+            def tap(image, block_x=block_x, block_y=block_y):
+                return image[block_y][:, block_x]  # (H, W, ...)
+
+            exponent = (dx * dx + dy * dy) / (2 * (sigma * scale) ** 2)  # (H, W)
+            if normal is not None:
+                apart = (here.normal - tap(there.normal)).square().sum(-1)  # (H, W)
+                exponent = exponent + sigma_normal * 0.5 * apart  # (H, W)
+            if camera is not None:
+                far = (here.normal * (points - tap(sampled))).sum(-1).abs() / (sigma_plane * here.depth)  # (H, W)
+                exponent = exponent + far.where(here.surface, 0)  # (H, W)
+            elif depth is not None:
+                rise = here.slope[0] * dx.abs() + here.slope[1] * dy.abs()  # (H, W)
+                far = (here.depth - tap(there.depth)).abs() / (sigma_depth * rise + 1e-3 * here.depth)  # (H, W)
+                exponent = exponent + far.where(here.surface, 0)  # (H, W)
+            same = inside & (here.kind == tap(there.kind)) & tap(present)  # (H, W)
+            weight = torch.exp(-exponent)  # (H, W)
+            weight = weight.where(same & (weight >= CUT), 0)  # (H, W)
+            colors += weight[..., None] * tap(clean)  # (H, W, 3)
+            weights += weight  # (H, W)
+    full = (colors / weights[..., None]).where((weights > 0)[..., None], torch.nan)  # (H, W, 3)
+    return (full, weights) if margin else full
