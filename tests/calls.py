@@ -22,7 +22,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     lit = {"color": color, "previous_color": history, "relative_luminance": (0.2, 0.9), "speed": (1, 9)}
     tests = {**now, **before, **turned, "previous_camera": previous_camera}
     surface = {**now, "camera": camera}
-    low = {f"{name}_low": image[::2, ::2].copy() for name, image in now.items()}
+    low = {f"low_{name}": image[::2, ::2].copy() for name, image in now.items()}
     albedo = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
     emission = rng.exponential(0.1, (height, width, 3)).astype(np.float32)
     position = rng.normal(0, 2, (height, width, 3)).astype(np.float32) - np.float32([0, 0, 8])

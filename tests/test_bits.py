@@ -11,6 +11,7 @@ import pytest
 import scene
 import yester
 from calls import arrays, calls
+from yester.study.methods import quarter
 
 
 def digest() -> str:
@@ -20,7 +21,7 @@ def digest() -> str:
         for name, (function, given) in calls(*size).items():
             data = b"".join(array.tobytes() for array in arrays(function(**given)))
             lines.append(f"{name} {size} {hashlib.sha256(data).hexdigest()}")
-    pipelines = [yester.SVGF(), yester.SVGF(reflections=()), yester.TAA()]
+    pipelines = [yester.SVGF(), yester.SVGF(reflections=()), yester.TAA(), yester.HalfRes()]
     rng = np.random.default_rng(0)
     before = None
     for number in range(4):
@@ -30,7 +31,7 @@ def digest() -> str:
         frame = yester.Frame(color, **shot.buffers(), replay=before, jitter=(0.25, -0.125))
         before = color * np.float32(0.5)
         for pipeline in pipelines:
-            out = pipeline.step(frame)
+            out = pipeline.step(quarter(frame, number) if isinstance(pipeline, yester.HalfRes) else frame)
             images = (out.color, out.variance, out.history_length, out.confidence, out.rejection)
             data = b"".join(image.tobytes() for image in images if image is not None)
             lines.append(f"{type(pipeline).__name__} {number} {hashlib.sha256(data).hexdigest()}")

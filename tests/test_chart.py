@@ -8,7 +8,7 @@ from yester.io import read_exr, write_exr
 from yester.study import ablation, metrics
 from yester.study.ablation import ABLATIONS, ablate
 from yester.study.chart import chart, measure
-from yester.study.methods import METHODS, PIPELINES, Method, Result, pipeline
+from yester.study.methods import METHODS, PIPELINES, QUARTERS, Method, Result, pipeline, quarter
 from yester.study.points import ALL
 from yester.study.recording import Recording, record
 
@@ -35,8 +35,29 @@ def counted(method):
 
 def test_names_are_different():
     assert len({method.name for method in METHODS}) == len(METHODS)
-    assert set(PIPELINES) < set(METHODS)
+    assert {*PIPELINES, *QUARTERS} < set(METHODS)
     assert [method.name for method in PIPELINES if method.default] == ["SVGF", "TAA best"]
+
+
+def test_quarters():
+    """Of odd sizes, too: HalfRes gets one pixel of each 2×2, and copies show one with all its buffers' own texture."""
+    rng = np.random.default_rng(0)
+    colors = rng.random((4, 5, 7, 3)).astype(np.float32)
+    half_res, holes, copied = (method.start() for method in QUARTERS)
+    pipelines = yester.HalfRes(), yester.SVGF(), yester.SVGF()
+    for number, color in enumerate(colors):
+        frame = yester.Frame(color, albedo=color)
+        x, y = yester.HalfRes.offset(number)
+        part = quarter(frame, number)
+        seen = np.isfinite(part.color).all(-1)
+        assert seen[y::2, x::2].all()
+        assert seen.sum() == seen[y::2, x::2].size
+        assert_same_bits(part.color[seen], color[seen])
+        assert_same_bits(part.albedo, color)
+        rows, columns = np.minimum([0, 0, 2, 2, 4] + np.array(y), 4), np.minimum([0, 0, 2, 2, 4, 4, 6] + np.array(x), 6)
+        copy = yester.Frame(color[rows][:, columns], albedo=color)
+        for step, state, given in zip((half_res, holes, copied), pipelines, (part, part, copy), strict=True):
+            assert_same_bits(step(frame).color, state.step(given).color)
 
 
 @pytest.mark.parametrize("method", PIPELINES, ids=lambda method: method.name)

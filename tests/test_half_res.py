@@ -55,7 +55,9 @@ def test_pipeline_is_its_kernels(named):
     check_bits(frames_of(NAMES, 7), **named)
 
 
-@pytest.mark.parametrize("names", [(), ("albedo",), ("depth", "ids"), ("normal",), ("depth", "normal", "camera")], ids=str)
+@pytest.mark.parametrize(
+    "names", [(), ("albedo",), ("depth", "ids"), ("normal",), ("depth", "normal", "camera")], ids=str
+)
 def test_subsets_of_buffers(names):
     check_bits(frames_of(names, 5))
 

@@ -68,10 +68,10 @@ def low_inputs(rng, height, width, scale, buffers, lows, offset):
     full = surface(rng, height, width, buffers | ({"depth", "normal"} if "camera" in buffers else set()))
     low = -(-height // scale), -(-width // scale)
     y, x = (np.minimum(np.arange(n) * scale + scale // 2, m - 1) for n, m in zip(low, (height, width), strict=True))
-    own = {f"{name}_low": full[name][np.ix_(y, x)].copy() for name in sorted(lows & set(full))}
+    own = {f"low_{name}": full[name][np.ix_(y, x)].copy() for name in sorted(lows & set(full))}
     for name, image in own.items():
         odd = rng.random(low) < 0.1
-        image[odd] = rng.integers(0, 3) if name == "ids_low" else image[odd] * np.float32(1.01)
+        image[odd] = rng.integers(0, 3) if name == "low_ids" else image[odd] * np.float32(1.01)
     where = None if offset is None else tuple(d * (scale - 1) for d in offset)
     return compare.colors(rng, *low, holes=0.1), {**full, **own, "scale": scale, "offset": where}
 
@@ -179,10 +179,10 @@ def test_what_the_samples_show_is_theirs():
     color[:, 8:] = 100
     ids = np.ones((32, 32), np.uint32)
     ids[:, 17:] = 2
-    ids_low = np.ones((16, 16), np.uint32)
-    ids_low[:, 8:] = 2
+    low_ids = np.ones((16, 16), np.uint32)
+    low_ids[:, 8:] = 2
     want = np.where(ids[..., None] == 2, np.float32(100), np.float32(1)) * np.ones(3, np.float32)
-    got = yester.joint_bilateral_upsample(color, ids=ids, ids_low=ids_low)
+    got = yester.joint_bilateral_upsample(color, ids=ids, low_ids=low_ids)
     np.testing.assert_allclose(got, want, rtol=1e-6)
     got = yester.joint_bilateral_upsample(color, ids=ids, offset=(0, 0))
     assert not np.isclose(got, want).all()
@@ -208,7 +208,12 @@ def test_nothing_to_ask():
     assert np.isnan(yester.joint_bilateral_upsample(nothing, ids=ids)).all()
 
 
-SIGMAS = {"sigma": (0, -1, np.nan), "sigma_normal": (-1, np.nan), "sigma_depth": (0, np.nan), "sigma_plane": (0, np.nan)}
+SIGMAS = {
+    "sigma": (0, -1, np.nan),
+    "sigma_normal": (-1, np.nan),
+    "sigma_depth": (0, np.nan),
+    "sigma_plane": (0, np.nan),
+}
 
 
 @pytest.mark.parametrize("name", ["reconstruct", "joint_bilateral_upsample"])
@@ -224,7 +229,9 @@ def test_parameters_out_of_range(name):
 @pytest.mark.parametrize("size", [(3, 4), (2, 5), (4, 3), (5, 7), (1, 1)])
 def test_sizes_that_do_not_fit(size):
     """Low and high resolution: the message has all three sizes."""
-    expected = r"^color: expected height 3 and width 3, a sample for each block of 2x2 of the full height 5 and width 6, "
+    expected = (
+        r"^color: expected height 3 and width 3, a sample for each block of 2x2 of the full height 5 and width 6, "
+    )
     with pytest.raises(ValueError, match=rf"{expected}got height {size[0]} and width {size[1]}$"):
         yester.joint_bilateral_upsample(np.ones((*size, 3), np.float32), ids=np.ones((5, 6), np.uint32))
 
@@ -238,10 +245,12 @@ def test_bad_input():
     with pytest.raises(ValueError, match=r"^ids: expected height 5 and width 6"):
         upsample(low, depth=depth, ids=ids[:-1])
     for name, image in (("depth", np.ones((3, 3))), ("normal", low), ("ids", np.ones((3, 3), np.uint32))):
-        with pytest.raises(ValueError, match=rf"^{name}_low: needs {name} as well"):
-            upsample(low, **{"ids" if name != "ids" else "depth": ids if name != "ids" else depth, f"{name}_low": image})
-    with pytest.raises(ValueError, match=r"^ids_low: expected height 3 and width 3, got \(5, 6\)"):
-        upsample(low, ids=ids, ids_low=ids)
+        with pytest.raises(ValueError, match=rf"^low_{name}: needs {name} as well"):
+            upsample(
+                low, **{"ids" if name != "ids" else "depth": ids if name != "ids" else depth, f"low_{name}": image}
+            )
+    with pytest.raises(ValueError, match=r"^low_ids: expected height 3 and width 3, got \(5, 6\)"):
+        upsample(low, ids=ids, low_ids=ids)
     for scale in (0, 17, -2):
         with pytest.raises(ValueError, match=r"^scale: expected 1 to 16 pixels"):
             upsample(low, ids=ids, scale=scale)

@@ -114,7 +114,7 @@ pub fn reconstruct_<'py>(
 /// camera : Camera, optional
 ///     Of the full frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
 ///     `normal`.
-/// depth_low, normal_low, ids_low : array_like, optional
+/// low_depth, low_normal, low_ids : array_like, optional
 ///     What the samples show, of the size of `color`; by default, what the full-resolution buffers have at the pixels in
 ///     which the samples lie.
 /// scale : int, default 2
@@ -149,8 +149,8 @@ pub fn reconstruct_<'py>(
 /// and Uyttendaele 2007, *Joint Bilateral Upsampling*; what is joint is geometry here, not colour. `reconstruct` does the
 /// same for samples that lie anywhere.
 #[pyfunction]
-#[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, depth_low=None, normal_low=None,
-    ids_low=None, scale=2, offset=None, radius=2, sigma=1.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01,
+#[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, low_depth=None, low_normal=None,
+    low_ids=None, scale=2, offset=None, radius=2, sigma=1.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01,
     out=None))]
 #[pyo3(name = "joint_bilateral_upsample")]
 pub fn joint_bilateral_upsample_<'py>(
@@ -160,9 +160,9 @@ pub fn joint_bilateral_upsample_<'py>(
     normal: Option<&Bound<'py, PyAny>>,
     ids: Option<&Bound<'py, PyAny>>,
     camera: Option<&Camera>,
-    depth_low: Option<&Bound<'py, PyAny>>,
-    normal_low: Option<&Bound<'py, PyAny>>,
-    ids_low: Option<&Bound<'py, PyAny>>,
+    low_depth: Option<&Bound<'py, PyAny>>,
+    low_normal: Option<&Bound<'py, PyAny>>,
+    low_ids: Option<&Bound<'py, PyAny>>,
     scale: i64,
     offset: Option<&Bound<'py, PyAny>>,
     radius: i64,
@@ -188,12 +188,12 @@ pub fn joint_bilateral_upsample_<'py>(
         None => [(scale as f32 - 1.0) / 2.0; 2],
     };
     for (name, full, low) in [
-        ("depth", depth, depth_low),
-        ("normal", normal, normal_low),
-        ("ids", ids, ids_low),
+        ("depth", depth, low_depth),
+        ("normal", normal, low_normal),
+        ("ids", ids, low_ids),
     ] {
         if low.is_some() && full.is_none() {
-            return Err(Error::needs(&format!("{name}_low"), name).into());
+            return Err(Error::needs(&format!("low_{name}"), name).into());
         }
     }
     let (upsampled, out) = {
@@ -216,9 +216,9 @@ pub fn joint_bilateral_upsample_<'py>(
         check_fits(grid, color.size())?;
         let guide = GuideArgs::new(full, depth, normal, ids, camera)?;
         let size = color.size();
-        let depth = Input::<f32>::optional(depth_low, "depth_low", Channels::One, size)?;
-        let normal = Input::<f32>::optional(normal_low, "normal_low", COLOR, size)?;
-        let ids = Input::<u32>::optional(ids_low, "ids_low", Channels::One, size)?;
+        let depth = Input::<f32>::optional(low_depth, "low_depth", Channels::One, size)?;
+        let normal = Input::<f32>::optional(low_normal, "low_normal", COLOR, size)?;
+        let ids = Input::<u32>::optional(low_ids, "low_ids", Channels::One, size)?;
         let out = Out::given(out, &[full.height, full.width, 3])?;
         let (color, guide) = (color.data().pixels(), guide.data());
         let low = GuideData {

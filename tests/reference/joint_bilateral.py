@@ -5,9 +5,7 @@ from .projection import pixel_centres, rays
 from .similarity import CUT, Similarity, shift
 
 
-def reconstruct(
-    color: Tensor, *, radius=2, sigma=1.0, margin=False, **similarity
-) -> Tensor | tuple[Tensor, Tensor]:
+def reconstruct(color: Tensor, *, radius=2, sigma=1.0, margin=False, **similarity) -> Tensor | tuple[Tensor, Tensor]:
     """Fill missing pixels with the mean of similar ones in a window, near ones more: Σ w c / Σ w.
 
     Source: the joint bilateral filter, Kopf et al. 2007, for samples anywhere.
@@ -47,9 +45,9 @@ def joint_bilateral_upsample(
     normal: Tensor | None = None,
     ids: Tensor | None = None,
     camera=None,
-    depth_low: Tensor | None = None,
-    normal_low: Tensor | None = None,
-    ids_low: Tensor | None = None,
+    low_depth: Tensor | None = None,
+    low_normal: Tensor | None = None,
+    low_ids: Tensor | None = None,
     scale=2,
     offset=None,
     radius=2,
@@ -69,7 +67,7 @@ def joint_bilateral_upsample(
     depth : (H, W)
     normal : (H, W, 3)
     ids : (H, W)
-    depth_low, normal_low, ids_low : of (h, w), what the samples show; else what their pixels do
+    low_depth, low_normal, low_ids : of (h, w), what the samples show; else what their pixels do
     offset : of each sample from the centre of its block's first pixel, to the right and down
     radius, sigma : of the window and of the Gaussian of the distance, in blocks
     margin : also return the sum of the weights (H, W)
@@ -88,9 +86,7 @@ def joint_bilateral_upsample(
         return full[rows][:, columns] if low is None and full is not None else low
 
     here = Similarity(color.new_zeros(height, width, 3), depth=depth, normal=normal, ids=ids)
-    there = Similarity(
-        color, depth=shown(depth, depth_low), normal=shown(normal, normal_low), ids=shown(ids, ids_low)
-    )
+    there = Similarity(color, depth=shown(depth, low_depth), normal=shown(normal, low_normal), ids=shown(ids, low_ids))
     if camera is not None:
         centres = pixel_centres(height, width, color)  # (H, W, 2)
         rest = color.new_tensor([right - pixel_x, down - pixel_y])  # (2,)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yester import SVGF, TAA, Frame
+from yester import SVGF, TAA, Frame, HalfRes
 
-__all__ = ["METHODS", "PIPELINES", "Method", "Result", "Step", "pipeline", "present"]
+__all__ = ["METHODS", "PIPELINES", "QUARTERS", "Method", "Result", "Step", "pipeline", "present", "quarter"]
 
 
 class Result(NamedTuple):
@@ -85,6 +86,36 @@ def pipeline(make: Callable[..., Any], *preset: str, **options: Any) -> Callable
     return start
 
 
+def quarter(frame: Frame, number: int) -> Frame:
+    """What of a frame would be there if one pixel of each 2×2 had been traced: that of `HalfRes.offset`."""
+    x, y = HalfRes.offset(number)
+    color = np.full_like(frame.color, np.nan)
+    color[y::2, x::2] = frame.color[y::2, x::2]
+    return _recolored(frame, color)
+
+
+def _copied(frame: Frame, number: int) -> Frame:
+    """The same, each traced pixel shown by all of its 2×2."""
+    x, y = HalfRes.offset(number)
+    height, width = frame.shape
+    rows, columns = (np.minimum(np.arange(n) // 2 * 2 + d, n - 1) for n, d in ((height, y), (width, x)))
+    return _recolored(frame, frame.color[np.ix_(rows, columns)])
+
+
+def _recolored(frame: Frame, color: NDArray[np.float32]) -> Frame:
+    return Frame(**frame.buffers() | {"color": color}, camera=frame.camera, jitter=frame.jitter)
+
+
+def _of(part: Callable[[Frame, int], Frame], start: Callable[[], Step]) -> Callable[[], Step]:
+    """A method on a part of each frame."""
+
+    def start_on_part() -> Step:
+        step, numbers = start(), count()
+        return lambda frame, /: step(part(frame, next(numbers)))
+
+    return start_on_part
+
+
 _TAA = ("best", "denoised", "seed", "karis", "filament")
 
 #: Every pipeline and preset as it comes, and `SVGF` with less and more of what costs most.
@@ -95,9 +126,17 @@ PIPELINES = (
     *(Method(f"TAA {preset}", f"TAA {preset}", pipeline(TAA, preset), default=preset == _TAA[0]) for preset in _TAA),
 )
 
+#: Of frames of which a quarter is traced: `HalfRes`, and what others make of these.
+QUARTERS = (
+    Method("HalfRes, a quarter traced", "HalfRes", _of(quarter, pipeline(HalfRes))),
+    Method("a quarter traced, SVGF", "SVGF of a quarter", _of(quarter, pipeline(SVGF))),
+    Method("a quarter traced, copied, SVGF", "SVGF of copies", _of(_copied, pipeline(SVGF))),
+)
+
 #: All of them over their main parameters: passes of the spatial filter, share of the new sample.
 METHODS = (
     *PIPELINES,
+    *QUARTERS,
     *(Method(f"SVGF, {n} passes", "SVGF", pipeline(SVGF, iterations=n)) for n in (0, 1, 2, 3, 5)),
     *(
         Method(f"{family}, {n} passes", family, pipeline(SVGF, iterations=n, **options))

@@ -69,7 +69,7 @@ def start(name: str, task: Task, inputs: Inputs) -> Call:
     # It has no reflections.
     options = {key: value for key, value in task.options.items() if key != "reflections"}
     state = getattr(twins, task.function)(**options)
-    turns = cycle(tensors(frame) for frame in inputs.frames(task.jitter))
+    turns = cycle(tensors(frame) for frame in task.frames(inputs))
     state.step(next(turns))
     return Call(lambda: state.step(next(turns)))
 

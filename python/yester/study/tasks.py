@@ -21,6 +21,7 @@ import yester
 from yester import Camera, Frame
 
 from . import raycast
+from .methods import quarter
 from .raycast import Light, Scene, Thing
 
 __all__ = ["TASKS", "Call", "Inputs", "Task", "stage"]
@@ -83,7 +84,12 @@ class Task:
     @property
     def pipeline(self) -> bool:
         """Whether it takes frames, and remembers."""
-        return self.function in ("SVGF", "TAA")
+        return self.function in ("SVGF", "HalfRes", "TAA")
+
+    def frames(self, inputs: Inputs) -> list[Frame]:
+        """What a pipeline gets, again and again."""
+        frames = inputs.frames(self.jitter)
+        return [quarter(frames[i % 2], i) for i in range(4)] if self.function == "HalfRes" else frames
 
     def arguments(self, inputs: Inputs) -> dict[str, Any]:
         """By name."""
@@ -96,7 +102,7 @@ class Task:
     def start(self, inputs: Inputs) -> Call:
         """Make ready to time it: results go where those before went, so that no memory is asked for."""
         if self.pipeline:
-            state, turns = getattr(yester, self.function)(**self.options), cycle(inputs.frames(self.jitter))
+            state, turns = getattr(yester, self.function)(**self.options), cycle(self.frames(inputs))
             # The first step has no history to bring along.
             frame = next(turns)
             output, buffers = state.step(frame), frame.buffers()
@@ -205,6 +211,13 @@ TASKS = (
     ),
     Task("atrous, 1 pass", "atrous", _SMOOTH, {"iterations": 1}, _WINDOWS, _AROUND + _PASS),
     Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}, (), _AROUND + 5 * _PASS),
+    Task("reconstruct", "reconstruct", _named(*_SURFACE, "camera", color="traced")),
+    Task(
+        "joint_bilateral_upsample",
+        "joint_bilateral_upsample",
+        _named(*_SURFACE, "camera", color="low"),
+        {"offset": (0, 0)},
+    ),
     Task("demodulate", "demodulate", _named("color", "albedo")),
     Task("remodulate", "remodulate", _named("albedo", illumination="color")),
     Task("morphological_aa", "morphological_aa", _named("color")),
@@ -212,6 +225,7 @@ TASKS = (
     Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
     Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _PASS),
     Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _PASS),
+    Task("HalfRes", "HalfRes"),
     Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}, (), _AROUND + 5 * _PASS),
 )
 
@@ -275,6 +289,8 @@ def stage(folder: Path, width: int, height: int) -> None:
             put(f"{prefix}motion", rows, raycast.motion(hits, scene, other))
             if prefix:
                 put("history", rows, hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 0.2))
+    images["traced"] = quarter(Frame(images["color"]), 0).color
+    images["low"] = images["color"][::2, ::2]
     light = images["history"][..., 1]
     images["history_moments"] = np.stack([light, 1.5 * light**2], -1)
     images["variance"] = 0.5 * light**2
