@@ -54,7 +54,7 @@ def test_quarters():
         assert seen.sum() == seen[y::2, x::2].size
         assert_same_bits(part.color[seen], color[seen])
         assert_same_bits(part.albedo, color)
-        rows, columns = np.minimum([0, 0, 2, 2, 4] + np.array(y), 4), np.minimum([0, 0, 2, 2, 4, 4, 6] + np.array(x), 6)
+        rows, columns = (np.minimum(np.arange(n) // 2 * 2 + d, n - 1) for n, d in ((5, y), (7, x)))
         copy = yester.Frame(color[rows][:, columns], albedo=color)
         for step, state, given in zip((half_res, holes, copied), pipelines, (part, part, copy), strict=True):
             assert_same_bits(step(frame).color, state.step(given).color)

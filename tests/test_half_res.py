@@ -99,7 +99,7 @@ def test_offsets_take_turns():
     for (x, y), (u, v) in zip(offsets[::2], offsets[1::2], strict=True):
         assert (u, v) == (1 - x, 1 - y)
     for wrong in (-1, -4):
-        with pytest.raises(ValueError, match="^number: expected"):
+        with pytest.raises(ValueError, match=r"^number: expected"):
             yester.HalfRes.offset(wrong)
 
 
@@ -235,7 +235,7 @@ def test_sizes_that_do_not_fit():
 )
 def test_out_of_range(argument, values):
     for value in values:
-        with pytest.raises(ValueError, match=f"^{argument}: expected"):
+        with pytest.raises(ValueError, match=rf"^{argument}: expected"):
             yester.HalfRes(**{argument: value})
 
 

@@ -222,7 +222,7 @@ def test_parameters_out_of_range(name):
     buffers = {"ids": np.ones((4, 5), np.uint32)} | ({"scale": 1} if name != "reconstruct" else {})
     for argument, values in {**SIGMAS, "radius": (0, 17, -1)}.items():
         for value in values:
-            with pytest.raises(ValueError, match=f"^{argument}: expected"):
+            with pytest.raises(ValueError, match=rf"^{argument}: expected"):
                 getattr(yester, name)(color, **buffers, **{argument: value})
 
 

@@ -28,10 +28,11 @@ def accumulate(
     moments_alpha=0.2,
     warmup=True,
 ) -> Accumulated:
-    """Blend a sample into its history: N' = min(N + w, 1/alpha), h + w (c - h)/N', and the luminance's moments likewise.
+    """Blend a sample into its history: N' = min(N + w, 1/alpha), h + w (c - h)/N', and the moments likewise.
 
-    w is 1, or the weight of what is less than a sample. A gradient λ first shortens N to N (1 - λ)^10, and then moves both shares a of the sample to a + λ (1 - a).
-    Sources: Schied et al. 2017, section 4.2; the warm-up is Falcor's alpha = max(alpha, 1/N); Schied et al. 2018.
+    w is 1, or the weight of what is less than a sample. A gradient λ first shortens N to N (1 - λ)^10, and then moves
+    both shares a of the sample to a + λ (1 - a). Sources: Schied et al. 2017, section 4.2; the warm-up is Falcor's
+    alpha = max(alpha, 1/N); Schied et al. 2018.
 
     Parameters
     ----------

@@ -1,4 +1,3 @@
-import torch
 from torch import Tensor
 
 from .joint_bilateral import reconstruct
