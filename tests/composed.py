@@ -167,6 +167,7 @@ class SVGF:
         self.iterations, self.sigma_luminance, self.min_length = iterations, sigma_luminance, min_length
         self.feedback, self.gradient, self.fireflies = feedback, gradient, fireflies
         self.distances, self.antialias = reflections, antialias
+        self.passes, self.stage = 3, PRESETS["denoised"]
         self.before = self.antialiased = self.mirrored = None
         self.asked, self.won = [], []  # shares of the pixels, by frame
 
@@ -198,7 +199,8 @@ class SVGF:
                 gradient = more[-1]
             elif self.gradient:
                 known = np.where(covered, history[0], np.float32(np.nan))
-                gradient = yester.temporal_gradient(held, known, noise=2.2, widest=5)
+                looks = {"passes": self.passes, "widest": self.passes + 2}
+                gradient = yester.temporal_gradient(held, known, noise=2.2, **looks)
             if reflects:
                 light = np.where(covered, more[0], np.float32(np.nan))
                 mirrored = self.reflect(frame, tests, history, confidence, light, more[1], sample)
@@ -225,7 +227,7 @@ class SVGF:
         if frame.albedo is not None:
             final = yester.remodulate(final, frame.albedo, emission=frame.emission)
         if self.antialias:
-            self.antialiased, _, _ = antialias(PRESETS["denoised"], self.antialiased, final, motion, frame.depth)
+            self.antialiased, _, _ = antialias(self.stage, self.antialiased, final, motion, frame.depth)
             final = self.antialiased[0]
         self.before = frame
         return SimpleNamespace(
@@ -295,6 +297,7 @@ class HalfRes(SVGF):
     def __init__(self, *, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
         super().__init__(iterations=iterations, sigma_luminance=sigma_luminance, **named)
         self.weight, self.radius = np.float32(weight), radius
+        self.passes, self.stage = 4, {**self.stage, "gamma": 0.6}
 
     def fill(self, color, length, alike):
         traced = np.isfinite(color).all(-1)

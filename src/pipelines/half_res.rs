@@ -7,9 +7,10 @@
 
 use std::ops::Range;
 
-use super::svgf;
+use super::{svgf, taa};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
+use crate::kernels::judge::neighborhood;
 use crate::kernels::merge::accumulate::count_missing;
 use crate::kernels::smooth::atrous;
 use crate::kernels::smooth::guide::Guide;
@@ -41,8 +42,16 @@ impl Params {
         self.window.check()
     }
 
-    /// Those of the rest, which expects more noise than from whole frames.
+    /// Those of the rest, which expects more noise than from whole frames, and histories to be wrong more often.
     pub fn svgf(self) -> svgf::Params {
+        let clip = neighborhood::Params {
+            gamma: 0.6,
+            ..taa::Params::DENOISED.clip
+        };
+        let antialias = taa::Params {
+            clip,
+            ..taa::Params::DENOISED
+        };
         svgf::Params {
             atrous: atrous::Params {
                 iterations: 5,
@@ -51,7 +60,7 @@ impl Params {
             gradient: true,
             fireflies: Some(Default::default()),
             reflections: vec![0.5, 2.0],
-            antialias: Some(super::taa::Params::DENOISED),
+            antialias: Some(antialias),
             half_res: Some(self),
             ..Default::default()
         }

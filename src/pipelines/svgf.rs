@@ -466,11 +466,13 @@ fn recall(
         Some(_) => next(),
         None => {
             // A lamp that travels changes all of the light by less than the noise of a few pixels. Three looks find more
-            // that is not there than one: hence the larger margin.
+            // that is not there than one: hence the larger margin. Where fewer are traced, windows twice as wide have as
+            // many samples.
+            let passes = gradient::Params::default().passes + u32::from(params.half_res.is_some());
             let estimated = gradient::Params {
                 noise: 2.2,
-                widest: 5,
-                ..Default::default()
+                passes,
+                widest: passes + 2,
             };
             let images = [color.pixels(), history.pixels().part(0..3)];
             find_gradient(images, Some(coverage.view()), estimated)

@@ -10,6 +10,7 @@ class HalfRes(SVGF):
     def __init__(self, *, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
         super().__init__(iterations=iterations, sigma_luminance=sigma_luminance, **named)
         self.weight, self.radius = weight, radius
+        self.passes, self.stage = 4, {**self.stage, "gamma": 0.6}
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor]:
         traced = light.isfinite().all(-1)  # (H, W)

@@ -58,6 +58,7 @@ class SVGF:
         }
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
+        self.passes, self.stage = 3, PRESETS["denoised"]
         self.reset()
 
     def reset(self) -> None:
@@ -88,7 +89,8 @@ class SVGF:
                 gradient = fetched[3]  # (H, W)
             elif self.gradient:
                 known = history[0].where((confidence > 0)[..., None], torch.nan)  # (H, W, 3)
-                gradient = temporal_gradient(light, known, noise=2.2, widest=5)  # (H, W)
+                looks = {"passes": self.passes, "widest": self.passes + 2}
+                gradient = temporal_gradient(light, known, noise=2.2, **looks)  # (H, W)
 
         similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         if frame.depth is not None and frame.normal is not None:
@@ -105,7 +107,7 @@ class SVGF:
         if frame.albedo is not None:
             smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
         if self.antialias:
-            self.antialiased, *_ = antialias(PRESETS["denoised"], self.antialiased, smooth, motion, frame.depth)
+            self.antialiased, *_ = antialias(self.stage, self.antialiased, smooth, motion, frame.depth)
             smooth, _ = self.antialiased  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing)
