@@ -151,7 +151,7 @@ class HalfRes:
     def __new__(
         cls,
         *,
-        alpha: float = 0.05,
+        alpha: float = 0.2,
         weight: float = 0.1,
         radius: int = 2,
         iterations: int = 5,

@@ -17,8 +17,9 @@ use crate::pipelines::{half_res, svgf};
 ///
 /// Parameters
 /// ----------
-/// alpha : float, default 0.05
-///     Least share of a traced sample in its pixel's history, 0 to 1.
+/// alpha : float, default 0.2
+///     Least share of a traced sample in its pixel's history, 0 to 1: with a quarter traced, 0.2 remembers for as many
+///     frames as 0.05 of `SVGF`.
 /// weight : float, default 0.1
 ///     How much of a sample a reconstructed one is where nothing else is known, above 0 to 1.
 /// radius : int, default 2
@@ -63,10 +64,10 @@ pub struct HalfRes {
 #[pymethods]
 impl HalfRes {
     #[new]
-    #[pyo3(signature = (*, alpha=0.05, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0,
+    #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0,
         reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.05, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, \
+        text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, \
         reflections=(0.5, 2.0), antialias=True)"
     )]
     fn new(

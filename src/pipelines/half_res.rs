@@ -11,7 +11,7 @@ use super::{svgf, taa};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
 use crate::kernels::judge::neighborhood;
-use crate::kernels::merge::accumulate::count_missing;
+use crate::kernels::merge::accumulate::{self, count_missing};
 use crate::kernels::smooth::atrous;
 use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::joint_bilateral::{self, reconstruct};
@@ -53,6 +53,10 @@ impl Params {
             ..taa::Params::DENOISED
         };
         svgf::Params {
+            accumulate: accumulate::Params {
+                alpha: 0.2,
+                ..Default::default()
+            },
             atrous: atrous::Params {
                 iterations: 5,
                 ..Default::default()
