@@ -3,6 +3,7 @@
 from enum import IntFlag as _IntFlag
 
 from ._core import (
+    BMFR,
     SVGF,
     TAA,
     Accumulated,
@@ -25,6 +26,7 @@ from ._core import (
     morphological_aa,
     motion_vectors,
     prediction_gain,
+    regress,
     remodulate,
     reproject,
     resolve,
@@ -53,6 +55,7 @@ class Rejection(_IntFlag):
 
 
 __all__ = [
+    "BMFR",
     "SVGF",
     "TAA",
     "Accumulated",
@@ -77,6 +80,7 @@ __all__ = [
     "morphological_aa",
     "motion_vectors",
     "prediction_gain",
+    "regress",
     "remodulate",
     "reproject",
     "resolve",

@@ -2,11 +2,13 @@
 //! a kernel's `Params::check`, once; kernels run without the interpreter's lock.
 
 pub mod arrays;
+pub mod bmfr;
 pub mod camera;
 pub mod fetch;
 pub mod judge;
 pub mod merge;
 pub mod pipelines;
+pub mod regress;
 pub mod smooth;
 
 use pyo3::prelude::*;

@@ -6,4 +6,5 @@ pub mod fireflies;
 pub mod guide;
 pub mod history_fix;
 pub mod morphological;
+pub mod regress;
 pub mod variance;
