@@ -35,6 +35,7 @@ from ._core import (
     virtual_motion,
 )
 from .frame import Frame
+from .oidn import OIDN
 
 
 class Rejection(_IntFlag):
@@ -56,6 +57,7 @@ class Rejection(_IntFlag):
 
 __all__ = [
     "BMFR",
+    "OIDN",
     "SVGF",
     "TAA",
     "Accumulated",

@@ -263,15 +263,17 @@ impl Block {
                     }
                 }
                 Some(Geometry::Depth(depth)) => {
-                    let rays = rays.expect("depth comes with a camera");
+                    // Rounded rays are those of a camera that is as good; rounded points would not lie in planes.
+                    let Rays { dx, dy, corner } = rays.expect("depth comes with a camera");
+                    let [dx, dy, corner] = [dx, dy, corner].map(|axis| axis.as_dvec3());
                     let z = &mut self.row[0][..across];
                     depth.load(run, 0, z);
                     for i in 0..across {
-                        let at = [run.x + i, y].map(|at| at as f32 + 0.5);
-                        let p = rays.at(at[0], at[1]) * z[i];
-                        surface[i] &= p.is_finite() & (z[i] > 0.0);
+                        let [x, y] = [run.x + i, y].map(|at| at as f64 + 0.5);
+                        let p = (corner + dx * x + dy * y) * f64::from(z[i]);
+                        surface[i] &= (z[i] > 0.0) & (z[i] < f32::INFINITY);
                         for (column, p) in self.columns[3..6].iter_mut().zip(p.to_array()) {
-                            column[first + i] = p.into();
+                            column[first + i] = p;
                         }
                     }
                 }
