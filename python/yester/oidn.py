@@ -89,7 +89,7 @@ class OIDN:
         seen = np.isfinite(frame.color).all(-1)
         return Output(
             self._network.denoise(present(frame), frame),
-            seen.astype(np.float32),
+            np.asarray(seen, np.float32),
             np.zeros(frame.shape, np.float32),
             np.zeros(frame.shape, np.uint8),
             used=tuple(self._network.guides),
