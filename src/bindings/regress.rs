@@ -8,7 +8,7 @@ use super::camera::{Camera, check_size, place};
 use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::camera::pinhole;
-use crate::kernels::smooth::regress::{self, Features};
+use crate::kernels::smooth::regress::{self, Features, Place};
 
 /// Light fitted block by block to features of the surfaces: block-wise multi-order feature regression.
 ///
@@ -62,6 +62,10 @@ use crate::kernels::smooth::regress::{self, Features};
 #[pyfunction]
 #[pyo3(signature = (color, *, normal=None, geometry=None, camera=None, weight=None, block=32, offset=(0, 0),
     features="fewest", out=None))]
+#[pyo3(
+    text_signature = "(color, *, normal=None, geometry=None, camera=None, weight=None, block=32, offset=(0, 0), \
+    features='fewest', out=None)"
+)]
 #[pyo3(name = "regress")]
 pub fn regress_<'py>(
     py: Python<'py>,
@@ -100,10 +104,10 @@ pub fn regress_<'py>(
             Out::given(first, &[height, width, 3])?,
             Out::given(second, &[height, width])?,
         );
+        let rays = camera.map(|camera| pinhole::Camera::rays(&camera.inner));
         let given = Features {
             normal: normal.as_ref().map(|normal| normal.data().pixels()),
-            geometry: geometry.as_ref().map(place),
-            rays: camera.map(|camera| pinhole::Camera::rays(&camera.inner)),
+            place: (geometry.as_ref()).and_then(|geometry| Place::new(place(geometry), rays)),
         };
         let weight = weight.as_ref().map(|weight| weight.data().pixels());
         let color = Interleaved::pixels(color.data());

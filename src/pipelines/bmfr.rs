@@ -13,12 +13,11 @@ use super::svgf::{self, Memory, Recalled, check_continues, illumination, recall}
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, View};
-use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::smooth::demodulate::{LEAST, Texture, Way, modulate};
-use crate::kernels::smooth::regress::{self, Features, regress};
+use crate::kernels::smooth::regress::{self, Features, Place, regress};
 use crate::memory::Reserve;
 use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel};
@@ -166,12 +165,9 @@ impl Bmfr {
             weight
         });
         let rays = frame.camera.as_ref().map(Camera::rays);
-        let geometry = (frame.geometry())
-            .filter(|geometry| rays.is_some() || matches!(geometry, Geometry::Position(_)));
         let features = Features {
             normal: frame.surface.normal,
-            geometry,
-            rays,
+            place: (frame.geometry()).and_then(|geometry| Place::new(geometry, rays)),
         };
         let block = params.regress.block as i64;
         let displaced = regress::Params {
@@ -228,15 +224,11 @@ impl Bmfr {
             }
         }
         output.history_length.copy_from_slice(history.plane(5));
-        output
-            .confidence
-            .copy_from_slice(coverage.plane(0));
-        output
-            .rejection
-            .copy_from_slice(rejection.plane(0));
+        output.confidence.copy_from_slice(coverage.plane(0));
+        output.rejection.copy_from_slice(rejection.plane(0));
 
         let surface = &frame.surface;
-        let position = matches!(geometry, Some(Geometry::Position(_)));
+        let position = matches!(features.place, Some(Place::Position(_)));
         used.extend(
             [
                 ("albedo", texture.is_some()),

@@ -39,6 +39,9 @@ const RANK: f64 = 1e-2;
 const FLAT: f64 = 1e-3;
 const ROUNDING: f64 = 1e-6;
 
+/// Residuals beside the colours, both squared, that are roundings.
+const NOTHING: f64 = 1e-14;
+
 /// What a feature counts that was chosen among others: Friedman 1991, *Multivariate Adaptive Regression Splines*, has 3, and so
 /// do our measurements, in which 1 takes more features to the same error and 8 loses.
 const PENALTY: f64 = 3.0;
@@ -93,9 +96,25 @@ impl Params {
 #[derive(Clone, Copy)]
 pub struct Features<'a> {
     pub normal: Option<Pixels<'a>>,
-    /// Depth needs rays.
-    pub geometry: Option<Geometry<'a>>,
-    pub rays: Option<Rays>,
+    pub place: Option<Place<'a>>,
+}
+
+/// Where surfaces are.
+#[derive(Clone, Copy)]
+pub enum Place<'a> {
+    Position(Pixels<'a>),
+    /// Along the rays.
+    Depth(Pixels<'a>, Rays),
+}
+
+impl<'a> Place<'a> {
+    /// None for depth without rays.
+    pub fn new(geometry: Geometry<'a>, rays: Option<Rays>) -> Option<Self> {
+        match geometry {
+            Geometry::Position(position) => Some(Self::Position(position)),
+            Geometry::Depth(depth) => Some(Self::Depth(depth, rays?)),
+        }
+    }
 }
 
 /// Writes records of the fitted colours, and the numbers of features.
@@ -217,16 +236,12 @@ impl Block {
         self.length = pixels.next_multiple_of(SIDES);
         self.surface[..self.length].fill(true);
         self.surface[pixels..self.length].fill(false);
-        let Features {
-            normal,
-            geometry,
-            rays,
-        } = from.features;
+        let Features { normal, place } = from.features;
         self.given = std::array::from_fn(|j| {
             if j < 3 {
                 normal.is_some()
             } else {
-                geometry.is_some()
+                place.is_some()
             }
         });
         for y in rows.clone() {
@@ -250,8 +265,8 @@ impl Block {
                     }
                 }
             }
-            match geometry {
-                Some(Geometry::Position(position)) => {
+            match place {
+                Some(Place::Position(position)) => {
                     let [x, y, z] = self.row.each_mut().map(|row| &mut row[..across]);
                     position.read(run, [x, y, z]);
                     for i in 0..across {
@@ -262,9 +277,8 @@ impl Block {
                         }
                     }
                 }
-                Some(Geometry::Depth(depth)) => {
+                Some(Place::Depth(depth, Rays { dx, dy, corner })) => {
                     // Rounded rays are those of a camera that is as good; rounded points would not lie in planes.
-                    let Rays { dx, dy, corner } = rays.expect("depth comes with a camera");
                     let [dx, dy, corner] = [dx, dy, corner].map(|axis| axis.as_dvec3());
                     let z = &mut self.row[0][..across];
                     depth.load(run, 0, z);
@@ -319,37 +333,11 @@ impl Block {
     #[inline(always)]
     fn fit(&mut self, choice: Choice) -> u8 {
         let n = self.length;
-        let weight = &self.weight[..n];
-        let total = sum(weight);
+        let total = sum(&self.weight[..n]);
         if total <= 0.0 {
             return 0;
         }
-        let samples = total * total / dot(weight, weight);
-        let mut unexplained = 0.0;
-        let mut power = 0.0;
-        for residual in &mut self.residual {
-            let residual = &mut residual[..n];
-            power += weighted_square(weight, residual);
-            center(residual, weight, total);
-            unexplained += weighted_square(weight, residual);
-        }
-        let nothing = 1e-14 * power;
-        self.prepare(total);
-        let weight = &self.weight[..n];
-
-        let mut left = [1.0; COLUMNS];
-        let mut shares = [[0.0; 3]; COLUMNS];
-        let fewest = choice == Choice::Fewest;
-        if fewest {
-            for j in (0..COLUMNS).filter(|&j| self.given[j]) {
-                multiply(weight, &self.columns[j][..n], &mut self.weighted[..n]);
-                for c in 0..3 {
-                    shares[j][c] = dot(&self.weighted[..n], &self.residual[c][..n]) / total;
-                }
-            }
-            unexplained /= total;
-        }
-        let nothing = nothing / total;
+        let samples = total * total / dot(&self.weight[..n], &self.weight[..n]);
         let score = |unexplained: f64, count: u8| {
             let room = 1.0 - (1.0 + PENALTY * f64::from(count)) / samples;
             if room > 0.0 {
@@ -358,50 +346,68 @@ impl Block {
                 f64::INFINITY
             }
         };
+        let [mut power, mut unexplained] = [0.0; 2];
+        for residual in &mut self.residual {
+            let (weight, residual) = (&self.weight[..n], &mut residual[..n]);
+            power += weighted_square(weight, residual) / total;
+            center(residual, weight, total);
+            unexplained += weighted_square(weight, residual) / total;
+        }
+        self.prepare(total);
+
+        // What the features taken so far have left of each column's square, and its products with the residual.
+        let mut left = [1.0; COLUMNS];
+        let mut products = [[0.0; 3]; COLUMNS];
+        for j in (0..COLUMNS).filter(|&j| self.given[j]) {
+            multiply(
+                &self.weight[..n],
+                &self.columns[j][..n],
+                &mut self.weighted[..n],
+            );
+            for c in 0..3 {
+                products[j][c] = dot(&self.weighted[..n], &self.residual[c][..n]) / total;
+            }
+        }
         let mut count = 0;
         loop {
-            let mut best = None;
-            let mut most = 0.0;
+            let (mut best, mut most, mut rest) = (None, 0.0, unexplained);
             for j in (0..COLUMNS).filter(|&j| self.given[j] && left[j] > RANK * RANK) {
-                let [r, g, b] = shares[j];
-                let gain = if fewest {
-                    (r * r + g * g + b * b) / left[j]
-                } else {
-                    left[j]
+                let [r, g, b] = products[j];
+                let explains = (r * r + g * g + b * b) / left[j];
+                let worth = match choice {
+                    Choice::Fewest => explains,
+                    Choice::All => left[j],
                 };
-                if gain > most {
-                    (best, most) = (Some(j), gain);
+                if worth > most {
+                    (best, most, rest) = (Some(j), worth, unexplained - explains);
                 }
             }
             let Some(j) = best else { break };
-            if fewest {
-                let rest = unexplained - most;
-                let better = score(rest, count + 1) < score(unexplained, count);
-                if unexplained <= nothing || !better {
-                    break;
-                }
-                unexplained = rest;
+            // Roundings of the colours are nothing to be explained.
+            let pays = score(rest, count + 1) < score(unexplained, count);
+            if choice == Choice::Fewest && (unexplained <= NOTHING * power || !pays) {
+                break;
             }
-            self.given[j] = false;
+            (self.given[j], unexplained) = (false, rest);
             count += 1;
+
             let pivot = std::mem::take(&mut self.columns[j]);
             multiply(&self.weight[..n], &pivot[..n], &mut self.weighted[..n]);
             let weighted = &self.weighted[..n];
             let own = dot(weighted, &pivot[..n]);
             let mut slopes = [0.0; 3];
-            for c in 0..3 {
-                let residual = &mut self.residual[c][..n];
-                slopes[c] = dot(weighted, residual) / own;
-                subtract(residual, slopes[c], &pivot[..n]);
+            for (slope, residual) in slopes.iter_mut().zip(&mut self.residual) {
+                *slope = dot(weighted, &residual[..n]) / own;
+                subtract(&mut residual[..n], *slope, &pivot[..n]);
             }
             for k in (0..COLUMNS).filter(|&k| self.given[k]) {
                 let column = &mut self.columns[k][..n];
                 let slope = dot(weighted, column) / own;
                 subtract(column, slope, &pivot[..n]);
-                let scale = own / total;
-                left[k] -= slope * slope * scale;
+                let common = slope * own / total;
+                left[k] -= slope * common;
                 for c in 0..3 {
-                    shares[k][c] -= slope * slopes[c] * scale;
+                    products[k][c] -= slopes[c] * common;
                 }
             }
             self.columns[j] = pivot;
