@@ -11,8 +11,8 @@
 //!            temporal_gradient, prediction_gain ► blend_factor  or counts for less
 //!   merge    accumulate, blend, resolve                         new samples join the history that is left
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      what noise remains
-//!            estimate_variance ► atrous, morphological_aa,      is averaged in space,
-//!            joint_bilateral_upsample                           and what was not traced is filled
+//!            estimate_variance ► atrous, regress,               is averaged in space,
+//!            morphological_aa, joint_bilateral_upsample         and what was not traced is filled
 //!   numpy ◄─ bindings ─── planar images
 //! ```
 //!
@@ -42,6 +42,8 @@ mod _core {
     #[pymodule_export]
     use bindings::arrays::canonical;
     #[pymodule_export]
+    use bindings::bmfr::BMFR;
+    #[pymodule_export]
     use bindings::camera::{Camera, dilate_motion, jitter_, motion_vectors, virtual_motion_};
     #[pymodule_export]
     use bindings::fetch::reproject_;
@@ -58,6 +60,8 @@ mod _core {
     use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};
     #[pymodule_export]
     use bindings::pipelines::{Output, SVGF, TAA};
+    #[pymodule_export]
+    use bindings::regress::regress_;
     #[pymodule_export]
     use bindings::smooth::{
         atrous_, demodulate_, estimate_variance_, fix_history_, morphological_aa_, remodulate_,

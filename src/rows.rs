@@ -77,6 +77,14 @@ pub fn run_lanes<K: LanesKernel>(kernel: &K, height: usize, outs: impl Iterator<
     });
 }
 
+/// The same for parts of the image that the kernel's user has cut.
+pub fn run_parts<K: Kernel>(kernel: &K, parts: Vec<(Range<usize>, K::Out)>) {
+    let level = Settings::get().level;
+    hand_out(parts, |rows, out| {
+        level.call(Band { kernel, rows, out });
+    });
+}
+
 /// Hands bands of so many rows to the threads.
 fn each<O: Send>(
     height: usize,
@@ -85,7 +93,10 @@ fn each<O: Send>(
     call: impl Fn(Range<usize>, O) + Sync,
 ) {
     let bands = (0..height).step_by(band).map(|y| y..(y + band).min(height));
-    let jobs: Vec<_> = bands.zip(outs).collect();
+    hand_out(bands.zip(outs).collect(), call);
+}
+
+fn hand_out<O: Send>(jobs: Vec<(Range<usize>, O)>, call: impl Fn(Range<usize>, O) + Sync) {
     match pool() {
         Some(pool) if jobs.len() > 1 => pool.install(|| {
             jobs.into_par_iter().for_each(|(rows, out)| call(rows, out));

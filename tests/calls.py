@@ -84,6 +84,14 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "atrous": (yester.atrous, {"color": color, "variance": light**2, **surface}),
         "atrous(slopes)": (yester.atrous, {"color": color, "variance": light**2, **now}),
+        "regress": (
+            yester.regress,
+            {"color": color, "normal": now["normal"], "geometry": position, "weight": length, "offset": (3, -2)},
+        ),
+        "regress(depth)": (
+            yester.regress,
+            {"color": color, "geometry": now["depth"], "camera": camera, "block": 8, "features": "all"},
+        ),
         "suppress_fireflies": (yester.suppress_fireflies, {"color": color}),
         "fix_history": (yester.fix_history, {"color": color, "history_length": length, **surface}),
         "reconstruct": (yester.reconstruct, {"color": color, **surface}),

@@ -136,6 +136,10 @@ class TAA:
         )
 
 
+#: Where blocks begin, in eighths of their side.
+OFFSETS = np.array([(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)])
+
+
 class SVGF:
     def __init__(
         self,
@@ -303,3 +307,88 @@ class HalfRes(SVGF):
         traced = np.isfinite(color).all(-1)
         weight = np.where(traced, np.float32(1), self.weight / (1 + length))
         return yester.reconstruct(color, radius=self.radius, **alike), weight
+
+
+class BMFR:
+    def __init__(
+        self,
+        *,
+        alpha=0.05,
+        fitted_alpha=0.1,
+        block=16,
+        features="fewest",
+        relative_depth=0.1,
+        plane_distance=0.01,
+        normal_angle=25.0,
+        gradient=True,
+        fireflies=True,
+        antialias=True,
+    ):
+        self.alpha, self.fitted_alpha = alpha, np.float32(fitted_alpha)
+        self.block, self.features = block, features
+        self.limits = {
+            "relative_depth": relative_depth,
+            "plane_distance": plane_distance,
+            "normal_angle": normal_angle,
+        }
+        self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
+        self.before = self.antialiased = None
+        self.age = 0
+
+    def step(self, frame: yester.Frame) -> SimpleNamespace:
+        shape = frame.color.shape[:2]
+        sample, weight = frame.color, None
+        if frame.albedo is not None:
+            sample = yester.demodulate(sample, frame.albedo, emission=frame.emission)
+            weight = np.where((frame.albedo > 1 / 1024).any(-1), np.float32(1), np.float32(np.nan))
+        if self.fireflies:
+            sample, _ = yester.suppress_fireflies(sample)
+        motion, gradient = find_motion(frame, self.before), None
+        if self.before is None:
+            history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), (), (3,))]
+            confidence, rejection = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+        else:
+            tests = SVGF.same_surface(self, frame, motion)
+            replays = self.gradient and frame.replay is not None
+            planes = [*self.history]
+            if replays:
+                planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
+            history, confidence = yester.reproject(planes, motion, **tests, **self.limits)
+            rejection, _ = yester.consistency(motion, **tests, **self.limits)
+            if replays:
+                gradient = history[4]
+            elif self.gradient:
+                known = np.where((confidence > 0)[..., None], history[0], np.float32(np.nan))
+                gradient = yester.temporal_gradient(sample, known, noise=2.2, widest=5)
+        merged = yester.accumulate(sample, *history[:3], gradient=gradient, alpha=self.alpha)
+        color, moments, length = merged.color, merged.moments, merged.history_length
+        geometry = frame.depth if frame.position is None else frame.position
+        if frame.position is None and frame.camera is None:
+            geometry = None
+        fitted, _ = yester.regress(
+            color,
+            normal=frame.normal,
+            geometry=geometry,
+            camera=frame.camera,
+            weight=weight,
+            block=self.block,
+            offset=tuple((OFFSETS[self.age % 8] * self.block // 8).tolist()),
+            features=self.features,
+        )
+        with np.errstate(divide="ignore"):
+            share = np.minimum(np.maximum(1 / length, self.fitted_alpha), 1)
+        light = yester.blend(fitted, history[3], share)
+        self.history, self.before = [color, moments, length, light], frame
+        self.age += 1
+        if frame.albedo is not None:
+            light = yester.remodulate(light, frame.albedo, emission=frame.emission)
+        if self.antialias:
+            self.antialiased, _, _ = antialias(PRESETS["denoised"], self.antialiased, light, motion, frame.depth)
+            light = self.antialiased[0]
+        return SimpleNamespace(
+            color=blacken(light),
+            history_length=length,
+            confidence=confidence,
+            rejection=rejection,
+            missing=merged.missing,
+        )

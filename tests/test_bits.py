@@ -21,7 +21,7 @@ def digest() -> str:
         for name, (function, given) in calls(*size).items():
             data = b"".join(array.tobytes() for array in arrays(function(**given)))
             lines.append(f"{name} {size} {hashlib.sha256(data).hexdigest()}")
-    pipelines = [yester.SVGF(), yester.SVGF(reflections=()), yester.TAA(), yester.HalfRes()]
+    pipelines = [yester.SVGF(), yester.SVGF(reflections=()), yester.TAA(), yester.HalfRes(), yester.BMFR()]
     rng = np.random.default_rng(0)
     before = None
     for number in range(4):

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,67 @@ def test_denoise_options(sequence, tmp_path):
     for i in range(12):
         want = svgf.step(read_exr(sequence / f"shot{i + 1}.exr")).color.astype(np.float16)
         np.testing.assert_array_equal(read_exr(tmp_path / "out" / f"shot{i + 1}.exr").color, want)
+
+
+METHODS = {
+    "svgf": (yester.SVGF, {"alpha": 0.5}),
+    "taa": (yester.TAA, {"preset": "denoised", "alpha": 0.3}),
+    "bmfr": (yester.BMFR, {"alpha": 0.3, "block": 8, "features": "all"}),
+    "oidn": (yester.OIDN, {"quality": "fast"}),
+    "temporal-oidn": (partial(yester.OIDN, temporal=True), {"quality": "fast"}),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method(sequence, tmp_path, method):
+    make, named = METHODS[method]
+    given = [text for name, value in named.items() for text in (f"--{name}", value)]
+    some = [sequence / f"shot{i + 1}.exr" for i in range(3)]
+    run("denoise", *some, "-o", tmp_path / "out", "--method", method, *given)
+    pipeline = make(**named)
+    for path in some:
+        want = pipeline.step(read_exr(path)).color
+        np.testing.assert_array_equal(read_exr(tmp_path / "out" / path.name).color, want)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "method", "of"),
+    [
+        ("--iterations", 2, "taa", "svgf"),
+        ("--sigma-luminance", 3, "bmfr", "svgf"),
+        ("--feedback", None, "bmfr", "svgf"),
+        ("--preset", "seed", "svgf", "taa"),
+        ("--block", 8, "svgf", "bmfr"),
+        ("--features", "all", "taa", "bmfr"),
+        ("--quality", "fast", "svgf", "oidn, temporal-oidn"),
+        ("--alpha", 0.1, "oidn", "svgf, taa, bmfr"),
+    ],
+)
+def test_options_of_other_methods_are_refused(sequence, tmp_path, option, value, method, of):
+    out = tmp_path / "out"
+    given = [option] if value is None else [option, value]
+    line = refused("denoise", sequence, "-o", out, "--method", method, *given)
+    assert line == f"yester: error: {option}: expected --method {of}, got {method}"
+    assert not out.exists()
+
+
+def test_methods_refuse_before_work_starts(sequence, tmp_path):
+    out = tmp_path / "out"
+    line = refused("denoise", sequence, "-o", out, "--method", "svfg")
+    assert all(name in line for name in ("--method", "svfg", *METHODS))
+    for method, option, value in (
+        ("bmfr", "block", 3),
+        ("bmfr", "features", "some"),
+        ("taa", "preset", "worst"),
+        ("oidn", "quality", "best"),
+    ):
+        assert f"{option}: expected" in refused(
+            "denoise", sequence, "-o", out, "--method", method, f"--{option}", value
+        )
+    bare = "import sys; sys.modules['pyoidn'] = None; from yester.cli import main; sys.exit(main(sys.argv[1:]))"
+    result = run("denoise", sequence, "-o", out, "--method", "oidn", code=2, program=("-c", bare))
+    assert "pip install 'yester[oidn]'" in result.stderr
+    assert not out.exists()
 
 
 def test_denoise_stops_at_a_corrupt_frame(sequence, tmp_path):

@@ -136,7 +136,7 @@ def test_a_pipeline_of_memory_owned_by_the_caller():
         assert_same_bits(got, want)
 
 
-@pytest.mark.parametrize("pipeline", [yester.SVGF, yester.HalfRes, yester.TAA])
+@pytest.mark.parametrize("pipeline", [yester.SVGF, yester.BMFR, yester.HalfRes, yester.TAA])
 def test_steps_write_into_an_earlier_output(pipeline):
     rng = np.random.default_rng(0)
     frames = [yester.Frame(rng.random((20, 33, 3), np.float32), depth=np.ones((20, 33), np.float32)) for _ in range(3)]

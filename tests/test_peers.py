@@ -31,7 +31,7 @@ def frames(count, *names):
 def test_all_are_here():
     assert MISSING == {}
     families = {method.family for method in FOUND}
-    assert families == {"OIDN", "non-local means", "joint bilateral", "guided filter", "SVGF in torch"}
+    assert families == {"OIDN", "temporal OIDN", "non-local means", "joint bilateral", "guided filter", "SVGF in torch"}
     assert all(method.peer and not method.default for method in FOUND)
     assert len({method.name for method in FOUND}) == len(FOUND) >= 13
 

@@ -3,6 +3,7 @@
 from enum import IntFlag as _IntFlag
 
 from ._core import (
+    BMFR,
     SVGF,
     TAA,
     Accumulated,
@@ -28,6 +29,7 @@ from ._core import (
     motion_vectors,
     prediction_gain,
     reconstruct,
+    regress,
     remodulate,
     reproject,
     resolve,
@@ -36,6 +38,7 @@ from ._core import (
     virtual_motion,
 )
 from .frame import Frame
+from .oidn import OIDN
 
 
 class Rejection(_IntFlag):
@@ -56,6 +59,8 @@ class Rejection(_IntFlag):
 
 
 __all__ = [
+    "BMFR",
+    "OIDN",
     "SVGF",
     "TAA",
     "Accumulated",
@@ -83,6 +88,7 @@ __all__ = [
     "motion_vectors",
     "prediction_gain",
     "reconstruct",
+    "regress",
     "remodulate",
     "reproject",
     "resolve",

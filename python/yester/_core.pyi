@@ -18,6 +18,7 @@ _Response: TypeAlias = Literal["center", "clamp", "current", "ellipsoid"]
 _Weighting: TypeAlias = Literal["none", "tone", "luminance"]
 
 __all__ = [
+    "BMFR",
     "SVGF",
     "TAA",
     "Accumulated",
@@ -45,6 +46,7 @@ __all__ = [
     "motion_vectors",
     "prediction_gain",
     "reconstruct",
+    "regress",
     "remodulate",
     "reproject",
     "resolve",
@@ -106,6 +108,17 @@ class Accumulated:
 
 @final
 class Output:
+    def __new__(
+        cls,
+        color: _Floats,
+        history_length: _Floats,
+        confidence: _Floats,
+        rejection: NDArray[np.uint8],
+        *,
+        variance: _Floats | None = None,
+        used: Sequence[str] = (),
+        missing: int = 0,
+    ) -> Self: ...
     @property
     def color(self) -> _Floats: ...
     @property
@@ -163,6 +176,25 @@ class HalfRes:
     def reset(self) -> None: ...
     @staticmethod
     def offset(number: int) -> tuple[int, int]: ...
+
+@final
+class BMFR:
+    def __new__(
+        cls,
+        *,
+        alpha: float = 0.05,
+        fitted_alpha: float = 0.1,
+        block: int = 16,
+        features: Literal["fewest", "all"] = "fewest",
+        relative_depth: _Threshold = 0.1,
+        plane_distance: _Threshold = 0.01,
+        normal_angle: _Threshold = 25.0,
+        gradient: bool = True,
+        fireflies: bool = True,
+        antialias: bool = True,
+    ) -> Self: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
+    def reset(self) -> None: ...
 
 @final
 class TAA:
@@ -395,6 +427,18 @@ def atrous(
     sigma_plane: float = 0.01,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
+def regress(
+    color: ArrayLike,
+    *,
+    normal: ArrayLike | None = None,
+    geometry: ArrayLike | None = None,
+    camera: Camera | None = None,
+    weight: ArrayLike | None = None,
+    block: int = 32,
+    offset: tuple[int, int] = (0, 0),
+    features: Literal["fewest", "all"] = "fewest",
+    out: tuple[_Floats | None, NDArray[np.uint8] | None] | None = None,
+) -> tuple[_Floats, NDArray[np.uint8]]: ...
 def suppress_fireflies(
     color: ArrayLike,
     *,

@@ -5,19 +5,29 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import __version__
+from . import BMFR, OIDN, SVGF, TAA, __version__
 from ._core import settings
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+
+#: The methods of `yester denoise`: what makes each, and the options that this takes.
+_METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    "svgf": (SVGF, ("alpha", "iterations", "sigma_luminance", "feedback")),
+    "taa": (TAA, ("preset", "alpha")),
+    "bmfr": (BMFR, ("alpha", "block", "features")),
+    "oidn": (OIDN, ("quality",)),
+    "temporal-oidn": (partial(OIDN, temporal=True), ("quality",)),
+}
 
 # Whatever is slow to import is imported by the command that needs it.
 
@@ -75,15 +85,25 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--frames", metavar="N", type=_count, default=24, help="%(default)s")
     demo.add_argument("--size", metavar="WxH", type=_size, default=(320, 240), help="320x240")
 
-    denoise = command(_denoise, "denoise", "denoise a sequence of EXR frames with SVGF")
+    denoise = command(_denoise, "denoise", "denoise a sequence of EXR frames")
     denoise.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     denoise.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help="folder for the same names")
     denoise.add_argument("--half", action="store_true", help="write float16")
-    svgf = denoise.add_argument_group("filter", "see yester.SVGF for defaults, and for more").add_argument
-    svgf("--alpha", type=float, help="least share of the new sample in the history, 0 to 1")
-    svgf("--iterations", type=int, help="passes of the spatial filter, 0 to 16")
-    svgf("--sigma-luminance", type=float, help="luminance difference that counts, in standard deviations")
-    svgf("--feedback", action="store_true", default=None, help="keep the first pass as history: less noise, more bias")
+    denoise.add_argument("--method", choices=_METHODS, default="svgf", help="one of %(choices)s; %(default)s")
+    options = denoise.add_argument_group("options", "of some methods; see their classes for defaults, and for more")
+
+    def option(name: str, about: str, **named: Any) -> None:
+        of = ", ".join(method for method, (_, names) in _METHODS.items() if _argument(name) in names)
+        options.add_argument(name, help=f"{of}: {about}", default=None, **named)
+
+    option("--alpha", "least share of the new sample in the history, 0 to 1", type=float)
+    option("--iterations", "passes of the spatial filter, 0 to 16", type=int)
+    option("--sigma-luminance", "luminance difference that counts, in standard deviations", type=float)
+    option("--feedback", "keep the first pass as history: less noise, more bias", action="store_true")
+    option("--preset", "best, denoised, seed, karis or filament")
+    option("--block", "side of the blocks in pixels, 4 to 256", type=int)
+    option("--features", "fewest or all that a block has")
+    option("--quality", "fast, balanced or high")
 
     info = command(_info, "info", "tell what an EXR file holds, what it lacks and what that costs")
     info.add_argument("file", metavar="FILE", type=Path)
@@ -149,23 +169,38 @@ def _demo(options: argparse.Namespace) -> None:
         print(folder / name)
 
 
+def _argument(option: str) -> str:
+    """What a method calls an option."""
+    return option.removeprefix("--").replace("-", "_")
+
+
+def _pipeline(options: argparse.Namespace) -> Any:
+    """The method that is asked for, with its options; those of others are refused."""
+    make, names = _METHODS[options.method]
+    every = dict.fromkeys(name for _, taken in _METHODS.values() for name in taken)
+    given = {name: value for name in every if (value := getattr(options, name)) is not None}
+    for name in given.keys() - set(names):
+        of = ", ".join(method for method, (_, taken) in _METHODS.items() if name in taken)
+        raise ValueError(f"--{name.replace('_', '-')}: expected --method {of}, got {options.method}")
+    return make(**given)
+
+
 def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
     from tqdm import tqdm
 
-    from . import SVGF, Frame
+    from . import Frame
     from .io import read_sequence, sequence_paths, write_sequence
     from .io.ahead import ahead
 
-    given = {name: getattr(options, name) for name in ("alpha", "iterations", "sigma_luminance", "feedback")}
-    svgf = SVGF(**{name: value for name, value in given.items() if value is not None})
+    pipeline = _pipeline(options)
     paths = sequence_paths(options.inputs)
     _check(paths, options.output)
     _writable(options.output)
     # One frame is read and the one before it denoised, each by its thread, while a third is written by this one, which
     # an interrupt reaches. Threads do, as OpenEXR and step() let go of the interpreter's lock.
     noisy = ahead(read_sequence(paths))
-    denoised = ahead(Frame(svgf.step(frame).color, camera=frame.camera) for frame in noisy)
+    denoised = ahead(Frame(pipeline.step(frame).color, camera=frame.camera) for frame in noisy)
     with closing(noisy), closing(denoised), tqdm(denoised, "denoise", len(paths), unit="frame", disable=None) as frames:
         write_sequence(options.output, frames, names=[path.name for path in paths], half=options.half)
 

@@ -151,6 +151,11 @@ class Frame:
         return {name: array for name in BUFFERS if (array := getattr(self, name)) is not None}
 
 
+def present(frame: Frame) -> NDArray[np.float32]:
+    """The colour of a frame with zeros for missing samples, which are not for everybody."""
+    return np.where(np.isfinite(frame.color).all(-1, keepdims=True), frame.color, np.float32(0))
+
+
 def _restore(buffers: dict[str, ArrayLike], camera: Camera | None, jitter: ArrayLike | None) -> Frame:
     return Frame(**buffers, camera=camera, jitter=jitter)
 

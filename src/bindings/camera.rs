@@ -459,7 +459,7 @@ pub fn motion_vectors<'py>(
 }
 
 /// Depth, or position of three channels.
-fn place<'a>(geometry: &'a Input) -> Geometry<'a> {
+pub fn place<'a>(geometry: &'a Input) -> Geometry<'a> {
     let pixels = geometry.data().pixels();
     match geometry.channels() {
         3 => Geometry::Position(pixels),

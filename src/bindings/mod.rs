@@ -2,6 +2,7 @@
 //! a kernel's `Params::check`, once; kernels run without the interpreter's lock.
 
 pub mod arrays;
+pub mod bmfr;
 pub mod camera;
 pub mod fetch;
 pub mod half_res;
@@ -9,6 +10,7 @@ pub mod joint_bilateral;
 pub mod judge;
 pub mod merge;
 pub mod pipelines;
+pub mod regress;
 pub mod smooth;
 
 use pyo3::prelude::*;

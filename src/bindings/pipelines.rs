@@ -34,7 +34,8 @@ use crate::pipelines::{frame, svgf, taa};
 ///     Bits of `Rejection`: the tests that taps of the footprint failed (one pixel for filter "nearest", else 2×2).
 /// used : tuple of str
 ///     What took part: of "motion", "camera" (motion computed from cameras), "albedo", "emission", "normal", "depth",
-///     "plane" (depth compared by plane distance), "ids", "object_normal", "replay", "hit_distance" and "jitter".
+///     "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay", "hit_distance" and
+///     "jitter".
 /// missing : int
 ///     Pixels whose sample was not finite.
 #[pyclass(frozen, get_all, module = "yester")]
@@ -118,6 +119,51 @@ impl<'py> Room<'py> {
 
 #[pymethods]
 impl Output {
+    /// For stages that are written in Python.
+    #[new]
+    #[pyo3(signature = (color, history_length, confidence, rejection, *, variance=None, used=vec![], missing=0))]
+    #[pyo3(
+        text_signature = "(color, history_length, confidence, rejection, *, variance=None, used=(), missing=0)"
+    )]
+    fn new(
+        py: Python<'_>,
+        color: Py<PyArrayDyn<f32>>,
+        history_length: Py<PyArrayDyn<f32>>,
+        confidence: Py<PyArrayDyn<f32>>,
+        rejection: Py<PyArrayDyn<u8>>,
+        variance: Option<Py<PyArrayDyn<f32>>>,
+        used: Vec<String>,
+        missing: usize,
+    ) -> PyResult<Self> {
+        let shape = color.bind(py).shape().to_vec();
+        let [height, width, 3] = shape[..] else {
+            return Err(Error::value("color", "shape (H, W, 3)", format!("{shape:?}")).into());
+        };
+        let numbers = [
+            ("history_length", Some(&history_length)),
+            ("confidence", Some(&confidence)),
+            ("variance", variance.as_ref()),
+        ];
+        let shapes = (numbers.into_iter())
+            .filter_map(|(name, array)| Some((name, array?.bind(py).shape().to_vec())))
+            .chain([("rejection", rejection.bind(py).shape().to_vec())]);
+        for (name, shape) in shapes {
+            if shape != [height, width] {
+                let expected = format!("shape ({height}, {width})");
+                return Err(Error::value(name, expected, format!("{shape:?}")).into());
+            }
+        }
+        Ok(Self {
+            color,
+            variance,
+            history_length,
+            confidence,
+            rejection,
+            used: PyTuple::new(py, used)?.unbind(),
+            missing,
+        })
+    }
+
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let shape = self.color.bind(py).shape().to_vec();
         let used = self.used.bind(py).repr()?;

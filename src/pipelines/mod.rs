@@ -1,5 +1,6 @@
 //! Whole denoisers: lists of kernels, with the state that goes from frame to frame.
 
+pub mod bmfr;
 pub mod frame;
 pub mod half_res;
 pub mod reflections;

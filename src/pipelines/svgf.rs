@@ -78,18 +78,18 @@ impl Params {
 }
 
 /// What one frame leaves to the next; in records, as all that is fetched in several channels.
-struct Memory {
-    /// As [`accumulate`] has it.
-    history: Records,
+pub(super) struct Memory {
+    /// Beginning with the channels of [`accumulate`].
+    pub history: Records,
     /// As it came, for its replay.
-    color: Option<Records>,
-    reflections: Option<reflections::Memory>,
-    depth: Option<Records>,
-    normal: Option<Records>,
-    object_normal: Option<Records>,
-    ids: Option<Records<u32>>,
-    camera: Option<Camera>,
-    demodulated: bool,
+    pub color: Option<Records>,
+    pub reflections: Option<reflections::Memory>,
+    pub depth: Option<Records>,
+    pub normal: Option<Records>,
+    pub object_normal: Option<Records>,
+    pub ids: Option<Records<u32>>,
+    pub camera: Option<Camera>,
+    pub demodulated: bool,
 }
 
 impl Memory {
@@ -105,12 +105,13 @@ impl Memory {
 }
 
 /// What the memory knows of the current frame's pixels.
-struct Recalled {
-    history: Image,
-    coverage: Image,
-    rejection: Image<u8>,
-    gradient: Option<Image>,
-    reflections: Option<reflections::Scores>,
+pub(super) struct Recalled {
+    /// Beginning with the channels of [`accumulate`].
+    pub history: Image,
+    pub coverage: Image,
+    pub rejection: Image<u8>,
+    pub gradient: Option<Image>,
+    pub reflections: Option<reflections::Scores>,
 }
 
 pub struct Svgf {
@@ -157,21 +158,7 @@ impl Svgf {
             albedo,
             emission: frame.emission,
         });
-        let sample = match texture {
-            Some(texture) => {
-                let mut light = Image::blank(size, 3);
-                let out = light.bands().map(PixelsMut::Planar);
-                modulate::<3>(frame.color, texture, Way::Off, out);
-                light
-            }
-            None => frame.color.to_planes(),
-        };
-        let held = params.fireflies.map(|fireflies| {
-            let mut held = Image::blank(size, 3);
-            let bands = held.bands().map(PixelsMut::Planar);
-            suppress_fireflies(sample.pixels(), fireflies, bands, None);
-            held
-        });
+        let (sample, held) = illumination(frame, texture, params.fireflies);
         let color = held.as_ref().unwrap_or(&sample);
 
         let memory = self.memory.take();
@@ -328,6 +315,31 @@ impl Svgf {
     }
 }
 
+/// The light of a frame: as it was sampled, and without fireflies.
+pub(super) fn illumination(
+    frame: &Frame,
+    texture: Option<Texture>,
+    fireflies: Option<fireflies::Params>,
+) -> (Image, Option<Image>) {
+    let size = frame.color.size;
+    let sample = match texture {
+        Some(texture) => {
+            let mut light = Image::blank(size, 3);
+            let out = light.bands().map(PixelsMut::Planar);
+            modulate::<3>(frame.color, texture, Way::Off, out);
+            light
+        }
+        None => frame.color.to_planes(),
+    };
+    let held = fireflies.map(|fireflies| {
+        let mut held = Image::blank(size, 3);
+        let bands = held.bands().map(PixelsMut::Planar);
+        suppress_fireflies(sample.pixels(), fireflies, bands, None);
+        held
+    });
+    (sample, held)
+}
+
 /// Estimates the variance of an accumulated image, and makes it ready for the filter.
 struct Begin<'a> {
     color: View<'a>,
@@ -417,7 +429,7 @@ impl<'a> Kernel for Finish<'a> {
 }
 
 /// The light of the new frame comes as it was sampled, and without fireflies.
-fn recall(
+pub(super) fn recall(
     params: &Params,
     memory: &Memory,
     frame: &Frame,
@@ -517,7 +529,7 @@ fn find_gradient(
     gradient
 }
 
-fn check_continues(memory: &Memory, frame: &Frame) -> Result<()> {
+pub(super) fn check_continues(memory: &Memory, frame: &Frame) -> Result<()> {
     check_size(memory.history.size, frame.color.size)?;
     if memory.demodulated != frame.albedo.is_some() {
         let [before, now] = [memory.demodulated, frame.albedo.is_some()]

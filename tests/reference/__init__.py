@@ -9,6 +9,7 @@ from .anti_lag import anti_lag
 from .atrous import atrous
 from .blend import blend
 from .blend_factor import blend_factor
+from .bmfr import BMFR
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .dilate import dilate_motion
@@ -24,6 +25,7 @@ from .motion import motion_vectors
 from .neighborhood import clip_history
 from .prediction import prediction_gain
 from .projection import project, rays, unproject
+from .regress import regress
 from .reproject import reproject
 from .resolve import resolve
 from .svgf import SVGF, Output
@@ -32,6 +34,7 @@ from .variance import estimate_variance
 from .virtual_motion import virtual_motion
 
 __all__ = [
+    "BMFR",
     "SVGF",
     "TAA",
     "Accumulated",
@@ -58,6 +61,7 @@ __all__ = [
     "project",
     "rays",
     "reconstruct",
+    "regress",
     "remodulate",
     "reproject",
     "resolve",

@@ -16,7 +16,7 @@ from .variance import estimate_variance
 
 class Output(NamedTuple):
     color: Tensor
-    variance: Tensor
+    variance: Tensor | None
     history_length: Tensor
     confidence: Tensor
     rejection: Tensor

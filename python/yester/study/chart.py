@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from yester import Frame, _core, consistency, motion_vectors
+from yester.frame import present
 from yester.io.files import beside
 
-from .methods import Method, Result, present
+from .methods import Method, Result
 from .metrics import METRICS, Metric, Picture, metric
 from .points import Point, means, write_csv
 from .recording import Recording

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from yester import SVGF, TAA, Frame, HalfRes
+from yester import BMFR, SVGF, TAA, Frame, HalfRes
 
-__all__ = ["METHODS", "PIPELINES", "QUARTERS", "Method", "Result", "Step", "pipeline", "present", "quarter"]
+__all__ = ["METHODS", "PIPELINES", "QUARTERS", "Method", "Result", "Step", "pipeline", "quarter"]
 
 
 class Result(NamedTuple):
@@ -64,11 +64,6 @@ class Method:
     start: Callable[[], Step]
     default: bool = False
     peer: bool = False
-
-
-def present(frame: Frame) -> NDArray[np.float32]:
-    """The colour of a frame with zeros for missing samples, which are not for everybody."""
-    return np.where(np.isfinite(frame.color).all(-1, keepdims=True), frame.color, np.float32(0))
 
 
 def pipeline(make: Callable[..., Any], *preset: str, **options: Any) -> Callable[[], Step]:
@@ -123,6 +118,7 @@ PIPELINES = (
     Method("SVGF", "SVGF", pipeline(SVGF), default=True),
     Method("SVGF, surfaces only", "SVGF, surfaces only", pipeline(SVGF, reflections=())),
     Method("SVGF, 6 distances", "SVGF, 6 distances", pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf))),
+    Method("BMFR", "BMFR", pipeline(BMFR)),
     *(Method(f"TAA {preset}", f"TAA {preset}", pipeline(TAA, preset), default=preset == _TAA[0]) for preset in _TAA),
 )
 
@@ -133,7 +129,7 @@ QUARTERS = (
     Method("a quarter traced, copied, SVGF", "SVGF of copies", _of(_copied, pipeline(SVGF))),
 )
 
-#: All of them over their main parameters: passes of the spatial filter, share of the new sample.
+#: All of them over their main parameters: passes of the spatial filter, side of the blocks, share of the new sample.
 METHODS = (
     *PIPELINES,
     *QUARTERS,
@@ -146,6 +142,8 @@ METHODS = (
         )
         for n in (1, 2, 3, 5)
     ),
+    *(Method(f"BMFR, {side} px", "BMFR", pipeline(BMFR, block=side)) for side in (8, 32)),
+    Method("BMFR, all features", "BMFR, all features", pipeline(BMFR, features="all")),
     *(
         Method(f"TAA {preset}, alpha {alpha:g}", f"TAA {preset}", pipeline(TAA, preset, alpha=alpha, fast_alpha=alpha))
         for preset in _TAA

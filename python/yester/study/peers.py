@@ -7,19 +7,19 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
-from weakref import finalize
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 import yester
-from yester import Frame, demodulate, remodulate
+from yester import OIDN, Frame, demodulate, remodulate
 from yester._core import settings
+from yester.frame import present
 
-from .methods import Method, Result, Step, present
+from .methods import Method, Result, Step, pipeline
 
-__all__ = ["Oidn", "imports", "peers", "references", "tensors"]
+__all__ = ["imports", "peers", "references", "tensors"]
 
 Floats = NDArray[np.float32]
 
@@ -30,7 +30,8 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     Returns
     -------
     methods : list of Method
-        Open Image Denoise on each frame by itself, with albedo and normals, in three qualities; OpenCV's non-local
+        Open Image Denoise on each frame by itself, with albedo and normals, in three qualities, and the same between
+        temporal stages; OpenCV's non-local
         means on the tone-mapped image, and its joint bilateral and guided filters on the light with normals as
         guide, each over its main parameter; SVGF as written in torch, in single precision.
     missing : dict of str to str
@@ -39,7 +40,12 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     found: list[Method] = []
     missing: dict[str, str] = {}
     if imports("pyoidn"):
-        found += [_peer(f"OIDN {quality}", "OIDN", _oidn, quality) for quality in ("fast", "balanced", "high")]
+        qualities = ("fast", "balanced", "high")
+        found += [_peer(f"OIDN {quality}", "OIDN", _oidn, quality) for quality in qualities]
+        found += [
+            Method(f"temporal OIDN {quality}", "temporal OIDN", pipeline(OIDN, quality, temporal=True), peer=True)
+            for quality in qualities
+        ]
     else:
         missing["Open Image Denoise"] = "pip install 'yester[study]'"
     if _has_ximgproc():
@@ -74,62 +80,9 @@ def _peer(name: str, family: str, make: Callable[..., Callable[[Frame], Floats]]
     return Method(name, family, start, peer=True)
 
 
-class Oidn:
-    """Open Image Denoise with images of its own, in one quality: fast, balanced or high."""
-
-    def __init__(self, quality: str) -> None:
-        import pyoidn
-
-        self._device = pyoidn.Device()
-        self._device.set_int("numThreads", settings()[0])
-        self._device.commit()
-        # A filter of its own for each: to change the quality of one builds its network anew.
-        self._network = pyoidn.Filter(self._device)
-        # They hold gigabytes, and nothing else lets go of them.
-        for held in (self._network, self._device):
-            finalize(self, held.release)
-        self._network.set_bool("hdr", True)
-        self._network.set_quality(
-            {"fast": pyoidn.OIDN_QUALITY_FAST, "balanced": pyoidn.OIDN_QUALITY_BALANCED}.get(
-                quality, pyoidn.OIDN_QUALITY_HIGH
-            )
-        )
-        self._images: dict[str, Floats] = {}
-
-    def take(self, frame: Frame) -> None:
-        """Copy what it uses of a frame; all frames are to have the same size and buffers."""
-        import pyoidn
-
-        given: dict[str, NDArray[Any]] = {"color": present(frame).clip(0)}
-        if frame.albedo is not None:
-            given["albedo"] = frame.albedo.clip(0, 1)
-            # The network knows normals only beside albedo.
-            if frame.normal is not None:
-                given["normal"] = frame.normal
-        if not self._images:
-            for name in (*given, "output"):
-                self._images[name] = np.empty_like(frame.color)
-                self._network.set_image(name, self._images[name], pyoidn.OIDN_FORMAT_FLOAT3)
-            self._network.commit()
-        for name, image in given.items():
-            self._images[name][:] = image
-
-    def denoise(self) -> Floats:
-        """Run the network alone; what it returns is overwritten by the next run."""
-        self._network.execute()
-        if error := self._device.get_error():
-            raise RuntimeError(f"Open Image Denoise: {error}")
-        return self._images["output"]
-
-
-def _oidn(quality: str) -> Callable[[Frame], Floats]:
-    network = Oidn(quality)
-
-    def step(frame: Frame) -> Floats:
-        network.take(frame)
-        return network.denoise().copy()
-
-    return step
+def _oidn(quality: Literal["high", "balanced", "fast"]) -> Callable[[Frame], Floats]:
+    network = OIDN(quality)
+    return lambda frame: network.step(frame).color
 
 
 def _has_ximgproc() -> bool:

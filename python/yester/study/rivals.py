@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yester._core import settings
+from yester.frame import present
+from yester.oidn import Network
 
-from .peers import Oidn, imports, peers, references, tensors
+from .peers import imports, peers, references, tensors
 from .tasks import Call, Inputs, Task
 
 __all__ = ["REFERENCE", "RIVALS", "Rival", "library", "missing", "start"]
@@ -139,9 +141,9 @@ def _places(inputs: Inputs) -> NDArray[np.float32]:
 
 
 def _oidn(quality: str, inputs: Inputs) -> Callable[[], object]:
-    network = Oidn(quality)
-    network.take(inputs.frames()[1])
-    return network.denoise
+    network, frame = Network(quality), inputs.frames()[1]
+    network.take(present(frame), frame)
+    return network.run
 
 
 RIVALS = {

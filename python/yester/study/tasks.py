@@ -84,7 +84,7 @@ class Task:
     @property
     def pipeline(self) -> bool:
         """Whether it takes frames, and remembers."""
-        return self.function in ("SVGF", "HalfRes", "TAA")
+        return isinstance(getattr(yester, self.function), type)
 
     def frames(self, inputs: Inputs) -> list[Frame]:
         """What a pipeline gets, again and again."""
@@ -220,9 +220,12 @@ TASKS = (
     ),
     Task("demodulate", "demodulate", _named("color", "albedo")),
     Task("remodulate", "remodulate", _named("albedo", illumination="color")),
+    Task("regress, fewest", "regress", _named("color", "normal", "camera", geometry="depth")),
+    Task("regress, all", "regress", _named("color", "normal", "camera", geometry="depth"), {"features": "all"}),
     Task("morphological_aa", "morphological_aa", _named("color")),
     Task("TAA", "TAA", jitter=(0.25, -0.125)),
     Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
+    Task("BMFR", "BMFR", rivals=("OIDN high",)),
     Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _PASS),
     Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _PASS),
     Task("HalfRes", "HalfRes"),

@@ -15,7 +15,7 @@ use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel};
 
 /// The least albedo that is divided by.
-const LEAST: f32 = 1.0 / 1024.0;
+pub const LEAST: f32 = 1.0 / 1024.0;
 
 /// What light falls on.
 #[derive(Clone, Copy)]

@@ -7,4 +7,5 @@ pub mod guide;
 pub mod history_fix;
 pub mod joint_bilateral;
 pub mod morphological;
+pub mod regress;
 pub mod variance;

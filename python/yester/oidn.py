@@ -1,0 +1,185 @@
+"""Open Image Denoise, a network, as a stage among others."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+from weakref import finalize
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._core import SVGF, TAA, Output, settings
+from .frame import Frame, present
+
+__all__ = ["OIDN", "Network"]
+
+
+class OIDN:
+    """Intel's Open Image Denoise, with albedo and normals where frames have them; alone, or between temporal stages.
+
+    The network sees one image at a time: what it makes of noise differs from frame to frame. Between temporal stages it
+    gets what `SVGF` has accumulated, of the same surfaces and the same light, and `TAA` with preset "denoised" follows.
+
+    Parameters
+    ----------
+    quality : {"high", "balanced", "fast"}, default "high"
+        Of the network, the slowest first.
+    temporal : bool, default False
+        Whether it stands between temporal stages.
+
+    Raises
+    ------
+    ImportError
+        If the package pyoidn is not there, or cannot be loaded.
+    ValueError
+        If the quality is unknown.
+
+    Notes
+    -----
+    `temporal` consists of ``SVGF(iterations=0, antialias=False)``, the network and ``TAA("denoised")``, and gives their
+    bits. Light without albedo, and a second accumulation of what the network returns, were tried and lost. As many
+    threads run as ``YESTER_THREADS`` allows.
+    """
+
+    def __init__(self, quality: Literal["high", "balanced", "fast"] = "high", *, temporal: bool = False) -> None:
+        self._network = Network(quality)
+        self._stages = (SVGF(iterations=0, antialias=False), TAA("denoised")) if temporal else None
+
+    def step(self, frame: Frame, out: Output | None = None) -> Output:
+        """Denoise the next frame of the sequence.
+
+        Parameters
+        ----------
+        frame : Frame
+            With `temporal`, of the same size as those before.
+        out : Output, optional
+            Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones.
+
+        Returns
+        -------
+        Output
+            Without a variance. Without `temporal`, each pixel has its one sample, or none, and no history.
+
+        Raises
+        ------
+        ValueError
+            With `temporal`, if the size changes, or albedo appears or vanishes, without `reset` in between; if `out`
+            does not fit.
+        """
+        if not isinstance(frame, Frame):
+            raise TypeError(f"frame: expected a yester.Frame, got {type(frame).__name__}")
+        if out is not None and (out.variance is not None or out.color.shape != frame.color.shape):
+            expected = f"one of this pipeline with color of shape {frame.color.shape}"
+            raise ValueError(f"out: expected {expected}, got one of shape {out.color.shape}")
+        output = self._alone(frame) if self._stages is None else self._between(frame, *self._stages)
+        if out is None:
+            return output
+        kept = [getattr(out, name) for name in ("color", "history_length", "confidence", "rejection")]
+        made = output.color, output.history_length, output.confidence, output.rejection
+        for array, new in zip(kept, made, strict=True):
+            array[...] = new
+        return Output(*kept, used=output.used, missing=output.missing)
+
+    def reset(self) -> None:
+        """Forget the sequence; the next frame is a first one."""
+        for stage in self._stages or ():
+            stage.reset()
+
+    def _alone(self, frame: Frame) -> Output:
+        seen = np.isfinite(frame.color).all(-1)
+        return Output(
+            self._network.denoise(present(frame), frame),
+            np.asarray(seen, np.float32),
+            np.zeros(frame.shape, np.float32),
+            np.zeros(frame.shape, np.uint8),
+            used=tuple(self._network.guides),
+            missing=int(seen.size - seen.sum()),
+        )
+
+    def _between(self, frame: Frame, history: SVGF, antialiasing: TAA) -> Output:
+        known = history.step(frame)
+        moved = {name: getattr(frame, name) for name in ("motion", "depth", "position", "camera")}
+        clean = antialiasing.step(Frame(self._network.denoise(known.color, frame), **moved))
+        return Output(
+            clean.color,
+            known.history_length,
+            known.confidence,
+            known.rejection,
+            used=tuple(dict.fromkeys((*known.used, *self._network.guides))),
+            missing=known.missing,
+        )
+
+
+def _finite(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.where(np.isfinite(image), image, np.float32(0))
+
+
+class Network:
+    """Open Image Denoise with images of its own, in one quality."""
+
+    def __init__(self, quality: str) -> None:
+        try:
+            import pyoidn
+        except (ImportError, OSError) as error:
+            raise ImportError(f"pyoidn not installed ({error}): pip install 'yester[oidn]'") from error
+        qualities = {
+            "high": pyoidn.OIDN_QUALITY_HIGH,
+            "balanced": pyoidn.OIDN_QUALITY_BALANCED,
+            "fast": pyoidn.OIDN_QUALITY_FAST,
+        }
+        if quality not in qualities:
+            raise ValueError(f"quality: expected one of {', '.join(qualities)}, got {quality}")
+        self._quality = qualities[quality]
+        self._device = pyoidn.Device()
+        self._device.set_int("numThreads", settings()[0])
+        self._device.commit()
+        # It holds gigabytes, and nothing else lets go of them.
+        self._release = [finalize(self, self._device.release)]
+        self._images: dict[str, NDArray[np.float32]] = {}
+        self._filter: Any = None
+
+    @property
+    def guides(self) -> list[str]:
+        """What it used of the frame beside colour."""
+        return [name for name in self._images if name in ("albedo", "normal")]
+
+    def denoise(self, color: NDArray[np.float32], frame: Frame) -> NDArray[np.float32]:
+        """Denoise a finite image by what the frame knows of its surfaces."""
+        self.take(color, frame)
+        return self.run().copy()
+
+    def take(self, color: NDArray[np.float32], frame: Frame) -> None:
+        """Copy what is needed for `run`."""
+        given = {"color": color.clip(0)}
+        if frame.albedo is not None:
+            given["albedo"] = _finite(frame.albedo).clip(0, 1)
+            # The network knows normals only beside albedo.
+            if frame.normal is not None:
+                given["normal"] = _finite(frame.normal)
+        known = {name: image.shape for name, image in self._images.items() if name != "output"}
+        if known != {name: image.shape for name, image in given.items()}:
+            self._build({name: np.empty_like(color) for name in (*given, "output")})
+        for name, image in given.items():
+            self._images[name][:] = image
+
+    def _build(self, images: dict[str, NDArray[np.float32]]) -> None:
+        import pyoidn
+
+        for release in self._release[1:]:
+            release()
+        # One for each set of images: what is changed in a filter builds its network anew all the same.
+        self._filter = pyoidn.Filter(self._device)
+        self._release[1:] = [finalize(self, self._filter.release)]
+        self._filter.set_bool("hdr", True)
+        self._filter.set_quality(self._quality)
+        self._images = images
+        for name, image in images.items():
+            self._filter.set_image(name, image, pyoidn.OIDN_FORMAT_FLOAT3)
+        self._filter.commit()
+
+    def run(self) -> NDArray[np.float32]:
+        """Run the network alone; what it returns is overwritten by the next run."""
+        self._filter.execute()
+        if error := self._device.get_error():
+            raise RuntimeError(f"Open Image Denoise: {error}")
+        return self._images["output"]

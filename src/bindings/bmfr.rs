@@ -1,0 +1,147 @@
+//! The pipeline of the regression.
+
+use pyo3::prelude::*;
+
+use super::arrays::choice;
+use super::judge::Bounds;
+use super::pipelines::{FrameArgs, Output, Room};
+use crate::kernels::judge::surface;
+use crate::kernels::merge::accumulate;
+use crate::kernels::smooth::{fireflies, regress};
+use crate::pipelines::{bmfr, svgf, taa};
+
+/// Block-wise multi-order feature regression of a sequence of frames.
+///
+/// Accumulates samples as `SVGF` does, fits the light of each block of pixels to what is known of its surfaces, and
+/// accumulates the fits. What no feature tells, such as the edges of shadows and what mirrors show, is smoothed away within a
+/// block, and comes back as history adds up blocks that lie elsewhere. Buffers that a frame lacks drop out of the tests
+/// and features; positions are those of the frame, or come from depth and camera.
+///
+/// Parameters
+/// ----------
+/// alpha : float, default 0.05
+///     Least share of the new sample in the history, 0 to 1.
+/// fitted_alpha : float, default 0.1
+///     The same for the fits.
+/// block : int, default 16
+///     Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
+/// features : {"fewest", "all"}, default "fewest"
+///     As in `regress`.
+/// relative_depth, plane_distance, normal_angle : float or (float, float)
+///     As in `SVGF`.
+/// gradient : bool, default True
+///     Whether changes of light shorten history, as in `SVGF`.
+/// fireflies : bool, default True
+///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
+/// antialias : bool, default True
+///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
+///
+/// Raises
+/// ------
+/// ValueError
+///     If a parameter is out of range.
+///
+/// Notes
+/// -----
+/// Koskela et al. 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*. Each step
+/// consists of this package's functions and gives their bits: `demodulate`, `suppress_fireflies`, `motion_vectors`,
+/// `reproject` (with `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `remodulate`, and those of
+/// `TAA`. From frame to frame the blocks begin at (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
+/// eighths of their side. Pixels whose albedo is black are not fitted: they shine, or show nothing. The share of the
+/// N-th fit is at least 1/N.
+#[pyclass(module = "yester")]
+pub struct BMFR {
+    inner: bmfr::Bmfr,
+}
+
+#[pymethods]
+impl BMFR {
+    #[new]
+    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Bounds::Hard(0.1),
+        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), gradient=true, fireflies=true,
+        antialias=true))]
+    #[pyo3(
+        text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=16, features='fewest', relative_depth=0.1, \
+        plane_distance=0.01, normal_angle=25.0, gradient=True, fireflies=True, antialias=True)"
+    )]
+    fn new(
+        alpha: f32,
+        fitted_alpha: f32,
+        block: i64,
+        features: &str,
+        relative_depth: Bounds,
+        plane_distance: Bounds,
+        normal_angle: Bounds,
+        gradient: bool,
+        fireflies: bool,
+        antialias: bool,
+    ) -> PyResult<Self> {
+        let params = bmfr::Params {
+            history: svgf::Params {
+                surface: surface::Params {
+                    relative_depth: relative_depth.into(),
+                    plane_distance: plane_distance.into(),
+                    normal_angle: normal_angle.into(),
+                    ..Default::default()
+                },
+                accumulate: accumulate::Params {
+                    alpha,
+                    ..Default::default()
+                },
+                gradient,
+                fireflies: fireflies.then(fireflies::Params::default),
+                ..Default::default()
+            },
+            regress: regress::Params {
+                block: regress::Params::block(block)?,
+                offset: [0, 0],
+                features: choice("features", features, &regress::Params::FEATURES)?,
+            },
+            fitted_alpha,
+            antialias: antialias.then_some(taa::Params::DENOISED),
+        };
+        Ok(Self {
+            inner: bmfr::Bmfr::new(params)?,
+        })
+    }
+
+    /// Denoises the next frame of the sequence.
+    ///
+    /// Parameters
+    /// ----------
+    /// frame : Frame
+    ///     Of the same size as those before.
+    /// out : Output, optional
+    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones.
+    ///
+    /// Returns
+    /// -------
+    /// Output
+    ///     Without a variance.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` does not fit.
+    #[pyo3(signature = (frame, out=None))]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, Output>>,
+    ) -> PyResult<Output> {
+        let (room, summary) = {
+            let frame = FrameArgs::new(frame)?;
+            let mut room = Room::new(py, out.map(Bound::get), frame.size(), false)?;
+            let output = room.data()?;
+            let summary = frame.with(py, |frame| self.inner.step(frame, output))?;
+            (room, summary)
+        };
+        room.output(py, summary)
+    }
+
+    /// Forgets the sequence; the next frame is a first one.
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+}

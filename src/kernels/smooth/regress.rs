@@ -1,0 +1,583 @@
+//! Block-wise regression: the light of a block of pixels as a combination of features of the surfaces that it shows
+//! (Koskela et al. 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*).
+//!
+//! Over each block, Σ wᵢ |cᵢ − Σ βⱼ fⱼ(i)|² is least, with features f of {1, normal, position, position²}, those that are
+//! given and that vary within the block. Positions are taken from the block's mean and in units of its extent, which
+//! changes nothing of what the features can express together, and the columns are orthogonalised one after the other
+//! (QR by modified Gram-Schmidt, in double precision), the colours with them, so that what is left of these is the
+//! residual. A feature of which less than a [`RANK`]th is left by those before adds nothing but rounding, and is left
+//! out: planes, of which two coordinates tell the third, and everything else that lacks rank need no noise added, as
+//! the paper has it.
+//!
+//! The next feature is the one of which most is left, until none is; or, for the fewest, the one that takes most off the
+//! residual S, as long as that lowers the generalised cross-validation score (Craven and Wahba 1979)
+//!   S / (1 − (1 + λ k)/n)²,
+//! an estimate of the error at pixels that the fit has not seen, with k features besides the constant, n = (Σw)²/Σw²
+//! samples, and λ = [`PENALTY`].
+//!
+//! Blocks form a grid, displaced by an offset; what the image's border cuts to less than half a block belongs to its
+//! neighbour. Fits are held to the range of the colours that they are made of.
+//!
+//! Inputs: colour (3), normal (3), position (3) or depth with a camera's rays, weight (1). Outputs: the fitted colour (3)
+//! and how many features it has, 1 for the constant. Pixels whose colour is missing or whose weight is 0 have no say and
+//! get what their features make of it; those that show no surface (features that are not finite, zero normals) or have no
+//! weight (not finite, negative) keep their colour and count 0 features, as do blocks where nobody has a say.
+
+use std::ops::Range;
+
+use crate::error::{Result, whole};
+use crate::image::{Pixels, Run, Size};
+use crate::kernels::camera::motion::Geometry;
+use crate::kernels::camera::pinhole::Rays;
+use crate::math::is_present;
+use crate::rows::{self, Kernel};
+
+/// What of a feature must be left by others: features tell of surfaces with about three digits.
+const RANK: f64 = 1e-2;
+
+/// Variation that counts: of normals, of positions beside the block's extent, and of that beside the coordinates.
+const FLAT: f64 = 1e-3;
+const ROUNDING: f64 = 1e-6;
+
+/// Residuals beside the colours, both squared, that are roundings.
+const NOTHING: f64 = 1e-14;
+
+/// What a feature counts that was chosen among others: Friedman 1991, *Multivariate Adaptive Regression Splines*, has 3, and so
+/// do our measurements, in which 1 takes more features to the same error and 8 loses.
+const PENALTY: f64 = 3.0;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Choice {
+    All,
+    Fewest,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// Side of a block in pixels; 4 to 256; 32.
+    pub block: usize,
+    /// Where, right and down, a block begins; any, 0.
+    pub offset: [i64; 2],
+    /// Fewest.
+    pub features: Choice,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            block: 32,
+            offset: [0, 0],
+            features: Choice::Fewest,
+        }
+    }
+}
+
+impl Params {
+    pub const FEATURES: [(&str, Choice); 2] = [("fewest", Choice::Fewest), ("all", Choice::All)];
+
+    pub fn block(value: i64) -> Result<usize> {
+        whole("block", value, "4 to 256 pixels", |n| (4..=256).contains(n))
+    }
+
+    /// The blocks along a side of the image.
+    fn cut(&self, length: usize, axis: usize) -> Vec<Range<usize>> {
+        let first = self.offset[axis].rem_euclid(self.block as i64) as usize;
+        let mut ends: Vec<_> = (first..length)
+            .step_by(self.block)
+            .filter(|&end| 2 * end >= self.block && 2 * (length - end) >= self.block)
+            .collect();
+        ends.push(length);
+        let starts = std::iter::once(0).chain(ends.clone());
+        starts.zip(ends).map(|(start, end)| start..end).collect()
+    }
+}
+
+/// What a fit is made of.
+#[derive(Clone, Copy)]
+pub struct Features<'a> {
+    pub normal: Option<Pixels<'a>>,
+    pub place: Option<Place<'a>>,
+}
+
+/// Where surfaces are.
+#[derive(Clone, Copy)]
+pub enum Place<'a> {
+    Position(Pixels<'a>),
+    /// Along the rays.
+    Depth(Pixels<'a>, Rays),
+}
+
+impl<'a> Place<'a> {
+    /// None for depth without rays.
+    pub fn new(geometry: Geometry<'a>, rays: Option<Rays>) -> Option<Self> {
+        match geometry {
+            Geometry::Position(position) => Some(Self::Position(position)),
+            Geometry::Depth(depth) => Some(Self::Depth(depth, rays?)),
+        }
+    }
+}
+
+/// Writes records of the fitted colours, and the numbers of features.
+pub fn regress(
+    color: Pixels,
+    features: Features,
+    weight: Option<Pixels>,
+    params: Params,
+    fitted: &mut [f32],
+    used: &mut [u8],
+) {
+    let Size { height, width } = color.size;
+    let kernel = Regress {
+        color,
+        features,
+        weight,
+        choice: params.features,
+        columns: params.cut(width, 0),
+    };
+    let (mut fitted, mut used) = (fitted, used);
+    let parts: Vec<_> = params
+        .cut(height, 1)
+        .into_iter()
+        .map(|rows| {
+            let pixels = rows.len() * width;
+            let outs = (
+                fitted
+                    .split_off_mut(..3 * pixels)
+                    .expect("a record for each pixel"),
+                used.split_off_mut(..pixels)
+                    .expect("a number for each pixel"),
+            );
+            (rows, outs)
+        })
+        .collect();
+    rows::run_parts(&kernel, parts);
+}
+
+struct Regress<'a> {
+    color: Pixels<'a>,
+    features: Features<'a>,
+    weight: Option<Pixels<'a>>,
+    choice: Choice,
+    columns: Vec<Range<usize>>,
+}
+
+impl<'a> Kernel for Regress<'a> {
+    type Out = (&'a mut [f32], &'a mut [u8]);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (fitted, used): Self::Out) {
+        let width = self.color.size.width;
+        let widest = self.columns.iter().map(Range::len).max().unwrap_or(0);
+        let mut block = Block::new(rows.len() * widest);
+        for columns in &self.columns {
+            block.load(self, &rows, columns);
+            let count = block.fit(self.choice);
+            for y in rows.clone() {
+                let inner = (y - rows.start) * columns.len();
+                let outer = (y - rows.start) * width + columns.start;
+                let fitted = &mut fitted[3 * outer..][..3 * columns.len()];
+                let used = &mut used[outer..][..columns.len()];
+                block.store(inner, count, fitted, used);
+            }
+        }
+    }
+}
+
+/// Numbers that are summed up side by side, in an order that no instruction set changes.
+const SIDES: usize = 16;
+
+/// Normal, position, position².
+const COLUMNS: usize = 9;
+
+/// The pixels of a block, column by column of their least-squares problem.
+struct Block {
+    /// Pixels, in whole vectors.
+    length: usize,
+    /// 0 where a pixel has no say.
+    weight: Vec<f64>,
+    /// Whether a pixel shows a surface.
+    surface: Vec<bool>,
+    color: [Vec<f32>; 3],
+    /// What is not yet explained.
+    residual: [Vec<f64>; 3],
+    columns: [Vec<f64>; COLUMNS],
+    /// Those that are there.
+    given: [bool; COLUMNS],
+    /// The current one, weighted.
+    weighted: Vec<f64>,
+    lowest: [f32; 3],
+    highest: [f32; 3],
+    row: [Vec<f32>; 3],
+}
+
+impl Block {
+    fn new(pixels: usize) -> Self {
+        let room = pixels.next_multiple_of(SIDES);
+        let numbers = || vec![0.0; room];
+        Self {
+            length: 0,
+            weight: numbers(),
+            surface: vec![false; room],
+            color: [(); 3].map(|()| vec![0.0; room]),
+            residual: [(); 3].map(|()| numbers()),
+            columns: [(); COLUMNS].map(|()| numbers()),
+            given: [false; COLUMNS],
+            weighted: numbers(),
+            lowest: [0.0; 3],
+            highest: [0.0; 3],
+            row: [(); 3].map(|()| vec![0.0; room]),
+        }
+    }
+
+    #[inline(always)]
+    fn load(&mut self, from: &Regress, rows: &Range<usize>, columns: &Range<usize>) {
+        let across = columns.len();
+        let pixels = rows.len() * across;
+        self.length = pixels.next_multiple_of(SIDES);
+        self.surface[..self.length].fill(true);
+        self.surface[pixels..self.length].fill(false);
+        let Features { normal, place } = from.features;
+        self.given = std::array::from_fn(|j| {
+            if j < 3 {
+                normal.is_some()
+            } else {
+                place.is_some()
+            }
+        });
+        for y in rows.clone() {
+            let run = Run {
+                y,
+                x: columns.start,
+                len: across,
+            };
+            let first = (y - rows.start) * across;
+            let [r, g, b] = self.color.each_mut().map(|c| &mut c[first..][..across]);
+            from.color.read(run, [r, g, b]);
+            let surface = &mut self.surface[first..][..across];
+            if let Some(normal) = normal {
+                let [x, y, z] = self.row.each_mut().map(|row| &mut row[..across]);
+                normal.read(run, [x, y, z]);
+                for i in 0..across {
+                    let n = [x[i], y[i], z[i]];
+                    surface[i] &= is_present(n) & (n != [0.0; 3]);
+                    for (column, n) in self.columns.iter_mut().zip(n) {
+                        column[first + i] = n.into();
+                    }
+                }
+            }
+            match place {
+                Some(Place::Position(position)) => {
+                    let [x, y, z] = self.row.each_mut().map(|row| &mut row[..across]);
+                    position.read(run, [x, y, z]);
+                    for i in 0..across {
+                        let p = [x[i], y[i], z[i]];
+                        surface[i] &= is_present(p);
+                        for (column, p) in self.columns[3..6].iter_mut().zip(p) {
+                            column[first + i] = p.into();
+                        }
+                    }
+                }
+                Some(Place::Depth(depth, Rays { dx, dy, corner })) => {
+                    // Rounded rays are those of a camera that is as good; rounded points would not lie in planes.
+                    let [dx, dy, corner] = [dx, dy, corner].map(|axis| axis.as_dvec3());
+                    let z = &mut self.row[0][..across];
+                    depth.load(run, 0, z);
+                    for i in 0..across {
+                        let [x, y] = [run.x + i, y].map(|at| at as f64 + 0.5);
+                        let p = (corner + dx * x + dy * y) * f64::from(z[i]);
+                        surface[i] &= (z[i] > 0.0) & (z[i] < f32::INFINITY);
+                        for (column, p) in self.columns[3..6].iter_mut().zip(p.to_array()) {
+                            column[first + i] = p;
+                        }
+                    }
+                }
+                None => {}
+            }
+            let weight = &mut self.weight[first..][..across];
+            match from.weight {
+                Some(image) => {
+                    let row = &mut self.row[0][..across];
+                    image.load(run, 0, row);
+                    for i in 0..across {
+                        surface[i] &= (row[i] >= 0.0) & (row[i] < f32::INFINITY);
+                        weight[i] = if surface[i] { row[i].into() } else { 0.0 };
+                    }
+                }
+                None => weight.fill(1.0),
+            }
+        }
+        self.weight[pixels..self.length].fill(0.0);
+        (self.lowest, self.highest) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for i in 0..self.length {
+            let color = self.color.each_ref().map(|channel| channel[i]);
+            let counts = is_present(color) & self.surface[i] & (self.weight[i] > 0.0);
+            if !counts {
+                self.weight[i] = 0.0;
+            }
+            for c in 0..3 {
+                self.residual[c][i] = if counts { color[c].into() } else { 0.0 };
+                if counts {
+                    self.lowest[c] = self.lowest[c].min(color[c]);
+                    self.highest[c] = self.highest[c].max(color[c]);
+                }
+            }
+            if !self.surface[i] {
+                for column in &mut self.columns {
+                    column[i] = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Fits the colours, and returns the number of features; 0 where nothing is known.
+    #[inline(always)]
+    fn fit(&mut self, choice: Choice) -> u8 {
+        let n = self.length;
+        let total = sum(&self.weight[..n]);
+        if total <= 0.0 {
+            return 0;
+        }
+        let samples = total * total / dot(&self.weight[..n], &self.weight[..n]);
+        let score = |unexplained: f64, count: u8| {
+            let room = 1.0 - (1.0 + PENALTY * f64::from(count)) / samples;
+            if room > 0.0 {
+                unexplained / (room * room)
+            } else {
+                f64::INFINITY
+            }
+        };
+        let [mut power, mut unexplained] = [0.0; 2];
+        for residual in &mut self.residual {
+            let (weight, residual) = (&self.weight[..n], &mut residual[..n]);
+            power += weighted_square(weight, residual) / total;
+            center(residual, weight, total);
+            unexplained += weighted_square(weight, residual) / total;
+        }
+        self.prepare(total);
+
+        // What the features taken so far have left of each column's square, and its products with the residual.
+        let mut left = [1.0; COLUMNS];
+        let mut products = [[0.0; 3]; COLUMNS];
+        for j in (0..COLUMNS).filter(|&j| self.given[j]) {
+            multiply(
+                &self.weight[..n],
+                &self.columns[j][..n],
+                &mut self.weighted[..n],
+            );
+            for c in 0..3 {
+                products[j][c] = dot(&self.weighted[..n], &self.residual[c][..n]) / total;
+            }
+        }
+        let mut count = 0;
+        loop {
+            let (mut best, mut most, mut rest) = (None, 0.0, unexplained);
+            for j in (0..COLUMNS).filter(|&j| self.given[j] && left[j] > RANK * RANK) {
+                let [r, g, b] = products[j];
+                let explains = (r * r + g * g + b * b) / left[j];
+                let worth = match choice {
+                    Choice::Fewest => explains,
+                    Choice::All => left[j],
+                };
+                if worth > most {
+                    (best, most, rest) = (Some(j), worth, unexplained - explains);
+                }
+            }
+            let Some(j) = best else { break };
+            // Roundings of the colours are nothing to be explained.
+            let pays = score(rest, count + 1) < score(unexplained, count);
+            if choice == Choice::Fewest && (unexplained <= NOTHING * power || !pays) {
+                break;
+            }
+            (self.given[j], unexplained) = (false, rest);
+            count += 1;
+
+            let pivot = std::mem::take(&mut self.columns[j]);
+            multiply(&self.weight[..n], &pivot[..n], &mut self.weighted[..n]);
+            let weighted = &self.weighted[..n];
+            let own = dot(weighted, &pivot[..n]);
+            let mut slopes = [0.0; 3];
+            for (slope, residual) in slopes.iter_mut().zip(&mut self.residual) {
+                *slope = dot(weighted, &residual[..n]) / own;
+                subtract(&mut residual[..n], *slope, &pivot[..n]);
+            }
+            for k in (0..COLUMNS).filter(|&k| self.given[k]) {
+                let column = &mut self.columns[k][..n];
+                let slope = dot(weighted, column) / own;
+                subtract(column, slope, &pivot[..n]);
+                let common = slope * own / total;
+                left[k] -= slope * common;
+                for c in 0..3 {
+                    products[k][c] -= slopes[c] * common;
+                }
+            }
+            self.columns[j] = pivot;
+        }
+        1 + count
+    }
+
+    /// Centres the columns, makes squares, scales all to one, and strikes out what does not vary.
+    #[inline(always)]
+    fn prepare(&mut self, total: f64) {
+        let n = self.length;
+        let weight = &self.weight[..n];
+        let mut means = [0.0; 6];
+        for j in (0..6).filter(|&j| self.given[j]) {
+            means[j] = center(&mut self.columns[j][..n], weight, total);
+        }
+        let mut spread = [0.0; COLUMNS];
+        for j in (0..6).filter(|&j| self.given[j]) {
+            spread[j] = weighted_square(weight, &self.columns[j][..n]) / total;
+        }
+        if self.given[3] {
+            let largest = spread[3].max(spread[4]).max(spread[5]);
+            let coordinate = means[3..]
+                .iter()
+                .fold(0.0, |most: f64, mean| most.max(mean.abs()));
+            let varies = largest > ROUNDING * ROUNDING * coordinate * coordinate;
+            for j in 3..6 {
+                let (first, second) = self.columns.split_at_mut(6);
+                let (position, square) = (&mut first[j][..n], &mut second[j - 3][..n]);
+                if varies && spread[j] > FLAT * FLAT * largest {
+                    let scale = 1.0 / spread[j].sqrt();
+                    for (square, position) in square.iter_mut().zip(position) {
+                        *position *= scale;
+                        *square = *position * *position;
+                    }
+                    center(square, weight, total);
+                    spread[3 + j] = weighted_square(weight, square) / total;
+                    spread[j] = 1.0;
+                } else {
+                    (spread[j], spread[3 + j]) = (0.0, 0.0);
+                }
+            }
+        }
+        for j in 0..COLUMNS {
+            self.given[j] &= spread[j] > FLAT * FLAT;
+            if self.given[j] {
+                let scale = 1.0 / spread[j].sqrt();
+                self.columns[j][..n].iter_mut().for_each(|x| *x *= scale);
+            }
+        }
+    }
+
+    /// Writes a row's colours, from pixel `first` of the block on.
+    #[inline(always)]
+    fn store(&self, first: usize, count: u8, fitted: &mut [f32], used: &mut [u8]) {
+        let pixels = fitted.as_chunks_mut::<3>().0.iter_mut().zip(used);
+        for (i, (fitted, used)) in (first..).zip(pixels) {
+            let fits = self.surface[i] && count > 0;
+            *used = if fits { count } else { 0 };
+            for c in 0..3 {
+                let own = self.color[c][i];
+                let known = if self.weight[i] > 0.0 {
+                    f64::from(own)
+                } else {
+                    0.0
+                };
+                let fit = (known - self.residual[c][i]) as f32;
+                let held = fit.max(self.lowest[c]).min(self.highest[c]);
+                fitted[c] = if fits { held } else { own };
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn sum_of(parts: [f64; SIDES]) -> f64 {
+    let mut parts = parts;
+    let mut half = SIDES / 2;
+    while half > 0 {
+        for i in 0..half {
+            parts[i] += parts[i + half];
+        }
+        half /= 2;
+    }
+    parts[0]
+}
+
+#[inline(always)]
+fn sum(a: &[f64]) -> f64 {
+    let mut parts = [0.0; SIDES];
+    for a in a.as_chunks::<SIDES>().0 {
+        for i in 0..SIDES {
+            parts[i] += a[i];
+        }
+    }
+    sum_of(parts)
+}
+
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut parts = [0.0; SIDES];
+    for (a, b) in a
+        .as_chunks::<SIDES>()
+        .0
+        .iter()
+        .zip(b.as_chunks::<SIDES>().0)
+    {
+        for i in 0..SIDES {
+            parts[i] += a[i] * b[i];
+        }
+    }
+    sum_of(parts)
+}
+
+#[inline(always)]
+fn weighted_square(weight: &[f64], a: &[f64]) -> f64 {
+    let mut parts = [0.0; SIDES];
+    for (w, a) in weight
+        .as_chunks::<SIDES>()
+        .0
+        .iter()
+        .zip(a.as_chunks::<SIDES>().0)
+    {
+        for i in 0..SIDES {
+            parts[i] += w[i] * a[i] * a[i];
+        }
+    }
+    sum_of(parts)
+}
+
+#[inline(always)]
+fn multiply(a: &[f64], b: &[f64], product: &mut [f64]) {
+    for ((product, &a), &b) in product.iter_mut().zip(a).zip(b) {
+        *product = a * b;
+    }
+}
+
+#[inline(always)]
+fn subtract(from: &mut [f64], factor: f64, what: &[f64]) {
+    for (from, &what) in from.iter_mut().zip(what) {
+        *from -= factor * what;
+    }
+}
+
+/// Subtracts the mean, and returns it.
+#[inline(always)]
+fn center(column: &mut [f64], weight: &[f64], total: f64) -> f64 {
+    let mean = dot(weight, column) / total;
+    column.iter_mut().for_each(|x| *x -= mean);
+    mean
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_at_least_halves_and_cover_all() {
+        for length in 1..100 {
+            for offset in -40..40 {
+                let params = Params {
+                    offset: [offset, 0],
+                    ..Default::default()
+                };
+                let parts = params.cut(length, 0);
+                assert!(parts.iter().cloned().flatten().eq(0..length));
+                assert!(
+                    parts.len() == 1 || parts.iter().all(|part| (16..48).contains(&part.len()))
+                );
+            }
+        }
+    }
+}

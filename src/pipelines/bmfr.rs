@@ -1,0 +1,301 @@
+//! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
+//!
+//!   demodulate → (suppress fireflies) → (motion from cameras) → reproject → (temporal gradient) → accumulate
+//!     → regress → blend → remodulate → (antialias)
+//!
+//! What comes before `regress` is as in [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in every
+//! frame. Every buffer but colour is optional; what is absent drops out of the tests and features.
+
+use std::ops::Range;
+
+use super::frame::{Frame, Output, Summary};
+use super::svgf::{self, Memory, Recalled, check_continues, illumination, recall};
+use super::taa::{self, Stage, blacken_missing};
+use crate::error::{Result, in_range};
+use crate::image::{BandMut, Image, Pixels, Records, View};
+use crate::kernels::camera::pinhole::Camera;
+use crate::kernels::merge::accumulate::{self, accumulate};
+use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
+use crate::kernels::smooth::demodulate::{LEAST, Texture, Way, modulate};
+use crate::kernels::smooth::regress::{self, Features, Place, regress};
+use crate::memory::Reserve;
+use crate::pixels::PixelsMut;
+use crate::rows::{self, Kernel};
+
+#[derive(Clone, Debug)]
+pub struct Params {
+    /// Of the history; what is of the spatial filter alone does not count.
+    pub history: svgf::Params,
+    /// Displaced from frame to frame.
+    pub regress: regress::Params,
+    /// Least share of the new fit; 0 to 1; 0.1.
+    pub fitted_alpha: f32,
+    /// The output stage.
+    pub antialias: Option<taa::Params>,
+}
+
+impl Params {
+    pub fn check(&self) -> Result<()> {
+        self.history.check()?;
+        in_range(
+            "fitted_alpha",
+            self.fitted_alpha,
+            "a share from 0 to 1",
+            |v| (0.0..=1.0).contains(&v),
+        )
+    }
+}
+
+/// Where blocks begin, frame by frame, in eighths of their side.
+const OFFSETS: [[i64; 2]; 8] = [
+    [0, 0],
+    [4, 4],
+    [2, 6],
+    [6, 2],
+    [1, 3],
+    [5, 7],
+    [3, 1],
+    [7, 5],
+];
+
+/// Channels of a history image: those of [`accumulate`], and the accumulated fits.
+const CHANNELS: usize = accumulate::CHANNELS + 3;
+
+pub struct Bmfr {
+    params: Params,
+    reserve: Reserve,
+    memory: Option<Memory>,
+    /// Frames since the sequence began.
+    age: usize,
+    antialias: Option<Stage>,
+}
+
+impl Bmfr {
+    pub fn new(params: Params) -> Result<Self> {
+        params.check()?;
+        Ok(Self {
+            antialias: params.antialias.map(Stage::new),
+            params,
+            reserve: Reserve::default(),
+            memory: None,
+            age: 0,
+        })
+    }
+
+    /// Forgets the sequence.
+    pub fn reset(&mut self) {
+        self.memory = None;
+        self.reserve = Reserve::default();
+        self.age = 0;
+        self.antialias.iter_mut().for_each(Stage::reset);
+    }
+
+    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+        let mut reserve = std::mem::take(&mut self.reserve);
+        let summary = reserve.serve(|| self.next(frame, output));
+        self.reserve = reserve;
+        summary
+    }
+
+    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+        if let Some(memory) = &self.memory {
+            check_continues(memory, frame)?;
+        }
+        let size = frame.color.size;
+        let params = &self.params;
+        let mut used = vec![];
+
+        let texture = frame.albedo.map(|albedo| Texture {
+            albedo,
+            emission: frame.emission,
+        });
+        let (sample, held) = illumination(frame, texture, params.history.fireflies);
+        let color = held.as_ref().unwrap_or(&sample);
+
+        let memory = self.memory.take();
+        let continues = memory.is_some();
+        let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
+        let motion = frame.motion(before, &mut used);
+        let Recalled {
+            history: known,
+            coverage,
+            rejection,
+            gradient,
+            ..
+        } = match &memory {
+            Some(memory) => recall(
+                &params.history,
+                memory,
+                frame,
+                motion.pixels(),
+                [&sample, color],
+            ),
+            None => Recalled {
+                history: Image::new(size, CHANNELS),
+                coverage: Image::new(size, 1),
+                rejection: Image::new(size, 1),
+                gradient: None,
+                reflections: None,
+            },
+        };
+        drop(memory);
+        let parts = [0..3, 3..5, 5..6, 6..9];
+        let [light, moments, lengths, fits] = parts.map(|part| known.pixels().part(part));
+
+        let mut history = Image::blank(size, CHANNELS);
+        let (accumulated, fitted) = history.data_mut().split_at_mut(6 * size.pixels());
+        let (colors, rest) = accumulated.split_at_mut(3 * size.pixels());
+        let (new_moments, new_lengths) = rest.split_at_mut(2 * size.pixels());
+        let merged = PixelsMut::planar(size, colors)
+            .zip(PixelsMut::planar(size, new_moments))
+            .zip(PixelsMut::planar(size, new_lengths))
+            .map(|((color, moments), length)| [color, moments, length]);
+        let change = gradient.as_ref().map(Image::view);
+        let missing = accumulate(
+            color.pixels(),
+            [light, moments, lengths],
+            change,
+            params.history.accumulate,
+            merged,
+        );
+
+        let weight = texture.map(|texture| {
+            let mut weight = Image::blank(size, 1);
+            rows::run(&Reflects(texture.albedo), size.height, weight.bands());
+            weight
+        });
+        let rays = frame.camera.as_ref().map(Camera::rays);
+        let features = Features {
+            normal: frame.surface.normal,
+            place: (frame.geometry()).and_then(|geometry| Place::new(geometry, rays)),
+        };
+        let block = params.regress.block as i64;
+        let displaced = regress::Params {
+            offset: OFFSETS[self.age % OFFSETS.len()].map(|eighths| eighths * block / 8),
+            ..params.regress
+        };
+        let mut fit = Records::blank(size, 3);
+        let mut counts = Image::blank(size, 1);
+        regress(
+            View::new(size, 3, colors).into(),
+            features,
+            weight.as_ref().map(Image::pixels),
+            displaced,
+            fit.data_mut(),
+            counts.data_mut(),
+        );
+
+        let length = View::new(size, 1, new_lengths);
+        let mut share = Image::blank(size, 1);
+        let kernel = Share {
+            length,
+            least: params.fitted_alpha,
+        };
+        rows::run(&kernel, size.height, share.bands());
+        let plain = blend::Params {
+            weighting: Weighting::None,
+            flicker: 1.0,
+            exposure: 1.0,
+        };
+        let out = PixelsMut::planar(size, fitted);
+        blend(fit.pixels(), fits, Alpha::Map(share.view()), plain, out);
+
+        let light = history.channels(6..9);
+        let textured = texture.map(|texture| {
+            let mut color = Image::blank(size, 3);
+            let out = color.bands().map(PixelsMut::Planar);
+            modulate::<3>(light.into(), texture, Way::Back, out);
+            color
+        });
+        let color = textured.as_ref().map_or(light, Image::view);
+        match &mut self.antialias {
+            Some(stage) => {
+                stage.step(
+                    color.into(),
+                    motion.pixels(),
+                    frame.surface.depth.map(Pixels::plane),
+                    PixelsMut::bands(size, 3, output.color),
+                    None,
+                );
+            }
+            None => {
+                color.interleave(output.color);
+                blacken_missing(output.color);
+            }
+        }
+        output.history_length.copy_from_slice(history.plane(5));
+        output.confidence.copy_from_slice(coverage.plane(0));
+        output.rejection.copy_from_slice(rejection.plane(0));
+
+        let surface = &frame.surface;
+        let position = matches!(features.place, Some(Place::Position(_)));
+        used.extend(
+            [
+                ("albedo", texture.is_some()),
+                ("emission", texture.is_some() && frame.emission.is_some()),
+                ("normal", surface.normal.is_some()),
+                ("depth", surface.depth.is_some()),
+                ("ids", continues && surface.ids.is_some()),
+                ("position", position),
+                (
+                    "object_normal",
+                    continues && surface.object_normal.is_some(),
+                ),
+                ("replay", gradient.is_some() && frame.replay.is_some()),
+            ]
+            .into_iter()
+            .filter_map(|(name, used)| used.then_some(name)),
+        );
+        self.age += 1;
+        self.memory = Some(Memory {
+            history: Records::of(history.view()),
+            color: params.history.gradient.then(|| frame.color.to_records()),
+            reflections: None,
+            depth: surface.depth.map(Pixels::to_records),
+            normal: surface.normal.map(Pixels::to_records),
+            object_normal: surface.object_normal.map(Pixels::to_records),
+            ids: surface.ids.map(Pixels::to_records),
+            camera: frame.camera,
+            demodulated: frame.albedo.is_some(),
+        });
+        Ok(Summary { used, missing })
+    }
+}
+
+/// 1; NaN where albedo is black, so that what a lamp shines with is no light that falls on it.
+struct Reflects<'a>(Pixels<'a>);
+
+impl<'a> Kernel for Reflects<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        let width = self.0.size.width;
+        for y in rows {
+            for (x, weight) in out.row(0, y).iter_mut().enumerate() {
+                let [r, g, b] = self.0.vector(y * width + x);
+                let reflects = (r > LEAST) | (g > LEAST) | (b > LEAST);
+                *weight = if reflects { 1.0 } else { f32::NAN };
+            }
+        }
+    }
+}
+
+/// The share of the N-th fit: 1/N until that is the least.
+struct Share<'a> {
+    length: View<'a>,
+    least: f32,
+}
+
+impl<'a> Kernel for Share<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        for y in rows {
+            for (share, &length) in out.row(0, y).iter_mut().zip(self.length.row(0, y)) {
+                *share = self.least.max(1.0 / length);
+            }
+        }
+    }
+}

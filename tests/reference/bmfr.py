@@ -1,0 +1,71 @@
+import torch
+
+from .accumulate import accumulate
+from .blend import blend
+from .consistency import consistency
+from .demodulate import demodulate, remodulate
+from .fireflies import suppress_fireflies
+from .gradient import temporal_gradient
+from .regress import regress
+from .reproject import reproject
+from .svgf import SVGF, Output
+from .taa import PRESETS, antialias, find_motion
+
+OFFSETS = [(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)]
+
+
+class BMFR(SVGF):
+    """Block-wise multi-order feature regression (Koskela et al. 2019), composed of the references."""
+
+    def __init__(self, *, fitted_alpha=0.1, block=16, features="fewest", **named):
+        super().__init__(**named)
+        self.fitted_alpha, self.blocks = fitted_alpha, {"block": block, "features": features}
+        self.age = 0
+
+    def step(self, frame) -> Output:
+        light, weight = frame.color, None  # (H, W, 3), (H, W)
+        emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
+        if frame.albedo is not None:
+            light = demodulate(light, frame.albedo, emission=emission)  # (H, W, 3)
+            weight = torch.where((frame.albedo > 1 / 1024).any(-1), 1.0, torch.nan).to(light)  # (H, W)
+        if self.fireflies:
+            light, _ = suppress_fireflies(light)  # (H, W, 3)
+        motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
+        if self.previous is None:
+            flat = torch.zeros_like(light[..., 0])  # (H, W)
+            history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), flat, torch.zeros_like(light)]
+            confidence, rejection = flat, flat.to(torch.uint8)  # (H, W), (H, W)
+        else:
+            tests = {**self._tests(frame, motion), **self.limits}
+            planes = self.history  # (H, W, 3), (H, W, 2), (H, W), (H, W, 3)
+            replays = self.gradient and frame.replay is not None
+            if replays:
+                planes = [*planes, temporal_gradient(frame.replay, self.previous.color, noise=0)]  # and (H, W)
+            history, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
+            rejection, _ = consistency(motion, **tests)  # (H, W)
+            if replays:
+                gradient = history[4]  # (H, W)
+            elif self.gradient:
+                known = history[0].where((confidence > 0)[..., None], torch.nan)  # (H, W, 3)
+                gradient = temporal_gradient(light, known, noise=2.2, widest=5)  # (H, W)
+        merged = accumulate(light, *history[:3], gradient=gradient, **self.blend)
+        color, moments, length, missing = merged  # (H, W, 3), (H, W, 2), (H, W)
+
+        geometry = frame.position  # (H, W, 3)
+        if geometry is None and frame.camera is not None:
+            geometry = frame.depth  # (H, W)
+        x, y = OFFSETS[self.age % len(OFFSETS)]
+        side = self.blocks["block"]
+        place = {"offset": (x * side // 8, y * side // 8), "camera": frame.camera, "weight": weight}
+        fitted, _ = regress(color, normal=frame.normal, geometry=geometry, **place, **self.blocks)  # (H, W, 3)
+        share = (1 / length).clamp(self.fitted_alpha, 1)  # (H, W)
+        smooth = blend(fitted, history[3], share)  # (H, W, 3)
+        self.history, self.previous = [color, moments, length, smooth], frame
+        self.age += 1
+        if frame.albedo is not None:
+            smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
+        if self.antialias:
+            self.antialiased, *_ = antialias(PRESETS["denoised"], self.antialiased, smooth, motion, frame.depth)
+            smooth, _ = self.antialiased  # (H, W, 3)
+        smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
+        return Output(smooth, None, length, confidence, rejection, missing)

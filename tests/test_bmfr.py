@@ -1,0 +1,185 @@
+import itertools
+from types import SimpleNamespace
+
+import composed
+import numpy as np
+import pytest
+import reference
+import scene
+import yester
+from compare import SIZES, assert_close, assert_same_bits, colors, tensor
+from composed import sequence
+
+NAMES = ("albedo", "emission", "normal", "depth", "motion", "ids", "position", "camera")
+NEWER = ("object_normal", "replay", "jitter")
+PLAIN = {"gradient": False, "fireflies": False, "antialias": False}
+SETTINGS = {
+    "alpha": 0.2,
+    "fitted_alpha": 0.3,
+    "block": 7,
+    "features": "all",
+    "relative_depth": 0.02,
+    "plane_distance": (0.001, 0.1),
+    "normal_angle": 5.0,
+}
+
+
+def frames_of(names, count, **options) -> list[yester.Frame]:
+    return [yester.Frame(**{name: frame[name] for name in ("color", *names)}) for frame in sequence(count, **options)]
+
+
+def check_bits(frames, **named) -> None:
+    bmfr, other = yester.BMFR(**named), composed.BMFR(**named)
+    for frame in frames:
+        got, want = bmfr.step(frame), other.step(frame)
+        for name in ("color", "history_length", "confidence", "rejection"):
+            assert_same_bits(getattr(got, name), getattr(want, name))
+        assert got.missing == want.missing
+        assert got.variance is None
+        assert np.isfinite(got.color).all()
+
+
+@pytest.mark.parametrize("newer", [(), NEWER])
+@pytest.mark.parametrize(
+    "named",
+    [{}, SETTINGS, PLAIN, {**SETTINGS, **PLAIN}, {"fitted_alpha": 1.0}, {"alpha": 0.0, "fitted_alpha": 0.0}],
+    ids=str,
+)
+def test_pipeline_is_its_kernels(named, newer):
+    """Over more frames than there are displacements."""
+    check_bits(frames_of((*NAMES, *newer), 10 if named == {} else 4), **named)
+
+
+@pytest.mark.parametrize("count", range(len(NAMES) + 1))
+def test_every_subset_of_buffers(count):
+    for names in itertools.combinations(NAMES, count):
+        check_bits(frames_of(names, 2))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_any_size(size):
+    rng = np.random.default_rng(0)
+    normal = rng.normal(0, 1, (*size, 3))
+    check_bits([yester.Frame(colors(rng, *size), normal=normal) for _ in range(3)])
+
+
+@pytest.mark.parametrize("newer", [(), ("object_normal", "replay")])
+@pytest.mark.parametrize("named", [{}, PLAIN, {"features": "all", "antialias": False}], ids=str)
+def test_reference(named, newer):
+    """The whole against its composition in float64, where decisions may flip in a few blocks."""
+    names = (*NAMES, *newer)
+    bmfr, other = yester.BMFR(**named), reference.BMFR(**named)
+    absent = dict.fromkeys((*yester.frame.BUFFERS, "jitter"))
+    for frame in sequence(5):
+        given = {name: frame[name] for name in ("color", *names)}
+        got = bmfr.step(yester.Frame(**given))
+        want = other.step(SimpleNamespace(**{**absent, **tensor(given)}))
+        assert got.missing == want.missing
+        everywhere = {"where": np.ones(got.rejection.shape, bool), "flips": got.rejection.size // 25}
+        assert_close("BMFR", got.color, want.color, rtol=1e-4, **everywhere)
+        assert_close("BMFR history_length", got.history_length, want.history_length, **everywhere)
+
+
+@pytest.mark.parametrize(
+    ("names", "used"),
+    [
+        ((), ()),
+        (("albedo", "emission", "normal"), ("albedo", "emission", "normal")),
+        (("emission", "position"), ("position",)),
+        (("depth", "camera"), ("camera", "depth")),
+        (("depth", "position", "camera", "motion"), ("motion", "depth", "position")),
+        (("ids", "object_normal", "replay"), ("ids", "object_normal", "replay")),
+    ],
+)
+def test_used(names, used):
+    bmfr = yester.BMFR()
+    for frame in frames_of(names, 2):
+        out = bmfr.step(frame)
+    assert sorted(out.used) == sorted(used)
+
+
+def test_reset_forgets():
+    frames = frames_of(NAMES, 3)
+    bmfr = yester.BMFR()
+    first = [bmfr.step(frame).color for frame in frames]
+    bmfr.reset()
+    for frame, want in zip(frames, first, strict=True):
+        assert_same_bits(bmfr.step(frame).color, want)
+
+
+def test_one_size_and_albedo_always_or_never_until_reset():
+    color = np.ones((20, 30, 3), np.float32)
+    bmfr = yester.BMFR()
+    bmfr.step(yester.Frame(color))
+    for wrong, name in ((yester.Frame(color[:-1]), "frame"), (yester.Frame(color, albedo=color), "albedo")):
+        with pytest.raises(ValueError, match=rf"^{name}: .*reset"):
+            bmfr.step(wrong)
+    bmfr.reset()
+    bmfr.step(yester.Frame(color[:-1]))
+
+
+def test_a_lamp_without_emission_lights_nothing():
+    """Black albedo makes enormous light of it, which is not fitted."""
+    rng = np.random.default_rng(0)
+    bmfr = yester.BMFR(**PLAIN)
+    albedo = np.full((48, 48, 3), 0.5, np.float32)
+    albedo[20:24, 20:24] = 0
+    for _ in range(8):
+        color = rng.uniform(0, 1, (48, 48, 3)).astype(np.float32)
+        color[20:24, 20:24] = 100
+        out = bmfr.step(yester.Frame(color, albedo=albedo))
+    lamp = albedo[..., 0] == 0
+    np.testing.assert_allclose(out.color[lamp], 100, rtol=1e-4)
+    assert out.color[~lamp].max() < 1
+
+
+def test_a_lost_frame_is_survived():
+    good = np.ones((8, 9, 3), np.float32)
+    lost = yester.Frame(np.full_like(good, np.nan))
+    bmfr = yester.BMFR()
+    out = bmfr.step(lost)
+    assert out.missing == 72
+    assert not out.color.any()
+    for frame in (yester.Frame(good), lost):
+        out = bmfr.step(frame)
+        np.testing.assert_allclose(out.color, 1, rtol=1e-6)
+
+
+def test_error_falls_when_everything_moves():
+    rng = np.random.default_rng(0)
+    bmfr, errors, raw = yester.BMFR(antialias=False), [], []
+    for number in range(16):
+        now = scene.shoot(number, 96, 64)
+        motion = yester.motion_vectors(
+            now.position, now.camera, scene.camera(number - 1, 96, 64), ids=now.ids, transforms=scene.transforms(number)
+        )
+        color = scene.noisy(now, rng)
+        out = bmfr.step(yester.Frame(color, motion=motion, **now.buffers()))
+        seen = now.ids > 0
+        errors.append(np.mean((out.color[seen] - now.color[seen]) ** 2))
+        raw.append(np.mean((color[seen] - now.color[seen]) ** 2))
+    assert np.mean(errors[8:]) < 0.6 * errors[0]
+    assert np.mean(errors[8:]) < 0.04 * np.mean(raw)
+
+
+@pytest.mark.parametrize(
+    ("argument", "values"),
+    {
+        "alpha": [-0.1, 1.1, np.nan],
+        "fitted_alpha": [-0.1, 1.1, np.nan],
+        "block": [3, 257],
+        "features": ["some"],
+        "relative_depth": [0, np.nan],
+        "plane_distance": [-1],
+        "normal_angle": [181],
+    }.items(),
+)
+def test_out_of_range(argument, values):
+    for value in values:
+        with pytest.raises(ValueError, match=rf"\b{argument}\b"):
+            yester.BMFR(**{argument: value})
+
+
+def test_not_a_frame():
+    with pytest.raises(TypeError, match="frame"):
+        yester.BMFR().step(np.ones((8, 9, 3)))

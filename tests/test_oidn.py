@@ -1,0 +1,144 @@
+"""The learned denoiser: what goes in, what comes out, and what it is between temporal stages."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pyoidn
+import pytest
+import yester
+from compare import assert_same_bits
+from test_peers import frames
+
+NAMES = ("color", "history_length", "confidence", "rejection")
+
+
+def test_alone_it_is_itself():
+    oidn = yester.OIDN("fast")
+    for names in ((), ("albedo",), ("albedo", "normal"), ("normal",)):
+        for frame, _ in frames(1, *(names or ["camera"])):
+            albedo = frame.albedo
+            normal = frame.normal if albedo is not None else None
+            want = pyoidn.denoise(frame.color, albedo, normal, hdr=True, quality="fast")
+            out = oidn.step(frame)
+            assert_same_bits(out.color, want)
+            assert out.used == tuple(name for name in names if albedo is not None)
+            assert out.variance is None
+            assert (out.history_length == 1).all()
+            assert not out.confidence.any()
+            assert not out.rejection.any()
+
+
+def test_between_temporal_stages_it_is_their_list():
+    oidn = yester.OIDN("fast", temporal=True)
+    history, antialiasing = yester.SVGF(iterations=0, antialias=False), yester.TAA("denoised")
+    for frame, _ in frames(4):
+        out, known = oidn.step(frame), history.step(frame)
+        clean = pyoidn.denoise(known.color, frame.albedo, frame.normal, hdr=True, quality="fast")
+        want = antialiasing.step(
+            yester.Frame(clean, motion=frame.motion, depth=frame.depth, position=frame.position, camera=frame.camera)
+        )
+        assert_same_bits(out.color, want.color)
+        for name in NAMES[1:]:
+            assert_same_bits(getattr(out, name), getattr(known, name))
+        assert set(out.used) == set(known.used)
+    oidn.reset()
+    assert (oidn.step(frame).history_length <= 1).all()
+
+
+def test_time_steadies_it():
+    """Its output on a still scene flickers less, and errs less."""
+    still = next(iter(frames(1)))
+    rng, truth = np.random.default_rng(1), still[1]
+    named = {name: value for name, value in still[0].buffers().items() if name != "color"}
+    changes, errors = [], []
+    for temporal in (False, True):
+        oidn, images = yester.OIDN("fast", temporal=temporal), []
+        for _ in range(10):
+            noisy = truth * rng.exponential(1, truth.shape[:2])[..., None].astype(np.float32)
+            images.append(oidn.step(yester.Frame(noisy, **named, camera=still[0].camera)).color)
+        changes.append(np.mean(np.abs(np.diff(images[4:], axis=0))))
+        errors.append(np.mean((np.array(images[4:]) - truth) ** 2))
+    assert changes[1] < 0.3 * changes[0]
+    assert errors[1] < errors[0]
+
+
+@pytest.mark.parametrize("temporal", [False, True])
+def test_missing_samples(temporal):
+    oidn = yester.OIDN("fast", temporal=temporal)
+    color = np.full((24, 32, 3), 0.5, np.float32)
+    color[3, 4] = np.nan
+    color[5, 6, 1] = np.inf
+    broken = np.full_like(color, np.nan)
+    for given in ({"color": color}, {"color": broken}, {"color": color}):
+        out = oidn.step(yester.Frame(**given))
+        assert np.isfinite(out.color).all()
+        assert out.missing == (~np.isfinite(given["color"]).all(-1)).sum()
+    # What surfaces lack is not spread either.
+    oidn.reset()
+    out = oidn.step(yester.Frame(color, albedo=broken, normal=broken))
+    assert np.isfinite(out.color).all()
+
+
+@pytest.mark.parametrize("temporal", [False, True])
+def test_out(temporal):
+    oidn, other = (yester.OIDN("fast", temporal=temporal) for _ in range(2))
+    out = None
+    for frame, _ in frames(3):
+        before, want = out, other.step(frame)
+        out = oidn.step(frame, out=out)
+        for name in NAMES:
+            assert_same_bits(getattr(out, name), getattr(want, name))
+            assert before is None or getattr(out, name) is getattr(before, name)
+    small = yester.Frame(np.ones((5, 7, 3), np.float32))
+    for wrong in (yester.SVGF().step(frame), yester.TAA().step(small)):
+        with pytest.raises(ValueError, match=r"^out: expected .*\(64, 96, 3\)"):
+            oidn.step(frame, out=wrong)
+
+
+def test_sizes_and_buffers_may_change_where_nothing_is_remembered():
+    oidn, temporal = yester.OIDN("fast"), yester.OIDN("fast", temporal=True)
+    for shape in ((1, 1, 3), (7, 33, 3), (40, 5, 3)):
+        frame = yester.Frame(np.ones(shape, np.float32))
+        assert oidn.step(frame).color.shape == shape
+        temporal.reset()
+        assert temporal.step(frame).color.shape == shape
+    with pytest.raises(ValueError, match=r"^frame: .*reset"):
+        temporal.step(yester.Frame(np.ones((8, 8, 3))))
+
+
+def test_wrong_arguments():
+    with pytest.raises(ValueError, match=r"^quality: expected one of high, balanced, fast, got best"):
+        yester.OIDN("best")
+    with pytest.raises(TypeError, match=r"^frame: .*ndarray"):
+        yester.OIDN("fast").step(np.ones((8, 9, 3)))
+
+
+def test_without_the_package():
+    """It is asked for when it is needed, and named with the line that installs it."""
+    code = "import sys; sys.modules['pyoidn'] = None; import yester; yester.SVGF(); yester.OIDN()"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 1
+    last = result.stderr.strip().splitlines()[-1]
+    assert last.startswith("ImportError: pyoidn not installed")
+    assert last.endswith("pip install 'yester[oidn]'")
+
+
+def test_outputs_of_stages_in_python():
+    color, flat = np.ones((4, 5, 3), np.float32), np.ones((4, 5), np.float32)
+    rejection = np.zeros((4, 5), np.uint8)
+    out = yester.Output(color, flat, flat, rejection, variance=flat, used=["albedo"], missing=3)
+    assert out.color is color
+    assert out.variance is flat
+    assert (out.used, out.missing) == (("albedo",), 3)
+    for name, wrong in (
+        ("color", flat),
+        ("history_length", flat[:-1]),
+        ("confidence", color),
+        ("rejection", rejection[1:]),
+    ):
+        given = {"color": color, "history_length": flat, "confidence": flat, "rejection": rejection, name: wrong}
+        with pytest.raises(ValueError, match=rf"^{name}: expected shape"):
+            yester.Output(**given)
+    with pytest.raises(TypeError, match="rejection"):
+        yester.Output(color, flat, flat, flat)
