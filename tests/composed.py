@@ -284,3 +284,57 @@ class SVGF:
             tiles[y : y + 3, x : x + 3] = True
         tiles = np.kron(tiles[1:-1, 1:-1], np.ones((TILE, TILE), bool))[:height, :width]
         return SimpleNamespace(scores=scores, tiles=tiles, age=self.mirrored.age + 1)
+
+
+class Recirculation:
+    def __init__(self, *, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1):
+        self.pyramid = {"factor": factor, "levels": levels}
+        self.blend = {"share": share, "fade": fade, "limit": limit}
+        self.blur, self.tolerance = blur, np.float32(tolerance)
+        self.points = self.camera = None
+
+    def step(self, frame: yester.Frame) -> SimpleNamespace:
+        height, width = frame.shape
+        centres = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1)
+        if frame.position is not None:
+            hit = np.isfinite(frame.position).all(-1)
+            pixels, depth = frame.camera.project(np.where(hit[..., None], frame.position, 0))
+            depth = np.where(hit, depth, np.inf).astype(np.float32)
+            own = np.where(hit[..., None], pixels - centres, frame.jitter or (0, 0)).astype(np.float32)
+        else:
+            depth, own = frame.depth, np.broadcast_to(np.float32(frame.jitter or (0, 0)), (height, width, 2))
+        traced = np.isfinite(frame.color).all(-1) & (depth > 0)
+        own = own.clip(-0.5, 0.5)
+
+        if self.points is None:
+            color, place, quality = np.zeros_like(frame.color), np.zeros((height, width)), np.zeros((height, width))
+            offset, camera = np.zeros((height, width, 2), np.float32), frame.camera
+            place, quality = place.astype(np.float32), quality.astype(np.float32)
+        else:
+            camera = self.camera
+            given = dict(zip(("color", "depth", "offset", "quality"), self.points, strict=True))
+            cameras = {"camera": frame.camera, "previous_camera": camera, "tolerance": self.tolerance}
+            color, place, offset, quality = yester.splat(**given, **cameras)
+
+        with np.errstate(divide="ignore", invalid="ignore"):
+            known = quality > 0
+            gone = known & traced & ~((np.abs(place - depth) <= self.tolerance * depth) | (place == depth))
+            quality = np.where(gone, np.float32(0), quality)
+            kept = quality > 0
+            samples = np.where(traced[..., None], np.dstack([frame.color, 1 / depth]), np.float32(np.nan))
+            filled, fresh = yester.pull_push(samples, **self.pyramid)
+            place = np.where(traced, depth, np.where(kept, place, 1 / filled[..., 3]))
+        offset = np.where(traced[..., None], own, np.where(kept[..., None], offset, np.float32(0)))
+        motion = yester.motion_vectors(place, frame.camera, camera)
+        images = filled[..., :3], fresh, color, quality, motion
+        carried, quality = yester.recirculate(*images, blur=0, **self.blend)
+        shown, _ = yester.recirculate(*images, blur=self.blur, **self.blend)
+        rejection = np.where(known, 2 * gone, 0 if self.points is None else 1).astype(np.uint8)
+        self.points, self.camera = (carried, place, offset, quality), frame.camera
+        return SimpleNamespace(
+            color=blacken(shown),
+            history_length=quality,
+            confidence=kept.astype(np.float32),
+            rejection=rejection,
+            missing=int((~traced).sum()),
+        )

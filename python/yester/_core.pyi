@@ -23,6 +23,7 @@ __all__ = [
     "Accumulated",
     "Camera",
     "Output",
+    "Recirculation",
     "__version__",
     "accumulate",
     "anti_lag",
@@ -42,10 +43,13 @@ __all__ = [
     "morphological_aa",
     "motion_vectors",
     "prediction_gain",
+    "pull_push",
+    "recirculate",
     "remodulate",
     "reproject",
     "resolve",
     "settings",
+    "splat",
     "suppress_fireflies",
     "temporal_gradient",
     "virtual_motion",
@@ -161,6 +165,22 @@ class TAA:
         response: _Response | None = None,
         weighting: _Weighting | None = None,
         flicker: float | None = None,
+    ) -> Self: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
+    def reset(self) -> None: ...
+
+@final
+class Recirculation:
+    def __new__(
+        cls,
+        *,
+        factor: int = 2,
+        levels: int | None = None,
+        blur: float = 0.25,
+        share: tuple[float, float] = (0.0, 1.0),
+        fade: float = 64.0,
+        limit: float = 8.0,
+        tolerance: float = 0.1,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
@@ -371,6 +391,38 @@ def atrous(
     sigma_normal: float = 128.0,
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
+def splat(
+    color: ArrayLike,
+    depth: ArrayLike,
+    camera: Camera,
+    previous_camera: Camera,
+    *,
+    offset: ArrayLike | None = None,
+    quality: ArrayLike | None = None,
+    tolerance: float = 0.1,
+    out: tuple[_Floats | None, _Floats | None, _Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
+def pull_push(
+    color: ArrayLike,
+    quality: ArrayLike | None = None,
+    *,
+    factor: int = 2,
+    levels: int | None = None,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
+def recirculate(
+    filled: ArrayLike,
+    filled_quality: ArrayLike,
+    reprojected: ArrayLike,
+    reprojected_quality: ArrayLike,
+    motion: ArrayLike,
+    *,
+    blur: float = 0.25,
+    share: tuple[float, float] = (0.0, 1.0),
+    fade: float = 64.0,
+    limit: float = 8.0,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 def suppress_fireflies(

@@ -7,6 +7,7 @@ pub mod fetch;
 pub mod judge;
 pub mod merge;
 pub mod pipelines;
+pub mod scatter;
 pub mod smooth;
 
 use pyo3::prelude::*;

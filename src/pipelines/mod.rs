@@ -1,6 +1,7 @@
 //! Whole denoisers: lists of kernels, with the state that goes from frame to frame.
 
 pub mod frame;
+pub mod recirculation;
 pub mod reflections;
 pub mod svgf;
 pub mod taa;

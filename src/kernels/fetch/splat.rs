@@ -1,0 +1,309 @@
+//! Forward reprojection: the points that the previous frame saw, scattered to where they appear now.
+//!
+//! A pixel of the previous frame is a point: a colour at its depth z, seen at the pixel's centre plus an offset, with a
+//! quality q. It stands still in the world, so that its new place p and depth z' follow from the two cameras (see
+//! [`crate::kernels::camera::pinhole::Warp`]), background from their rotation. It covers the pixels whose centres lie
+//! within a square around p, whose side is that of its old pixel at its new distance,
+//!   s = max(1, z/z' · √(f'x f'y / fx fy)),
+//! and counts there as q/s⁴: the share of a pixel that it would take if it were seen in full, squared, since what is
+//! spread out is both less and less sharp. Of the points that cover a pixel the nearest, at depth z₀, decides what
+//! is seen; with it are averaged those of the same surface, each with weight
+//!   w = q/s⁴ · max(0, 1 − (z' − z₀)/(t z₀)),
+//! t being the tolerance. All sums go through the points in the order of their source pixels.
+//!
+//! Where a point covers other pixels than the one that it lies in, these get copies of it at their centres.
+//!
+//! Inputs: colour (any channels), depth (1), offset (2, in pixels), quality (1), all of the previous frame; both cameras.
+//! Outputs: colour, depth, offset and quality of this frame's pixels; in holes NaN, and 0 for quality.
+
+use std::ops::Range;
+
+use glam::DAffine3;
+
+use crate::error::{Result, in_range};
+use crate::image::{Pixels, Size};
+use crate::kernels::camera::pinhole::{Camera, Warp};
+use crate::rows::{self, BAND, Kernel};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// Difference of depth, as a share of it, from which on points belong to another surface; above 0; 0.1.
+    pub tolerance: f32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self { tolerance: 0.1 }
+    }
+}
+
+impl Params {
+    pub fn check(&self) -> Result<()> {
+        in_range("tolerance", self.tolerance, "a share above 0", |v| v > 0.0)
+    }
+}
+
+/// What the previous frame saw: a point for every pixel whose numbers are finite, whose depth is above 0 (+inf is the
+/// background), and whose quality is.
+#[derive(Clone, Copy)]
+pub struct Points<'a> {
+    pub color: Pixels<'a>,
+    pub depth: Pixels<'a>,
+    /// From the pixels' centres; none if not given.
+    pub offset: Option<Pixels<'a>>,
+    /// 1 if not given.
+    pub quality: Option<Pixels<'a>>,
+}
+
+/// What is to be written: records of colour and offset, and a number for each pixel of the others.
+pub struct Splats<'a> {
+    pub color: &'a mut [f32],
+    pub depth: &'a mut [f32],
+    pub offset: &'a mut [f32],
+    pub quality: &'a mut [f32],
+}
+
+impl<'a> Splats<'a> {
+    fn bands(self, width: usize, channels: usize) -> impl Iterator<Item = Splats<'a>> {
+        let band = BAND * width;
+        (self.color.chunks_mut(band * channels))
+            .zip(self.depth.chunks_mut(band))
+            .zip(self.offset.chunks_mut(band * 2))
+            .zip(self.quality.chunks_mut(band))
+            .map(|(((color, depth), offset), quality)| Splats {
+                color,
+                depth,
+                offset,
+                quality,
+            })
+    }
+}
+
+/// No point covers more than so many pixels to a side.
+const LARGEST: f32 = 16.0;
+
+pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Splats) {
+    let Pixels { size, channels, .. } = points.color;
+    let count = rows::bands(size.height).count();
+    let mut sent = vec![vec![]; count];
+    let project = Project::new(points, cameras);
+    rows::run(&project, size.height, sent.iter_mut());
+    let gather = Gather {
+        color: points.color,
+        sent: &sent,
+        tolerance: params.tolerance,
+    };
+    let outs = splats.bands(size.width, channels);
+    rows::run(&gather, size.height, outs);
+}
+
+/// A point in this frame.
+#[derive(Clone, Copy)]
+struct Point {
+    source: u32,
+    /// The pixel that it lies in, and where from its centre: at least −½, below ½.
+    x: i32,
+    y: i32,
+    offset: [f32; 2],
+    depth: f32,
+    side: f32,
+    quality: f32,
+}
+
+impl Point {
+    /// The pixels of a line that it covers: those whose centres are more than −s/2 and at most s/2 away.
+    #[inline(always)]
+    fn covers(place: i32, offset: f32, side: f32, end: usize) -> Range<usize> {
+        let half = 0.5 * side;
+        let first = place + (offset - half).floor() as i32 + 1;
+        let last = place + (offset + half).floor() as i32;
+        let end = end as i32;
+        first.clamp(0, end) as usize..(last + 1).clamp(0, end) as usize
+    }
+
+    #[inline(always)]
+    fn columns(&self, size: Size) -> Range<usize> {
+        Self::covers(self.x, self.offset[0], self.side, size.width)
+    }
+
+    #[inline(always)]
+    fn rows(&self, size: Size) -> Range<usize> {
+        Self::covers(self.y, self.offset[1], self.side, size.height)
+    }
+}
+
+/// For each band of this frame, in order, the points that one band of the previous sends there.
+type Sent = Vec<Vec<Point>>;
+
+struct Project<'a> {
+    points: Points<'a>,
+    warp: Warp,
+    /// How much larger the new camera shows what is as far away.
+    zoom: f64,
+}
+
+impl<'a> Project<'a> {
+    fn new(points: Points<'a>, [camera, previous]: [&Camera; 2]) -> Self {
+        Self {
+            points,
+            warp: Warp::new(previous, camera, DAffine3::IDENTITY),
+            zoom: (camera.pixels_per_unit() / previous.pixels_per_unit()).sqrt(),
+        }
+    }
+
+    /// The point of a pixel, unless there is none or it is not in front of the camera.
+    #[inline(always)]
+    fn point(&self, source: usize, x: usize, y: usize) -> Option<Point> {
+        let Points {
+            color,
+            depth,
+            offset,
+            quality,
+        } = self.points;
+        let depth = depth.at(source, 0);
+        let quality = quality.map_or(1.0, |quality| quality.at(source, 0));
+        let present = (0..color.channels).all(|c| color.at(source, c).is_finite());
+        if !(present && depth > 0.0 && quality > 0.0 && quality.is_finite()) {
+            return None;
+        }
+        let [ox, oy] = match offset {
+            Some(offset) => [0, 1].map(|c| offset.at(source, c)),
+            None => [0.0; 2],
+        };
+        let place = [(x, ox), (y, oy)].map(|(place, o)| place as f64 + 0.5 + f64::from(o));
+        let (far, near) = match depth == f32::INFINITY {
+            true => (1.0, 0.0),
+            false => (f64::from(depth), 1.0),
+        };
+        let [mx, my, mz] = self.warp.motion(place, far, near);
+        let moved = [ox + mx, oy + my];
+        let now = depth + mz;
+        // Farther away than any image reaches, nothing is covered; and whole numbers stay exact.
+        if !(moved.iter().all(|v| v.abs() < 1e6) && now > 0.0) {
+            return None;
+        }
+        let nearer = match near == 0.0 {
+            true => 1.0,
+            false => far / f64::from(now),
+        };
+        let side = ((nearer * self.zoom) as f32).clamp(1.0, LARGEST);
+        let area = side * side;
+        let cell = moved.map(|v| (v + 0.5).floor());
+        Some(Point {
+            source: source as u32,
+            x: x as i32 + cell[0] as i32,
+            y: y as i32 + cell[1] as i32,
+            offset: [moved[0] - cell[0], moved[1] - cell[1]],
+            depth: now,
+            side,
+            quality: quality / (area * area),
+        })
+    }
+}
+
+impl<'a> Kernel for Project<'a> {
+    type Out = &'a mut Sent;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, sent: &'a mut Sent) {
+        let size = self.points.color.size;
+        sent.resize(rows::bands(size.height).count(), vec![]);
+        for y in rows {
+            for x in 0..size.width {
+                let Some(point) = self.point(y * size.width + x, x, y) else {
+                    continue;
+                };
+                let covered = point.rows(size);
+                if covered.is_empty() || point.columns(size).is_empty() {
+                    continue;
+                }
+                for band in covered.start / BAND..=(covered.end - 1) / BAND {
+                    sent[band].push(point);
+                }
+            }
+        }
+    }
+}
+
+struct Gather<'a> {
+    color: Pixels<'a>,
+    /// By bands of the previous frame.
+    sent: &'a [Sent],
+    tolerance: f32,
+}
+
+impl Gather<'_> {
+    /// Calls for every pixel that a point covers, by its place in the band.
+    #[inline(always)]
+    fn each(&self, rows: &Range<usize>, mut call: impl FnMut(&Point, [usize; 2], usize)) {
+        let size = self.color.size;
+        let band = rows.start / BAND;
+        for point in self.sent.iter().flat_map(|sent| &sent[band]) {
+            let covered = point.rows(size);
+            for y in covered.start.max(rows.start)..covered.end.min(rows.end) {
+                for x in point.columns(size) {
+                    call(point, [x, y], (y - rows.start) * size.width + x);
+                }
+            }
+        }
+    }
+}
+
+impl<'a> Kernel for Gather<'a> {
+    type Out = Splats<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, out: Splats<'a>) {
+        let channels = self.color.channels;
+        for image in [&mut *out.color, out.depth, out.offset] {
+            image.fill(f32::NAN);
+        }
+        out.quality.fill(0.0);
+        let mut nearest = vec![f32::NAN; out.depth.len()];
+        self.each(&rows, |point, _, at| {
+            let before = nearest[at];
+            // Where NaN stands, any is nearer.
+            nearest[at] = if before <= point.depth {
+                before
+            } else {
+                point.depth
+            };
+        });
+        let mut weights = vec![0.0; out.depth.len()];
+        self.each(&rows, |point, [x, y], at| {
+            let limit = self.tolerance * nearest[at];
+            let behind = point.depth - nearest[at];
+            let nearness = if behind > 0.0 {
+                1.0 - behind / limit
+            } else {
+                1.0
+            };
+            let weight = point.quality * nearness;
+            if !(weight > 0.0) {
+                return;
+            }
+            let offset = match [x as i32, y as i32] == [point.x, point.y] {
+                true => point.offset,
+                false => [0.0; 2],
+            };
+            let numbers = (out.color[at * channels..][..channels].iter_mut())
+                .chain([&mut out.depth[at]])
+                .chain(&mut out.offset[at * 2..][..2])
+                .chain([&mut out.quality[at]]);
+            let color = (0..channels).map(|c| self.color.at(point.source as usize, c));
+            let others = [point.depth, offset[0], offset[1], point.quality];
+            let first = weights[at] == 0.0;
+            weights[at] += weight;
+            let share = weight / weights[at];
+            // One point, or several alike, are kept to the bit.
+            for (mean, value) in numbers.zip(color.chain(others)) {
+                let moved = *mean + share * (value - *mean);
+                *mean = if first || value == *mean {
+                    value
+                } else {
+                    moved
+                };
+            }
+        });
+    }
+}
