@@ -400,6 +400,7 @@ def splat(
     previous_camera: Camera,
     *,
     offset: ArrayLike | None = None,
+    drift: ArrayLike | None = None,
     quality: ArrayLike | None = None,
     tolerance: float = 0.1,
     out: tuple[_Floats | None, _Floats | None, _Floats | None, _Floats | None] | None = None,

@@ -19,7 +19,7 @@ const OFFSET: Channels = Channels::Of(&[2]);
 
 /// Points of the previous frame, scattered to where they appear now.
 ///
-/// Every pixel of the previous frame is a point that stands still in the world. In the current one it covers a square as
+/// Every pixel of the previous frame is a point in the world, which stands still unless told otherwise. In the current one it covers a square as
 /// large as its pixel has become, and the nearest point that covers a pixel decides what is seen there.
 ///
 /// Parameters
@@ -33,6 +33,9 @@ const OFFSET: Channels = Channels::Of(&[2]);
 ///     Of the current and the previous frame, without jitter, both of the image's size.
 /// offset : (H, W, 2) array_like of float, optional
 ///     Where in its pixel each point lies: from the centre, in pixels, x right, y down. By default in the centre.
+/// drift : (H, W, 2) or (H, W, 3) array_like of float, optional
+///     How the points move by themselves, beyond what the cameras explain: previous minus current position in pixels, and
+///     depth, as `Frame.motion` less what `motion_vectors` gives for what stands still. What is not finite counts as 0.
 /// quality : (H, W) array_like of float, optional
 ///     Weight of each point, above 0; others are no points. By default 1.
 /// tolerance : float, default 0.1
@@ -60,13 +63,13 @@ const OFFSET: Channels = Channels::Of(&[2]);
 /// Notes
 /// -----
 /// A point of depth z that is now at z' covers a square of side ``s = max(1, z/z')`` (times the ratio of the focal
-/// lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points override large ones. Where the
+/// lengths; at most 16 pixels), and its weight becomes ``quality / s**2``: small points override large ones. Where the
 /// nearest is at z0, weights fall linearly to none at ``z' = z0 (1 + tolerance)``. Points are added up in the order of their
 /// pixels, whatever the number of threads. In pixels beside its own, a large point is taken to lie at the centre. Between
 /// cameras that are equal, everything stays as it is. After "Reprojection 2", a developer's diary of 2008, where points
 /// are weighted by their size and depth; the formula is our own.
 #[pyfunction]
-#[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, quality=None, tolerance=0.1, out=None))]
+#[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, drift=None, quality=None, tolerance=0.1, out=None))]
 pub fn splat_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
@@ -74,6 +77,7 @@ pub fn splat_<'py>(
     camera: &Camera,
     previous_camera: &Camera,
     offset: Option<&Bound<'py, PyAny>>,
+    drift: Option<&Bound<'py, PyAny>>,
     quality: Option<&Bound<'py, PyAny>>,
     tolerance: f32,
     out: Option<Bound<'py, PyAny>>,
@@ -88,11 +92,13 @@ pub fn splat_<'py>(
             check_size(name, camera, size)?;
         }
         let offset = Input::<f32>::optional(offset, "offset", OFFSET, size)?;
+        let drift = Input::<f32>::optional(drift, "drift", MOTION, size)?;
         let quality = Input::<f32>::optional(quality, "quality", Channels::One, size)?;
         let points = Points {
             color: color.data().pixels(),
             depth: depth.data().pixels(),
             offset: offset.as_ref().map(|offset| offset.data().pixels()),
+            drift: drift.as_ref().map(|drift| drift.data().pixels()),
             quality: quality.as_ref().map(|quality| quality.data().pixels()),
         };
         let Size { height, width } = size;
@@ -152,7 +158,7 @@ pub fn splat_<'py>(
 ///
 /// Notes
 /// -----
-/// With the reduction ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block, and bilinear expansion
+/// With the reduction ``c = Σ q c / Σ q``, ``q = Σ q / n`` over the n pixels of a block, and bilinear expansion
 /// weighted by quality: near and detailed points override the others, and with ``factor=4, levels=2`` the images are
 /// 1, 1/4 and 1/16 of the size and back, as "Reprojection 2", a developer's diary of 2008, has it; ``factor=2`` is what it
 /// planned. Pull-push is due to Gortler et al. 1996, *The Lumigraph*, section 3.4.
@@ -330,8 +336,9 @@ fn room<'py, const N: usize>(
 /// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and gives their bits:
 /// `splat`, `pull_push` (of colour and the inverse of depth), `motion_vectors`, and `recirculate`, without blur for the next
 /// frame and with it for the result. A pixel's point lies where it was sampled (`Frame.position` or `Frame.jitter`, else the
-/// centre), where it comes from, or, at the depth of those around, in the centre. It is for points that stand still: what
-/// moves by itself stays behind until samples overwrite it, and so does light that changes.
+/// centre), where it comes from, or, at the depth of those around, in the centre. With `Frame.motion` where a pixel is traced,
+/// what moves by itself is taken to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it, as
+/// does light that changes.
 #[pyclass(module = "yester")]
 pub struct Recirculation {
     inner: recirculation::Recirculation,

@@ -1,8 +1,8 @@
 //! Recirculation: whole pictures of frames of which a part of the pixels is traced, as a list of this library's kernels:
 //!
-//!   (depth from positions) → splat → pull-push → (motion from cameras) → recirculate
+//!   splat → (motion of what stands still) → pull-push → motion → recirculate
 //!
-//! What is known of the past is a set of points, one for each pixel: colour, depth, place and quality. They are scattered to
+//! What is known of the past is a set of points, one for each pixel: colour, depth, place, drift and quality. They are scattered to
 //! where they appear now; the new samples, whose holes are filled, join them by quality; the result is what the next frame
 //! knows. The motion blur is seen, not carried on.
 //!
@@ -14,7 +14,7 @@ use std::ops::Range;
 use super::frame::{Frame, Output, Summary, check_size};
 use super::taa::blacken_missing;
 use crate::error::{Error, Result};
-use crate::image::{Image, Pixels, Records, SEGMENT, Size, segments};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
 use crate::kernels::camera::motion::{Geometry, Shown, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::pull_push::{self, pull_push};
@@ -42,12 +42,24 @@ impl Params {
 
 /// What one frame leaves to the next: a point for every pixel.
 struct Memory {
-    color: Records,
+    /// And drift.
+    color: Image,
     depth: Records,
     offset: Records,
     quality: Records,
     camera: Camera,
 }
+
+/// The same where they appear now.
+struct Recalled {
+    /// And drift.
+    color: Records,
+    depth: Records,
+    offset: Records,
+    quality: Records,
+}
+
+const CHANNELS: usize = 6;
 
 pub struct Recirculation {
     params: Params,
@@ -96,8 +108,15 @@ impl Recirculation {
         let previous = self.memory.as_ref().map_or(camera, |memory| memory.camera);
         let mut known = match self.memory.take() {
             Some(memory) => memory.recall(&camera, splat),
-            None => Memory::nothing(size, camera),
+            None => Recalled::nothing(size),
         };
+        let moves = frame.motion.filter(|_| continues).map(|motion| {
+            let mut still = Image::blank(size, 3);
+            let out = still.bands().map(PixelsMut::Planar);
+            let none = Transforms::default();
+            motion_vectors(geometry, &camera, &previous, None, &none, out);
+            (motion, still)
+        });
 
         let mut samples = Samples::new(size);
         let mut counts = vec![0; size.height.div_ceil(BAND)];
@@ -105,9 +124,12 @@ impl Recirculation {
             color: frame.color,
             geometry,
             camera: &camera,
+            moves: moves
+                .as_ref()
+                .map(|(motion, still)| (*motion, still.view())),
             jitter: frame.jitter.unwrap_or_default().map(|v| v as f32),
         };
-        let outs = (PixelsMut::bands(size, 4, samples.color.data_mut()))
+        let outs = (PixelsMut::bands(size, SAMPLES, samples.color.data_mut()))
             .zip(PixelsMut::bands(size, 3, samples.place.data_mut()))
             .zip(&mut counts)
             .map(|((color, place), missing)| Sorted {
@@ -116,14 +138,18 @@ impl Recirculation {
                 missing,
             });
         rows::run(&sort, size.height, outs);
-        let mut filled = Records::blank(size, 4);
+        drop(moves);
+        let mut filled = Records::blank(size, SAMPLES);
         let mut fresh = Records::blank(size, 1);
         let (colors, qualities) = (filled.data_mut(), fresh.data_mut());
         pull_push(samples.color.pixels(), None, holes, colors, qualities);
 
+        let mut color = Image::blank(size, CHANNELS);
+        let (colors, drifts) = color.data_mut().split_at_mut(3 * size.pixels());
         let settle = Settle {
             samples: samples.place.pixels(),
             filled: filled.pixels(),
+            drift: known.color.pixels().part(3..6),
             tolerance: splat.tolerance,
             continues,
         };
@@ -131,13 +157,15 @@ impl Recirculation {
         let outs = (known.depth.data_mut().chunks_mut(band))
             .zip(known.offset.data_mut().chunks_mut(2 * band))
             .zip(known.quality.data_mut().chunks_mut(band))
+            .zip(bands_of(drifts, size))
             .zip(output.confidence.chunks_mut(band))
             .zip(output.rejection.chunks_mut(band))
             .map(
-                |((((depth, offset), quality), confidence), rejection)| Settled {
+                |(((((depth, offset), quality), drift), confidence), rejection)| Settled {
                     depth,
                     offset,
                     quality,
+                    drift,
                     confidence,
                     rejection,
                 },
@@ -149,11 +177,12 @@ impl Recirculation {
         let out = motion.bands().map(PixelsMut::Planar);
         let (depth, still) = (Geometry::Depth(known.depth.pixels()), Transforms::default());
         motion_vectors(depth, &camera, &previous, None, &still, out);
+        let drift = View::new(size, 3, drifts);
+        rows::run(&AddDrift { drift }, size.height, motion.bands());
         let new = Known {
             color: filled.pixels().part(0..3),
             quality: fresh.pixels(),
         };
-        let mut color = Records::blank(size, 3);
         let mut quality = Records::blank(size, 1);
         let old = known.known();
         let sharp = recirculate::Params { blur: 0.0, ..blend };
@@ -162,7 +191,7 @@ impl Recirculation {
             old,
             motion.pixels(),
             sharp,
-            PixelsMut::bands(size, 3, color.data_mut()),
+            PixelsMut::planar(size, colors),
             PixelsMut::bands(size, 1, quality.data_mut()),
         );
         recirculate(
@@ -177,8 +206,10 @@ impl Recirculation {
         rows::run(&Blacken(PhantomData), size.height, rows);
         self.memory = Some(Memory {
             color,
+            depth: known.depth,
+            offset: known.offset,
             quality,
-            ..known
+            camera,
         });
         let from = match geometry {
             Geometry::Position(_) => "position",
@@ -187,6 +218,7 @@ impl Recirculation {
         Ok(Summary {
             used: ["camera", from]
                 .into_iter()
+                .chain(frame.motion.filter(|_| continues).map(|_| "motion"))
                 .chain(frame.jitter.map(|_| "jitter"))
                 .collect(),
             missing: counts.iter().sum(),
@@ -194,24 +226,33 @@ impl Recirculation {
     }
 }
 
-impl Memory {
-    fn nothing(size: Size, camera: Camera) -> Self {
+impl Recalled {
+    fn nothing(size: Size) -> Self {
         Self {
-            color: Records::new(size, 3),
+            color: Records::new(size, CHANNELS),
             depth: Records::new(size, 1),
             offset: Records::new(size, 2),
             quality: Records::new(size, 1),
-            camera,
         }
     }
 
+    fn known(&self) -> Known<'_> {
+        Known {
+            color: self.color.pixels().part(0..3),
+            quality: self.quality.pixels(),
+        }
+    }
+}
+
+impl Memory {
     /// The points where this camera sees them.
-    fn recall(self, camera: &Camera, params: splat::Params) -> Self {
-        let mut now = Self::nothing(self.color.size, *camera);
+    fn recall(self, camera: &Camera, params: splat::Params) -> Recalled {
+        let mut now = Recalled::nothing(self.color.size);
         let points = Points {
             color: self.color.pixels(),
             depth: self.depth.pixels(),
             offset: Some(self.offset.pixels()),
+            drift: Some(self.color.pixels().part(3..6)),
             quality: Some(self.quality.pixels()),
         };
         let splats = Splats {
@@ -223,18 +264,14 @@ impl Memory {
         splat(points, [camera, &self.camera], params, splats);
         now
     }
-
-    fn known(&self) -> Known<'_> {
-        Known {
-            color: self.color.pixels(),
-            quality: self.quality.pixels(),
-        }
-    }
 }
+
+/// Of [`Samples::color`].
+const SAMPLES: usize = 7;
 
 /// What was traced of a frame; NaN where nothing was.
 struct Samples {
-    /// Colour, and the inverse of depth, which grows evenly along a plane and ends at the background.
+    /// Colour; the inverse of depth, which grows evenly along a plane and ends at the background; and drift.
     color: Records,
     /// Depth, and the offset from the pixel's centre.
     place: Records,
@@ -243,7 +280,7 @@ struct Samples {
 impl Samples {
     fn new(size: Size) -> Self {
         Self {
-            color: Records::blank(size, 4),
+            color: Records::blank(size, SAMPLES),
             place: Records::blank(size, 3),
         }
     }
@@ -254,6 +291,8 @@ struct Sort<'a> {
     color: Pixels<'a>,
     geometry: Geometry<'a>,
     camera: &'a Camera,
+    /// The motion of everything, and of what stands still.
+    moves: Option<(Pixels<'a>, View<'a>)>,
     jitter: [f32; 2],
 }
 
@@ -262,6 +301,24 @@ struct Sorted<'a> {
     place: PixelsMut<'a>,
     /// Pixels that are none.
     missing: &'a mut usize,
+}
+
+impl Sort<'_> {
+    /// How the pixels of a run move by themselves.
+    #[inline(always)]
+    fn drift(&self, run: Run, drift: &mut [Row; 3]) {
+        drift.iter_mut().for_each(|row| row.fill(0.0));
+        if let Some((motion, still)) = self.moves {
+            for (channel, row) in drift.iter_mut().enumerate().take(motion.channels) {
+                motion.load(run, channel, &mut row[..run.len]);
+                let still = &still.row(channel, run.y)[run.x..][..run.len];
+                for (drift, still) in row.iter_mut().zip(still) {
+                    let own = *drift - still;
+                    *drift = if own.is_finite() { own } else { 0.0 };
+                }
+            }
+        }
+    }
 }
 
 impl<'a> Kernel for Sort<'a> {
@@ -273,11 +330,13 @@ impl<'a> Kernel for Sort<'a> {
         let mut color = [[0.0; SEGMENT]; 3];
         let mut inverse = [0.0; SEGMENT];
         let mut place = [[0.0; SEGMENT]; 3];
+        let mut drift = [[0.0; SEGMENT]; 3];
         let placed = matches!(self.geometry, Geometry::Position(_));
         for run in rows.flat_map(|y| segments(y, self.color.size.width)) {
             self.color
                 .read(run, color.each_mut().map(Row::as_mut_slice));
             shown.find(self.geometry, self.camera, run);
+            self.drift(run, &mut drift);
             for i in 0..run.len {
                 let near = shown.near[i] != 0.0;
                 let depth = if near {
@@ -302,12 +361,14 @@ impl<'a> Kernel for Sort<'a> {
                 for c in 0..3 {
                     color[c][i] = if here { sample[c] } else { f32::NAN };
                     place[c][i] = if here { found[c] } else { f32::NAN };
+                    drift[c][i] = if here { drift[c][i] } else { f32::NAN };
                 }
                 inverse[i] = if here { 1.0 / depth } else { f32::NAN };
                 *out.missing += usize::from(!here);
             }
-            let [r, g, b] = color.each_ref().map(Row::as_slice);
-            out.color.write(run, [r, g, b, &inverse]);
+            let ([r, g, b], [x, y, z]) = (&color, &drift);
+            let rows = [r, g, b, &inverse, x, y, z];
+            out.color.write(run, rows.map(Row::as_slice));
             out.place.write(run, place.each_ref().map(Row::as_slice));
         }
     }
@@ -318,6 +379,8 @@ impl<'a> Kernel for Sort<'a> {
 struct Settle<'a> {
     samples: Pixels<'a>,
     filled: Pixels<'a>,
+    /// Of what was known.
+    drift: Pixels<'a>,
     tolerance: f32,
     /// Whether there was a frame before.
     continues: bool,
@@ -328,6 +391,7 @@ struct Settled<'a> {
     depth: &'a mut [f32],
     offset: &'a mut [f32],
     quality: &'a mut [f32],
+    drift: BandMut<'a>,
     confidence: &'a mut [f32],
     rejection: &'a mut [u8],
 }
@@ -336,7 +400,7 @@ impl<'a> Kernel for Settle<'a> {
     type Out = Settled<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, out: Settled<'a>) {
+    fn rows(&self, rows: Range<usize>, mut out: Settled<'a>) {
         let width = self.samples.size.width;
         let offsets = out.offset.as_chunks_mut::<2>().0;
         for (i, pixel) in (rows.start * width..rows.end * width).enumerate() {
@@ -350,6 +414,15 @@ impl<'a> Kernel for Settle<'a> {
                 out.quality[i] = 0.0;
             }
             let kept = known && !gone;
+            let (source, first) = if kept && !sampled {
+                (self.drift, 0)
+            } else {
+                (self.filled, 4)
+            };
+            for channel in 0..3 {
+                let drift = source.at(pixel, first + channel);
+                out.drift.row(channel, pixel / width)[pixel % width] = drift;
+            }
             if sampled {
                 (out.depth[i], offsets[i]) = (depth, [x, y]);
             } else if !kept {
@@ -361,6 +434,27 @@ impl<'a> Kernel for Settle<'a> {
                 (true, _, true) => rejection::DEPTH,
                 _ => 0,
             };
+        }
+    }
+}
+
+/// Adds to the motion of what stands still how points move by themselves.
+struct AddDrift<'a> {
+    drift: View<'a>,
+}
+
+impl<'a> Kernel for AddDrift<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut motion: BandMut<'a>) {
+        for y in rows {
+            for channel in 0..3 {
+                let drift = self.drift.row(channel, y);
+                for (motion, drift) in motion.row(channel, y).iter_mut().zip(drift) {
+                    *motion += drift;
+                }
+            }
         }
     }
 }

@@ -22,8 +22,12 @@ from .motion import motion_vectors
 from .neighborhood import clip_history
 from .prediction import prediction_gain
 from .projection import project, rays, unproject
+from .pull_push import pull_push
+from .recirculate import recirculate
+from .recirculation import Recirculation
 from .reproject import reproject
 from .resolve import resolve
+from .splat import splat
 from .svgf import SVGF, Output
 from .taa import TAA
 from .variance import estimate_variance
@@ -34,6 +38,7 @@ __all__ = [
     "TAA",
     "Accumulated",
     "Output",
+    "Recirculation",
     "accumulate",
     "anti_lag",
     "atrous",
@@ -52,10 +57,13 @@ __all__ = [
     "motion_vectors",
     "prediction_gain",
     "project",
+    "pull_push",
     "rays",
+    "recirculate",
     "remodulate",
     "reproject",
     "resolve",
+    "splat",
     "suppress_fireflies",
     "temporal_gradient",
     "unproject",

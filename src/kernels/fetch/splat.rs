@@ -1,19 +1,20 @@
 //! Forward reprojection: the points that the previous frame saw, scattered to where they appear now.
 //!
 //! A pixel of the previous frame is a point: a colour at its depth z, seen at the pixel's centre plus an offset, with a
-//! quality q. It stands still in the world, so that its new place p and depth z' follow from the two cameras (see
-//! [`crate::kernels::camera::pinhole::Warp`]), background from their rotation. It covers the pixels whose centres lie
+//! quality q. Its new place p and depth z' follow from the two cameras (see
+//! [`crate::kernels::camera::pinhole::Warp`]), for background from their rotation, less its drift, which is how it moves by
+//! itself. It covers the pixels whose centres lie
 //! within a square around p, whose side is that of its old pixel at its new distance,
 //!   s = max(1, z/z' · √(f'x f'y / fx fy)),
-//! and counts there as q/s⁴: the share of a pixel that it would take if it were seen in full, squared, since what is
-//! spread out is both less and less sharp. Of the points that cover a pixel the nearest, at depth z₀, decides what
+//! and counts there as q/s²: for the share of its old pixel that is seen in each. Of the points that cover a pixel the nearest, at depth z₀, decides what
 //! is seen; with it are averaged those of the same surface, each with weight
-//!   w = q/s⁴ · max(0, 1 − (z' − z₀)/(t z₀)),
+//!   w = q/s² · max(0, 1 − (z' − z₀)/(t z₀)),
 //! t being the tolerance. All sums go through the points in the order of their source pixels.
 //!
 //! Where a point covers other pixels than the one that it lies in, these get copies of it at their centres.
 //!
-//! Inputs: colour (any channels), depth (1), offset (2, in pixels), quality (1), all of the previous frame; both cameras.
+//! Inputs: colour (any channels), depth (1), offset (2, in pixels), drift (2 or 3, previous minus
+//! current pixels and depth), quality (1), all of the previous frame; both cameras.
 //! Outputs: colour, depth, offset and quality of this frame's pixels; in holes NaN, and 0 for quality.
 
 use std::ops::Range;
@@ -51,6 +52,8 @@ pub struct Points<'a> {
     pub depth: Pixels<'a>,
     /// From the pixels' centres; none if not given.
     pub offset: Option<Pixels<'a>>,
+    /// Beyond what the cameras explain; none if not given, nor where it is not finite.
+    pub drift: Option<Pixels<'a>>,
     /// 1 if not given.
     pub quality: Option<Pixels<'a>>,
 }
@@ -158,6 +161,7 @@ impl<'a> Project<'a> {
             color,
             depth,
             offset,
+            drift,
             quality,
         } = self.points;
         let depth = depth.at(source, 0);
@@ -176,8 +180,15 @@ impl<'a> Project<'a> {
             false => (f64::from(depth), 1.0),
         };
         let [mx, my, mz] = self.warp.motion(place, far, near);
-        let moved = [ox + mx, oy + my];
-        let now = depth + mz;
+        let [dx, dy, dz] = match drift {
+            Some(drift) => [0, 1, 2].map(|c| match c < drift.channels {
+                true => finite(drift.at(source, c)),
+                false => 0.0,
+            }),
+            None => [0.0; 3],
+        };
+        let moved = [ox + mx - dx, oy + my - dy];
+        let now = depth + mz - dz;
         // Farther away than any image reaches, nothing is covered; and whole numbers stay exact.
         if !(moved.iter().all(|v| v.abs() < 1e6) && now > 0.0) {
             return None;
@@ -187,7 +198,6 @@ impl<'a> Project<'a> {
             false => far / f64::from(now),
         };
         let side = ((nearer * self.zoom) as f32).clamp(1.0, LARGEST);
-        let area = side * side;
         let cell = moved.map(|v| (v + 0.5).floor());
         Some(Point {
             source: source as u32,
@@ -196,7 +206,7 @@ impl<'a> Project<'a> {
             offset: [moved[0] - cell[0], moved[1] - cell[1]],
             depth: now,
             side,
-            quality: quality / (area * area),
+            quality: quality / (side * side),
         })
     }
 }
@@ -223,6 +233,11 @@ impl<'a> Kernel for Project<'a> {
             }
         }
     }
+}
+
+#[inline(always)]
+fn finite(value: f32) -> f32 {
+    if value.is_finite() { value } else { 0.0 }
 }
 
 struct Gather<'a> {
