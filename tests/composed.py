@@ -336,6 +336,7 @@ class Recirculation:
             kept = quality > 0
             samples = np.where(traced[..., None], np.dstack([frame.color, 1 / depth, drift]), np.float32(np.nan))
             filled, fresh = yester.pull_push(samples, **self.pyramid)
+            fresh = np.where(~traced & (quality > 8 * fresh), np.float32(0), fresh)
             place = np.where(traced, depth, np.where(kept, place, 1 / filled[..., 3]))
         offset = np.where(traced[..., None], own, np.where(kept[..., None], offset, np.float32(0)))
         drift = np.where((kept & ~traced)[..., None], color[..., 3:], filled[..., 4:])

@@ -62,8 +62,8 @@ const OFFSET: Channels = Channels::Of(&[2]);
 ///
 /// Notes
 /// -----
-/// A point of depth z that is now at z' covers a square of side ``s = max(1, z/z')`` (times the ratio of the focal
-/// lengths; at most 16 pixels), and its weight becomes ``quality / s**2``: small points override large ones. Where the
+/// A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z' times the
+/// ratio of the focal lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points override large ones. Where the
 /// nearest is at z0, weights fall linearly to none at ``z' = z0 (1 + tolerance)``. Points are added up in the order of their
 /// pixels, whatever the number of threads. In pixels beside its own, a large point is taken to lie at the centre. Between
 /// cameras that are equal, everything stays as it is. After "Reprojection 2", a developer's diary of 2008, where points
@@ -85,9 +85,9 @@ pub fn splat_<'py>(
     let params = splat::Params { tolerance };
     params.check()?;
     let [color, depth, offset, quality] = {
-        let color = Input::<f32>::new(color, "color", Channels::Any)?;
-        let size = color.size();
-        let depth = Input::<f32>::new(depth, "depth", Channels::One)?.sized("depth", size)?;
+        let depth = Input::<f32>::new(depth, "depth", Channels::One)?;
+        let size = depth.size();
+        let color = Input::<f32>::new(color, "color", Channels::Any)?.sized("color", size)?;
         for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
             check_size(name, camera, size)?;
         }
@@ -158,7 +158,7 @@ pub fn splat_<'py>(
 ///
 /// Notes
 /// -----
-/// With the reduction ``c = Σ q c / Σ q``, ``q = Σ q / n`` over the n pixels of a block, and bilinear expansion
+/// With the reduction ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block, and bilinear expansion
 /// weighted by quality: near and detailed points override the others, and with ``factor=4, levels=2`` the images are
 /// 1, 1/4 and 1/16 of the size and back, as "Reprojection 2", a developer's diary of 2008, has it; ``factor=2`` is what it
 /// planned. Pull-push is due to Gortler et al. 1996, *The Lumigraph*, section 3.4.
@@ -174,9 +174,13 @@ pub fn pull_push_<'py>(
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let params = pull_push::Params::new(factor, levels)?;
     let [color, quality] = {
-        let color = Input::<f32>::new(color, "color", Channels::Any)?;
+        let mut color = Input::<f32>::new(color, "color", Channels::Any)?;
+        let quality = quality.map(|quality| Input::<f32>::new(quality, "quality", Channels::One));
+        let quality = quality.transpose()?;
+        if let Some(quality) = &quality {
+            color = color.sized("color", quality.size())?;
+        }
         let size = color.size();
-        let quality = Input::<f32>::optional(quality, "quality", Channels::One, size)?;
         let shapes: [&[usize]; 2] = [color.shape(), &[size.height, size.width]];
         let mut results = room(py, out.as_ref(), shapes)?;
         let [filled, known] = results.each_mut().map(Direct::data);
@@ -336,7 +340,8 @@ fn room<'py, const N: usize>(
 /// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and gives their bits:
 /// `splat`, `pull_push` (of colour and the inverse of depth), `motion_vectors`, and `recirculate`, without blur for the next
 /// frame and with it for the result. A pixel's point lies where it was sampled (`Frame.position` or `Frame.jitter`, else the
-/// centre), where it comes from, or, at the depth of those around, in the centre. With `Frame.motion` where a pixel is traced,
+/// centre), where it comes from, or, at the depth of those around, in the centre. What is filled does not count beside what has
+/// eight times its quality, or what stands still would never be as sharp as its samples. With `Frame.motion` where a pixel is traced,
 /// what moves by itself is taken to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it, as
 /// does light that changes.
 #[pyclass(module = "yester")]

@@ -158,14 +158,16 @@ impl Recirculation {
             .zip(known.offset.data_mut().chunks_mut(2 * band))
             .zip(known.quality.data_mut().chunks_mut(band))
             .zip(bands_of(drifts, size))
+            .zip(fresh.data_mut().chunks_mut(band))
             .zip(output.confidence.chunks_mut(band))
             .zip(output.rejection.chunks_mut(band))
             .map(
-                |(((((depth, offset), quality), drift), confidence), rejection)| Settled {
+                |((((((depth, offset), quality), drift), fresh), confidence), rejection)| Settled {
                     depth,
                     offset,
                     quality,
                     drift,
+                    fresh,
                     confidence,
                     rejection,
                 },
@@ -374,8 +376,12 @@ impl<'a> Kernel for Sort<'a> {
     }
 }
 
+/// What is known of a pixel goes without what is filled from around, if it has so many times its quality: or else what
+/// stands still would never be as sharp as its samples.
+const OUTWEIGHS: f32 = 8.0;
+
 /// Decides, pixel by pixel, where its point lies: where it was sampled, where it comes from, or where those around suggest;
-/// and forgets points that a sample shows to be gone.
+/// forgets points that a sample shows to be gone, and leaves out what they outweigh.
 struct Settle<'a> {
     samples: Pixels<'a>,
     filled: Pixels<'a>,
@@ -392,6 +398,8 @@ struct Settled<'a> {
     offset: &'a mut [f32],
     quality: &'a mut [f32],
     drift: BandMut<'a>,
+    /// Quality of what was filled.
+    fresh: &'a mut [f32],
     confidence: &'a mut [f32],
     rejection: &'a mut [u8],
 }
@@ -414,6 +422,9 @@ impl<'a> Kernel for Settle<'a> {
                 out.quality[i] = 0.0;
             }
             let kept = known && !gone;
+            if !sampled && out.quality[i] > OUTWEIGHS * out.fresh[i] {
+                out.fresh[i] = 0.0;
+            }
             let (source, first) = if kept && !sampled {
                 (self.drift, 0)
             } else {

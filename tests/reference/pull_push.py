@@ -35,9 +35,9 @@ def pull_push(
         total = blocks(good)  # (h, w)
         sums = [blocks(plane.nan_to_num(0) * good) for plane in image.unbind(-1)]
         coarse = torch.stack(sums, -1) / total[..., None]  # (h, w, C), NaN in holes
-        coarse, below = pull_push(
-            coarse, total / blocks(torch.ones_like(good)), factor=factor, levels=None if levels is None else levels - 1
-        )  # (h, w, C), (h, w)
+        share = total / blocks(torch.ones_like(good))  # (h, w)
+        below = None if levels is None else levels - 1
+        coarse, below = pull_push(coarse, share / factor**2, factor=factor, levels=below)  # (h, w, C), (h, w)
         both = torch.cat([coarse.nan_to_num(0) * below[..., None], below[..., None]], -1)  # (h, w, C + 1)
         both = _expand(_expand(both, factor, height).transpose(0, 1), factor, width).transpose(0, 1)  # (H, W, C + 1)
         filled = both[..., :-1] / both[..., -1:]  # (H, W, C)

@@ -69,6 +69,7 @@ class Recirculation:
 
         samples = torch.cat([frame.color, 1 / depth[..., None], drift], -1)  # (H, W, 7)
         filled, fresh = pull_push(samples.where(traced[..., None], torch.nan), **self.pyramid)  # (H, W, 7), (H, W)
+        fresh = fresh.where(traced | (known <= 8 * fresh), 0)  # (H, W)
         place = torch.where(traced, depth, torch.where(kept, place, 1 / filled[..., 3]))  # (H, W)
         offset = torch.where(traced[..., None], own, offset.where(kept[..., None], 0))  # (H, W, 2)
         drift = torch.where((kept & ~traced)[..., None], color[..., 3:], filled[..., 4:])  # (H, W, 3)

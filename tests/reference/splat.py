@@ -17,8 +17,9 @@ def splat(
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Scatter the points of the previous frame to where they appear now.
 
-    A point covers the pixels whose centres lie in a square of side max(1, z/z' · zoom) around it; the nearest that covers a
-    pixel decides, others count with max(0, 1 - (z' - z0)/(tolerance z0)); all by quality / side².
+    A point covers the pixels whose centres lie in a square of side 1 + 1.01 max(0, z/z' · zoom - 1)
+    around it; the nearest that covers a
+    pixel decides, others count with max(0, 1 - (z' - z0)/(tolerance z0)); all by quality / side⁴.
 
     Parameters
     ----------
@@ -48,17 +49,17 @@ def splat(
             ahead = ahead - drift[..., 2].nan_to_num(0, 0, 0)  # (H, W)
 
     zoom = (_pixels_per_unit(camera) / _pixels_per_unit(previous_camera)) ** 0.5
-    side = torch.where(far, zoom, zoom * depth / ahead).clamp(1, 16)  # (H, W)
+    side = (1 + 1.01 * (torch.where(far, zoom, zoom * depth / ahead) - 1)).clamp(1, 16)  # (H, W)
     point = image.isfinite().all(-1) & (depth > 0) & (good > 0) & good.isfinite() & (ahead > 0)  # (H, W)
     point &= (moved - place).abs().amax(-1) < 1e6  # (H, W)
     moved, side = moved[point], side[point]  # (N, 2), (N,)
-    near, weight = ahead[point], good[point] / side**2  # (N,), (N,)
+    near, weight = ahead[point], good[point] / side**4  # (N,), (N,)
     cell = moved.floor()  # (N, 2)
     own = moved - cell - 0.5  # (N, 2)
     first, last = (own - side[:, None] / 2).floor() + 1, (own + side[:, None] / 2).floor()  # (N, 2), (N, 2)
 
     taps = []  # which points cover which pixels, and whether their own
-    reach = int(last.abs().max().clamp(max=8)) if len(side) else 0
+    reach = int(torch.cat([first, last]).abs().max()) if len(side) else 0
     for dy in range(-reach, reach + 1):
         for dx in range(-reach, reach + 1):
             step = torch.tensor([dx, dy]).to(cell)  # (2,)

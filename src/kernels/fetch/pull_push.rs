@@ -1,9 +1,9 @@
 //! Hole filling by a pyramid of ever coarser images: pull, then push (Gortler et al. 1996, *The Lumigraph*, section 3.4).
 //!
 //! **Pull**: f × f pixels become one, whose colour and quality are
-//!   c = Σ q c / Σ q,  q = Σ q / n,
-//! n being how many of them lie in the image. So good pixels outweigh poor ones, and the quality of what fills a hole is
-//! that of what is known around it, times its share of the area.
+//!   c = Σ q c / Σ q,  q = Σ q / (n f²),
+//! n being how many of them lie in the image: the share that is known, over the f² by which a pixel of the coarser image
+//! is larger. So good pixels outweigh poor ones, and what fills a hole counts as little as a point of its size.
 //! **Push**: from the coarsest level down, holes get the mean of the 2 × 2 coarser pixels around, weighted by the bilinear
 //! weights b and by quality, Σ b q c / Σ b q, and the quality Σ b q. What is no hole stays as it is.
 //!
@@ -140,6 +140,7 @@ impl<'a> Kernel for Pull<'a> {
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
         let Pixels { size, channels, .. } = self.color;
         let factor = self.factor;
+        let area = (factor * factor) as f32;
         for y in rows {
             for channel in 0..=channels {
                 out.row(channel, y).fill(0.0);
@@ -165,7 +166,7 @@ impl<'a> Kernel for Pull<'a> {
                     let color = &mut out.row(channel, y)[cell];
                     *color = if sum > 0.0 { *color / sum } else { 0.0 };
                 }
-                out.row(channels, y)[cell] = sum / (lines.len() * columns) as f32;
+                out.row(channels, y)[cell] = sum / ((lines.len() * columns) as f32 * area);
             }
         }
     }

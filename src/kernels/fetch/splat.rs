@@ -5,10 +5,10 @@
 //! [`crate::kernels::camera::pinhole::Warp`]), for background from their rotation, less its drift, which is how it moves by
 //! itself. It covers the pixels whose centres lie
 //! within a square around p, whose side is that of its old pixel at its new distance,
-//!   s = max(1, z/z' · √(f'x f'y / fx fy)),
-//! and counts there as q/s²: for the share of its old pixel that is seen in each. Of the points that cover a pixel the nearest, at depth z₀, decides what
+//!   s = 1 + 1.01 max(0, z/z' · √(f'x f'y / fx fy) − 1),
+//! a little more than it grows by, so that no rounding leaves cracks, and counts there as q/s⁴: it is larger than a pixel, and as much less sharp. Of the points that cover a pixel the nearest, at depth z₀, decides what
 //! is seen; with it are averaged those of the same surface, each with weight
-//!   w = q/s² · max(0, 1 − (z' − z₀)/(t z₀)),
+//!   w = q/s⁴ · max(0, 1 − (z' − z₀)/(t z₀)),
 //! t being the tolerance. All sums go through the points in the order of their source pixels.
 //!
 //! Where a point covers other pixels than the one that it lies in, these get copies of it at their centres.
@@ -84,6 +84,9 @@ impl<'a> Splats<'a> {
 
 /// No point covers more than so many pixels to a side.
 const LARGEST: f32 = 16.0;
+
+/// By how much more than they grow points cover, so that no rounding leaves cracks between them.
+const MARGIN: f32 = 1.01;
 
 pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Splats) {
     let Pixels { size, channels, .. } = points.color;
@@ -197,7 +200,9 @@ impl<'a> Project<'a> {
             true => 1.0,
             false => far / f64::from(now),
         };
-        let side = ((nearer * self.zoom) as f32).clamp(1.0, LARGEST);
+        let growth = (nearer * self.zoom) as f32 - 1.0;
+        let side = (1.0 + MARGIN * growth).clamp(1.0, LARGEST);
+        let area = side * side;
         let cell = moved.map(|v| (v + 0.5).floor());
         Some(Point {
             source: source as u32,
@@ -206,7 +211,7 @@ impl<'a> Project<'a> {
             offset: [moved[0] - cell[0], moved[1] - cell[1]],
             depth: now,
             side,
-            quality: quality / (side * side),
+            quality: quality / (area * area),
         })
     }
 }
@@ -301,24 +306,26 @@ impl<'a> Kernel for Gather<'a> {
                 true => point.offset,
                 false => [0.0; 2],
             };
-            let numbers = (out.color[at * channels..][..channels].iter_mut())
-                .chain([&mut out.depth[at]])
-                .chain(&mut out.offset[at * 2..][..2])
-                .chain([&mut out.quality[at]]);
-            let color = (0..channels).map(|c| self.color.at(point.source as usize, c));
-            let others = [point.depth, offset[0], offset[1], point.quality];
             let first = weights[at] == 0.0;
             weights[at] += weight;
             let share = weight / weights[at];
             // One point, or several alike, are kept to the bit.
-            for (mean, value) in numbers.zip(color.chain(others)) {
+            let add = |mean: &mut f32, value: f32| {
                 let moved = *mean + share * (value - *mean);
                 *mean = if first || value == *mean {
                     value
                 } else {
                     moved
                 };
+            };
+            let color = &mut out.color[at * channels..][..channels];
+            for (channel, mean) in color.iter_mut().enumerate() {
+                add(mean, self.color.at(point.source as usize, channel));
             }
+            add(&mut out.depth[at], point.depth);
+            add(&mut out.offset[2 * at], offset[0]);
+            add(&mut out.offset[2 * at + 1], offset[1]);
+            add(&mut out.quality[at], point.quality);
         });
     }
 }

@@ -120,16 +120,32 @@ impl<'a> Kernel for ToPlaces<'a> {
 /// Adds the weighted sum of the four pixels around a place, in pixel centres.
 #[inline(always)]
 fn add(places: &[[f32; 4]], size: Size, [x, y]: [f32; 2], sum: &mut [f32; 4]) {
+    let Size { height, width } = size;
     let (left, top) = (x.floor(), y.floor());
     let (right, down) = (x - left, y - top);
-    for (y, wy) in [(top, 1.0 - down), (top + 1.0, down)] {
-        for (x, wx) in [(left, 1.0 - right), (left + 1.0, right)] {
-            let inside = x >= 0.0 && x < size.width as f32 && y >= 0.0 && y < size.height as f32;
-            if inside {
-                let place = &places[y as usize * size.width + x as usize];
-                for (sum, value) in sum.iter_mut().zip(place) {
-                    *sum += wx * wy * value;
-                }
+    let (left, top) = (left as i32, top as i32);
+    let weights = [
+        (1.0 - right) * (1.0 - down),
+        right * (1.0 - down),
+        (1.0 - right) * down,
+        right * down,
+    ];
+    let inner = left >= 0 && top >= 0 && left + 1 < width as i32 && top + 1 < height as i32;
+    if inner {
+        let first = top as usize * width + left as usize;
+        let (above, below) = (&places[first..][..2], &places[first + width..][..2]);
+        for c in 0..4 {
+            sum[c] += weights[0] * above[0][c] + weights[1] * above[1][c];
+            sum[c] += weights[2] * below[0][c] + weights[3] * below[1][c];
+        }
+        return;
+    }
+    for (i, weight) in weights.into_iter().enumerate() {
+        let (x, y) = (left + (i % 2) as i32, top + (i / 2) as i32);
+        if (0..width as i32).contains(&x) && (0..height as i32).contains(&y) {
+            let place = &places[y as usize * width + x as usize];
+            for (sum, value) in sum.iter_mut().zip(place) {
+                *sum += weight * value;
             }
         }
     }
