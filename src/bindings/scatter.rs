@@ -240,6 +240,10 @@ pub fn pull_push_<'py>(
 #[pyfunction]
 #[pyo3(name = "recirculate", signature = (filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25, share=(0.0, 1.0),
     fade=64.0, limit=8.0, out=None))]
+#[pyo3(
+    text_signature = "(filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25, share=(0.0, 1.0), \
+    fade=64.0, limit=8.0, out=None)"
+)]
 pub fn recirculate_<'py>(
     py: Python<'py>,
     filled: &Bound<'py, PyAny>,
@@ -353,6 +357,9 @@ pub struct Recirculation {
 impl Recirculation {
     #[new]
     #[pyo3(signature = (*, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1))]
+    #[pyo3(
+        text_signature = "(*, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1)"
+    )]
     fn new(
         factor: i64,
         levels: Option<i64>,
