@@ -326,7 +326,7 @@ class Recirculation:
             camera = self.camera
             given = dict(zip(("color", "drift", "depth", "offset", "quality"), self.points, strict=True))
             given["color"] = np.dstack([given["color"], given["drift"]])
-            cameras = {"camera": frame.camera, "previous_camera": camera, "tolerance": self.tolerance}
+            cameras = {"camera": frame.camera, "previous_camera": camera, "tolerance": self.tolerance, "reach": 0.5}
             color, place, offset, quality = yester.splat(**given, **cameras)
 
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -47,9 +47,10 @@ def check(given: dict, camera: Camera, previous: Camera, **named) -> tuple:
     spread=st.sampled_from([0.0, 0.02, 0.3, 3.0]),
     nearer=st.sampled_from([0.0, 2.0, 4.0]),
     tolerance=st.sampled_from([0.02, 0.1, 0.5, np.inf]),
+    reach=st.sampled_from([0.0, 0.5, 1.0]),
     absent=st.sets(st.sampled_from(["offset", "drift", "quality"])),
 )
-def test_reference(seed, size, spread, nearer, tolerance, absent):
+def test_reference(seed, size, spread, nearer, tolerance, reach, absent):
     rng = np.random.default_rng(seed)
     given = {name: value for name, value in points(rng, *size).items() if name not in absent}
     origin = rng.normal(0, spread, 3)
@@ -57,7 +58,7 @@ def test_reference(seed, size, spread, nearer, tolerance, absent):
         Camera.from_look_at(o, [0, 0, -10], [0, 1, 0], fov, size[1], size[0])
         for o, fov in ((origin - [0, 0, nearer], 45), ([0, 0, 0], rng.choice([30, 45, 60])))
     ]
-    check(given, *cameras, tolerance=float(tolerance))
+    check(given, *cameras, tolerance=float(tolerance), reach=reach)
 
 
 @pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::4])
@@ -206,6 +207,29 @@ def test_a_walk_with_offsets_does_not_blur():
     for i in range(30):
         image = yester.splat(image, depth, along(i + 1), along(i))[0]
     assert_same_bits(image, color)
+
+
+def test_points_stand_in_where_no_other_is():
+    """Within half a pixel of its square, with a sixteenth of its weight, and never where another covers."""
+    color, depth = np.full((9, 9), np.nan, np.float32), np.full((9, 9), 5, np.float32)
+    color[4, 4], color[4, 3] = 1, 7
+    offset = np.zeros((9, 9, 2), np.float32)
+    offset[4, 4] = 0.3, 0
+    camera = view(size=(9, 9))
+    got, _, place, quality = yester.splat(color, depth, camera, camera, offset=offset, reach=0.5)
+    assert quality[4, 3] == quality[4, 4] == 1
+    np.testing.assert_allclose(quality[4, 5], 1 / 16)
+    assert (got[4, 3], got[4, 4], got[4, 5]) == (7, 1, 1)
+    assert (place[4, 5] == 0).all()
+    assert (quality[4, 6:] == 0).all()
+    assert (yester.splat(color, depth, camera, camera, offset=offset)[3] > 0).sum() == 2
+
+
+@pytest.mark.parametrize("reach", [-0.1, 1.1, np.nan])
+def test_reach_out_of_range(reach):
+    flat = np.ones((40, 60))
+    with pytest.raises(ValueError, match="reach"):
+        yester.splat(flat, flat, view(), view(), reach=reach)
 
 
 @pytest.mark.parametrize("tolerance", [0, -1, np.nan])

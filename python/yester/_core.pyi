@@ -403,6 +403,7 @@ def splat(
     drift: ArrayLike | None = None,
     quality: ArrayLike | None = None,
     tolerance: float = 0.1,
+    reach: float = 0.0,
     out: tuple[_Floats | None, _Floats | None, _Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
 def pull_push(

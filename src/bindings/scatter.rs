@@ -40,6 +40,9 @@ const OFFSET: Channels = Channels::Of(&[2]);
 ///     Weight of each point, above 0; others are no points. By default 1.
 /// tolerance : float, default 0.1
 ///     How much farther away than the nearest, as a share of its depth, a point of the same surface may be; above 0.
+/// reach : float, default 0.0
+///     How many pixels beside its square, 0 to 1, a point may stand in where no other covers. Points that keep their places
+///     within their pixels leave cracks between them as they move, which 0.5 closes.
 /// out : tuple of float32 arrays like the results, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -58,18 +61,19 @@ const OFFSET: Channels = Channels::Of(&[2]);
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes, a camera of another size, or a tolerance that is not above 0.
+///     On wrong shapes, a camera of another size, or a tolerance or reach out of range.
 ///
 /// Notes
 /// -----
 /// A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z' times the
 /// ratio of the focal lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points override large ones. Where the
-/// nearest is at z0, weights fall linearly to none at ``z' = z0 (1 + tolerance)``. Points are added up in the order of their
+/// nearest is at z0, weights fall linearly to none at ``z' = z0 (1 + tolerance)``. A point that stands in
+/// counts as one larger by `reach` on every side. Points are added up in the order of their
 /// pixels, whatever the number of threads. In pixels beside its own, a large point is taken to lie at the centre. Between
 /// cameras that are equal, everything stays as it is. After "Reprojection 2", a developer's diary of 2008, where points
 /// are weighted by their size and depth; the formula is our own.
 #[pyfunction]
-#[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, drift=None, quality=None, tolerance=0.1, out=None))]
+#[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, drift=None, quality=None, tolerance=0.1, reach=0.0, out=None))]
 pub fn splat_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
@@ -80,9 +84,10 @@ pub fn splat_<'py>(
     drift: Option<&Bound<'py, PyAny>>,
     quality: Option<&Bound<'py, PyAny>>,
     tolerance: f32,
+    reach: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Array<'py>, Array<'py>, Array<'py>, Array<'py>)> {
-    let params = splat::Params { tolerance };
+    let params = splat::Params { tolerance, reach };
     params.check()?;
     let [color, depth, offset, quality] = {
         let depth = Input::<f32>::new(depth, "depth", Channels::One)?;
@@ -342,7 +347,7 @@ fn room<'py, const N: usize>(
 /// Notes
 /// -----
 /// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and gives their bits:
-/// `splat`, `pull_push` (of colour and the inverse of depth), `motion_vectors`, and `recirculate`, without blur for the next
+/// `splat` (with a reach of 0.5), `pull_push` (of colour and the inverse of depth), `motion_vectors`, and `recirculate`, without blur for the next
 /// frame and with it for the result. A pixel's point lies where it was sampled (`Frame.position` or `Frame.jitter`, else the
 /// centre), where it comes from, or, at the depth of those around, in the centre. What is filled does not count beside what has
 /// eight times its quality, or what stands still would never be as sharp as its samples. With `Frame.motion` where a pixel is traced,
@@ -370,7 +375,10 @@ impl Recirculation {
         tolerance: f32,
     ) -> PyResult<Self> {
         let params = recirculation::Params {
-            splat: splat::Params { tolerance },
+            splat: splat::Params {
+                tolerance,
+                reach: 0.5,
+            },
             pull_push: pull_push::Params::new(factor, levels)?,
             recirculate: recirculate::Params {
                 blur,

@@ -59,7 +59,7 @@ class Recirculation:
         if not first:
             color, drifts, place, offset, known = self.points
             both = torch.cat([color, drifts], -1)  # (H, W, 6)
-            given = {"offset": offset, "drift": drifts, "quality": known, "tolerance": self.tolerance}
+            given = {"offset": offset, "drift": drifts, "quality": known, "tolerance": self.tolerance, "reach": 0.5}
             color, place, offset, known = splat(both, place, frame.camera, before, **given)
         alike = ((place - depth).abs() <= self.tolerance * depth) | (place == depth)  # (H, W)
         gone = (known > 0) & traced & ~alike  # (H, W)

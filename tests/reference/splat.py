@@ -14,12 +14,14 @@ def splat(
     drift: Tensor | None = None,
     quality: Tensor | None = None,
     tolerance=0.1,
+    reach=0.0,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Scatter the points of the previous frame to where they appear now.
 
     A point covers the pixels whose centres lie in a square of side 1 + 1.01 max(0, z/z' · zoom - 1)
     around it; the nearest that covers a
-    pixel decides, others count with max(0, 1 - (z' - z0)/(tolerance z0)); all by quality / side⁴.
+    pixel decides, others count with max(0, 1 - (z' - z0)/(tolerance z0)); all by quality / side⁴. Pixels that
+    none covers take those that would cover them with sides longer by 2 · reach.
 
     Parameters
     ----------
@@ -56,30 +58,52 @@ def splat(
     near, weight = ahead[point], good[point] / side**4  # (N,), (N,)
     cell = moved.floor()  # (N, 2)
     own = moved - cell - 0.5  # (N, 2)
-    first, last = (own - side[:, None] / 2).floor() + 1, (own + side[:, None] / 2).floor()  # (N, 2), (N, 2)
 
-    taps = []  # which points cover which pixels, and whether their own
-    reach = int(torch.cat([first, last]).abs().max()) if len(side) else 0
-    for dy in range(-reach, reach + 1):
-        for dx in range(-reach, reach + 1):
-            step = torch.tensor([dx, dy]).to(cell)  # (2,)
-            x, y = (cell + step).unbind(-1)  # (N,), (N,)
-            covers = ((first <= step) & (step <= last)).all(-1)  # (N,)
-            covers &= (x >= 0) & (x < width) & (y >= 0) & (y < height)  # (N,)
-            who = covers.nonzero()[:, 0]  # (M,)
-            taps.append((who, (y * width + x)[who].long(), dx == dy == 0))
-    nearest = torch.full((height * width,), torch.inf).to(depth)  # (H W,)
-    for who, where, _ in taps:
-        nearest.scatter_reduce_(0, where, near[who], "amin")
+    def cover(side: Tensor) -> list[tuple[Tensor, Tensor, bool]]:
+        """Which points cover which pixels, and whether their own."""
+        half = side[:, None] / 2  # (N, 1)
+        first, last = (own - half).floor() + 1, (own + half).floor()  # (N, 2), (N, 2)
+        most = int(torch.cat([first, last]).abs().max()) if len(side) else 0
+        taps = []
+        for dy in range(-most, most + 1):
+            for dx in range(-most, most + 1):
+                step = torch.tensor([dx, dy]).to(cell)  # (2,)
+                x, y = (cell + step).unbind(-1)  # (N,), (N,)
+                covers = ((first <= step) & (step <= last)).all(-1)  # (N,)
+                covers &= (x >= 0) & (x < width) & (y >= 0) & (y < height)  # (N,)
+                who = covers.nonzero()[:, 0]  # (M,)
+                taps.append((who, (y * width + x)[who].long(), dx == dy == 0))
+        return taps
+
+    def find_nearest(taps: list) -> Tensor:
+        nearest = torch.full((height * width,), torch.inf).to(depth)  # (H W,)
+        for who, where, _ in taps:
+            nearest.scatter_reduce_(0, where, near[who], "amin")
+        return nearest
+
+    taps = cover(side)
+    nearest, reached = find_nearest(taps), torch.zeros(height * width, dtype=torch.bool)  # (H W,), (H W,)
+    for _, where, _ in taps:
+        reached[where] = True
+    taps = [(*tap, 1.0) for tap in taps]
+    if reach > 0:
+        wide = cover(side + 2 * reach)
+        nearest = torch.where(reached, nearest, find_nearest(wide))  # (H W,)
+        for who, where, here in wide:
+            free = ~reached[where]  # (M,)
+            who, where = who[free], where[free]
+            taps.append((who, where, here, (side[who] / (side[who] + 2 * reach)) ** 4))
     numbers = torch.cat([image[point], near[:, None], own, weight[:, None]], -1)  # (N, C + 4)
     sums, total = torch.zeros(height * width, numbers.shape[1]).to(depth), torch.zeros_like(nearest)
     flat = torch.zeros_like(nearest, dtype=torch.bool)  # (H W,): whether background is what is nearest
-    for who, where, here in taps:
+    for who, where, here, less in taps:
+        good = weight[who] * less  # (M,)
         behind = (near[who] - nearest[where]) / (tolerance * nearest[where])  # (M,)
-        share = weight[who] * torch.where(near[who] == nearest[where], 1, (1 - behind).clamp(min=0).nan_to_num(0))
+        share = good * torch.where(near[who] == nearest[where], 1, (1 - behind).clamp(min=0).nan_to_num(0))
         some = share > 0  # (M,)
-        who, where, share = who[some], where[some], share[some]
+        who, where, share, good = who[some], where[some], share[some], good[some]
         values = numbers[who].clone()  # (M, C + 4)
+        values[:, -1] = good
         if not here:
             values[:, -3:-1] = 0
         flat[where] |= near[who] == torch.inf

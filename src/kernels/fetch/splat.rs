@@ -11,6 +11,9 @@
 //!   w = q/s⁴ · max(0, 1 − (z' − z₀)/(t z₀)),
 //! t being the tolerance. All sums go through the points in the order of their source pixels.
 //!
+//! Pixels that no point covers may take points that lie up to so far beside their squares, as if these were larger by
+//! as much on every side: places that points keep within their pixels leave cracks between them as they move.
+//!
 //! Where a point covers other pixels than the one that it lies in, these get copies of it at their centres.
 //!
 //! Inputs: colour (any channels), depth (1), offset (2, in pixels), drift (2 or 3, previous minus
@@ -30,17 +33,25 @@ use crate::rows::{self, BAND, Kernel};
 pub struct Params {
     /// Difference of depth, as a share of it, from which on points belong to another surface; above 0; 0.1.
     pub tolerance: f32,
+    /// Pixels beside a point's square within which it stands in where none covers; 0 to 1; 0.
+    pub reach: f32,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { tolerance: 0.1 }
+        Self {
+            tolerance: 0.1,
+            reach: 0.0,
+        }
     }
 }
 
 impl Params {
     pub fn check(&self) -> Result<()> {
-        in_range("tolerance", self.tolerance, "a share above 0", |v| v > 0.0)
+        in_range("tolerance", self.tolerance, "a share above 0", |v| v > 0.0)?;
+        in_range("reach", self.reach, "0 to 1 pixels", |v| {
+            (0.0..=1.0).contains(&v)
+        })
     }
 }
 
@@ -92,12 +103,12 @@ pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Spla
     let Pixels { size, channels, .. } = points.color;
     let count = rows::bands(size.height).count();
     let mut sent = vec![vec![]; count];
-    let project = Project::new(points, cameras);
+    let project = Project::new(points, cameras, params);
     rows::run(&project, size.height, sent.iter_mut());
     let gather = Gather {
         color: points.color,
         sent: &sent,
-        tolerance: params.tolerance,
+        params,
     };
     let outs = splats.bands(size.width, channels);
     rows::run(&gather, size.height, outs);
@@ -127,14 +138,14 @@ impl Point {
         first.clamp(0, end) as usize..(last + 1).clamp(0, end) as usize
     }
 
+    /// Columns and rows, if it were larger by `reach` on every side.
     #[inline(always)]
-    fn columns(&self, size: Size) -> Range<usize> {
-        Self::covers(self.x, self.offset[0], self.side, size.width)
-    }
-
-    #[inline(always)]
-    fn rows(&self, size: Size) -> Range<usize> {
-        Self::covers(self.y, self.offset[1], self.side, size.height)
+    fn square(&self, size: Size, reach: f32) -> [Range<usize>; 2] {
+        let side = self.side + 2.0 * reach;
+        [
+            Self::covers(self.x, self.offset[0], side, size.width),
+            Self::covers(self.y, self.offset[1], side, size.height),
+        ]
     }
 }
 
@@ -146,14 +157,16 @@ struct Project<'a> {
     warp: Warp,
     /// How much larger the new camera shows what is as far away.
     zoom: f64,
+    reach: f32,
 }
 
 impl<'a> Project<'a> {
-    fn new(points: Points<'a>, [camera, previous]: [&Camera; 2]) -> Self {
+    fn new(points: Points<'a>, [camera, previous]: [&Camera; 2], params: Params) -> Self {
         Self {
             points,
             warp: Warp::new(previous, camera, DAffine3::IDENTITY),
             zoom: (camera.pixels_per_unit() / previous.pixels_per_unit()).sqrt(),
+            reach: params.reach,
         }
     }
 
@@ -228,8 +241,8 @@ impl<'a> Kernel for Project<'a> {
                 let Some(point) = self.point(y * size.width + x, x, y) else {
                     continue;
                 };
-                let covered = point.rows(size);
-                if covered.is_empty() || point.columns(size).is_empty() {
+                let [columns, covered] = point.square(size, self.reach);
+                if covered.is_empty() || columns.is_empty() {
                     continue;
                 }
                 for band in covered.start / BAND..=(covered.end - 1) / BAND {
@@ -249,19 +262,24 @@ struct Gather<'a> {
     color: Pixels<'a>,
     /// By bands of the previous frame.
     sent: &'a [Sent],
-    tolerance: f32,
+    params: Params,
 }
 
 impl Gather<'_> {
-    /// Calls for every pixel that a point covers, by its place in the band.
+    /// Calls for every pixel that a point covers or may stand in for, by its place in the band.
     #[inline(always)]
-    fn each(&self, rows: &Range<usize>, mut call: impl FnMut(&Point, [usize; 2], usize)) {
+    fn each(
+        &self,
+        rows: &Range<usize>,
+        reach: f32,
+        mut call: impl FnMut(&Point, [usize; 2], usize),
+    ) {
         let size = self.color.size;
         let band = rows.start / BAND;
         for point in self.sent.iter().flat_map(|sent| &sent[band]) {
-            let covered = point.rows(size);
+            let [columns, covered] = point.square(size, reach);
             for y in covered.start.max(rows.start)..covered.end.min(rows.end) {
-                for x in point.columns(size) {
+                for x in columns.clone() {
                     call(point, [x, y], (y - rows.start) * size.width + x);
                 }
             }
@@ -279,26 +297,21 @@ impl<'a> Kernel for Gather<'a> {
             image.fill(f32::NAN);
         }
         out.quality.fill(0.0);
+        let Params { tolerance, reach } = self.params;
         let mut nearest = vec![f32::NAN; out.depth.len()];
-        self.each(&rows, |point, _, at| {
-            let before = nearest[at];
-            // Where NaN stands, any is nearer.
-            nearest[at] = if before <= point.depth {
-                before
-            } else {
-                point.depth
-            };
+        // Where NaN stands, any is nearer.
+        let nearer = |before: f32, depth: f32| if before <= depth { before } else { depth };
+        self.each(&rows, 0.0, |point, _, at| {
+            nearest[at] = nearer(nearest[at], point.depth);
         });
         let mut weights = vec![0.0; out.depth.len()];
-        self.each(&rows, |point, [x, y], at| {
-            let limit = self.tolerance * nearest[at];
-            let behind = point.depth - nearest[at];
-            let nearness = if behind > 0.0 {
-                1.0 - behind / limit
-            } else {
-                1.0
+        let mut add = |point: &Point, [x, y]: [usize; 2], at: usize, nearest: f32, quality: f32| {
+            let behind = point.depth - nearest;
+            let nearness = match behind > 0.0 {
+                true => 1.0 - behind / (tolerance * nearest),
+                false => 1.0,
             };
-            let weight = point.quality * nearness;
+            let weight = quality * nearness;
             if !(weight > 0.0) {
                 return;
             }
@@ -310,7 +323,7 @@ impl<'a> Kernel for Gather<'a> {
             weights[at] += weight;
             let share = weight / weights[at];
             // One point, or several alike, are kept to the bit.
-            let add = |mean: &mut f32, value: f32| {
+            let join = |mean: &mut f32, value: f32| {
                 let moved = *mean + share * (value - *mean);
                 *mean = if first || value == *mean {
                     value
@@ -320,12 +333,28 @@ impl<'a> Kernel for Gather<'a> {
             };
             let color = &mut out.color[at * channels..][..channels];
             for (channel, mean) in color.iter_mut().enumerate() {
-                add(mean, self.color.at(point.source as usize, channel));
+                join(mean, self.color.at(point.source as usize, channel));
             }
-            add(&mut out.depth[at], point.depth);
-            add(&mut out.offset[2 * at], offset[0]);
-            add(&mut out.offset[2 * at + 1], offset[1]);
-            add(&mut out.quality[at], point.quality);
+            join(&mut out.depth[at], point.depth);
+            join(&mut out.offset[2 * at], offset[0]);
+            join(&mut out.offset[2 * at + 1], offset[1]);
+            join(&mut out.quality[at], quality);
+        };
+        self.each(&rows, 0.0, |point, pixel, at| {
+            add(point, pixel, at, nearest[at], point.quality);
         });
+        if reach > 0.0 {
+            let mut spare = vec![f32::NAN; nearest.len()];
+            self.each(&rows, reach, |point, _, at| {
+                spare[at] = nearer(spare[at], point.depth);
+            });
+            self.each(&rows, reach, |point, pixel, at| {
+                if nearest[at].is_nan() {
+                    let share = point.side / (point.side + 2.0 * reach);
+                    let area = share * share;
+                    add(point, pixel, at, spare[at], point.quality * (area * area));
+                }
+            });
+        }
     }
 }
