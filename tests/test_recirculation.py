@@ -233,7 +233,7 @@ def test_all_traced_is_shown_as_it_is():
 
 
 def test_a_moving_camera_is_better_off_than_without_memory():
-    """At a sixteenth of the pixels and one or two pixels of motion, two thirds of the squared error of what is filled."""
+    """At a sixteenth of the pixels and half a pixel of motion, half the squared error of what is filled."""
     errors, pipeline = [], yester.Recirculation()
     for i in range(24):
         frame = sample(scene.camera(0.25 * i, 96, 64))
@@ -243,7 +243,7 @@ def test_a_moving_camera_is_better_off_than_without_memory():
         if i >= 16:
             errors.append([np.mean((image - frame["color"]) ** 2) for image in (output.color, alone)])
     ours, alone = np.mean(errors, 0)
-    assert 1.5 * ours < alone
+    assert 2 * ours < alone
 
 
 def test_noise_is_averaged():
@@ -347,3 +347,17 @@ def test_one_pixel():
         output = pipeline.step(frame)
         np.testing.assert_allclose(output.color, number, rtol=1e-6)
         assert output.history_length == number
+
+
+def test_steps_write_into_an_earlier_output():
+    fresh, reusing, out = yester.Recirculation(), yester.Recirculation(), None
+    for frame in frames_of(("depth", "motion"), count=3):
+        want, before = fresh.step(frame), out
+        out = reusing.step(frame, out=out)
+        for name in IMAGES:
+            assert_same_bits(getattr(out, name), getattr(want, name))
+            assert before is None or getattr(out, name) is getattr(before, name)
+    with pytest.raises(ValueError, match=r"^out: expected"):
+        reusing.step(frame, out=yester.SVGF().step(frame))
+    with pytest.raises(ValueError, match=r"^out: expected .*\(43, 61, 3\).*\(5, 7, 3\)"):
+        reusing.step(frame, out=yester.TAA().step(yester.Frame(np.ones((5, 7, 3), np.float32))))
