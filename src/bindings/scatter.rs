@@ -19,30 +19,32 @@ const OFFSET: Channels = Channels::Of(&[2]);
 
 /// Points of the previous frame, scattered to where they appear now.
 ///
-/// Every pixel of the previous frame is a point in the world, which stands still unless told otherwise. In the current one it covers a square as
-/// large as its pixel has become, and the nearest point that covers a pixel decides what is seen there.
+/// Every pixel of the previous frame is a point in the world, which stands still unless told otherwise. In the current
+/// one it covers a square as large as its pixel has become, and the nearest point that covers a pixel decides what is
+/// seen there.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W) or (H, W, C) array_like of float
 ///     What the points carry. NaN or infinity in a channel: no point.
 /// depth : (H, W) array_like of float
-///     Distance along the previous camera's axis; +inf for the background, which only turns with the camera. NaN, or not
-///     above 0: no point.
+///     Distance along the previous camera's axis; +inf for the background, which only turns with the camera. NaN, or
+///     not above 0: no point.
 /// camera, previous_camera : Camera
 ///     Of the current and the previous frame, without jitter, both of the image's size.
 /// offset : (H, W, 2) array_like of float, optional
 ///     Where in its pixel each point lies: from the centre, in pixels, x right, y down. By default in the centre.
 /// drift : (H, W, 2) or (H, W, 3) array_like of float, optional
-///     How the points move by themselves, beyond what the cameras explain: previous minus current position in pixels, and
-///     depth, as `Frame.motion` less what `motion_vectors` gives for what stands still. What is not finite counts as 0.
+///     How the points move by themselves, beyond what the cameras explain: previous minus current position in pixels,
+///     and depth, as `Frame.motion` less what `motion_vectors` gives for what stands still. What is not finite counts
+///     as 0.
 /// quality : (H, W) array_like of float, optional
 ///     Weight of each point, above 0; others are no points. By default 1.
 /// tolerance : float, default 0.1
 ///     How much farther away than the nearest, as a share of its depth, a point of the same surface may be; above 0.
 /// reach : float, default 0.0
-///     How many pixels beside its square, 0 to 1, a point may stand in where no other covers. Points that keep their places
-///     within their pixels leave cracks between them as they move, which 0.5 closes.
+///     How many pixels beside its square, 0 to 1, a point may stand in where no other covers. Points that keep their
+///     places within their pixels leave cracks between them as they move, which 0.5 closes.
 /// out : tuple of float32 arrays like the results, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -65,15 +67,16 @@ const OFFSET: Channels = Channels::Of(&[2]);
 ///
 /// Notes
 /// -----
-/// A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z' times the
-/// ratio of the focal lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points override large ones. Where the
-/// nearest is at z0, weights fall linearly to none at ``z' = z0 (1 + tolerance)``. A point that stands in
-/// counts as one larger by `reach` on every side. Points are added up in the order of their
-/// pixels, whatever the number of threads. In pixels beside its own, a large point is taken to lie at the centre. Between
-/// cameras that are equal, everything stays as it is. After "Reprojection 2", a developer's diary of 2008, where points
-/// are weighted by their size and depth; the formula is our own.
+/// A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z'
+/// times the ratio of the focal lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points
+/// override large ones. Where the nearest is at z0, weights fall linearly to none at ``z' = z0 (1 + tolerance)``. A
+/// point that stands in counts as one larger by `reach` on every side. Points are added up in the order of their
+/// pixels, whatever the number of threads. In pixels beside its own, a large point is taken to lie at the centre.
+/// Between cameras that are equal, everything stays as it is. After "Reprojection 2", a developer's diary of 2008,
+/// where points are weighted by their size and depth; the formula is our own.
 #[pyfunction]
-#[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, drift=None, quality=None, tolerance=0.1, reach=0.0, out=None))]
+#[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, drift=None, quality=None,
+    tolerance=0.1, reach=0.0, out=None))]
 pub fn splat_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
@@ -163,10 +166,10 @@ pub fn splat_<'py>(
 ///
 /// Notes
 /// -----
-/// With the reduction ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block, and bilinear expansion
-/// weighted by quality: near and detailed points override the others, and with ``factor=4, levels=2`` the images are
-/// 1, 1/4 and 1/16 of the size and back, as "Reprojection 2", a developer's diary of 2008, has it; ``factor=2`` is what it
-/// planned. Pull-push is due to Gortler et al. 1996, *The Lumigraph*, section 3.4.
+/// With the reduction ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block, and
+/// bilinear expansion weighted by quality: near and detailed points override the others, and with ``factor=4,
+/// levels=2`` the images are 1, 1/4 and 1/16 of the size and back, as "Reprojection 2", a developer's diary of 2008,
+/// has it; ``factor=2`` is what it planned. Pull-push is due to Gortler et al. 1996, *The Lumigraph*, section 3.4.
 #[pyfunction]
 #[pyo3(name = "pull_push", signature = (color, quality=None, *, factor=2, levels=None, out=None))]
 pub fn pull_push_<'py>(
@@ -238,13 +241,14 @@ pub fn pull_push_<'py>(
 ///
 /// Notes
 /// -----
-/// Each image is the mean of three bilinear look-ups at ``-blur``, 0 and ``blur`` times the motion, among pixels that are
-/// known. With ``q = reprojected_quality / (1 + |motion| / fade)`` the share of the new one is
-/// ``filled_quality / (filled_quality + q)``, and ``filled_quality + q`` is carried on: as more samples come to be known,
-/// each counts for less. After "Reprojection 2", a developer's diary of 2008; how quality falls and adds up is our choice.
+/// Each image is the mean of three bilinear look-ups at ``-blur``, 0 and ``blur`` times the motion, among
+/// pixels that are known. With ``q = reprojected_quality / (1 + |motion| / fade)`` the share of the new one is
+/// ``filled_quality / (filled_quality + q)``, and ``filled_quality + q`` is carried on: as more samples come to be
+/// known, each counts for less. After "Reprojection 2", a developer's diary of 2008; how quality falls and adds up is
+/// our choice.
 #[pyfunction]
-#[pyo3(name = "recirculate", signature = (filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25, share=(0.0, 1.0),
-    fade=64.0, limit=8.0, out=None))]
+#[pyo3(name = "recirculate", signature = (filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25,
+    share=(0.0, 1.0), fade=64.0, limit=8.0, out=None))]
 #[pyo3(
     text_signature = "(filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25, share=(0.0, 1.0), \
     fade=64.0, limit=8.0, out=None)"
@@ -321,12 +325,13 @@ fn room<'py, const N: usize>(
 
 /// Whole pictures from frames of which a part of the pixels is traced.
 ///
-/// What has been seen is kept as points in the world, one for each pixel, and scattered to where it appears now; the samples
-/// of the new frame, its holes filled from around, join it by quality. No buffer is needed where nothing was traced.
+/// What has been seen is kept as points in the world, one for each pixel, and scattered to where it appears now; the
+/// samples of the new frame, its holes filled from around, join it by quality. No buffer is needed where nothing was
+/// traced.
 ///
-/// A pixel of a frame was traced if its colour is finite and its place is known: its `position`, or else its `depth`, +inf
-/// where nothing was hit. All others are missing, whatever is in their buffers; NaN says so. Every frame needs a camera.
-/// The pattern of traced pixels should change from frame to frame, so that each is traced at some time.
+/// A pixel of a frame was traced if its colour is finite and its place is known: its `position`, or else its `depth`,
+/// +inf where nothing was hit. All others are missing, whatever is in their buffers; NaN says so. Every frame needs a
+/// camera. The pattern of traced pixels should change from frame to frame, so that each is traced at some time.
 ///
 /// Parameters
 /// ----------
@@ -337,7 +342,8 @@ fn room<'py, const N: usize>(
 /// blur, share, fade, limit : optional
 ///     As for `recirculate`. The blur is seen only, and not carried on.
 /// tolerance : float, default 0.1
-///     As for `splat`; and by how much a sample's depth may differ, as a share of it, from that of what was known there.
+///     As for `splat`; and by how much a sample's depth may differ, as a share of it, from that of what was known
+///     there.
 ///
 /// Raises
 /// ------
@@ -346,13 +352,14 @@ fn room<'py, const N: usize>(
 ///
 /// Notes
 /// -----
-/// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and gives their bits:
-/// `splat` (with a reach of 0.5), `pull_push` (of colour and the inverse of depth), `motion_vectors`, and `recirculate`, without blur for the next
-/// frame and with it for the result. A pixel's point lies where it was sampled (`Frame.position` or `Frame.jitter`, else the
-/// centre), where it comes from, or, at the depth of those around, in the centre. What is filled does not count beside what has
-/// eight times its quality, or what stands still would never be as sharp as its samples. With `Frame.motion` where a pixel is traced,
-/// what moves by itself is taken to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it, as
-/// does light that changes.
+/// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and
+/// gives their bits: `splat` (with a reach of 0.5), `pull_push` (of colour and the inverse of depth), `motion_vectors`,
+/// and `recirculate`, without blur for the next frame and with it for the result. A pixel's point lies where it was
+/// sampled (`Frame.position` or `Frame.jitter`, else the centre), where it comes from, or, at the depth of those
+/// around, in the centre. What is filled does not count beside what has eight times its quality, or what stands still
+/// would never be as sharp as its samples. With `Frame.motion` where a pixel is traced, what moves by itself is taken
+/// to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it, as does light that
+/// changes.
 #[pyclass(module = "yester")]
 pub struct Recirculation {
     inner: recirculation::Recirculation,
@@ -404,16 +411,16 @@ impl Recirculation {
     /// Returns
     /// -------
     /// Output
-    ///     Without a variance. `history_length` is the quality that is carried on: 1 for a sample, and more for several;
-    ///     the smaller, the farther off samples are. `confidence` is 1 where the past knows the pixel, else 0; `rejection`
-    ///     is OUTSIDE where no point of the past came to be, and DEPTH where a sample shows that another surface has taken its
-    ///     place. As long as nothing at all has been traced, colour is black.
+    ///     Without a variance. `history_length` is the quality that is carried on: 1 for a sample, and more for
+    ///     several; the smaller, the farther off samples are. `confidence` is 1 where the past knows the pixel, else 0;
+    ///     `rejection` is OUTSIDE where no point of the past came to be, and DEPTH where a sample shows that another
+    ///     surface has taken its place. As long as nothing at all has been traced, colour is black.
     ///
     /// Raises
     /// ------
     /// ValueError
-    ///     If the frame has no camera, or neither depth nor position; if the size changes without `reset` in between; if
-    ///     `out` does not fit.
+    ///     If the frame has no camera, or neither depth nor position; if the size changes without `reset` in between;
+    ///     if `out` does not fit.
     #[pyo3(signature = (frame, out=None))]
     fn step<'py>(
         &mut self,

@@ -1,10 +1,11 @@
-//! Recirculation: whole pictures of frames of which a part of the pixels is traced, as a list of this library's kernels:
+//! Recirculation: whole pictures of frames of which a part of the pixels is traced, as a list of this library's
+//! kernels:
 //!
 //!   splat → (motion of what stands still) → pull-push → motion → recirculate
 //!
-//! What is known of the past is a set of points, one for each pixel: colour, depth, place, drift and quality. They are scattered to
-//! where they appear now; the new samples, whose holes are filled, join them by quality; the result is what the next frame
-//! knows. The motion blur is seen, not carried on.
+//! What is known of the past is a set of points, one for each pixel: colour, depth, place, drift and quality. They are
+//! scattered to where they appear now; the new samples, whose holes are filled, join them by quality; the result is
+//! what the next frame knows. The motion blur is seen, not carried on.
 //!
 //! After "Reprojection 2", a developer's diary of 2008.
 
@@ -380,8 +381,8 @@ impl<'a> Kernel for Sort<'a> {
 /// stands still would never be as sharp as its samples.
 const OUTWEIGHS: f32 = 8.0;
 
-/// Decides, pixel by pixel, where its point lies: where it was sampled, where it comes from, or where those around suggest;
-/// forgets points that a sample shows to be gone, and leaves out what they outweigh.
+/// Decides, pixel by pixel, where its point lies: where it was sampled, where it comes from, or where those around
+/// suggest; forgets points that a sample shows to be gone, and leaves out what they outweigh.
 struct Settle<'a> {
     samples: Pixels<'a>,
     filled: Pixels<'a>,

@@ -1,14 +1,15 @@
-//! Hole filling by a pyramid of ever coarser images: pull, then push (Gortler et al. 1996, *The Lumigraph*, section 3.4).
+//! Hole filling by a pyramid of ever coarser images: pull, then push (Gortler et al. 1996, *The Lumigraph*, section
+//! 3.4).
 //!
 //! **Pull**: f × f pixels become one, whose colour and quality are
 //!   c = Σ q c / Σ q,  q = Σ q / (n f²),
-//! n being how many of them lie in the image: the share that is known, over the f² by which a pixel of the coarser image
-//! is larger. So good pixels outweigh poor ones, and what fills a hole counts as little as a point of its size.
-//! **Push**: from the coarsest level down, holes get the mean of the 2 × 2 coarser pixels around, weighted by the bilinear
-//! weights b and by quality, Σ b q c / Σ b q, and the quality Σ b q. What is no hole stays as it is.
+//! n being how many of them lie in the image: the share that is known, over the f² by which a pixel of the coarser
+//! image is larger. So good pixels outweigh poor ones, and what fills a hole counts as little as a point of its size.
+//! **Push**: from the coarsest level down, holes get the mean of the 2 × 2 coarser pixels around, weighted by the
+//! bilinear weights b and by quality, Σ b q c / Σ b q, and the quality Σ b q. What is no hole stays as it is.
 //!
-//! By default there are as many levels as it takes to get one pixel, and a single point fills the whole image; with fewer,
-//! what is a hole in the coarsest level stays one in parts.
+//! By default there are as many levels as it takes to get one pixel, and a single point fills the whole image; with
+//! fewer, what is a hole in the coarsest level stays one in parts.
 //!
 //! Inputs: colour (any channels), quality (1), 0 in holes; colour that is not finite is a hole as well. Outputs: both
 //! without holes, or with NaN and quality 0 where nothing is known.

@@ -2,23 +2,23 @@
 //!
 //! A pixel of the previous frame is a point: a colour at its depth z, seen at the pixel's centre plus an offset, with a
 //! quality q. Its new place p and depth z' follow from the two cameras (see
-//! [`crate::kernels::camera::pinhole::Warp`]), for background from their rotation, less its drift, which is how it moves by
-//! itself. It covers the pixels whose centres lie
-//! within a square around p, whose side is that of its old pixel at its new distance,
+//! [`crate::kernels::camera::pinhole::Warp`]), for background from their rotation, less its drift, which is how it moves
+//! by itself. It covers the pixels whose centres lie within a square around p, whose side is that of its old pixel at its
+//! new distance, a little enlarged where it grows so that no rounding leaves cracks,
 //!   s = 1 + 1.01 max(0, z/z' · √(f'x f'y / fx fy) − 1),
-//! a little more than it grows by, so that no rounding leaves cracks, and counts there as q/s⁴: it is larger than a pixel, and as much less sharp. Of the points that cover a pixel the nearest, at depth z₀, decides what
-//! is seen; with it are averaged those of the same surface, each with weight
+//! and counts there as q/s⁴: it has become larger than a pixel, and as much less sharp. Of the points that cover a pixel
+//! the nearest, at depth z₀, decides what is seen; with it are averaged those of the same surface, each with weight
 //!   w = q/s⁴ · max(0, 1 − (z' − z₀)/(t z₀)),
 //! t being the tolerance. All sums go through the points in the order of their source pixels.
 //!
-//! Pixels that no point covers may take points that lie up to so far beside their squares, as if these were larger by
-//! as much on every side: places that points keep within their pixels leave cracks between them as they move.
+//! Points that keep their places within their pixels leave cracks between them as they move. A pixel that no point covers
+//! may therefore take those that would cover it with squares larger by a given reach on every side, and as if they were.
 //!
 //! Where a point covers other pixels than the one that it lies in, these get copies of it at their centres.
 //!
-//! Inputs: colour (any channels), depth (1), offset (2, in pixels), drift (2 or 3, previous minus
-//! current pixels and depth), quality (1), all of the previous frame; both cameras.
-//! Outputs: colour, depth, offset and quality of this frame's pixels; in holes NaN, and 0 for quality.
+//! Inputs: colour (any channels), depth (1), offset (2, in pixels), drift (2 or 3, previous minus current pixels and
+//! depth), quality (1), all of the previous frame; both cameras. Outputs: colour, depth, offset and quality of this
+//! frame's pixels; in holes NaN, and 0 for quality.
 
 use std::ops::Range;
 
@@ -236,6 +236,8 @@ impl<'a> Kernel for Project<'a> {
     fn rows(&self, rows: Range<usize>, sent: &'a mut Sent) {
         let size = self.points.color.size;
         sent.resize(rows::bands(size.height).count(), vec![]);
+        // Most go where they were.
+        sent[rows.start / BAND].reserve(rows.len() * size.width);
         for y in rows {
             for x in 0..size.width {
                 let Some(point) = self.point(y * size.width + x, x, y) else {

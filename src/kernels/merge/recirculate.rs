@@ -2,14 +2,14 @@
 //!
 //! Of both images each pixel takes the mean at three places along its motion v,
 //!   c = ⅓ Σ image(p + k b v),  k = −1, 0, 1,
-//! which blurs it as a shutter does that is open for 2 b of a frame's time; read bilinearly from the pixels that are known.
-//! The quality of what was known falls with the length of the motion, to a half over h pixels, and both are blended by
-//! the new one's share of quality, held to a range:
+//! which blurs it as a shutter does that is open for 2 b of a frame's time; read bilinearly from the pixels that are
+//! known. The quality of what was known falls with the length of the motion, to a half over h pixels, and both are
+//! blended by the new one's share of quality, held to a range:
 //!   q' = q_r / (1 + |v|/h),  s = clamp(q_f / (q_f + q'), s₀, s₁),  c = c_r + s (c_f − c_r).
 //! Carried on is q = min(q_f + q', limit): the more is known of a pixel, the less a new sample changes it.
 //!
-//! After "Reprojection 2", a developer's diary of 2008, which gives the three offsets (b = ¼), the shares and their range,
-//! and that quality falls; how it falls and adds up is our choice.
+//! After "Reprojection 2", a developer's diary of 2008, which gives the three offsets (b = ¼), the shares and their
+//! range, and that quality falls; how it falls and adds up is our choice.
 //!
 //! Inputs: colour (3) and quality (1) of both images, 0 where there is none; motion (2 or 3). Outputs: colour (3) and
 //! quality (1); NaN and 0 where neither image has any.
