@@ -6,10 +6,11 @@
 //!   numpy ── bindings ──► planar views                          arrays are checked and taken apart, once
 //!   camera   jitter ► motion_vectors ► dilate_motion            where was each pixel's surface,
 //!            virtual_motion                                     and what it reflects?
-//!   fetch    reproject                                          history, brought here tap by tap
+//!   fetch    reproject                                          history, brought here tap by tap,
+//!            splat ► pull_push                                  or point by point, its holes filled
 //!   judge    consistency, exposure ► clip_history ► anti_lag,   what shows another surface or light is refused,
 //!            temporal_gradient, prediction_gain ► blend_factor  or counts for less
-//!   merge    accumulate, blend, resolve                         new samples join the history that is left
+//!   merge    accumulate, blend, recirculate, resolve            new samples join the history that is left
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      what noise remains
 //!            estimate_variance ► atrous, regress,               is averaged in space,
 //!            morphological_aa, joint_bilateral_upsample         and what was not traced is filled
@@ -62,6 +63,8 @@ mod _core {
     use bindings::pipelines::{Output, SVGF, TAA};
     #[pymodule_export]
     use bindings::regress::regress_;
+    #[pymodule_export]
+    use bindings::scatter::{Recirculation, pull_push_, recirculate_, splat_};
     #[pymodule_export]
     use bindings::smooth::{
         atrous_, demodulate_, estimate_variance_, fix_history_, morphological_aa_, remodulate_,

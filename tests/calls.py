@@ -101,6 +101,28 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
         "remodulate": (yester.remodulate, {"illumination": color, "albedo": albedo, "emission": emission}),
+        "splat": (
+            yester.splat,
+            {
+                "color": color,
+                "depth": now["depth"],
+                **cameras,
+                "offset": rng.uniform(-0.5, 0.5, (height, width, 2)).astype(np.float32),
+                "drift": np.where(rng.random((height, width, 1)) < 0.8, np.float32(0), motion),
+                "quality": 1 + length,
+            },
+        ),
+        "pull_push": (yester.pull_push, {"color": color, "quality": length}),
+        "recirculate": (
+            yester.recirculate,
+            {
+                "filled": color,
+                "filled_quality": 1 + length,
+                "reprojected": history,
+                "reprojected_quality": length,
+                "motion": motion,
+            },
+        ),
         "morphological_aa": (yester.morphological_aa, {"color": color}),
     }
 

@@ -392,3 +392,72 @@ class BMFR:
             rejection=rejection,
             missing=merged.missing,
         )
+
+
+class Recirculation:
+    def __init__(self, *, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1):
+        self.pyramid = {"factor": factor, "levels": levels}
+        self.blend = {"share": share, "fade": fade, "limit": limit}
+        self.blur, self.tolerance = blur, np.float32(tolerance)
+        self.points = self.camera = None
+
+    def step(self, frame: yester.Frame) -> SimpleNamespace:
+        height, width = frame.shape
+        centres = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1)
+        if frame.position is not None:
+            hit = np.isfinite(frame.position).all(-1)
+            pixels, depth = frame.camera.project(np.where(hit[..., None], frame.position, 0))
+            depth = np.where(hit, depth, np.inf).astype(np.float32)
+            own = np.where(hit[..., None], pixels - centres, frame.jitter or (0, 0)).astype(np.float32)
+        else:
+            depth, own = frame.depth, np.broadcast_to(np.float32(frame.jitter or (0, 0)), (height, width, 2))
+        traced = np.isfinite(frame.color).all(-1) & (depth > 0)
+        own = own.clip(-0.5, 0.5)
+        drift = np.zeros_like(frame.color)
+        if frame.motion is not None and self.points is not None:
+            geometry = frame.depth if frame.position is None else frame.position
+            channels = frame.motion.shape[-1]
+            still = yester.motion_vectors(geometry, frame.camera, self.camera)
+            with np.errstate(invalid="ignore"):
+                drift[..., :channels] = frame.motion - still[..., :channels]
+            drift = np.where(np.isfinite(drift), drift, np.float32(0))
+
+        if self.points is None:
+            color, place, quality = (
+                np.zeros((height, width, 6), np.float32),
+                np.zeros((height, width)),
+                np.zeros((height, width)),
+            )
+            offset, camera = np.zeros((height, width, 2), np.float32), frame.camera
+            place, quality = place.astype(np.float32), quality.astype(np.float32)
+        else:
+            camera = self.camera
+            given = dict(zip(("color", "drift", "depth", "offset", "quality"), self.points, strict=True))
+            given["color"] = np.dstack([given["color"], given["drift"]])
+            cameras = {"camera": frame.camera, "previous_camera": camera, "tolerance": self.tolerance, "reach": 0.5}
+            color, place, offset, quality = yester.splat(**given, **cameras)
+
+        with np.errstate(divide="ignore", invalid="ignore"):
+            known = quality > 0
+            gone = known & traced & ~((np.abs(place - depth) <= self.tolerance * depth) | (place == depth))
+            quality = np.where(gone, np.float32(0), quality)
+            kept = quality > 0
+            samples = np.where(traced[..., None], np.dstack([frame.color, 1 / depth, drift]), np.float32(np.nan))
+            filled, fresh = yester.pull_push(samples, **self.pyramid)
+            fresh = np.where(~traced & (quality > 8 * fresh), np.float32(0), fresh)
+            place = np.where(traced, depth, np.where(kept, place, 1 / filled[..., 3]))
+        offset = np.where(traced[..., None], own, np.where(kept[..., None], offset, np.float32(0)))
+        drift = np.where((kept & ~traced)[..., None], color[..., 3:], filled[..., 4:])
+        motion = yester.motion_vectors(place, frame.camera, camera) + drift
+        images = filled[..., :3], fresh, color[..., :3], quality, motion
+        carried, quality = yester.recirculate(*images, blur=0, **self.blend)
+        shown, _ = yester.recirculate(*images, blur=self.blur, **self.blend)
+        rejection = np.where(known, 2 * gone, 0 if self.points is None else 1).astype(np.uint8)
+        self.points, self.camera = (carried, drift, place, offset, quality), frame.camera
+        return SimpleNamespace(
+            color=blacken(shown),
+            history_length=quality,
+            confidence=kept.astype(np.float32),
+            rejection=rejection,
+            missing=int((~traced).sum()),
+        )

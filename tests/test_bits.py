@@ -21,7 +21,8 @@ def digest() -> str:
         for name, (function, given) in calls(*size).items():
             data = b"".join(array.tobytes() for array in arrays(function(**given)))
             lines.append(f"{name} {size} {hashlib.sha256(data).hexdigest()}")
-    pipelines = [yester.SVGF(), yester.SVGF(reflections=()), yester.TAA(), yester.HalfRes(), yester.BMFR()]
+    pipelines = [yester.SVGF(), yester.SVGF(reflections=()), yester.TAA()]
+    pipelines += [yester.BMFR(), yester.HalfRes(), yester.Recirculation()]
     rng = np.random.default_rng(0)
     before = None
     for number in range(4):

@@ -19,6 +19,9 @@ IN_PLACE = {
     "demodulate": ("color",),
     "remodulate": ("illumination",),
     "motion_vectors(position)": ("geometry",),
+    "splat": ("color", "depth", "offset", "quality"),
+    "pull_push": ("color", "quality"),
+    "recirculate": ("filled", "reprojected_quality"),
 }
 each_call = pytest.mark.parametrize("name", CALLS)
 

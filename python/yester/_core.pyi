@@ -25,6 +25,7 @@ __all__ = [
     "Camera",
     "HalfRes",
     "Output",
+    "Recirculation",
     "__version__",
     "accumulate",
     "anti_lag",
@@ -45,12 +46,15 @@ __all__ = [
     "morphological_aa",
     "motion_vectors",
     "prediction_gain",
+    "pull_push",
+    "recirculate",
     "reconstruct",
     "regress",
     "remodulate",
     "reproject",
     "resolve",
     "settings",
+    "splat",
     "suppress_fireflies",
     "temporal_gradient",
     "virtual_motion",
@@ -214,6 +218,22 @@ class TAA:
         response: _Response | None = None,
         weighting: _Weighting | None = None,
         flicker: float | None = None,
+    ) -> Self: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
+    def reset(self) -> None: ...
+
+@final
+class Recirculation:
+    def __new__(
+        cls,
+        *,
+        factor: int = 2,
+        levels: int | None = None,
+        blur: float = 0.25,
+        share: tuple[float, float] = (0.0, 1.0),
+        fade: float = 64.0,
+        limit: float = 8.0,
+        tolerance: float = 0.1,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
@@ -439,6 +459,40 @@ def regress(
     features: Literal["fewest", "all"] = "fewest",
     out: tuple[_Floats | None, NDArray[np.uint8] | None] | None = None,
 ) -> tuple[_Floats, NDArray[np.uint8]]: ...
+def splat(
+    color: ArrayLike,
+    depth: ArrayLike,
+    camera: Camera,
+    previous_camera: Camera,
+    *,
+    offset: ArrayLike | None = None,
+    drift: ArrayLike | None = None,
+    quality: ArrayLike | None = None,
+    tolerance: float = 0.1,
+    reach: float = 0.0,
+    out: tuple[_Floats | None, _Floats | None, _Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
+def pull_push(
+    color: ArrayLike,
+    quality: ArrayLike | None = None,
+    *,
+    factor: int = 2,
+    levels: int | None = None,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
+def recirculate(
+    filled: ArrayLike,
+    filled_quality: ArrayLike,
+    reprojected: ArrayLike,
+    reprojected_quality: ArrayLike,
+    motion: ArrayLike,
+    *,
+    blur: float = 0.25,
+    share: tuple[float, float] = (0.0, 1.0),
+    fade: float = 64.0,
+    limit: float = 8.0,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
 def suppress_fireflies(
     color: ArrayLike,
     *,

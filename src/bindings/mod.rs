@@ -11,6 +11,7 @@ pub mod judge;
 pub mod merge;
 pub mod pipelines;
 pub mod regress;
+pub mod scatter;
 pub mod smooth;
 
 use pyo3::prelude::*;

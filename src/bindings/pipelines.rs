@@ -50,7 +50,7 @@ pub struct Output {
 }
 
 /// The arrays that a step writes: those of an earlier output, or new ones.
-pub(super) struct Room<'py> {
+pub struct Room<'py> {
     color: Direct<'py>,
     variance: Option<Direct<'py>>,
     history_length: Direct<'py>,
@@ -59,7 +59,7 @@ pub(super) struct Room<'py> {
 }
 
 impl<'py> Room<'py> {
-    pub(super) fn new(
+    pub fn new(
         py: Python<'py>,
         out: Option<&Output>,
         size: Size,
@@ -92,7 +92,7 @@ impl<'py> Room<'py> {
         })
     }
 
-    pub(super) fn data(&mut self) -> PyResult<frame::Output<'_>> {
+    pub fn data(&mut self) -> PyResult<frame::Output<'_>> {
         Ok(frame::Output {
             color: self.color.data()?,
             variance: self.variance.as_mut().map(Direct::data).transpose()?,
@@ -103,7 +103,7 @@ impl<'py> Room<'py> {
     }
 
     /// To be called when the frame is no longer borrowed.
-    pub(super) fn output(self, py: Python<'py>, summary: frame::Summary) -> PyResult<Output> {
+    pub fn output(self, py: Python<'py>, summary: frame::Summary) -> PyResult<Output> {
         let variance = self.variance.map(Direct::array).transpose()?;
         Ok(Output {
             color: self.color.array()?.unbind(),
@@ -498,7 +498,7 @@ impl TAA {
 }
 
 /// The buffers of a `yester.Frame`, which has checked them; borrowing them costs nothing.
-pub(super) struct FrameArgs<'py> {
+pub struct FrameArgs<'py> {
     floats: [Option<Input<'py>>; 10],
     ids: Option<Input<'py, u32>>,
     camera: Option<pinhole::Camera>,
@@ -519,7 +519,7 @@ impl<'py> FrameArgs<'py> {
         ("hit_distance", Channels::One),
     ];
 
-    pub(super) fn new(frame: &Bound<'py, PyAny>) -> PyResult<Self> {
+    pub fn new(frame: &Bound<'py, PyAny>) -> PyResult<Self> {
         let class = frame.py().import("yester.frame")?.getattr("Frame")?;
         if !frame.is_instance(&class)? {
             return Err(
@@ -544,13 +544,13 @@ impl<'py> FrameArgs<'py> {
         self.floats[place].as_ref().map(Input::data)
     }
 
-    pub(super) fn size(&self) -> Size {
+    pub fn size(&self) -> Size {
         let color = self.buffer("color").expect("every frame has colour");
         color.pixels().size
     }
 
     /// Calls `step` without the interpreter.
-    pub(super) fn with<R: Send>(
+    pub fn with<R: Send>(
         &self,
         py: Python<'_>,
         step: impl FnOnce(&frame::Frame) -> crate::error::Result<R> + Send,

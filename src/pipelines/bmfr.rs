@@ -153,6 +153,7 @@ impl Bmfr {
         let change = gradient.as_ref().map(Image::view);
         let missing = accumulate(
             color.pixels(),
+            None,
             [light, moments, lengths],
             change,
             params.history.accumulate,

@@ -3,6 +3,7 @@
 pub mod bmfr;
 pub mod frame;
 pub mod half_res;
+pub mod recirculation;
 pub mod reflections;
 pub mod svgf;
 pub mod taa;

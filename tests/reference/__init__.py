@@ -25,9 +25,13 @@ from .motion import motion_vectors
 from .neighborhood import clip_history
 from .prediction import prediction_gain
 from .projection import project, rays, unproject
+from .pull_push import pull_push
+from .recirculate import recirculate
+from .recirculation import Recirculation
 from .regress import regress
 from .reproject import reproject
 from .resolve import resolve
+from .splat import splat
 from .svgf import SVGF, Output
 from .taa import TAA
 from .variance import estimate_variance
@@ -40,6 +44,7 @@ __all__ = [
     "Accumulated",
     "HalfRes",
     "Output",
+    "Recirculation",
     "accumulate",
     "anti_lag",
     "atrous",
@@ -59,12 +64,15 @@ __all__ = [
     "motion_vectors",
     "prediction_gain",
     "project",
+    "pull_push",
     "rays",
+    "recirculate",
     "reconstruct",
     "regress",
     "remodulate",
     "reproject",
     "resolve",
+    "splat",
     "suppress_fireflies",
     "temporal_gradient",
     "unproject",

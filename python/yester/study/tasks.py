@@ -140,6 +140,11 @@ _FETCH = _named("history", "motion")
 _TESTED = _named("history", "motion", *_TESTS)
 _MERGE = _named("color", "history", "history_moments", "history_length")
 _BLEND = _named("color", "history", alpha="confidence")
+_SPLAT = _named("camera", "previous_camera", color="previous_color", depth="previous_depth")
+_RECIRCULATE = {
+    **_named("motion", filled="color", filled_quality="confidence"),
+    **_named(reprojected="history", reprojected_quality="history_length"),
+}
 _SMOOTH = _named("color", "variance", *_SURFACE, "camera")
 
 _LINEAR, _CUBIC, _LANCZOS = (f"OpenCV remap, {name}" for name in ("linear", "cubic", "Lanczos4"))
@@ -187,6 +192,8 @@ TASKS = (
     Task("reproject, catmull-rom, tested", "reproject", _TESTED, {"filter": "catmull-rom"}),
     Task("reproject, catmull-rom-5", "reproject", _FETCH, {"filter": "catmull-rom-5"}, (_CUBIC, _BICUBIC)),
     Task("reproject, lanczos-2", "reproject", _FETCH, {"filter": "lanczos-2"}, (_LANCZOS,)),
+    Task("splat", "splat", _SPLAT),
+    Task("pull_push, of 1/16", "pull_push", {"color": "sparse"}),
     Task("consistency", "consistency", _named("motion", *_TESTS)),
     Task("clip_history, variance", "clip_history", _named("history", "color"), {}, (_MOMENTS,), _CLIP),
     Task("clip_history, blended", "clip_history", _BLEND, {}, (_MOMENTS,), _CLIP + _MIX),
@@ -200,6 +207,7 @@ TASKS = (
     Task("blend", "blend", _BLEND),
     Task("accumulate", "accumulate", _MERGE),
     Task("accumulate, with gradient", "accumulate", {**_MERGE, "gradient": "confidence"}),
+    Task("recirculate", "recirculate", _RECIRCULATE),
     Task("resolve, 2 samples", "resolve", {"samples": ["color", "history"]}, {"offsets": yester.jitter(2).tolist()}),
     Task("suppress_fireflies", "suppress_fireflies", _named("color")),
     Task("fix_history", "fix_history", _named("color", "history_length", *_SURFACE, "camera")),
@@ -226,6 +234,7 @@ TASKS = (
     Task("TAA", "TAA", jitter=(0.25, -0.125)),
     Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
     Task("BMFR", "BMFR", rivals=("OIDN high",)),
+    Task("Recirculation, of all", "Recirculation"),
     Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _PASS),
     Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _PASS),
     Task("HalfRes", "HalfRes"),
@@ -303,6 +312,8 @@ def stage(folder: Path, width: int, height: int) -> None:
     short = np.kron(blocks, np.ones((8, 8), bool))[:height, :width]
     images["history_length"] = np.where(short, rng.integers(0, 4, short.shape), 20).astype(np.float32)
     images["confidence"] = rng.random(short.shape, np.float32)
+    images["sparse"] = np.full_like(images["color"], np.nan)
+    images["sparse"][1::4, 2::4] = images["color"][1::4, 2::4]
     for name, image in images.items():
         np.save(folder / f"{name}.npy", image)
 

@@ -206,6 +206,11 @@ impl Camera {
     pub fn forward(&self) -> DVec3 {
         self.to_pixel.row(2)
     }
+
+    /// How many pixels, by area, a unit square shows at unit depth, facing the camera.
+    pub fn pixels_per_unit(&self) -> f64 {
+        self.to_pixel.determinant().abs()
+    }
 }
 
 /// Rays of unit depth of a camera, for points relative to it.

@@ -1,4 +1,6 @@
 //! Bring history here.
 
 pub mod footprint;
+pub mod pull_push;
 pub mod reproject;
+pub mod splat;

@@ -2,4 +2,5 @@
 
 pub mod accumulate;
 pub mod blend;
+pub mod recirculate;
 pub mod resolve;

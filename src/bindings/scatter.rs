@@ -1,0 +1,445 @@
+//! The kernels that scatter points and fill what they leave open, and their pipeline.
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+
+use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, parts};
+use super::camera::{Camera, check_size};
+use super::pipelines::{FrameArgs, Output, Room};
+use crate::image::Size;
+use crate::kernels::fetch::pull_push::{self, pull_push};
+use crate::kernels::fetch::splat::{self, Points, Splats, splat};
+use crate::kernels::merge::recirculate::{self, Known, recirculate};
+use crate::pipelines::recirculation;
+use crate::pixels::PixelsMut;
+
+type Array<'py> = Bound<'py, PyArrayDyn<f32>>;
+
+const OFFSET: Channels = Channels::Of(&[2]);
+
+/// Points of the previous frame, scattered to where they appear now.
+///
+/// Every pixel of the previous frame is a point in the world, which stands still unless told otherwise. In the current
+/// one it covers a square as large as its pixel has become, and the nearest point that covers a pixel decides what is
+/// seen there.
+///
+/// Parameters
+/// ----------
+/// color : (H, W) or (H, W, C) array_like of float
+///     What the points carry. NaN or infinity in a channel: no point.
+/// depth : (H, W) array_like of float
+///     Distance along the previous camera's axis; +inf for the background, which only turns with the camera. NaN, or
+///     not above 0: no point.
+/// camera, previous_camera : Camera
+///     Of the current and the previous frame, without jitter, both of the image's size.
+/// offset : (H, W, 2) array_like of float, optional
+///     Where in its pixel each point lies: from the centre, in pixels, x right, y down. By default in the centre.
+/// drift : (H, W, 2) or (H, W, 3) array_like of float, optional
+///     How the points move by themselves, beyond what the cameras explain: previous minus current position in pixels,
+///     and depth, as `Frame.motion` less what `motion_vectors` gives for what stands still. What is not finite counts
+///     as 0.
+/// quality : (H, W) array_like of float, optional
+///     Weight of each point, above 0; others are no points. By default 1.
+/// tolerance : float, default 0.1
+///     How much farther away than the nearest, as a share of its depth, a point of the same surface may be; above 0.
+/// reach : float, default 0.0
+///     How many pixels beside its square, 0 to 1, a point may stand in where no other covers. Points that keep their
+///     places within their pixels leave cracks between them as they move, which 0.5 closes.
+/// out : tuple of float32 arrays like the results, optional
+///     Written and returned instead of new arrays; they may be inputs. A part may be None.
+///
+/// Returns
+/// -------
+/// color : float32 array like `color`
+///     Weighted mean of the points of the nearest surface; NaN in holes, which no point covers.
+/// depth : (H, W) float32
+///     Their mean distance along the current camera's axis; NaN in holes.
+/// offset : (H, W, 2) float32
+///     Where in the pixel they lie on average, -0.5 to 0.5; NaN in holes. Given back to the next call, it keeps what is
+///     carried on for many frames from being blurred, or left behind by less than half a pixel each time.
+/// quality : (H, W) float32
+///     Their mean weight; 0 in holes.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, a camera of another size, or a tolerance or reach out of range.
+///
+/// Notes
+/// -----
+/// A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z'
+/// times the ratio of the focal lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points
+/// override large ones. Where the nearest is at z0, weights fall linearly to none at ``z' = z0 (1 + tolerance)``. A
+/// point that stands in counts as one larger by `reach` on every side. Points are added up in the order of their
+/// pixels, whatever the number of threads. In pixels beside its own, a large point is taken to lie at the centre.
+/// Between cameras that are equal, everything stays as it is. After "Reprojection 2", a developer's diary of 2008,
+/// where points are weighted by their size and depth; the formula is our own.
+#[pyfunction]
+#[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, drift=None, quality=None,
+    tolerance=0.1, reach=0.0, out=None))]
+pub fn splat_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    depth: &Bound<'py, PyAny>,
+    camera: &Camera,
+    previous_camera: &Camera,
+    offset: Option<&Bound<'py, PyAny>>,
+    drift: Option<&Bound<'py, PyAny>>,
+    quality: Option<&Bound<'py, PyAny>>,
+    tolerance: f32,
+    reach: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Array<'py>, Array<'py>, Array<'py>, Array<'py>)> {
+    let params = splat::Params { tolerance, reach };
+    params.check()?;
+    let [color, depth, offset, quality] = {
+        let depth = Input::<f32>::new(depth, "depth", Channels::One)?;
+        let size = depth.size();
+        let color = Input::<f32>::new(color, "color", Channels::Any)?.sized("color", size)?;
+        for (name, camera) in [("camera", camera), ("previous_camera", previous_camera)] {
+            check_size(name, camera, size)?;
+        }
+        let offset = Input::<f32>::optional(offset, "offset", OFFSET, size)?;
+        let drift = Input::<f32>::optional(drift, "drift", MOTION, size)?;
+        let quality = Input::<f32>::optional(quality, "quality", Channels::One, size)?;
+        let points = Points {
+            color: color.data().pixels(),
+            depth: depth.data().pixels(),
+            offset: offset.as_ref().map(|offset| offset.data().pixels()),
+            drift: drift.as_ref().map(|drift| drift.data().pixels()),
+            quality: quality.as_ref().map(|quality| quality.data().pixels()),
+        };
+        let Size { height, width } = size;
+        let shapes: [&[usize]; 4] = [
+            color.shape(),
+            &[height, width],
+            &[height, width, 2],
+            &[height, width],
+        ];
+        let mut results = room(py, out.as_ref(), shapes)?;
+        let [color, depth, offset, quality] = results.each_mut().map(Direct::data);
+        let splats = Splats {
+            color: color?,
+            depth: depth?,
+            offset: offset?,
+            quality: quality?,
+        };
+        let cameras = [&camera.inner, &previous_camera.inner];
+        py.detach(|| splat(points, cameras, params, splats));
+        results
+    };
+    Ok((
+        color.array()?,
+        depth.array()?,
+        offset.array()?,
+        quality.array()?,
+    ))
+}
+
+/// Holes filled from ever coarser images.
+///
+/// Parameters
+/// ----------
+/// color : (H, W) or (H, W, C) array_like of float
+///     NaN or infinity in a channel makes a hole.
+/// quality : (H, W) array_like of float, optional
+///     Weight of each pixel; what is not above 0 and finite is a hole. By default 1.
+/// factor : int, default 2
+///     By how much each level is smaller to a side, 2 to 16.
+/// levels : int, optional
+///     How many coarser levels, at least 1. By default down to a single pixel, so that one known pixel fills all.
+/// out : tuple of float32 arrays like the results, optional
+///     Written and returned instead of new arrays; they may be inputs. A part may be None.
+///
+/// Returns
+/// -------
+/// color : float32 array like `color`
+///     What is no hole stays as it is. NaN where nothing is known within reach of the levels, in an image of holes
+///     everywhere.
+/// quality : (H, W) float32
+///     As given, lower the coarser the level is that filled a hole; 0 where `color` is NaN.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, or a factor or number of levels out of range.
+///
+/// Notes
+/// -----
+/// With the reduction ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block, and
+/// bilinear expansion weighted by quality: near and detailed points override the others, and with ``factor=4,
+/// levels=2`` the images are 1, 1/4 and 1/16 of the size and back, as "Reprojection 2", a developer's diary of 2008,
+/// has it; ``factor=2`` is what it planned. Pull-push is due to Gortler et al. 1996, *The Lumigraph*, section 3.4.
+#[pyfunction]
+#[pyo3(name = "pull_push", signature = (color, quality=None, *, factor=2, levels=None, out=None))]
+pub fn pull_push_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    quality: Option<&Bound<'py, PyAny>>,
+    factor: i64,
+    levels: Option<i64>,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let params = pull_push::Params::new(factor, levels)?;
+    let [color, quality] = {
+        let mut color = Input::<f32>::new(color, "color", Channels::Any)?;
+        let quality = quality.map(|quality| Input::<f32>::new(quality, "quality", Channels::One));
+        let quality = quality.transpose()?;
+        if let Some(quality) = &quality {
+            color = color.sized("color", quality.size())?;
+        }
+        let size = color.size();
+        let shapes: [&[usize]; 2] = [color.shape(), &[size.height, size.width]];
+        let mut results = room(py, out.as_ref(), shapes)?;
+        let [filled, known] = results.each_mut().map(Direct::data);
+        let (filled, known) = (filled?, known?);
+        let color = color.data().pixels();
+        let quality = quality.as_ref().map(|quality| quality.data().pixels());
+        py.detach(|| pull_push(color, quality, params, filled, known));
+        results
+    };
+    Ok((color.array()?, quality.array()?))
+}
+
+/// What is known now and what was known before, motion-blurred and blended by quality.
+///
+/// Parameters
+/// ----------
+/// filled : (H, W, 3) array_like of float
+///     What was traced now, its holes filled: as `pull_push` returns it.
+/// filled_quality : (H, W) array_like of float
+///     Its quality; what is not above 0 and finite is a hole, as is colour that is not finite.
+/// reprojected : (H, W, 3) array_like of float
+///     What was known before, where it appears now: as `splat` returns it.
+/// reprojected_quality : (H, W) array_like of float
+///     Its quality.
+/// motion : (H, W, 2) or (H, W, 3) array_like of float
+///     Previous minus current position in pixels, as `motion_vectors` returns it; what is not finite counts as none.
+/// blur : float, default 0.25
+///     How far along the motion both images are looked at besides the pixel itself, forwards and back, 0 to 1; 0 blurs
+///     nothing.
+/// share : (float, float), default (0.0, 1.0)
+///     Range that the share of the new image is held to where both are known, within 0 to 1.
+/// fade : float, default 64.0
+///     Length of motion in pixels by which the quality of the old image falls to a half; above 0.
+/// limit : float, default 8.0
+///     Highest quality that is carried on; above 0.
+/// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
+///     Written and returned instead of new arrays; they may be inputs. A part may be None.
+///
+/// Returns
+/// -------
+/// color : (H, W, 3) float32
+///     NaN where neither image is known.
+/// quality : (H, W) float32
+///     To be carried on; 0 where neither is known.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, or a parameter out of range.
+///
+/// Notes
+/// -----
+/// Each image is the mean of three bilinear look-ups at ``-blur``, 0 and ``blur`` times the motion, among
+/// pixels that are known. With ``q = reprojected_quality / (1 + |motion| / fade)`` the share of the new one is
+/// ``filled_quality / (filled_quality + q)``, and ``filled_quality + q`` is carried on: as more samples come to be
+/// known, each counts for less. After "Reprojection 2", a developer's diary of 2008; how quality falls and adds up is
+/// our choice.
+#[pyfunction]
+#[pyo3(name = "recirculate", signature = (filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25,
+    share=(0.0, 1.0), fade=64.0, limit=8.0, out=None))]
+#[pyo3(
+    text_signature = "(filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25, share=(0.0, 1.0), \
+    fade=64.0, limit=8.0, out=None)"
+)]
+pub fn recirculate_<'py>(
+    py: Python<'py>,
+    filled: &Bound<'py, PyAny>,
+    filled_quality: &Bound<'py, PyAny>,
+    reprojected: &Bound<'py, PyAny>,
+    reprojected_quality: &Bound<'py, PyAny>,
+    motion: &Bound<'py, PyAny>,
+    blur: f32,
+    share: (f32, f32),
+    fade: f32,
+    limit: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Array<'py>, Array<'py>)> {
+    let params = recirculate::Params {
+        blur,
+        share: share.into(),
+        fade,
+        limit,
+    };
+    params.check()?;
+    let [color, quality] = {
+        let filled = Input::<f32>::new(filled, "filled", COLOR)?;
+        let size = filled.size();
+        let sized =
+            |value, name, channels| Input::<f32>::new(value, name, channels)?.sized(name, size);
+        let filled_quality = sized(filled_quality, "filled_quality", Channels::One)?;
+        let reprojected = sized(reprojected, "reprojected", COLOR)?;
+        let reprojected_quality = sized(reprojected_quality, "reprojected_quality", Channels::One)?;
+        let motion = sized(motion, "motion", MOTION)?;
+        let shapes: [&[usize]; 2] = [filled.shape(), &[size.height, size.width]];
+        let mut results = room(py, out.as_ref(), shapes)?;
+        let [color, quality] = results.each_mut().map(Direct::data);
+        let (color, quality) = (color?, quality?);
+        let [new, old] = [
+            (&filled, &filled_quality),
+            (&reprojected, &reprojected_quality),
+        ]
+        .map(|(color, quality)| Known {
+            color: color.data().pixels(),
+            quality: quality.data().pixels(),
+        });
+        let motion = motion.data().pixels();
+        py.detach(|| {
+            let color = PixelsMut::bands(size, 3, color);
+            let quality = PixelsMut::bands(size, 1, quality);
+            recirculate(new, old, motion, params, color, quality);
+        });
+        results
+    };
+    Ok((color.array()?, quality.array()?))
+}
+
+/// Where several results are written: into parts of `out`, or new arrays. To be asked for while inputs are borrowed.
+fn room<'py, const N: usize>(
+    py: Python<'py>,
+    out: Option<&Bound<'py, PyAny>>,
+    shapes: [&[usize]; N],
+) -> PyResult<[Direct<'py>; N]> {
+    let given = parts::<N>(out)?.into_iter().zip(shapes);
+    // All are checked before any is written.
+    let given: Vec<_> = given
+        .map(|(part, shape)| Ok((Out::given(part, shape)?, shape)))
+        .collect::<PyResult<_>>()?;
+    let room: Vec<_> = given
+        .into_iter()
+        .map(|(out, shape)| Direct::new(py, out, shape))
+        .collect::<PyResult<_>>()?;
+    Ok(room.try_into().ok().expect("as many as shapes"))
+}
+
+/// Whole pictures from frames of which a part of the pixels is traced.
+///
+/// What has been seen is kept as points in the world, one for each pixel, and scattered to where it appears now; the
+/// samples of the new frame, its holes filled from around, join it by quality. No buffer is needed where nothing was
+/// traced.
+///
+/// A pixel of a frame was traced if its colour is finite and its place is known: its `position`, or else its `depth`,
+/// +inf where nothing was hit. All others are missing, whatever is in their buffers; NaN says so. Every frame needs a
+/// camera. The pattern of traced pixels should change from frame to frame, so that each is traced at some time.
+///
+/// Parameters
+/// ----------
+/// factor : int, default 2
+///     By how much the levels that fill holes grow, 2 to 16: as for `pull_push`.
+/// levels : int, optional
+///     How many of them, at least 1; by default as many as there can be.
+/// blur, share, fade, limit : optional
+///     As for `recirculate`. The blur is seen only, and not carried on.
+/// tolerance : float, default 0.1
+///     As for `splat`; and by how much a sample's depth may differ, as a share of it, from that of what was known
+///     there.
+///
+/// Raises
+/// ------
+/// ValueError
+///     If a parameter is out of range.
+///
+/// Notes
+/// -----
+/// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and
+/// gives their bits: `splat` (with a reach of 0.5), `pull_push` (of colour and the inverse of depth), `motion_vectors`,
+/// and `recirculate`, without blur for the next frame and with it for the result. A pixel's point lies where it was
+/// sampled (`Frame.position` or `Frame.jitter`, else the centre), where it comes from, or, at the depth of those
+/// around, in the centre. What is filled does not count beside what has eight times its quality, or what stands still
+/// would never be as sharp as its samples. With `Frame.motion` where a pixel is traced, what moves by itself is taken
+/// to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it, as does light that
+/// changes.
+#[pyclass(module = "yester")]
+pub struct Recirculation {
+    inner: recirculation::Recirculation,
+}
+
+#[pymethods]
+impl Recirculation {
+    #[new]
+    #[pyo3(signature = (*, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1))]
+    #[pyo3(
+        text_signature = "(*, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1)"
+    )]
+    fn new(
+        factor: i64,
+        levels: Option<i64>,
+        blur: f32,
+        share: (f32, f32),
+        fade: f32,
+        limit: f32,
+        tolerance: f32,
+    ) -> PyResult<Self> {
+        let params = recirculation::Params {
+            splat: splat::Params {
+                tolerance,
+                reach: 0.5,
+            },
+            pull_push: pull_push::Params::new(factor, levels)?,
+            recirculate: recirculate::Params {
+                blur,
+                share: share.into(),
+                fade,
+                limit,
+            },
+        };
+        Ok(Self {
+            inner: recirculation::Recirculation::new(params)?,
+        })
+    }
+
+    /// Completes the next frame of the sequence.
+    ///
+    /// Parameters
+    /// ----------
+    /// frame : Frame
+    ///     Of the same size as those before, with camera, and depth or position.
+    /// out : Output, optional
+    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones.
+    ///
+    /// Returns
+    /// -------
+    /// Output
+    ///     Without a variance. `history_length` is the quality that is carried on: 1 for a sample, and more for
+    ///     several; the smaller, the farther off samples are. `confidence` is 1 where the past knows the pixel, else 0;
+    ///     `rejection` is OUTSIDE where no point of the past came to be, and DEPTH where a sample shows that another
+    ///     surface has taken its place. As long as nothing at all has been traced, colour is black.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the frame has no camera, or neither depth nor position; if the size changes without `reset` in between;
+    ///     if `out` does not fit.
+    #[pyo3(signature = (frame, out=None))]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, Output>>,
+    ) -> PyResult<Output> {
+        let (room, summary) = {
+            let frame = FrameArgs::new(frame)?;
+            let mut room = Room::new(py, out.map(Bound::get), frame.size(), false)?;
+            let output = room.data()?;
+            let summary = frame.with(py, |frame| self.inner.step(frame, output))?;
+            (room, summary)
+        };
+        room.output(py, summary)
+    }
+
+    /// Forgets the sequence; the next frame is a first one.
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+}

@@ -1,0 +1,362 @@
+//! Forward reprojection: the points that the previous frame saw, scattered to where they appear now.
+//!
+//! A pixel of the previous frame is a point: a colour at its depth z, seen at the pixel's centre plus an offset, with a
+//! quality q. Its new place p and depth z' follow from the two cameras (see
+//! [`crate::kernels::camera::pinhole::Warp`]), for background from their rotation, less its drift, which is how it moves
+//! by itself. It covers the pixels whose centres lie within a square around p, whose side is that of its old pixel at its
+//! new distance, a little enlarged where it grows so that no rounding leaves cracks,
+//!   s = 1 + 1.01 max(0, z/z' · √(f'x f'y / fx fy) − 1),
+//! and counts there as q/s⁴: it has become larger than a pixel, and as much less sharp. Of the points that cover a pixel
+//! the nearest, at depth z₀, decides what is seen; with it are averaged those of the same surface, each with weight
+//!   w = q/s⁴ · max(0, 1 − (z' − z₀)/(t z₀)),
+//! t being the tolerance. All sums go through the points in the order of their source pixels.
+//!
+//! Points that keep their places within their pixels leave cracks between them as they move. A pixel that no point covers
+//! may therefore take those that would cover it with squares larger by a given reach on every side, and as if they were.
+//!
+//! Where a point covers other pixels than the one that it lies in, these get copies of it at their centres.
+//!
+//! Inputs: colour (any channels), depth (1), offset (2, in pixels), drift (2 or 3, previous minus current pixels and
+//! depth), quality (1), all of the previous frame; both cameras. Outputs: colour, depth, offset and quality of this
+//! frame's pixels; in holes NaN, and 0 for quality.
+
+use std::ops::Range;
+
+use glam::DAffine3;
+
+use crate::error::{Result, in_range};
+use crate::image::{Pixels, Size};
+use crate::kernels::camera::pinhole::{Camera, Warp};
+use crate::rows::{self, BAND, Kernel};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// Difference of depth, as a share of it, from which on points belong to another surface; above 0; 0.1.
+    pub tolerance: f32,
+    /// Pixels beside a point's square within which it stands in where none covers; 0 to 1; 0.
+    pub reach: f32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            tolerance: 0.1,
+            reach: 0.0,
+        }
+    }
+}
+
+impl Params {
+    pub fn check(&self) -> Result<()> {
+        in_range("tolerance", self.tolerance, "a share above 0", |v| v > 0.0)?;
+        in_range("reach", self.reach, "0 to 1 pixels", |v| {
+            (0.0..=1.0).contains(&v)
+        })
+    }
+}
+
+/// What the previous frame saw: a point for every pixel whose numbers are finite, whose depth is above 0 (+inf is the
+/// background), and whose quality is.
+#[derive(Clone, Copy)]
+pub struct Points<'a> {
+    pub color: Pixels<'a>,
+    pub depth: Pixels<'a>,
+    /// From the pixels' centres; none if not given.
+    pub offset: Option<Pixels<'a>>,
+    /// Beyond what the cameras explain; none if not given, nor where it is not finite.
+    pub drift: Option<Pixels<'a>>,
+    /// 1 if not given.
+    pub quality: Option<Pixels<'a>>,
+}
+
+/// What is to be written: records of colour and offset, and a number for each pixel of the others.
+pub struct Splats<'a> {
+    pub color: &'a mut [f32],
+    pub depth: &'a mut [f32],
+    pub offset: &'a mut [f32],
+    pub quality: &'a mut [f32],
+}
+
+impl<'a> Splats<'a> {
+    fn bands(self, width: usize, channels: usize) -> impl Iterator<Item = Splats<'a>> {
+        let band = BAND * width;
+        (self.color.chunks_mut(band * channels))
+            .zip(self.depth.chunks_mut(band))
+            .zip(self.offset.chunks_mut(band * 2))
+            .zip(self.quality.chunks_mut(band))
+            .map(|(((color, depth), offset), quality)| Splats {
+                color,
+                depth,
+                offset,
+                quality,
+            })
+    }
+}
+
+/// No point covers more than so many pixels to a side.
+const LARGEST: f32 = 16.0;
+
+/// By how much more than they grow points cover, so that no rounding leaves cracks between them.
+const MARGIN: f32 = 1.01;
+
+pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Splats) {
+    let Pixels { size, channels, .. } = points.color;
+    let count = rows::bands(size.height).count();
+    let mut sent = vec![vec![]; count];
+    let project = Project::new(points, cameras, params);
+    rows::run(&project, size.height, sent.iter_mut());
+    let gather = Gather {
+        color: points.color,
+        sent: &sent,
+        params,
+    };
+    let outs = splats.bands(size.width, channels);
+    rows::run(&gather, size.height, outs);
+}
+
+/// A point in this frame.
+#[derive(Clone, Copy)]
+struct Point {
+    source: u32,
+    /// The pixel that it lies in, and where from its centre: at least −½, below ½.
+    x: i32,
+    y: i32,
+    offset: [f32; 2],
+    depth: f32,
+    side: f32,
+    quality: f32,
+}
+
+impl Point {
+    /// The pixels of a line that it covers: those whose centres are more than −s/2 and at most s/2 away.
+    #[inline(always)]
+    fn covers(place: i32, offset: f32, side: f32, end: usize) -> Range<usize> {
+        let half = 0.5 * side;
+        let first = place + (offset - half).floor() as i32 + 1;
+        let last = place + (offset + half).floor() as i32;
+        let end = end as i32;
+        first.clamp(0, end) as usize..(last + 1).clamp(0, end) as usize
+    }
+
+    /// Columns and rows, if it were larger by `reach` on every side.
+    #[inline(always)]
+    fn square(&self, size: Size, reach: f32) -> [Range<usize>; 2] {
+        let side = self.side + 2.0 * reach;
+        [
+            Self::covers(self.x, self.offset[0], side, size.width),
+            Self::covers(self.y, self.offset[1], side, size.height),
+        ]
+    }
+}
+
+/// For each band of this frame, in order, the points that one band of the previous sends there.
+type Sent = Vec<Vec<Point>>;
+
+struct Project<'a> {
+    points: Points<'a>,
+    warp: Warp,
+    /// How much larger the new camera shows what is as far away.
+    zoom: f64,
+    reach: f32,
+}
+
+impl<'a> Project<'a> {
+    fn new(points: Points<'a>, [camera, previous]: [&Camera; 2], params: Params) -> Self {
+        Self {
+            points,
+            warp: Warp::new(previous, camera, DAffine3::IDENTITY),
+            zoom: (camera.pixels_per_unit() / previous.pixels_per_unit()).sqrt(),
+            reach: params.reach,
+        }
+    }
+
+    /// The point of a pixel, unless there is none or it is not in front of the camera.
+    #[inline(always)]
+    fn point(&self, source: usize, x: usize, y: usize) -> Option<Point> {
+        let Points {
+            color,
+            depth,
+            offset,
+            drift,
+            quality,
+        } = self.points;
+        let depth = depth.at(source, 0);
+        let quality = quality.map_or(1.0, |quality| quality.at(source, 0));
+        let present = (0..color.channels).all(|c| color.at(source, c).is_finite());
+        if !(present && depth > 0.0 && quality > 0.0 && quality.is_finite()) {
+            return None;
+        }
+        let [ox, oy] = match offset {
+            Some(offset) => [0, 1].map(|c| offset.at(source, c)),
+            None => [0.0; 2],
+        };
+        let place = [(x, ox), (y, oy)].map(|(place, o)| place as f64 + 0.5 + f64::from(o));
+        let (far, near) = match depth == f32::INFINITY {
+            true => (1.0, 0.0),
+            false => (f64::from(depth), 1.0),
+        };
+        let [mx, my, mz] = self.warp.motion(place, far, near);
+        let [dx, dy, dz] = match drift {
+            Some(drift) => [0, 1, 2].map(|c| match c < drift.channels {
+                true => finite(drift.at(source, c)),
+                false => 0.0,
+            }),
+            None => [0.0; 3],
+        };
+        let moved = [ox + mx - dx, oy + my - dy];
+        let now = depth + mz - dz;
+        // Farther away than any image reaches, nothing is covered; and whole numbers stay exact.
+        if !(moved.iter().all(|v| v.abs() < 1e6) && now > 0.0) {
+            return None;
+        }
+        let nearer = match near == 0.0 {
+            true => 1.0,
+            false => far / f64::from(now),
+        };
+        let growth = (nearer * self.zoom) as f32 - 1.0;
+        let side = (1.0 + MARGIN * growth).clamp(1.0, LARGEST);
+        let area = side * side;
+        let cell = moved.map(|v| (v + 0.5).floor());
+        Some(Point {
+            source: source as u32,
+            x: x as i32 + cell[0] as i32,
+            y: y as i32 + cell[1] as i32,
+            offset: [moved[0] - cell[0], moved[1] - cell[1]],
+            depth: now,
+            side,
+            quality: quality / (area * area),
+        })
+    }
+}
+
+impl<'a> Kernel for Project<'a> {
+    type Out = &'a mut Sent;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, sent: &'a mut Sent) {
+        let size = self.points.color.size;
+        sent.resize(rows::bands(size.height).count(), vec![]);
+        // Most go where they were.
+        sent[rows.start / BAND].reserve(rows.len() * size.width);
+        for y in rows {
+            for x in 0..size.width {
+                let Some(point) = self.point(y * size.width + x, x, y) else {
+                    continue;
+                };
+                let [columns, covered] = point.square(size, self.reach);
+                if covered.is_empty() || columns.is_empty() {
+                    continue;
+                }
+                for band in covered.start / BAND..=(covered.end - 1) / BAND {
+                    sent[band].push(point);
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn finite(value: f32) -> f32 {
+    if value.is_finite() { value } else { 0.0 }
+}
+
+struct Gather<'a> {
+    color: Pixels<'a>,
+    /// By bands of the previous frame.
+    sent: &'a [Sent],
+    params: Params,
+}
+
+impl Gather<'_> {
+    /// Calls for every pixel that a point covers or may stand in for, by its place in the band.
+    #[inline(always)]
+    fn each(
+        &self,
+        rows: &Range<usize>,
+        reach: f32,
+        mut call: impl FnMut(&Point, [usize; 2], usize),
+    ) {
+        let size = self.color.size;
+        let band = rows.start / BAND;
+        for point in self.sent.iter().flat_map(|sent| &sent[band]) {
+            let [columns, covered] = point.square(size, reach);
+            for y in covered.start.max(rows.start)..covered.end.min(rows.end) {
+                for x in columns.clone() {
+                    call(point, [x, y], (y - rows.start) * size.width + x);
+                }
+            }
+        }
+    }
+}
+
+impl<'a> Kernel for Gather<'a> {
+    type Out = Splats<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, out: Splats<'a>) {
+        let channels = self.color.channels;
+        for image in [&mut *out.color, out.depth, out.offset] {
+            image.fill(f32::NAN);
+        }
+        out.quality.fill(0.0);
+        let Params { tolerance, reach } = self.params;
+        let mut nearest = vec![f32::NAN; out.depth.len()];
+        // Where NaN stands, any is nearer.
+        let nearer = |before: f32, depth: f32| if before <= depth { before } else { depth };
+        self.each(&rows, 0.0, |point, _, at| {
+            nearest[at] = nearer(nearest[at], point.depth);
+        });
+        let mut weights = vec![0.0; out.depth.len()];
+        let mut add = |point: &Point, [x, y]: [usize; 2], at: usize, nearest: f32, quality: f32| {
+            let behind = point.depth - nearest;
+            let nearness = match behind > 0.0 {
+                true => 1.0 - behind / (tolerance * nearest),
+                false => 1.0,
+            };
+            let weight = quality * nearness;
+            if !(weight > 0.0) {
+                return;
+            }
+            let offset = match [x as i32, y as i32] == [point.x, point.y] {
+                true => point.offset,
+                false => [0.0; 2],
+            };
+            let first = weights[at] == 0.0;
+            weights[at] += weight;
+            let share = weight / weights[at];
+            // One point, or several alike, are kept to the bit.
+            let join = |mean: &mut f32, value: f32| {
+                let moved = *mean + share * (value - *mean);
+                *mean = if first || value == *mean {
+                    value
+                } else {
+                    moved
+                };
+            };
+            let color = &mut out.color[at * channels..][..channels];
+            for (channel, mean) in color.iter_mut().enumerate() {
+                join(mean, self.color.at(point.source as usize, channel));
+            }
+            join(&mut out.depth[at], point.depth);
+            join(&mut out.offset[2 * at], offset[0]);
+            join(&mut out.offset[2 * at + 1], offset[1]);
+            join(&mut out.quality[at], quality);
+        };
+        self.each(&rows, 0.0, |point, pixel, at| {
+            add(point, pixel, at, nearest[at], point.quality);
+        });
+        if reach > 0.0 {
+            let mut spare = vec![f32::NAN; nearest.len()];
+            self.each(&rows, reach, |point, _, at| {
+                spare[at] = nearer(spare[at], point.depth);
+            });
+            self.each(&rows, reach, |point, pixel, at| {
+                if nearest[at].is_nan() {
+                    let share = point.side / (point.side + 2.0 * reach);
+                    let area = share * share;
+                    add(point, pixel, at, spare[at], point.quality * (area * area));
+                }
+            });
+        }
+    }
+}

@@ -1,0 +1,81 @@
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from .motion import motion_vectors
+from .projection import pixel_centres, project
+from .pull_push import pull_push
+from .recirculate import recirculate
+from .splat import splat
+
+
+class Output(NamedTuple):
+    color: Tensor
+    history_length: Tensor
+    confidence: Tensor
+    rejection: Tensor
+    missing: int
+
+
+class Recirculation:
+    """Whole pictures of frames of which a part is traced, composed of the references. Frames are as those of `SVGF`.
+
+    Source: "Reprojection 2", a developer's diary of 2008.
+    """
+
+    def __init__(self, *, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1):
+        self.pyramid = {"factor": factor, "levels": levels}
+        self.blend = {"share": share, "fade": fade, "limit": limit}
+        self.blur, self.tolerance = blur, tolerance
+        self.reset()
+
+    def reset(self) -> None:
+        self.points = self.camera = None
+
+    def step(self, frame) -> Output:
+        height, width = frame.color.shape[:2]
+        centres = pixel_centres(height, width, frame.color)  # (H, W, 2)
+        own = torch.as_tensor(frame.jitter or (0, 0)).to(centres).expand_as(centres)  # (H, W, 2)
+        depth = frame.depth  # (H, W)
+        if frame.position is not None:
+            hit = frame.position.isfinite().all(-1)  # (H, W)
+            place, depth = project(frame.camera, frame.position.where(hit[..., None], 0))  # (H, W, 2), (H, W)
+            depth = depth.where(hit, torch.inf)  # (H, W)
+            own = torch.where(hit[..., None], place - centres, own)  # (H, W, 2)
+        own = own.clamp(-0.5, 0.5)  # (H, W, 2)
+        traced = frame.color.isfinite().all(-1) & (depth > 0)  # (H, W)
+        drift = torch.zeros_like(frame.color)  # (H, W, 3)
+        first = self.points is None
+        if frame.motion is not None and not first:
+            geometry = frame.depth if frame.position is None else frame.position
+            still = motion_vectors(geometry, frame.camera, self.camera)  # (H, W, 3)
+            channels = frame.motion.shape[-1]
+            drift[..., :channels] = (frame.motion - still[..., :channels]).nan_to_num(0, 0, 0)
+
+        known = torch.zeros_like(depth)  # (H, W)
+        color, place, offset = drift.repeat(1, 1, 2), known, own  # (H, W, 6), (H, W), (H, W, 2)
+        before = frame.camera if first else self.camera
+        if not first:
+            color, drifts, place, offset, known = self.points
+            both = torch.cat([color, drifts], -1)  # (H, W, 6)
+            given = {"offset": offset, "drift": drifts, "quality": known, "tolerance": self.tolerance, "reach": 0.5}
+            color, place, offset, known = splat(both, place, frame.camera, before, **given)
+        alike = ((place - depth).abs() <= self.tolerance * depth) | (place == depth)  # (H, W)
+        gone = (known > 0) & traced & ~alike  # (H, W)
+        rejection = torch.where(known > 0, 2 * gone, 0 if first else 1)  # (H, W)
+        known = known.where(~gone, 0)  # (H, W)
+        kept = known > 0  # (H, W)
+
+        samples = torch.cat([frame.color, 1 / depth[..., None], drift], -1)  # (H, W, 7)
+        filled, fresh = pull_push(samples.where(traced[..., None], torch.nan), **self.pyramid)  # (H, W, 7), (H, W)
+        fresh = fresh.where(traced | (known <= 8 * fresh), 0)  # (H, W)
+        place = torch.where(traced, depth, torch.where(kept, place, 1 / filled[..., 3]))  # (H, W)
+        offset = torch.where(traced[..., None], own, offset.where(kept[..., None], 0))  # (H, W, 2)
+        drift = torch.where((kept & ~traced)[..., None], color[..., 3:], filled[..., 4:])  # (H, W, 3)
+        motion = motion_vectors(place, frame.camera, before) + drift  # (H, W, 3)
+        images = filled[..., :3], fresh, color[..., :3], known, motion
+        carried, quality = recirculate(*images, blur=0, **self.blend)  # (H, W, 3), (H, W)
+        shown, _ = recirculate(*images, blur=self.blur, **self.blend)  # (H, W, 3)
+        self.points, self.camera = (carried, drift, place, offset, quality), frame.camera
+        return Output(shown.nan_to_num(0, 0, 0), quality, kept.to(known), rejection, int((~traced).sum()))

@@ -1,0 +1,363 @@
+"""`recirculate`, and the pipeline that it is a part of."""
+
+import compare
+import composed
+import numpy as np
+import pytest
+import reference
+import scene
+import yester
+from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from composed import sample, sequence
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from yester.study.metrics import psnr
+
+IMAGES = ("color", "history_length", "confidence", "rejection")
+
+
+# The kernel
+
+
+def images(rng, height, width) -> tuple:
+    pair = []
+    for holes in (0.1, 0.3):
+        quality = rng.exponential(1, (height, width)).astype(np.float32)
+        quality[rng.random(quality.shape) < holes] = 0
+        broken = rng.random(quality.shape) < 0.05
+        quality[broken] = rng.choice([np.nan, -1, np.inf], int(broken.sum()))
+        pair += [compare.colors(rng, height, width), quality]
+    return *pair, compare.motions(rng, height, width, int(rng.integers(2, 4)))
+
+
+def check(given: tuple, **named) -> tuple:
+    got = yester.recirculate(*given, **named)
+    want = reference.recirculate(*tensor(given), **named)
+    assert all(image.dtype == np.float32 for image in got)
+    # Where a place lies on the border of what is known, a weight of almost nothing decides whether it is.
+    assert_close("recirculate color", got[0], want[0], rtol=2e-5, flips=got[1].size // 500)
+    assert_close("recirculate quality", got[1], want[1])
+    return got
+
+
+@settings(max_examples=100)
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    blur=st.sampled_from([0.0, 0.25, 1.0]),
+    share=st.sampled_from([(0.0, 1.0), (0.1, 0.5), (0.3, 0.3)]),
+    fade=st.sampled_from([0.5, 64.0, np.inf]),
+    limit=st.sampled_from([0.5, 8.0, np.inf]),
+)
+def test_reference(seed, size, **named):
+    check(images(np.random.default_rng(seed), *size), **named)
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::4])
+def test_sizes(height, width):
+    check(images(np.random.default_rng(width), height, width))
+
+
+def test_shares_and_what_is_carried():
+    """By quality, within the range; what is old counts for half after `fade` pixels; sums go on, up to the limit."""
+    new, old = np.zeros((1, 4, 3), np.float32), np.ones((1, 4, 3), np.float32)
+    one, three = np.full((1, 4), 1, np.float32), np.float32([[3, 3, 3, 0]])
+    motion = np.zeros((1, 4, 2), np.float32)
+    motion[0, 1] = 6, 8
+    motion[0, 2] = np.nan
+    color, quality = yester.recirculate(new, one, old, three, motion, blur=0, fade=10)
+    np.testing.assert_allclose(color[0, :, 0], [0.75, 0.6, 0.75, 0], rtol=1e-6)
+    np.testing.assert_allclose(quality, [[4, 2.5, 4, 1]], rtol=1e-6)
+    color, quality = yester.recirculate(new, one, old, three, motion, share=(0.3, 1), limit=3)
+    np.testing.assert_allclose(color[0, :, 0], [0.7, 0.7, 0.7, 0], rtol=1e-6)
+    np.testing.assert_allclose(quality, [[3, 3, 3, 1]], rtol=1e-6)
+    color, _ = yester.recirculate(new, one, old, three, motion, share=(0, 0.2))
+    np.testing.assert_allclose(color[0, :, 0], [0.8, 0.8, 0.8, 0], rtol=1e-6)
+
+
+def test_three_places_along_the_motion():
+    """A bright pixel leaves a third of itself a quarter of the motion away, on both sides, and none is lost."""
+    image, known = np.zeros((9, 30, 3), np.float32), np.ones((9, 30), np.float32)
+    image[4, 15] = 3
+    motion = np.full((9, 30, 2), np.float32([16, 0]))
+    nothing = np.zeros_like(known)
+    for case in ((image, known, image * 7, nothing), (image * 7, nothing, image, known)):
+        color, _ = yester.recirculate(*case, motion)
+        assert_same_bits(color[4, [11, 15, 19]], np.ones((3, 3), np.float32))
+        assert color.sum() == 9
+    hole = np.where(image > 0, np.float32(np.nan), np.float32(2))
+    color, quality = yester.recirculate(hole, known, image, nothing, motion)
+    assert np.isnan(color[4, 15]).all()
+    assert quality[4, 15] == 0
+    assert (np.delete(color[4], 15, 0) == 2).all()
+
+
+def test_constant_stays_constant():
+    rng = np.random.default_rng(0)
+    _, new, _, old, motion = images(rng, 30, 41)
+    color = np.full((30, 41, 3), np.float32([0.7, 0.1, 3]))
+    got, quality = yester.recirculate(color, new, color, old, motion)
+    seen = quality > 0
+    assert 0.8 < seen.mean() < 1
+    np.testing.assert_allclose(got[seen], color[seen], rtol=1e-6)
+    assert np.isnan(got[~seen]).all()
+    assert (quality >= 0).all()
+
+
+BAD = [
+    ("blur", [-0.1, 1.1, np.nan]),
+    ("share", [(-0.1, 1), (0, 1.1), (0.6, 0.5), (np.nan, 1)]),
+    ("fade", [0, -1, np.nan]),
+    ("limit", [0, -1, np.nan]),
+]
+
+
+@pytest.mark.parametrize(("argument", "values"), BAD)
+def test_out_of_range(argument, values):
+    flat = np.ones((4, 5), np.float32)
+    color, motion = np.dstack([flat] * 3), np.dstack([flat] * 2)
+    for value in values:
+        for function in (
+            lambda **bad: yester.recirculate(color, flat, color, flat, motion, **bad),
+            yester.Recirculation,
+        ):
+            with pytest.raises(ValueError, match=argument):
+                function(**{argument: value})
+    with pytest.raises(TypeError, match=argument):
+        yester.Recirculation(**{argument: "much"})
+
+
+@pytest.mark.parametrize(("argument", "value"), [("factor", 1), ("factor", 17), ("levels", 0), ("tolerance", 0)])
+def test_pipelines_refuse_it_too(argument, value):
+    with pytest.raises(ValueError, match=argument):
+        yester.Recirculation(**{argument: value})
+
+
+# The pipeline
+
+PATTERN = {2: (0, 3, 1, 2), 4: (0, 10, 2, 8, 5, 15, 7, 13, 1, 11, 3, 9, 4, 14, 6, 12)}
+
+
+def traced(number: int, side: int, height: int, width: int) -> np.ndarray:
+    """One pixel of each block of side × side, another in every frame."""
+    turn = PATTERN[side][number % side**2]
+    mask = np.zeros((height, width), bool)
+    mask[turn // side :: side, turn % side :: side] = True
+    return mask
+
+
+def sparse(frame: dict, mask: np.ndarray) -> dict:
+    """Nothing is known where nothing is traced."""
+    some = {}
+    for name in ("color", "depth", "position", "motion"):
+        if name in frame:
+            image = np.asarray(frame[name], np.float32)
+            some[name] = np.where(mask.reshape(mask.shape + (1,) * (image.ndim - 2)), image, np.float32(np.nan))
+    return {**frame, **some}
+
+
+def frames_of(names, side=2, count=6) -> list[yester.Frame]:
+    frames = [sparse(frame, traced(i, side, 43, 61)) for i, frame in enumerate(sequence(count))]
+    return [yester.Frame(**{name: frame[name] for name in (*names, "color", "camera")}) for frame in frames]
+
+
+CHOICES = [
+    {},
+    {"factor": 4, "levels": 2, "blur": 0.0, "tolerance": 0.01},
+    {"blur": 1.0, "share": (0.1, 0.8), "fade": 2.0, "limit": 3.0},
+]
+
+
+@pytest.mark.parametrize("options", CHOICES)
+@pytest.mark.parametrize(
+    "names", [("depth",), ("position",), ("depth", "motion", "jitter"), ("depth", "position", "motion", "jitter")]
+)
+def test_bits_are_those_of_the_functions(names, options):
+    pipeline, other = yester.Recirculation(**options), composed.Recirculation(**options)
+    for frame in frames_of(names, 2 if options else 4):
+        got, want = pipeline.step(frame), other.step(frame)
+        for name in IMAGES:
+            assert_same_bits(getattr(got, name), getattr(want, name))
+        assert got.missing == want.missing
+        assert got.variance is None
+        assert np.isfinite(got.color).all()
+    used = {"camera", "position" if "position" in names else "depth", *names} - (
+        {"depth"} if "position" in names else set()
+    )
+    assert set(got.used) == used
+
+
+def test_reference_pipeline():
+    """As the references give it, but for points on borders of pixels, of which each frame passes on a few."""
+    pipeline, other = yester.Recirculation(), reference.Recirculation()
+    for frame in frames_of(("depth", "motion"), count=4):
+        got = pipeline.step(frame)
+        buffers = {name: tensor(getattr(frame, name)) for name in ("color", "depth", "motion", "position")}
+        want = other.step(composed.SimpleNamespace(**buffers, camera=frame.camera, jitter=None))
+        for name in IMAGES:
+            image, like = getattr(got, name), np.asarray(getattr(want, name))
+            assert (np.abs(image - like) > 1e-4 * (1 + np.abs(like))).mean() < 0.02
+        assert got.missing == want.missing
+
+
+def still_frames(count, side, color=None):
+    camera = scene.camera(0.0, 61, 43)
+    whole = sample(camera)
+    whole["color"] = whole["color"] if color is None else color
+    for i in range(count):
+        some = sparse(whole, traced(i, side, 43, 61))
+        yield yester.Frame(some["color"], depth=some["depth"], camera=camera)
+
+
+@pytest.mark.parametrize("side", [2, 4])
+def test_what_stands_still_converges_to_the_full_picture(side):
+    """Once every pixel has been traced the picture is nearly whole, and it comes ever nearer."""
+    whole, pipeline = sample(scene.camera(0.0, 61, 43))["color"], yester.Recirculation()
+    found = [psnr(pipeline.step(frame).color, whole) for frame in still_frames(16 * side**2, side)]
+    turn = side**2 - 1
+    assert found[turn] > found[0] + 3
+    assert found[4 * turn + 3] > found[turn] + 2
+    assert found[-1] > found[turn] + 5
+
+
+def test_all_traced_is_shown_as_it_is():
+    camera = scene.camera(0.0, 61, 43)
+    whole, pipeline = sample(camera), yester.Recirculation()
+    for number in range(1, 11):
+        output = pipeline.step(yester.Frame(whole["color"], depth=whole["depth"], camera=camera))
+        np.testing.assert_allclose(output.color, whole["color"], rtol=1e-6)
+        assert (output.history_length == min(number, 8)).all()
+        assert (output.confidence == (number > 1)).all()
+        assert not output.rejection.any()
+        assert output.missing == 0
+
+
+def test_a_moving_camera_is_better_off_than_without_memory():
+    """At a sixteenth of the pixels and half a pixel of motion, half the squared error of what is filled."""
+    errors, pipeline = [], yester.Recirculation()
+    for i in range(24):
+        frame = sample(scene.camera(0.25 * i, 96, 64))
+        some = sparse(frame, traced(i, 4, 64, 96))
+        output = pipeline.step(yester.Frame(some["color"], depth=some["depth"], camera=frame["camera"]))
+        alone, _ = yester.pull_push(some["color"])
+        if i >= 16:
+            errors.append([np.mean((image - frame["color"]) ** 2) for image in (output.color, alone)])
+    ours, alone = np.mean(errors, 0)
+    assert 2 * ours < alone
+
+
+def test_noise_is_averaged():
+    """Of a noisy picture at rest, each sample counts for less, up to the limit."""
+    rng, pipeline = np.random.default_rng(0), yester.Recirculation()
+    camera, depth = scene.camera(0.0, 61, 43), np.full((43, 61), 4, np.float32)
+    for _ in range(30):
+        noisy = rng.uniform(0, 2, (43, 61, 3)).astype(np.float32)
+        output = pipeline.step(yester.Frame(noisy, depth=depth, camera=camera))
+    assert np.std(output.color) < 0.35 * np.std(noisy)
+    assert np.mean(output.color) == pytest.approx(1, abs=0.02)
+
+
+def test_moving_things_go_on_with_motion_and_stay_behind_without():
+    """A bright square flies past, a fourth of it traced each frame: it leaves light behind only if nobody tells."""
+    camera = scene.camera(0.0, 61, 43)
+
+    def picture(i):
+        square = np.zeros((43, 61), bool)
+        square[15:27, 4 + 3 * i : 18 + 3 * i] = True
+        return square
+
+    errors = {}
+    for told in (True, False):
+        pipeline = yester.Recirculation(blur=0)
+        for i in range(12):
+            square = picture(i)
+            motion = np.where(square[..., None], np.float32([-3, 0, 0]), np.float32(0))
+            color, depth = np.dstack([square] * 3) + np.float32(0.1), np.where(square, 3, 6)
+            frame = sparse({"color": color, "depth": depth, "motion": motion}, traced(i, 2, 43, 61))
+            buffers = {"depth": frame["depth"], **({"motion": frame["motion"]} if told else {})}
+            output = pipeline.step(yester.Frame(frame["color"], **buffers, camera=camera))
+        errors[told] = np.mean((output.color - color) ** 2)
+        # The tail is forgotten, and said to be.
+        assert (output.rejection == 2).any() or told
+    assert 4 * errors[True] < errors[False]
+
+
+def test_nothing_traced_at_all():
+    """Black at first; later, what was known."""
+    nothing = np.full((43, 61, 3), np.nan, np.float32)
+    frames = list(still_frames(5, 2))
+    dark = yester.Frame(nothing, depth=nothing[..., 0], camera=frames[0].camera)
+    pipeline = yester.Recirculation()
+    output = pipeline.step(dark)
+    assert not output.color.any()
+    assert not output.history_length.any()
+    assert output.missing == 61 * 43
+    for frame in frames:
+        known = pipeline.step(frame)
+    output = pipeline.step(dark)
+    assert output.missing == 61 * 43
+    np.testing.assert_allclose(output.color, known.color, rtol=1e-6)
+    assert (output.confidence == 1).all()
+
+
+def test_cuts_start_anew():
+    """What the camera has never seen comes from this frame alone."""
+    pipeline, frames = yester.Recirculation(), list(still_frames(5, 2))
+    for frame in frames[:4]:
+        pipeline.step(frame)
+    away = yester.Camera.from_look_at([0, 0, 100], [0, 0, 200], [0, 1, 0], 50, 61, 43)
+    cut = yester.Frame(frames[4].color, depth=frames[4].depth, camera=away)
+    output, alone = pipeline.step(cut), yester.Recirculation().step(cut)
+    assert (output.rejection == yester.Rejection.OUTSIDE).mean() > 0.6
+    new = output.confidence == 0
+    np.testing.assert_array_equal(output.color[new], alone.color[new])
+
+
+def test_what_frames_need():
+    camera = scene.camera(0.0, 6, 5)
+    color, depth = np.ones((5, 6, 3), np.float32), np.ones((5, 6), np.float32)
+    pipeline = yester.Recirculation()
+    with pytest.raises(ValueError, match="camera"):
+        pipeline.step(yester.Frame(color, depth=depth))
+    with pytest.raises(ValueError, match="depth or position"):
+        pipeline.step(yester.Frame(color, camera=camera))
+    with pytest.raises(TypeError, match="frame"):
+        pipeline.step(color)
+    pipeline.step(yester.Frame(color, depth=depth, camera=camera))
+    other = yester.Frame(color[1:], depth=depth[1:], camera=scene.camera(0.0, 6, 4))
+    with pytest.raises(ValueError, match="reset"):
+        pipeline.step(other)
+    assert (pipeline.step(yester.Frame(color, depth=depth, camera=camera)).history_length == 2).all()
+    pipeline.reset()
+    assert (pipeline.step(other).history_length == 1).all()
+
+
+def test_reset_forgets():
+    frames, pipeline = frames_of(("depth", "motion"), count=3), yester.Recirculation()
+    first = [pipeline.step(frame).color for frame in frames]
+    assert pipeline.reset() is None
+    for frame, want in zip(frames, first, strict=True):
+        assert_same_bits(pipeline.step(frame).color, want)
+
+
+def test_one_pixel():
+    camera, pipeline = scene.camera(0.0, 1, 1), yester.Recirculation()
+    for number, value in enumerate((1.0, 3.0), 1):
+        frame = yester.Frame(np.full((1, 1, 3), value), depth=np.full((1, 1), 4.0), camera=camera)
+        output = pipeline.step(frame)
+        np.testing.assert_allclose(output.color, number, rtol=1e-6)
+        assert output.history_length == number
+
+
+def test_steps_write_into_an_earlier_output():
+    fresh, reusing, out = yester.Recirculation(), yester.Recirculation(), None
+    for frame in frames_of(("depth", "motion"), count=3):
+        want, before = fresh.step(frame), out
+        out = reusing.step(frame, out=out)
+        for name in IMAGES:
+            assert_same_bits(getattr(out, name), getattr(want, name))
+            assert before is None or getattr(out, name) is getattr(before, name)
+    with pytest.raises(ValueError, match=r"^out: expected"):
+        reusing.step(frame, out=yester.SVGF().step(frame))
+    with pytest.raises(ValueError, match=r"^out: expected .*\(43, 61, 3\).*\(5, 7, 3\)"):
+        reusing.step(frame, out=yester.TAA().step(yester.Frame(np.ones((5, 7, 3), np.float32))))

@@ -1,0 +1,239 @@
+import compare
+import numpy as np
+import pytest
+import reference
+import yester
+from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from yester import Camera
+
+RESULTS = ("color", "depth", "offset", "quality")
+
+
+def view(x=0.0, z=5.0, size=(60, 40), fov=50.0, target=(0, 0, 0)) -> Camera:
+    return Camera.from_look_at([x, 0, z], target, [0, 1, 0], fov, *size)
+
+
+def points(rng, height, width) -> dict:
+    """Surfaces with background and holes, anywhere in their pixels, drifting a little."""
+    quality = rng.uniform(0.1, 3, (height, width)).astype(np.float32)
+    broken = rng.random(quality.shape) < 0.05
+    quality[broken] = rng.choice([np.nan, 0, -1, np.inf], int(broken.sum()))
+    return {
+        "color": compare.colors(rng, height, width),
+        "depth": compare.surfaces(rng, height, width)["depth"],
+        "offset": rng.uniform(-0.5, 0.5, (height, width, 2)).astype(np.float32),
+        "drift": np.where(rng.random((height, width, 1)) < 0.7, 0, compare.motions(rng, height, width, 3)),
+        "quality": quality,
+    }
+
+
+def check(given: dict, camera: Camera, previous: Camera, **named) -> tuple:
+    got = yester.splat(**given, camera=camera, previous_camera=previous, **named)
+    want = reference.splat(**tensor(given), camera=camera, previous_camera=previous, **named)
+    # A point on the border between two pixels, of which a large one covers a whole row, falls to either.
+    flips = min(got[1].size // 12, 16)
+    for name, image, other in zip(RESULTS, got, want, strict=True):
+        assert image.dtype == np.float32
+        assert_close(f"splat {name}", image, other, rtol=2e-5, flips=flips, scale=1 if name == "offset" else None)
+    return got
+
+
+@settings(max_examples=100)
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    spread=st.sampled_from([0.0, 0.02, 0.3, 3.0]),
+    nearer=st.sampled_from([0.0, 2.0, 4.0]),
+    tolerance=st.sampled_from([0.02, 0.1, 0.5, np.inf]),
+    reach=st.sampled_from([0.0, 0.5, 1.0]),
+    absent=st.sets(st.sampled_from(["offset", "drift", "quality"])),
+)
+def test_reference(seed, size, spread, nearer, tolerance, reach, absent):
+    rng = np.random.default_rng(seed)
+    given = {name: value for name, value in points(rng, *size).items() if name not in absent}
+    origin = rng.normal(0, spread, 3)
+    cameras = [
+        Camera.from_look_at(o, [0, 0, -10], [0, 1, 0], fov, size[1], size[0])
+        for o, fov in ((origin - [0, 0, nearer], 45), ([0, 0, 0], rng.choice([30, 45, 60])))
+    ]
+    check(given, *cameras, tolerance=float(tolerance), reach=reach)
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::4])
+def test_sizes(height, width):
+    rng = np.random.default_rng(width)
+    check(points(rng, height, width), *(compare.camera(rng, width, height, spread=0.05) for _ in range(2)))
+
+
+def test_images_of_any_channels():
+    rng = np.random.default_rng(0)
+    given = points(rng, 20, 31)
+    cameras = view(0.1, size=(31, 20)), view(size=(31, 20))
+    for color in (given["depth"], given["drift"][..., :1], np.dstack([given["color"]] * 2)):
+        got = check({**given, "color": color.copy()}, *cameras)
+        assert got[0].shape == color.shape
+
+
+def test_between_equal_cameras_all_stays():
+    """Bit for bit, wherever the points are in their pixels; what is no point is a hole."""
+    rng = np.random.default_rng(0)
+    given = points(rng, 40, 60)
+    del given["drift"]
+    got = yester.splat(**given, camera=view(), previous_camera=view())
+    here = np.isfinite(given["color"]).all(-1) & (given["depth"] > 0)
+    here &= np.isfinite(given["quality"]) & (given["quality"] > 0)
+    assert 0.5 < here.mean() < 0.95
+    for image, name in zip(got, RESULTS, strict=True):
+        hole = 0 if name == "quality" else np.nan
+        assert_same_bits(
+            image, np.where(here.reshape(here.shape + (1,) * (image.ndim - 2)), given[name], np.float32(hole))
+        )
+
+
+def test_constant_stays_constant():
+    color = np.full((40, 60, 3), np.float32([0.7, 0.1, 3]))
+    depth = 5 + 0.01 * np.arange(60, dtype=np.float32) + np.zeros((40, 1), np.float32)
+    got, far, offset, quality = yester.splat(color, depth, view(0.3, 4.2), view())
+    seen = quality > 0
+    assert seen.mean() > 0.8
+    assert (got[seen] == color[0, 0]).all()
+    assert np.isnan(got[~seen]).all()
+    assert np.isnan(far[~seen]).all()
+    assert (np.abs(offset[seen]) <= 0.5).all()
+    assert (quality[seen] <= 1).all()
+
+
+def test_points_land_where_they_project():
+    """One point: in the pixel, at the place in it and at the depth that the camera says."""
+    color, depth = np.full((40, 60), np.nan, np.float32), np.full((40, 60), 5, np.float32)
+    color[13, 22] = 1
+    offset = np.full((40, 60, 2), np.float32([0.3, -0.2]))
+    here, there = view(), view(0.21, 5.1)
+    pixel, z = there.project(here.unproject([22.8, 13.3], 5.0))
+    got, far, place, quality = yester.splat(color, depth, there, here, offset=offset)
+    ((y, x),) = np.argwhere(quality > 0)
+    assert got[y, x] == 1
+    np.testing.assert_allclose([x + 0.5 + place[y, x, 0], y + 0.5 + place[y, x, 1]], pixel, atol=1e-5)
+    np.testing.assert_allclose(far[y, x], z, rtol=1e-6)
+
+
+def test_points_that_come_near_cover_what_they_should():
+    """At a third of the distance a point covers three times three pixels, at 1/81 of the weight; no hole is left."""
+    color, depth = np.full((40, 60), np.nan, np.float32), np.full((40, 60), 6, np.float32)
+    color[20, 30] = 1
+    _, _, offset, quality = yester.splat(color, depth, view(z=2), view(z=6))
+    y, x = np.nonzero(quality)
+    assert (np.ptp(y), np.ptp(x), len(y)) == (2, 2, 9)
+    np.testing.assert_allclose(quality[y, x], 1 / 81, rtol=0.04)
+    assert (offset[quality > 0] != 0).all(-1).sum() <= 1
+    for nearer in (5.9, 5, 4, 3, 2, 0.5):
+        _, _, _, quality = yester.splat(np.ones_like(depth), depth, view(z=nearer), view(z=6))
+        assert (quality > 0).all()
+    zoomed = yester.splat(np.ones_like(depth), depth, view(fov=20), view(fov=50))
+    assert (zoomed[3] > 0).all()
+
+
+def test_the_nearest_is_seen():
+    """A near point hides a far one in its pixel, whatever their quality; a hair farther, both count by it."""
+    for gap, expected in ((1.0, 1.0), (0.001, (1 + 3 * 0.99 * 5) / (1 + 3 * 0.99))):
+        color, depth = np.full((1, 60), np.nan, np.float32), np.full((1, 60), 1, np.float32)
+        color[0, [10, 50]] = 1, 5
+        depth[0, 50] = 1 + gap
+        quality = np.where(color == 5, np.float32(3), np.float32(1))
+        drift = np.zeros((1, 60, 2), np.float32)
+        drift[0, 50, 0] = 40
+        camera = view(size=(60, 1))
+        got = yester.splat(color, depth, camera, camera, quality=quality, drift=drift)
+        np.testing.assert_allclose(got[0][0, 10], expected, rtol=1e-4)
+        assert (got[3] > 0).sum() == 1
+
+
+def test_background_is_behind_and_turns_with_the_camera():
+    color = np.ones((40, 60), np.float32)
+    depth = np.full((40, 60), np.inf, np.float32)
+    moved = yester.splat(color, depth, view(3.0, target=(3, 0, 0)), view())
+    # It is as far away as before, and nothing of it moves.
+    assert_same_bits(moved[3], color)
+    assert_same_bits(moved[1], depth)
+    turned = yester.splat(color, depth, view(target=(1, 0, 0)), view())
+    assert 0.05 < (turned[3] == 0).mean() < 0.5
+    depth[:, 30] = 4
+    color[:, 30] = 2
+    got = yester.splat(color, depth, view(0.2, target=(0.2, 0, 0)), view())
+    assert np.isin(got[0], (1, 2)).all() or (got[3] == 0).any()
+    assert (got[0][got[1] < 9] == 2).all()
+
+
+def test_drift_is_motion_that_cameras_do_not_explain():
+    rng = np.random.default_rng(0)
+    color = rng.random((40, 60)).astype(np.float32)
+    depth = np.full((40, 60), 5, np.float32)
+    drift = np.full((40, 60, 3), np.float32([-3, 2, 1]))
+    got = yester.splat(color, depth, view(), view(), drift=drift)
+    assert_same_bits(got[0][:38, 3:], color[2:, :57])
+    assert (got[1][:38, 3:] == 4).all()
+    assert (got[3] > 0).sum() == 38 * 57
+    nowhere = np.full_like(drift, np.nan)
+    assert_same_bits(yester.splat(color, depth, view(), view(), drift=nowhere)[0], color)
+
+
+def test_nothing_is_left_of_nothing():
+    color = np.full((40, 60, 3), np.nan, np.float32)
+    for depth in (np.ones((40, 60), np.float32), np.full((40, 60), np.nan, np.float32)):
+        got = yester.splat(color, depth, view(), view())
+        assert np.isnan(got[0]).all()
+        assert not got[3].any()
+    behind = Camera.from_look_at([0, 0, 5], [0, 0, 9], [0, 1, 0], 50, 60, 40)
+    assert not yester.splat(np.ones((40, 60)), np.ones((40, 60)), behind, view())[3].any()
+
+
+def test_a_walk_with_offsets_does_not_blur():
+    """Thirty steps of a third of a pixel: with offsets the picture moves along, sharp; without, it stays behind."""
+    rng = np.random.default_rng(0)
+    color, depth = rng.random((40, 60)).astype(np.float32), np.full((40, 60), 5, np.float32)
+    step = 5 / 60 * 2 * np.tan(np.radians(25)) / 3  # a third of a pixel
+
+    def along(i):
+        return view(i * step, target=(i * step, 0, 0))
+
+    carried = color, depth, None, None
+    for i in range(30):
+        image, far, offset, quality = carried
+        carried = yester.splat(image, far, along(i + 1), along(i), offset=offset, quality=quality)
+    assert_same_bits(carried[0][:, :49], color[:, 10:59])
+    image = color
+    for i in range(30):
+        image = yester.splat(image, depth, along(i + 1), along(i))[0]
+    assert_same_bits(image, color)
+
+
+def test_points_stand_in_where_no_other_is():
+    """Within half a pixel of its square, with a sixteenth of its weight, and never where another covers."""
+    color, depth = np.full((9, 9), np.nan, np.float32), np.full((9, 9), 5, np.float32)
+    color[4, 4], color[4, 3] = 1, 7
+    offset = np.zeros((9, 9, 2), np.float32)
+    offset[4, 4] = 0.3, 0
+    camera = view(size=(9, 9))
+    got, _, place, quality = yester.splat(color, depth, camera, camera, offset=offset, reach=0.5)
+    assert quality[4, 3] == quality[4, 4] == 1
+    np.testing.assert_allclose(quality[4, 5], 1 / 16)
+    assert (got[4, 3], got[4, 4], got[4, 5]) == (7, 1, 1)
+    assert (place[4, 5] == 0).all()
+    assert (quality[4, 6:] == 0).all()
+    assert (yester.splat(color, depth, camera, camera, offset=offset)[3] > 0).sum() == 2
+
+
+@pytest.mark.parametrize("reach", [-0.1, 1.1, np.nan])
+def test_reach_out_of_range(reach):
+    flat = np.ones((40, 60))
+    with pytest.raises(ValueError, match="reach"):
+        yester.splat(flat, flat, view(), view(), reach=reach)
+
+
+@pytest.mark.parametrize("tolerance", [0, -1, np.nan])
+def test_out_of_range(tolerance):
+    flat = np.ones((40, 60))
+    with pytest.raises(ValueError, match="tolerance"):
+        yester.splat(flat, flat, view(), view(), tolerance=tolerance)
