@@ -236,8 +236,6 @@ impl<'a> Kernel for Project<'a> {
     fn rows(&self, rows: Range<usize>, sent: &'a mut Sent) {
         let size = self.points.color.size;
         sent.resize(rows::bands(size.height).count(), vec![]);
-        // Most go where they were.
-        sent[rows.start / BAND].reserve(rows.len() * size.width);
         for y in rows {
             for x in 0..size.width {
                 let Some(point) = self.point(y * size.width + x, x, y) else {
