@@ -8,12 +8,14 @@
 //!            virtual_motion                                     and what it reflects?
 //!   fetch    reproject                                          history, brought here tap by tap,
 //!            splat ► pull_push                                  or point by point, its holes filled
-//!   judge    consistency, exposure ► clip_history ► anti_lag,   what shows another surface or light is refused,
+//!   judge    consistency, disocclusion, thin_features,          what shows another surface or light is refused,
+//!            exposure ► clip_history ► anti_lag,
 //!            temporal_gradient, prediction_gain ► blend_factor  or counts for less
-//!   merge    accumulate, blend, recirculate, resolve            new samples join the history that is left
+//!   merge    resample ► accumulate, blend, recirculate, resolve new samples join the history that is left
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      what noise remains
 //!            estimate_variance ► atrous, regress,               is averaged in space,
-//!            morphological_aa, joint_bilateral_upsample         and what was not traced is filled
+//!            morphological_aa, joint_bilateral_upsample,        and what was not traced is filled
+//!            sharpen
 //!   numpy ◄─ bindings ─── planar images
 //! ```
 //!
@@ -70,6 +72,8 @@ mod _core {
         atrous_, demodulate_, estimate_variance_, fix_history_, morphological_aa_, remodulate_,
         suppress_fireflies_,
     };
+    #[pymodule_export]
+    use bindings::upscaler::{Upscaler, disocclusion_, resample_, sharpen_, thin_features_};
     #[pymodule_export]
     use bindings::{machine_limits, settings};
 

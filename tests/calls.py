@@ -36,6 +36,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             {"geometry": position, "hit_distance": np.abs(light) * 3, **cameras},
         ),
         "dilate_motion": (yester.dilate_motion, {"motion": motion, "depth": now["depth"]}),
+        "disocclusion": (yester.disocclusion, {"depth": now["depth"], "motion": motion}),
         "reproject": (yester.reproject, {"history": history, "motion": motion, **tests}),
         "reproject(nearest)": (yester.reproject, {"history": length, "motion": motion, "filter": "nearest"}),
         "reproject(catmull-rom)": (
@@ -78,6 +79,12 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             },
         ),
         "resolve": (yester.resolve, {"samples": [color, history], "offsets": yester.jitter(2).tolist()}),
+        "resample": (
+            yester.resample,
+            {"image": color, "size": (2 * height, round(1.5 * width)), "offset": (0.3, -0.2)},
+        ),
+        "thin_features": (yester.thin_features, {"color": color}),
+        "sharpen": (yester.sharpen, {"color": color}),
         "estimate_variance": (
             yester.estimate_variance,
             {"moments": moments, "history_length": length, **surface},

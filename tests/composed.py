@@ -460,4 +460,77 @@ class Recirculation:
             confidence=kept.astype(np.float32),
             rejection=rejection,
             missing=int((~traced).sum()),
+
+
+class Upscaler:
+    def __init__(
+        self,
+        scale=2.0,
+        *,
+        alpha=0.06,
+        fast_alpha=0.5,
+        speed=(0.0, 1.0),
+        separation=0.05,
+        lifetime=16.0,
+        sharpness=0.0,
+        noise=2.2,
+        change=4.0,
+    ):
+        self.scale, self.pace, self.speed = scale, {"alpha": alpha, "fast_alpha": fast_alpha, "speed": speed}, speed
+        self.separation, self.lifetime, self.sharpness = separation, np.float32(lifetime), sharpness
+        self.noise, self.change = noise, np.float32(change)
+        self.history = self.before = None
+
+    def step(self, frame: yester.Frame) -> SimpleNamespace:
+        small, one = frame.color.shape[:2], np.float32(1)
+        large = tuple(round(side * self.scale) for side in small)
+        jitter = np.array(frame.jitter or (0.0, 0.0))
+
+        def enlarge(image):
+            return yester.resample(image, large, offset=jitter, filter="nearest")[0]
+
+        motion = find_motion(frame, self.before)
+        choose = "longest" if frame.depth is None else "nearest"
+        moved = enlarge(yester.dilate_motion(motion, frame.depth, choose=choose)[..., :2].copy())
+        moved *= (np.float32(large[::-1]) / np.float32(small[::-1])).astype(np.float32)
+        hidden = np.zeros(large, np.float32)
+        if frame.depth is not None:
+            hidden = enlarge(yester.disocclusion(frame.depth, motion, separation=self.separation))
+        thin = enlarge(yester.thin_features(frame.color))
+        color, weight = yester.resample(frame.color, large, offset=jitter)
+        bright = yester.exposure(frame.color)
+
+        if self.history is None:
+            history, samples = np.zeros_like(color), np.zeros(large, np.float32)
+            lock, coverage, rejection = samples, samples, np.zeros(large, np.uint8)
+        else:
+            fetched, coverage = yester.reproject(self.history, moved, filter="catmull-rom", fallback=False)
+            history, samples, lock = fetched
+            rejection, _ = yester.consistency(moved)
+        across = -jitter * large[::-1] / small[::-1]  # to the samples, in pixels of the history
+        there, _ = yester.resample(history, small, offset=across, filter="nearest")
+        change = enlarge(yester.temporal_gradient(frame.color, there, noise=self.noise, passes=1, widest=1))
+        box = {"box": "variance", "space": "tonemapped-ycocg", "response": "clamp"}
+        clipped = yester.clip_history(history, color, exposure=bright, **box)
+
+        reacts = np.zeros(large, np.float32) if frame.reactive is None else np.nan_to_num(enlarge(frame.reactive))
+        confidence = coverage * (one - hidden) * (one - np.clip(reacts, 0, 1))
+        haste = yester.blend_factor(np.ones_like(samples), moved, alpha=0.0, fast_alpha=1.0, speed=self.speed)
+        same = one - np.minimum(self.change * change, one)
+        hold = np.maximum(same * (one - haste), lock)
+        held = yester.blend(history, clipped, hold)
+        share = yester.blend_factor(confidence, moved, **self.pace)
+        new = np.where(np.isfinite(color).all(-1), weight, np.float32(0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            samples = np.minimum(samples, one / share - one)
+            share = np.where(samples > 0, new / (samples + new), one)
+        lock = np.maximum(lock * confidence - one / self.lifetime, thin * np.minimum(weight, one))
+        self.history = [yester.blend(color, held, share), samples + new, lock]
+        self.before = frame
+        return SimpleNamespace(
+            color=yester.sharpen(self.history[0], strength=self.sharpness, exposure=bright),
+            history_length=samples + new,
+            confidence=confidence,
+            rejection=rejection | np.where(hidden > 0, np.uint8(yester.Rejection.DEPTH), np.uint8(0)),
+            missing=int((~np.isfinite(frame.color).all(-1)).sum()),
         )

@@ -26,6 +26,7 @@ __all__ = [
     "HalfRes",
     "Output",
     "Recirculation",
+    "Upscaler",
     "__version__",
     "accumulate",
     "anti_lag",
@@ -37,6 +38,7 @@ __all__ = [
     "consistency",
     "demodulate",
     "dilate_motion",
+    "disocclusion",
     "estimate_variance",
     "exposure",
     "fix_history",
@@ -52,11 +54,14 @@ __all__ = [
     "regress",
     "remodulate",
     "reproject",
+    "resample",
     "resolve",
     "settings",
+    "sharpen",
     "splat",
     "suppress_fireflies",
     "temporal_gradient",
+    "thin_features",
     "virtual_motion",
 ]
 
@@ -238,6 +243,22 @@ class Recirculation:
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
 
+@final
+class Upscaler:
+    def __new__(
+        cls,
+        scale: float = 2.0,
+        *,
+        alpha: float = 0.06,
+        fast_alpha: float = 0.5,
+        speed: _Threshold = (0.0, 1.0),
+        separation: float = 0.05,
+        lifetime: float = 16.0,
+        sharpness: float = 0.0,
+    ) -> Self: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
+    def reset(self) -> None: ...
+
 def canonical(value: ArrayLike | None, name: str, size: tuple[int, int] | None = None) -> NDArray[Any]: ...
 def jitter(count: int, *, sequence: Literal["halton", "r2", "rotated-grid", "blue-noise"] = "halton") -> _Doubles: ...
 def motion_vectors(
@@ -410,6 +431,22 @@ def accumulate(
     warmup: bool = True,
     out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
 ) -> Accumulated: ...
+def resample(
+    image: ArrayLike,
+    size: tuple[int, int],
+    *,
+    offset: ArrayLike = (0.0, 0.0),
+    filter: Literal["lanczos-2", "catmull-rom", "bilinear", "nearest"] = "lanczos-2",
+    dering: bool = True,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
+def disocclusion(
+    depth: ArrayLike, motion: ArrayLike, *, separation: float = 0.05, out: _Floats | None = None
+) -> _Floats: ...
+def thin_features(color: ArrayLike, *, similarity: float = 1.05, out: _Floats | None = None) -> _Floats: ...
+def sharpen(
+    color: ArrayLike, *, strength: float = 0.5, exposure: float = 1.0, out: _Floats | None = None
+) -> _Floats: ...
 def resolve(
     samples: NDArray[Any] | Sequence[ArrayLike],
     offsets: ArrayLike,

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from . import Frame
+
 
 #: The methods of `yester denoise`: what makes each, and the options that this takes.
 _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
@@ -105,6 +107,14 @@ def _parser() -> argparse.ArgumentParser:
     option("--features", "fewest or all that a block has")
     option("--quality", "fast, balanced or high")
 
+    upscale = command(_upscale, "upscale", "upscale a sequence of EXR frames in time, by what their jitter shows")
+    upscale.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+    upscale.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help="folder for the same names")
+    upscale.add_argument("--half", action="store_true", help="write float16")
+    upscale.add_argument("--scale", type=float, default=2.0, help="along each side, 1 to 4; %(default)s")
+    upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
+    upscale.add_argument("--denoise", action="store_true", help="with SVGF first")
+
     info = command(_info, "info", "tell what an EXR file holds, what it lacks and what that costs")
     info.add_argument("file", metavar="FILE", type=Path)
 
@@ -187,21 +197,58 @@ def _pipeline(options: argparse.Namespace) -> Any:
 
 def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
+    from . import Frame
+
+    pipeline = _pipeline(options)
+    _convert(options, "denoise", lambda frame: Frame(pipeline.step(frame).color, camera=frame.camera))
+
+
+def _upscale(options: argparse.Namespace) -> None:
+    _need("exr", "OpenEXR", "tqdm")
+    from . import SVGF, Camera, Frame, Upscaler
+    from .io import describe
+
+    upscaler = Upscaler(options.scale, sharpness=options.sharpness)
+    # Its last stage would average over what the jitter tells apart.
+    svgf = SVGF(antialias=False) if options.denoise else None
+
+    def step(frame: Frame) -> Frame:
+        if svgf:
+            buffers = {name: buffer for name, buffer in frame.buffers().items() if name != "color"}
+            frame = Frame(svgf.step(frame).color, **buffers, camera=frame.camera, jitter=frame.jitter)
+        color = upscaler.step(frame).color
+        height, width, _ = color.shape
+        return Frame(color, camera=frame.camera and Camera(frame.camera.world_to_clip, width, height))
+
+    def look(paths: list[Path]) -> None:
+        if not any(describe(path).jitter for path in paths):
+            print("no file tells its jitter: counted as none, which shows no detail beyond theirs", file=sys.stderr)
+
+    _convert(options, "upscale", step, look)
+
+
+def _convert(
+    options: argparse.Namespace,
+    what: str,
+    step: Callable[[Frame], Frame],
+    look: Callable[[list[Path]], None] | None = None,
+) -> None:
+    """Files in, files of the same names out."""
     from tqdm import tqdm
 
-    from . import Frame
     from .io import read_sequence, sequence_paths, write_sequence
     from .io.ahead import ahead
 
-    pipeline = _pipeline(options)
     paths = sequence_paths(options.inputs)
     _check(paths, options.output)
+    if look:
+        look(paths)
     _writable(options.output)
     # One frame is read and the one before it denoised, each by its thread, while a third is written by this one, which
     # an interrupt reaches. Threads do, as OpenEXR and step() let go of the interpreter's lock.
-    noisy = ahead(read_sequence(paths))
-    denoised = ahead(Frame(pipeline.step(frame).color, camera=frame.camera) for frame in noisy)
-    with closing(noisy), closing(denoised), tqdm(denoised, "denoise", len(paths), unit="frame", disable=None) as frames:
+    read = ahead(read_sequence(paths))
+    made = ahead(step(frame) for frame in read)
+    with closing(read), closing(made), tqdm(made, what, len(paths), unit="frame", disable=None) as frames:
         write_sequence(options.output, frames, names=[path.name for path in paths], half=options.half)
 
 
@@ -218,6 +265,8 @@ def _info(options: argparse.Namespace) -> None:
             print(f"  {'':<{width}} {known.notes[name]}")
     if known.camera:
         print(f"  {'camera':<{width}} at {_vector(known.camera.position)}, looks along {_vector(known.camera.forward)}")
+    if known.jitter:
+        print(f"  {'jitter':<{width}} ({known.jitter[0]:g}, {known.jitter[1]:g}) pixels")
     if known.unrecognised:
         print(f"not recognised: {' '.join(known.unrecognised)}")
     if known.missing:

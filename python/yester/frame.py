@@ -10,7 +10,7 @@ from ._core import Camera, canonical
 #: The buffers of a frame in canonical order.
 BUFFERS = (
     *("color", "albedo", "normal", "depth", "motion", "ids", "position", "emission"),
-    *("object_normal", "replay", "hit_distance"),
+    *("object_normal", "replay", "hit_distance", "reactive"),
 )
 
 
@@ -46,6 +46,9 @@ class Frame:
         is light. NaN where another surface shows.
     hit_distance : (H, W) array_like of float, optional
         Distance from the surface to what it reflects, +inf for the environment.
+    reactive : (H, W) array_like of float, optional
+        How little of what `Upscaler` remembers may show, 0 (all of it) to 1 (nothing): for what moves otherwise than
+        its motion says, such as particles, glass and animated textures.
     camera : Camera, optional
         The camera of this frame, without jitter, of the same size.
     jitter : (2,) array_like of float, optional
@@ -74,6 +77,7 @@ class Frame:
     object_normal: NDArray[np.float32] | None
     replay: NDArray[np.float32] | None
     hit_distance: NDArray[np.float32] | None
+    reactive: NDArray[np.float32] | None
     camera: Camera | None
     jitter: tuple[float, float] | None
 
@@ -91,6 +95,7 @@ class Frame:
         object_normal: ArrayLike | None = None,
         replay: ArrayLike | None = None,
         hit_distance: ArrayLike | None = None,
+        reactive: ArrayLike | None = None,
         camera: Camera | None = None,
         jitter: ArrayLike | None = None,
     ) -> None:
@@ -106,6 +111,7 @@ class Frame:
             object_normal=object_normal,
             replay=replay,
             hit_distance=hit_distance,
+            reactive=reactive,
         )
         size = None
         for name, value in given.items():

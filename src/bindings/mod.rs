@@ -13,6 +13,7 @@ pub mod pipelines;
 pub mod regress;
 pub mod scatter;
 pub mod smooth;
+pub mod upscaler;
 
 use pyo3::prelude::*;
 

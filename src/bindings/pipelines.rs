@@ -499,14 +499,14 @@ impl TAA {
 
 /// The buffers of a `yester.Frame`, which has checked them; borrowing them costs nothing.
 pub struct FrameArgs<'py> {
-    floats: [Option<Input<'py>>; 10],
+    floats: [Option<Input<'py>>; 11],
     ids: Option<Input<'py, u32>>,
     camera: Option<pinhole::Camera>,
     jitter: Option<[f64; 2]>,
 }
 
 impl<'py> FrameArgs<'py> {
-    const FLOATS: [(&'static str, Channels); 10] = [
+    const FLOATS: [(&'static str, Channels); 11] = [
         ("color", COLOR),
         ("albedo", COLOR),
         ("emission", COLOR),
@@ -517,6 +517,7 @@ impl<'py> FrameArgs<'py> {
         ("motion", MOTION),
         ("replay", COLOR),
         ("hit_distance", Channels::One),
+        ("reactive", Channels::One),
     ];
 
     pub fn new(frame: &Bound<'py, PyAny>) -> PyResult<Self> {
@@ -526,7 +527,7 @@ impl<'py> FrameArgs<'py> {
                 Error::wrong_type("frame", "a yester.Frame", frame.get_type().name()?).into(),
             );
         }
-        let mut floats = [const { None }; 10];
+        let mut floats = [const { None }; 11];
         for (buffer, (name, channels)) in floats.iter_mut().zip(Self::FLOATS) {
             *buffer = read(frame, name, channels)?;
         }
@@ -572,6 +573,7 @@ impl<'py> FrameArgs<'py> {
             motion: buffer("motion"),
             replay: buffer("replay"),
             hit_distance: buffer("hit_distance"),
+            reactive: buffer("reactive"),
             camera: self.camera,
             jitter: self.jitter,
         };

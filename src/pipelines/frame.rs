@@ -17,6 +17,7 @@ pub struct Frame<'a> {
     pub motion: Option<Pixels<'a>>,
     pub replay: Option<Pixels<'a>>,
     pub hit_distance: Option<Pixels<'a>>,
+    pub reactive: Option<Pixels<'a>>,
     pub camera: Option<Camera>,
     pub jitter: Option<[f64; 2]>,
 }

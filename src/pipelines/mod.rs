@@ -7,3 +7,4 @@ pub mod recirculation;
 pub mod reflections;
 pub mod svgf;
 pub mod taa;
+pub mod upscaler;

@@ -13,6 +13,7 @@ from .bmfr import BMFR
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .dilate import dilate_motion
+from .disocclusion import disocclusion
 from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
@@ -30,10 +31,14 @@ from .recirculate import recirculate
 from .recirculation import Recirculation
 from .regress import regress
 from .reproject import reproject
+from .resample import resample
 from .resolve import resolve
+from .sharpen import sharpen
 from .splat import splat
 from .svgf import SVGF, Output
 from .taa import TAA
+from .thin_features import thin_features
+from .upscaler import Upscaler
 from .variance import estimate_variance
 from .virtual_motion import virtual_motion
 
@@ -45,6 +50,7 @@ __all__ = [
     "HalfRes",
     "Output",
     "Recirculation",
+    "Upscaler",
     "accumulate",
     "anti_lag",
     "atrous",
@@ -54,6 +60,7 @@ __all__ = [
     "consistency",
     "demodulate",
     "dilate_motion",
+    "disocclusion",
     "estimate_variance",
     "exposure",
     "fix_history",
@@ -71,10 +78,13 @@ __all__ = [
     "regress",
     "remodulate",
     "reproject",
+    "resample",
     "resolve",
+    "sharpen",
     "splat",
     "suppress_fireflies",
     "temporal_gradient",
+    "thin_features",
     "unproject",
     "virtual_motion",
 ]

@@ -22,6 +22,7 @@ CANONICAL: dict[str, tuple[str, ...]] = {
     "object_normal": ("object_normal.X", "object_normal.Y", "object_normal.Z"),
     "replay": ("replay.R", "replay.G", "replay.B"),
     "hit_distance": ("hit_distance.Z",),
+    "reactive": ("reactive.Y",),
 }
 
 #: Other names of the layers, as users of Mitsuba choose them; the first one that is found counts.

@@ -1,7 +1,8 @@
 """Multichannel EXR files: our own layers, and those that Mitsuba writes.
 
 Cameras are kept in the standard attributes ``worldToCamera`` (to +X right, +Y up, +Z forward) and ``worldToNDC`` (to
-[0, 1] over the display window, y down), both as Imath has them: for row vectors, in single precision.
+[0, 1] over the display window, y down), both as Imath has them: for row vectors, in single precision. The jitter of a
+frame's samples is in an attribute of ours, ``jitter``: two numbers, in pixels, x right, y down.
 """
 
 from __future__ import annotations
@@ -55,6 +56,8 @@ class Description:
         The other channels.
     camera : Camera or None
         From the attributes ``worldToCamera`` and ``worldToNDC``.
+    jitter : (float, float) or None
+        From the attribute ``jitter``.
     missing : dict of str to str
         The buffers (and ``"camera"``) that are not in the file, and what their absence costs; without those that few
         files have.
@@ -68,6 +71,7 @@ class Description:
     channels: dict[str, tuple[str, ...]]
     unrecognised: tuple[str, ...]
     camera: Camera | None
+    jitter: tuple[float, float] | None
     missing: dict[str, str]
     notes: dict[str, str]
 
@@ -92,7 +96,7 @@ def read_exr(path: Source) -> Frame:
     OSError
         If the file cannot be opened; FileNotFoundError if it is not there.
     ValueError
-        If it is not an EXR file, is truncated or corrupt, has no colour, or has an unusable camera.
+        If it is not an EXR file, is truncated or corrupt, has no colour, or has an unusable camera or jitter.
     ImportError
         If the OpenEXR package is not installed.
     """
@@ -101,22 +105,22 @@ def read_exr(path: Source) -> Frame:
     found = find(planes)
     if "color" not in found:
         raise ValueError(f"{path}: no colour: expected channels R, G and B, got {', '.join(planes) or 'none'}")
-    camera = _camera(path, header)
+    camera, jitter = _camera(path, header), _jitter(path, header)
     try:
         buffers = {buffer: np.stack([planes[name].pixels for name in names], -1) for buffer, names in found.items()}
-        for buffer in {"depth", "ids", "hit_distance"} & buffers.keys():
+        for buffer in {"depth", "ids", "hit_distance", "reactive"} & buffers.keys():
             buffers[buffer] = buffers[buffer][..., 0]
         if "ids" in buffers:
             buffers["ids"] = _whole(buffers["ids"])
         if _by_mitsuba(header, found):
             _mark_misses(buffers, camera, along_ray=_along_ray(found))
-        return Frame(**buffers, camera=camera)
+        return Frame(**buffers, camera=camera, jitter=jitter)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> None:
-    """Write one frame, with the camera in the header; jitter is not kept.
+    """Write one frame, with camera and jitter in the header.
 
     The file appears when it is complete: it is written beside and then renamed.
 
@@ -145,6 +149,8 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> 
         to_ndc = np.linalg.inv(_NDC_TO_CLIP) @ frame.camera.world_to_clip
         header["worldToCamera"] = frame.camera.world_to_camera.T.astype(np.float32)
         header["worldToNDC"] = to_ndc.T.astype(np.float32)
+    if frame.jitter is not None:
+        header["jitter"] = np.array(frame.jitter)
     channels = {}
     for buffer, values in frame.buffers().items():
         array: NDArray[Any] = values
@@ -315,6 +321,7 @@ def describe(path: Source) -> Description:
         channels=found,
         unrecognised=tuple(name for name in planes if name not in known),
         camera=camera,
+        jitter=_jitter(path, header),
         missing=missing(found, camera=camera is not None),
         notes=notes,
     )
@@ -465,6 +472,16 @@ def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
         return Camera(_NDC_TO_CLIP @ crop @ to_ndc, width, height)
     except ValueError as error:
         raise ValueError(f"{path}: worldToNDC: {error}") from None
+
+
+def _jitter(path: Path, header: dict[str, Any]) -> tuple[float, float] | None:
+    """The jitter that the header tells of."""
+    if "jitter" not in header:
+        return None
+    given = np.asarray(header["jitter"])
+    if given.dtype.kind not in "fiu" or given.shape != (2,) or not (np.abs(given) <= 0.5).all():
+        raise ValueError(f"{path}: jitter: expected two offsets from -0.5 to 0.5, got {header['jitter']!r}")
+    return float(given[0]), float(given[1])
 
 
 def _implausibility(matrices: list[NDArray[np.float64]]) -> float:

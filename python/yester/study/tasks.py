@@ -185,6 +185,8 @@ TASKS = (
     Task("motion_vectors", "motion_vectors", _MOVED),
     Task("virtual_motion", "virtual_motion", {**_MOVED, "hit_distance": "hit_distance"}),
     Task("dilate_motion", "dilate_motion", _named("motion", "depth")),
+    Task("disocclusion", "disocclusion", _named("depth", "motion")),
+    Task("thin_features", "thin_features", _named("color")),
     Task("reproject, nearest", "reproject", _FETCH, {"filter": "nearest"}),
     Task("reproject, bilinear", "reproject", _FETCH, rivals=(_LINEAR, _BILINEAR)),
     Task("reproject, bilinear, tested", "reproject", _TESTED),
@@ -209,6 +211,8 @@ TASKS = (
     Task("accumulate, with gradient", "accumulate", {**_MERGE, "gradient": "confidence"}),
     Task("recirculate", "recirculate", _RECIRCULATE),
     Task("resolve, 2 samples", "resolve", {"samples": ["color", "history"]}, {"offsets": yester.jitter(2).tolist()}),
+    Task("resample, twice the size", "resample", {"image": "color", "size": "doubled"}),
+    Task("sharpen", "sharpen", _named("color")),
     Task("suppress_fireflies", "suppress_fireflies", _named("color")),
     Task("fix_history", "fix_history", _named("color", "history_length", *_SURFACE, "camera")),
     Task(
@@ -235,6 +239,7 @@ TASKS = (
     Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
     Task("BMFR", "BMFR", rivals=("OIDN high",)),
     Task("Recirculation, of all", "Recirculation"),
+    Task("Upscaler, 2", "Upscaler", jitter=(0.25, -0.125)),
     Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _PASS),
     Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _PASS),
     Task("HalfRes", "HalfRes"),
@@ -256,6 +261,7 @@ class Inputs:
         self._read: dict[str, Any] = {
             name: _scene(now, width, height).camera for name, now in (("previous_camera", 0), ("camera", 1))
         }
+        self._read["doubled"] = (2 * height, 2 * width)
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._read:

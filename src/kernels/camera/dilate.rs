@@ -10,7 +10,7 @@
 use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
-use crate::pixels::{PixelsMut, Rolling, Row, lanes};
+use crate::pixels::{PixelsMut, Rolling, Row, lanes, smaller};
 use crate::rows::{self, Kernel};
 
 /// The neighbours that are looked at.
@@ -74,6 +74,20 @@ impl<'a> Dilation<'a> {
         match self.window {
             Window::Square => self.choose_among(run, chosen, |_, _| true),
             Window::Cross => self.choose_among(run, chosen, |dx, dy| dx == 1 || dy == 1),
+        }
+    }
+
+    /// The lowest ranks around the pixels of a run: of the nearest, depths.
+    #[inline(always)]
+    pub fn nearest(&self, run: Run, depth: &mut Row) {
+        let ranks = [-1, 0, 1].map(|dy| self.rows.columns(run, dy)[0]);
+        for i in 0..lanes(run) {
+            depth[i] = f32::INFINITY;
+            for row in ranks {
+                for dx in 0..3 {
+                    depth[i] = smaller(row[i + dx], depth[i]);
+                }
+            }
         }
     }
 

@@ -3,9 +3,11 @@
 pub mod anti_lag;
 pub mod blend_factor;
 pub mod consistency;
+pub mod disocclusion;
 pub mod exposure;
 pub mod gradient;
 pub mod hull;
 pub mod neighborhood;
 pub mod prediction;
 pub mod surface;
+pub mod thin_features;

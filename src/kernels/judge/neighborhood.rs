@@ -185,19 +185,19 @@ fn from_ycocg([y, co, cg]: Color) -> Color {
 }
 
 #[inline(always)]
-fn brightest([r, g, b]: Color) -> f32 {
+pub fn brightest([r, g, b]: Color) -> f32 {
     larger(larger(larger(r, g), b), 0.0)
 }
 
 #[inline(always)]
-fn tone_mapped(rgb: Color, exposure: f32) -> Color {
+pub fn tone_mapped(rgb: Color, exposure: f32) -> Color {
     let scale = 1.0 / (exposure + brightest(rgb));
     rgb.map(|c| c * scale)
 }
 
 /// Toned, `most` is most / (e + most); whatever is brighter is scaled down to it.
 #[inline(always)]
-fn untone_mapped(rgb: Color, exposure: f32, most: f32) -> Color {
+pub fn untone_mapped(rgb: Color, exposure: f32, most: f32) -> Color {
     let bright = brightest(rgb);
     let shown = bright.min(most / (exposure + most));
     let scale = exposure / (1.0 - shown) * if bright > shown { shown / bright } else { 1.0 };

@@ -3,4 +3,5 @@
 pub mod accumulate;
 pub mod blend;
 pub mod recirculate;
+pub mod resample;
 pub mod resolve;

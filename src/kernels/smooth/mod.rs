@@ -8,4 +8,5 @@ pub mod history_fix;
 pub mod joint_bilateral;
 pub mod morphological;
 pub mod regress;
+pub mod sharpen;
 pub mod variance;

@@ -1,0 +1,383 @@
+//! Temporal upscaling: its kernels and its pipeline.
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+
+use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, choice, parts, vector};
+use super::judge::Bounds;
+use super::pipelines::{FrameArgs, Output, Room};
+use crate::error::{Error, whole};
+use crate::image::Size;
+use crate::kernels::judge::{blend_factor, disocclusion, thin_features};
+use crate::kernels::merge::resample;
+use crate::kernels::smooth::sharpen;
+use crate::pipelines::upscaler;
+use crate::pixels::PixelsMut;
+
+/// The samples of an image on a grid of another size.
+///
+/// Parameters
+/// ----------
+/// image : (H, W) or (H, W, C) array_like of float
+///     Pixels with NaN or infinity are missing.
+/// size : (int, int)
+///     Height and width of the new grid, each at least 1. It spans what the image spans.
+/// offset : (2,) array_like of float, default (0, 0)
+///     Where the samples lie, from their pixels' centres, x right, y down, in the image's pixels: a frame's jitter.
+/// filter : {"lanczos-2", "catmull-rom", "bilinear", "nearest"}, default "lanczos-2"
+///     How samples count by their distance, as in `reproject`; "nearest" copies one.
+/// dering : bool, default True
+///     Whether "lanczos-2" and "catmull-rom" are held to the range of the nearest 2×2 samples.
+/// out : tuple of (H', W') or (H', W', C) and (H', W') float32 arrays, optional
+///     Written and returned instead of new arrays. A part may be None.
+///
+/// Returns
+/// -------
+/// resampled : (H', W') or (H', W', C) float32
+///     NaN where no sample counts; missing ones do not, but are copied by "nearest".
+/// weight : (H', W') float32
+///     How many samples the image has near each pixel of the grid: the density of a normal distribution whose deviation
+///     is 0.33 of its pixels. On average over offsets, the ratio of the pixels' numbers; up to 1.46 where a sample hits the
+///     centre of a pixel.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, an unknown filter, sizes below 1 or above 65536, or an offset that is not finite.
+///
+/// Notes
+/// -----
+/// Lanczos' kernel of two lobes, as in AMD's FSR 2; where weights are negative, their sum normalises. Nothing is blurred
+/// first where the new grid is the coarser. Frames whose offsets differ, blended by weight, converge to an image of the
+/// grid's own resolution: Karis 2014, *High Quality Temporal Supersampling*.
+#[pyfunction]
+#[pyo3(name = "resample", signature = (image, size, *, offset=None, filter="lanczos-2", dering=true, out=None))]
+#[pyo3(
+    text_signature = "(image, size, *, offset=(0.0, 0.0), filter='lanczos-2', dering=True, out=None)"
+)]
+pub fn resample_<'py>(
+    py: Python<'py>,
+    image: &Bound<'py, PyAny>,
+    size: Vec<i64>,
+    offset: Option<&Bound<'py, PyAny>>,
+    filter: &str,
+    dering: bool,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+    let filter = choice("filter", filter, &resample::FILTERS)?;
+    let [height, width] = size[..] else {
+        return Err(Error::value("size", "height and width", format!("{size:?}")).into());
+    };
+    let side = |value| {
+        whole("size", value, "sides of 1 to 65536 pixels", |n: &usize| {
+            (1..=65536).contains(n)
+        })
+    };
+    let size = Size {
+        height: side(height)?,
+        width: side(width)?,
+    };
+    let offset = match offset {
+        Some(offset) => vector::<2>(offset, "offset")?,
+        None => [0.0; 2],
+    };
+    if !offset.iter().all(|d| d.is_finite()) {
+        return Err(Error::value("offset", "finite pixels", format!("{offset:?}")).into());
+    }
+    let [resampled, weight] = {
+        let image = Input::<f32>::new(image, "image", Channels::Any)?;
+        let Size { height, width } = size;
+        let mut shape = image.shape().to_vec();
+        shape[..2].copy_from_slice(&[height, width]);
+        let [first, second] = parts(out.as_ref())?;
+        let out = (Out::given(first, &shape)?, Out::given(second, &shape[..2])?);
+        let mut results = [
+            Direct::new(py, out.0, &shape)?,
+            Direct::new(py, out.1, &shape[..2])?,
+        ];
+        let [resampled, weight] = results.each_mut().map(Direct::data);
+        let (resampled, weight) = (resampled?, weight?);
+        let pixels = image.data().pixels();
+        py.detach(|| {
+            let resampled = PixelsMut::bands(size, pixels.channels, resampled);
+            let weight = PixelsMut::bands(size, 1, weight);
+            resample::resample(pixels, size, offset, filter, dering, resampled, weight);
+        });
+        results
+    };
+    Ok((resampled.array()?, weight.array()?))
+}
+
+/// How much of each pixel's history something nearer hid.
+///
+/// Parameters
+/// ----------
+/// depth : (H, W) array_like of float
+///     View-space z of the current frame; NaN, +inf or not above 0 counts as infinitely far.
+/// motion : (H, W, 2) or (H, W, 3) array_like of float
+///     As `motion_vectors` returns it; with the third channel, depths are compared as they were.
+/// separation : float, default 0.05
+///     By how much, relative to depth, something has to be nearer to hide, 0 to 1.
+/// out : (H, W) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// share : (H, W) float32
+///     0 (seen before) to 1 (hidden, or from outside the image).
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or a separation out of range.
+///
+/// Notes
+/// -----
+/// No buffer of the previous frame is asked for: the current depths are scattered to where their surfaces were, the
+/// nearest stays, and pixels whose surface was behind it by more than ``separation`` times its depth were hidden, counted by
+/// the bilinear weights of the 2×2 pixels there. Each pixel stands for the nearest surface of its 3×3 pixels, as in
+/// `dilate_motion`. After AMD's FSR 2, which takes for the separation 1.37e-5 times half the image's width in pixels, what
+/// depth buffers resolve (Akeley and Su 2006, *Minimum Triangle Separation for Correct z-Buffer Occlusion*): 0.007 at 1080p.
+/// The default lets slopes pass as well.
+#[pyfunction]
+#[pyo3(name = "disocclusion", signature = (depth, motion, *, separation=0.05, out=None))]
+pub fn disocclusion_<'py>(
+    py: Python<'py>,
+    depth: &Bound<'py, PyAny>,
+    motion: &Bound<'py, PyAny>,
+    separation: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    disocclusion::check(separation)?;
+    let share = {
+        let depth = Input::<f32>::new(depth, "depth", Channels::One)?;
+        let size = depth.size();
+        let motion = Input::<f32>::new(motion, "motion", MOTION)?.sized("motion", size)?;
+        let out = Out::given(out, depth.shape())?;
+        let (depths, motions) = (depth.data().flat(), motion.data().pixels());
+        out.fill(py, depth.shape(), |share| {
+            let share = PixelsMut::bands(size, 1, share);
+            disocclusion::disocclusion(depths, motions, separation, share);
+        })?
+    };
+    share.array()
+}
+
+/// Ridges and furrows of light that are narrower than two pixels.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+/// similarity : float, default 1.05
+///     Up to which ratio luminances belong together, from 1.
+/// out : (H, W) float32 array, optional
+///     Written and returned instead of a new array.
+///
+/// Returns
+/// -------
+/// thin : (H, W) float32
+///     1 where a pixel is brighter than all those of its 3×3 that are unlike it, or darker than all of them, and no 2×2 of
+///     them around it is alike; else 0. Neighbours that are missing or outside count as alike.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or a ratio out of range.
+///
+/// Notes
+/// -----
+/// After the locks of AMD's FSR 2: history of what jittered samples hit only now and then must not be held to the
+/// neighbourhood of each single frame.
+#[pyfunction]
+#[pyo3(name = "thin_features", signature = (color, *, similarity=1.05, out=None))]
+pub fn thin_features_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    similarity: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    thin_features::check(similarity)?;
+    let thin = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let shape = [size.height, size.width];
+        let out = Out::given(out, &shape)?;
+        let pixels = color.data().pixels();
+        out.fill(py, &shape, |thin| {
+            let thin = PixelsMut::bands(size, 1, thin);
+            thin_features::thin_features(pixels, similarity, thin);
+        })?
+    };
+    thin.array()
+}
+
+/// An image with steeper edges.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     Linear.
+/// strength : float, default 0.5
+///     0 (the image as it is) to 1.
+/// exposure : float, default 1.0
+///     The radiance that counts as 1, above 0: as `exposure` finds it.
+/// out : (H, W, 3) float32 array, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// sharpened : (H, W, 3) float32
+///     No channel, tone-mapped, leaves the range of the pixel and its four neighbours: there are no halos. Missing pixels
+///     stay.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, a strength or an exposure out of range.
+///
+/// Notes
+/// -----
+/// Of colours ``c / (exposure + max(r, g, b))``, the pixel's less a share of its neighbours', as large as it may be without
+/// leaving 0 to 1: robust contrast adaptive sharpening, as in AMD's FSR 1.
+#[pyfunction]
+#[pyo3(name = "sharpen", signature = (color, *, strength=0.5, exposure=1.0, out=None))]
+pub fn sharpen_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    strength: f32,
+    exposure: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let params = sharpen::Params { strength, exposure };
+    params.check()?;
+    let sharpened = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let out = Out::given(out, color.shape())?;
+        let pixels = color.data().pixels();
+        out.fill(py, color.shape(), |sharpened| {
+            sharpen::sharpen(pixels, params, PixelsMut::bands(size, 3, sharpened));
+        })?
+    };
+    sharpened.array()
+}
+
+/// Temporal upscaling of a sequence of frames.
+///
+/// Every frame is rendered small, each with its samples at another place in their pixels (`jitter`); the history, of the
+/// size of the output, gathers what all of them saw. All buffers of a frame have the small size; all but colour may be
+/// absent: without depth nothing is known to have been hidden, without motion, it is computed from the cameras if both
+/// frames have one and depth or position is known, and otherwise history stays in place. A frame that does not tell its
+/// jitter counts as not jittered: what is no larger than its pixels stays unknown then, however many there are.
+///
+/// Parameters
+/// ----------
+/// scale : float, default 2.0
+///     Pixels of the output to one of the input, along each side, 1 to 4; made for 1.3 to 3. Sides are rounded, halves to
+///     even. About ``8 * scale**2`` phases of jitter show everything: ``jitter(32)`` for 2.
+/// alpha : float, default 0.06
+///     Least share of one more sample per pixel of the output in its history, 0 to 1, where all stands still.
+/// fast_alpha : float, default 0.5
+///     The same for fast motion.
+/// speed : float or (float, float), default (0, 1)
+///     Output pixels up to which motion is slow, and from which it is fast.
+/// separation : float, default 0.05
+///     As in `disocclusion`.
+/// lifetime : float, default 16
+///     Frames after which the lock of a thin feature opens that is no longer seen; above 0.
+/// sharpness : float, default 0.0
+///     Strength of `sharpen`, 0 (off) to 1. What is remembered is not sharpened.
+///
+/// Raises
+/// ------
+/// ValueError
+///     If a parameter is out of range.
+///
+/// Notes
+/// -----
+/// After AMD's FSR 2 in its parts. Each step consists of this package's functions and gives their bits: `dilate_motion`,
+/// `disocclusion`, `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `reproject` with
+/// "catmull-rom" and without tests, `temporal_gradient` between the new samples and the history at their places,
+/// `clip_history`, `blend_factor`, `blend` and `sharpen`. A history of N samples per pixel meets a new frame of weight w with
+/// a share of w/(N + w); clipping is undone where all stands still, as far as the gradient sees no change, and where a thin
+/// feature is locked. `Output.history_length` counts samples per pixel of the output.
+#[pyclass(module = "yester")]
+pub struct Upscaler {
+    inner: upscaler::Upscaler,
+}
+
+#[pymethods]
+impl Upscaler {
+    #[new]
+    #[pyo3(signature = (scale=2.0, *, alpha=0.06, fast_alpha=0.5, speed=Bounds::Soft(0.0, 1.0), separation=0.05,
+        lifetime=16.0, sharpness=0.0))]
+    #[pyo3(
+        text_signature = "(scale=2.0, *, alpha=0.06, fast_alpha=0.5, speed=(0.0, 1.0), separation=0.05, \
+        lifetime=16.0, sharpness=0.0)"
+    )]
+    fn new(
+        scale: f64,
+        alpha: f32,
+        fast_alpha: f32,
+        speed: Bounds,
+        separation: f32,
+        lifetime: f32,
+        sharpness: f32,
+    ) -> PyResult<Self> {
+        let params = upscaler::Params {
+            scale,
+            blend_factor: blend_factor::Params {
+                alpha,
+                fast_alpha,
+                speed: speed.into(),
+            },
+            separation,
+            lifetime,
+            sharpness,
+        };
+        Ok(Self {
+            inner: upscaler::Upscaler::new(params)?,
+        })
+    }
+
+    /// Upscales the next frame of the sequence.
+    ///
+    /// Parameters
+    /// ----------
+    /// frame : Frame
+    ///     Of the same size as those before. Its `reactive` mask, if it has one, says where history may not show.
+    /// out : Output, optional
+    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones.
+    ///
+    /// Returns
+    /// -------
+    /// Output
+    ///     Of the large size, without a variance.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the size changes without `reset` in between; if `out` does not fit.
+    #[pyo3(signature = (frame, out=None))]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, Output>>,
+    ) -> PyResult<Output> {
+        let (room, summary) = {
+            let frame = FrameArgs::new(frame)?;
+            let large = self.inner.scaled(frame.size());
+            let mut room = Room::new(py, out.map(Bound::get), large, false)?;
+            let output = room.data()?;
+            let summary = frame.with(py, |frame| self.inner.step(frame, output))?;
+            (room, summary)
+        };
+        room.output(py, summary)
+    }
+
+    /// Forgets the sequence; the next frame is a first one.
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+}

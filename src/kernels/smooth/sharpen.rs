@@ -1,0 +1,131 @@
+//! Sharpening: what resampling has blurred, as far as the neighbours leave room.
+//!
+//! In tone-mapped colours, c / (e + max(r, g, b)) with e the exposure, a pixel becomes
+//!   (p + λ Σ n) / (1 + 4λ),  n its four neighbours,
+//! with the λ between −3/16 and 0 by which no channel would leave [0, 1] if the pixel were like its neighbours:
+//!   λ = strength · max(−3/16, max over channels of max(−min n / (4 max n), (1 − max n) / (4 min n − 4)))
+//! (RCAS, robust contrast adaptive sharpening, of AMD's FSR 1). The result is held to the range of the five, so that edges
+//! become steep without halos.
+//!
+//! Input: colour (3). Output: colour. Neighbours that are missing or outside are like the pixel; missing pixels stay, as do
+//! those without a λ, to the bit.
+
+use std::ops::Range;
+
+use crate::error::{Result, in_range};
+use crate::image::{Pixels, Run, SEGMENT, segments};
+use crate::kernels::judge::neighborhood::{brightest, tone_mapped, untone_mapped};
+use crate::math::is_present;
+use crate::pixels::{PixelsMut, Rolling, Row, larger, smaller};
+use crate::rows::{self, Kernel};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// 0, which leaves all as it is, to 1; 0.5.
+    pub strength: f32,
+    /// The radiance that the tone curve takes for 1; above 0; 1.
+    pub exposure: f32,
+}
+
+impl Params {
+    pub fn check(&self) -> Result<()> {
+        check_strength("strength", self.strength)?;
+        in_range("exposure", self.exposure, "a finite number above 0", |v| {
+            v > 0.0 && v.is_finite()
+        })
+    }
+}
+
+pub fn check_strength(name: &str, strength: f32) -> Result<()> {
+    in_range(name, strength, "a share from 0 to 1", |v| {
+        (0.0..=1.0).contains(&v)
+    })
+}
+
+/// The strongest λ.
+const LARGEST: f32 = -3.0 / 16.0;
+
+pub fn sharpen<'a>(
+    color: Pixels<'a>,
+    params: Params,
+    sharpened: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let height = color.size.height;
+    rows::run(&Sharpen { color, params }, height, sharpened);
+}
+
+struct Sharpen<'a> {
+    color: Pixels<'a>,
+    params: Params,
+}
+
+impl<'a> Kernel for Sharpen<'a> {
+    type Out = PixelsMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut sharpened: PixelsMut<'a>) {
+        let mut colors = Rolling::new(self.color.size.width, 1);
+        let mut out = [[0.0; SEGMENT]; 3];
+        for y in rows.clone() {
+            colors.roll(self.color, y, y == rows.start);
+            for run in segments(y, self.color.size.width) {
+                self.sharpen_run(&colors, run, &mut out);
+                sharpened.write(run, out.each_ref().map(Row::as_slice));
+            }
+        }
+    }
+}
+
+impl Sharpen<'_> {
+    #[inline(always)]
+    fn sharpen_run(&self, colors: &Rolling<3>, run: Run, out: &mut [Row; 3]) {
+        let Params { strength, exposure } = self.params;
+        let [above, here, below] = [-1, 0, 1].map(|dy| colors.columns(run, dy));
+        for i in 0..run.len {
+            let own = here.map(|row| row[i + 1]);
+            let around = [
+                above.map(|row| row[i + 1]),
+                here.map(|row| row[i]),
+                here.map(|row| row[i + 2]),
+                below.map(|row| row[i + 1]),
+            ]
+            .map(|color| if is_present(color) { color } else { own });
+            let most = around.iter().fold(brightest(own), |most, &color| {
+                larger(brightest(color), most)
+            });
+            let toned = tone_mapped(own, exposure);
+            let around = around.map(|color| tone_mapped(color, exposure));
+            let mut lobe = f32::NEG_INFINITY;
+            let [mut low, mut high, mut sum] = [[0.0; 3]; 3];
+            for c in 0..3 {
+                let [a, b, d, e] = around.map(|color| color[c]);
+                sum[c] = (a + b) + (d + e);
+                (low[c], high[c]) = (
+                    smaller(smaller(a, b), smaller(d, e)),
+                    larger(larger(a, b), larger(d, e)),
+                );
+                let down = -0.25 * low[c].max(0.0) / high[c];
+                let up = 0.25 * (1.0 - high[c]) / (low[c] - 1.0);
+                // Black neighbours leave no room.
+                let down = if high[c] > 0.0 { down } else { 0.0 };
+                lobe = larger(larger(down, up), lobe);
+            }
+            let lobe = strength * smaller(larger(lobe, LARGEST), 0.0);
+            let sharp = [0, 1, 2].map(|c| {
+                let value = (toned[c] + lobe * sum[c]) / (1.0 + 4.0 * lobe);
+                larger(
+                    smaller(value, larger(high[c], toned[c])),
+                    smaller(low[c], toned[c]),
+                )
+            });
+            let sharp = untone_mapped(sharp, exposure, most);
+            for c in 0..3 {
+                out[c][i] = if (lobe < 0.0) & is_present(own) & is_present(sharp) {
+                    sharp[c]
+                } else {
+                    own[c]
+                };
+            }
+        }
+    }
+}
