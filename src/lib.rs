@@ -45,13 +45,9 @@ mod _core {
     #[pymodule_export]
     use bindings::arrays::canonical;
     #[pymodule_export]
-    use bindings::bmfr::BMFR;
-    #[pymodule_export]
     use bindings::camera::{Camera, dilate_motion, jitter_, motion_vectors, virtual_motion_};
     #[pymodule_export]
     use bindings::fetch::reproject_;
-    #[pymodule_export]
-    use bindings::half_res::HalfRes;
     #[pymodule_export]
     use bindings::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
     #[pymodule_export]
@@ -62,18 +58,30 @@ mod _core {
     #[pymodule_export]
     use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};
     #[pymodule_export]
-    use bindings::pipelines::{Output, SVGF, TAA};
+    use bindings::pipelines::Output;
+    #[pymodule_export]
+    use bindings::pipelines::bmfr::BMFR;
+    #[pymodule_export]
+    use bindings::pipelines::half_res::HalfRes;
+    #[pymodule_export]
+    use bindings::pipelines::recirculation::Recirculation;
+    #[pymodule_export]
+    use bindings::pipelines::svgf::SVGF;
+    #[pymodule_export]
+    use bindings::pipelines::taa::TAA;
+    #[pymodule_export]
+    use bindings::pipelines::upscaler::Upscaler;
     #[pymodule_export]
     use bindings::regress::regress_;
     #[pymodule_export]
-    use bindings::scatter::{Recirculation, pull_push_, recirculate_, splat_};
+    use bindings::scatter::{pull_push_, recirculate_, splat_};
     #[pymodule_export]
     use bindings::smooth::{
         atrous_, demodulate_, estimate_variance_, fix_history_, morphological_aa_, remodulate_,
         suppress_fireflies_,
     };
     #[pymodule_export]
-    use bindings::upscaler::{Upscaler, disocclusion_, resample_, sharpen_, thin_features_};
+    use bindings::upscale::{disocclusion_, resample_, sharpen_, thin_features_};
     #[pymodule_export]
     use bindings::{machine_limits, settings};
 

@@ -12,14 +12,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import BMFR, OIDN, SVGF, TAA, __version__
+from . import BMFR, OIDN, SVGF, TAA, Camera, Frame, HalfRes, Recirculation, Upscaler, __version__
 from ._core import settings
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from . import Frame
 
 
 #: The methods of `yester denoise`: what makes each, and the options that this takes.
@@ -27,6 +25,8 @@ _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "svgf": (SVGF, ("alpha", "iterations", "sigma_luminance", "feedback")),
     "taa": (TAA, ("preset", "alpha")),
     "bmfr": (BMFR, ("alpha", "block", "features")),
+    "halfres": (HalfRes, ("alpha", "iterations", "sigma_luminance")),
+    "recirculation": (Recirculation, ()),
     "oidn": (OIDN, ("quality",)),
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality",)),
 }
@@ -197,15 +197,12 @@ def _pipeline(options: argparse.Namespace) -> Any:
 
 def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
-    from . import Frame
-
     pipeline = _pipeline(options)
     _convert(options, "denoise", lambda frame: Frame(pipeline.step(frame).color, camera=frame.camera))
 
 
 def _upscale(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
-    from . import SVGF, Camera, Frame, Upscaler
     from .io import describe
 
     upscaler = Upscaler(options.scale, sharpness=options.sharpness)

@@ -2,10 +2,8 @@
 //! a kernel's `Params::check`, once; kernels run without the interpreter's lock.
 
 pub mod arrays;
-pub mod bmfr;
 pub mod camera;
 pub mod fetch;
-pub mod half_res;
 pub mod joint_bilateral;
 pub mod judge;
 pub mod merge;
@@ -13,7 +11,7 @@ pub mod pipelines;
 pub mod regress;
 pub mod scatter;
 pub mod smooth;
-pub mod upscaler;
+pub mod upscale;
 
 use pyo3::prelude::*;
 

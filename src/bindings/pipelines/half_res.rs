@@ -1,8 +1,8 @@
-//! The pipeline for half resolution.
+//! Half-resolution tracing.
 
 use pyo3::prelude::*;
 
-use super::pipelines::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Room};
 use crate::error::whole;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{atrous, joint_bilateral};
@@ -129,14 +129,9 @@ impl HalfRes {
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        let (room, summary) = {
-            let frame = FrameArgs::new(frame)?;
-            let mut room = Room::new(py, out.map(Bound::get), frame.size(), true)?;
-            let output = room.data()?;
-            let summary = frame.with(py, |frame| self.inner.step(frame, output))?;
-            (room, summary)
-        };
-        room.output(py, summary)
+        let frame = FrameArgs::new(frame)?;
+        let room = Room::new(py, out, frame.size(), true)?;
+        frame.step(py, room, |frame, output| self.inner.step(frame, output))
     }
 
     /// Forgets the sequence; the next frame is a first one.

@@ -1,10 +1,10 @@
-//! The pipeline of the regression.
+//! Block-wise multi-order feature regression.
 
 use pyo3::prelude::*;
 
-use super::arrays::choice;
-use super::judge::Bounds;
-use super::pipelines::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Room};
+use crate::bindings::arrays::choice;
+use crate::bindings::judge::Bounds;
 use crate::kernels::judge::surface;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{fireflies, regress};
@@ -130,14 +130,9 @@ impl BMFR {
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        let (room, summary) = {
-            let frame = FrameArgs::new(frame)?;
-            let mut room = Room::new(py, out.map(Bound::get), frame.size(), false)?;
-            let output = room.data()?;
-            let summary = frame.with(py, |frame| self.inner.step(frame, output))?;
-            (room, summary)
-        };
-        room.output(py, summary)
+        let frame = FrameArgs::new(frame)?;
+        let room = Room::new(py, out, frame.size(), false)?;
+        frame.step(py, room, |frame, output| self.inner.step(frame, output))
     }
 
     /// Forgets the sequence; the next frame is a first one.

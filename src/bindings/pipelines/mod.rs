@@ -1,0 +1,278 @@
+//! The pipelines, and what goes in and comes out.
+
+pub mod bmfr;
+pub mod half_res;
+pub mod recirculation;
+pub mod svgf;
+pub mod taa;
+pub mod upscaler;
+
+use numpy::{Element, PyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+use crate::bindings::arrays::{COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out};
+use crate::bindings::camera::Camera;
+use crate::error::Error;
+use crate::image::{Size, Value};
+use crate::kernels::camera::pinhole;
+use crate::kernels::judge::surface::Surface;
+use crate::pipelines::frame;
+
+/// One denoised frame and what the denoiser knows of it.
+///
+/// Attributes
+/// ----------
+/// color : (H, W, 3) float32
+///     Linear; finite everywhere.
+/// variance : (H, W) float32 or None
+///     Estimated variance of the filtered luminance, before albedo is put back; None from pipelines without an estimate.
+/// history_length : (H, W) float32
+///     Samples that went into each pixel, up to 1/alpha.
+/// confidence : (H, W) float32
+///     Share of the history's footprint that was accepted, 0 to 1; 0 where the pixel starts anew.
+/// rejection : (H, W) uint8
+///     Bits of `Rejection`: the tests that taps of the footprint failed (one pixel for filter "nearest", else 2×2).
+/// used : tuple of str
+///     What took part: of "motion", "camera" (motion computed from cameras), "albedo", "emission", "normal", "depth",
+///     "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay", "hit_distance" and
+///     "jitter".
+/// missing : int
+///     Pixels whose sample was not finite.
+#[pyclass(frozen, get_all, module = "yester")]
+pub struct Output {
+    color: Py<PyArrayDyn<f32>>,
+    variance: Option<Py<PyArrayDyn<f32>>>,
+    history_length: Py<PyArrayDyn<f32>>,
+    confidence: Py<PyArrayDyn<f32>>,
+    rejection: Py<PyArrayDyn<u8>>,
+    used: Py<PyTuple>,
+    missing: usize,
+}
+
+/// The arrays that a step writes: those of an earlier output, or new ones.
+struct Room<'py> {
+    color: Direct<'py>,
+    variance: Option<Direct<'py>>,
+    history_length: Direct<'py>,
+    confidence: Direct<'py>,
+    rejection: Direct<'py, u8>,
+}
+
+impl<'py> Room<'py> {
+    fn new(
+        py: Python<'py>,
+        out: Option<&Bound<'py, Output>>,
+        size: Size,
+        estimates_variance: bool,
+    ) -> PyResult<Self> {
+        fn room<'py, T: Element + Value>(
+            py: Python<'py>,
+            given: Option<&Py<PyArrayDyn<T>>>,
+            shape: &[usize],
+        ) -> PyResult<Direct<'py, T>> {
+            let given = given.map(|array| array.bind(py).clone().into_any());
+            Direct::new(py, Out::given(given, shape)?, shape)
+        }
+        let out = out.map(Bound::get);
+        if out.is_some_and(|out| out.variance.is_some() != estimates_variance) {
+            let expected = ["one of a pipeline without variance", "one with variance"];
+            let [expected, got] =
+                [estimates_variance, !estimates_variance].map(|has| expected[usize::from(has)]);
+            return Err(Error::value("out", expected, got).into());
+        }
+        let shape = [size.height, size.width, 3];
+        let flat = &shape[..2];
+        Ok(Self {
+            color: room(py, out.map(|out| &out.color), &shape)?,
+            variance: estimates_variance
+                .then(|| room(py, out.and_then(|out| out.variance.as_ref()), flat))
+                .transpose()?,
+            history_length: room(py, out.map(|out| &out.history_length), flat)?,
+            confidence: room(py, out.map(|out| &out.confidence), flat)?,
+            rejection: room(py, out.map(|out| &out.rejection), flat)?,
+        })
+    }
+
+    fn data(&mut self) -> PyResult<frame::Output<'_>> {
+        Ok(frame::Output {
+            color: self.color.data()?,
+            variance: self.variance.as_mut().map(Direct::data).transpose()?,
+            history_length: self.history_length.data()?,
+            confidence: self.confidence.data()?,
+            rejection: self.rejection.data()?,
+        })
+    }
+
+    fn output(self, py: Python<'py>, summary: frame::Summary) -> PyResult<Output> {
+        let variance = self.variance.map(Direct::array).transpose()?;
+        Ok(Output {
+            color: self.color.array()?.unbind(),
+            variance: variance.map(Bound::unbind),
+            history_length: self.history_length.array()?.unbind(),
+            confidence: self.confidence.array()?.unbind(),
+            rejection: self.rejection.array()?.unbind(),
+            used: PyTuple::new(py, summary.used)?.unbind(),
+            missing: summary.missing,
+        })
+    }
+}
+
+#[pymethods]
+impl Output {
+    /// For stages that are written in Python.
+    #[new]
+    #[pyo3(signature = (color, history_length, confidence, rejection, *, variance=None, used=vec![], missing=0))]
+    #[pyo3(
+        text_signature = "(color, history_length, confidence, rejection, *, variance=None, used=(), missing=0)"
+    )]
+    fn new(
+        py: Python<'_>,
+        color: Py<PyArrayDyn<f32>>,
+        history_length: Py<PyArrayDyn<f32>>,
+        confidence: Py<PyArrayDyn<f32>>,
+        rejection: Py<PyArrayDyn<u8>>,
+        variance: Option<Py<PyArrayDyn<f32>>>,
+        used: Vec<String>,
+        missing: usize,
+    ) -> PyResult<Self> {
+        let shape = color.bind(py).shape().to_vec();
+        let [height, width, 3] = shape[..] else {
+            return Err(Error::value("color", "shape (H, W, 3)", format!("{shape:?}")).into());
+        };
+        let numbers = [
+            ("history_length", Some(&history_length)),
+            ("confidence", Some(&confidence)),
+            ("variance", variance.as_ref()),
+        ];
+        let shapes = (numbers.into_iter())
+            .filter_map(|(name, array)| Some((name, array?.bind(py).shape().to_vec())))
+            .chain([("rejection", rejection.bind(py).shape().to_vec())]);
+        for (name, shape) in shapes {
+            if shape != [height, width] {
+                let expected = format!("shape ({height}, {width})");
+                return Err(Error::value(name, expected, format!("{shape:?}")).into());
+            }
+        }
+        Ok(Self {
+            color,
+            variance,
+            history_length,
+            confidence,
+            rejection,
+            used: PyTuple::new(py, used)?.unbind(),
+            missing,
+        })
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let shape = self.color.bind(py).shape().to_vec();
+        let used = self.used.bind(py).repr()?;
+        Ok(format!(
+            "Output({}x{}, used={used}, missing={})",
+            shape[1], shape[0], self.missing
+        ))
+    }
+}
+
+/// The buffers of a `yester.Frame`, which has checked them; borrowing them costs nothing.
+struct FrameArgs<'py> {
+    floats: [Option<Input<'py>>; 11],
+    ids: Option<Input<'py, u32>>,
+    camera: Option<pinhole::Camera>,
+    jitter: Option<[f64; 2]>,
+}
+
+impl<'py> FrameArgs<'py> {
+    const FLOATS: [(&'static str, Channels); 11] = [
+        ("color", COLOR),
+        ("albedo", COLOR),
+        ("emission", COLOR),
+        ("normal", COLOR),
+        ("object_normal", COLOR),
+        ("position", COLOR),
+        ("depth", Channels::One),
+        ("motion", MOTION),
+        ("replay", COLOR),
+        ("hit_distance", Channels::One),
+        ("reactive", Channels::One),
+    ];
+
+    fn new(frame: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let class = frame.py().import("yester.frame")?.getattr("Frame")?;
+        if !frame.is_instance(&class)? {
+            return Err(
+                Error::wrong_type("frame", "a yester.Frame", frame.get_type().name()?).into(),
+            );
+        }
+        let mut floats = [const { None }; 11];
+        for (buffer, (name, channels)) in floats.iter_mut().zip(Self::FLOATS) {
+            *buffer = read(frame, name, channels)?;
+        }
+        let camera = frame.getattr("camera")?.extract::<Option<Camera>>()?;
+        Ok(Self {
+            floats,
+            ids: read(frame, "ids", Channels::One)?,
+            camera: camera.map(|camera| camera.inner),
+            jitter: frame.getattr("jitter")?.extract()?,
+        })
+    }
+
+    fn buffer(&self, name: &str) -> Option<Interleaved<'_, f32>> {
+        let place = Self::FLOATS.iter().position(|(known, _)| *known == name)?;
+        self.floats[place].as_ref().map(Input::data)
+    }
+
+    fn size(&self) -> Size {
+        let color = self.buffer("color").expect("every frame has colour");
+        color.pixels().size
+    }
+
+    /// Calls `step` without the interpreter.
+    fn step(
+        self,
+        py: Python<'py>,
+        mut room: Room<'py>,
+        step: impl FnOnce(&frame::Frame, frame::Output) -> crate::error::Result<frame::Summary> + Send,
+    ) -> PyResult<Output> {
+        let output = room.data()?;
+        let buffer = |name| self.buffer(name).map(Interleaved::pixels);
+        let surface = Surface {
+            depth: buffer("depth"),
+            normal: buffer("normal"),
+            ids: self.ids.as_ref().map(|ids| ids.data().pixels()),
+            object_normal: buffer("object_normal"),
+            color: None,
+        };
+        let frame = frame::Frame {
+            color: buffer("color").expect("every frame has colour"),
+            albedo: buffer("albedo"),
+            emission: buffer("emission"),
+            surface,
+            position: buffer("position"),
+            motion: buffer("motion"),
+            replay: buffer("replay"),
+            hit_distance: buffer("hit_distance"),
+            reactive: buffer("reactive"),
+            camera: self.camera,
+            jitter: self.jitter,
+        };
+        let summary = py.detach(|| step(&frame, output))?;
+        // Its buffers may be those that were written to.
+        drop(self);
+        room.output(py, summary)
+    }
+}
+
+fn read<'py, T: Number>(
+    frame: &Bound<'py, PyAny>,
+    name: &str,
+    channels: Channels,
+) -> PyResult<Option<Input<'py, T>>> {
+    let value = frame.getattr(name)?;
+    if value.is_none() {
+        Ok(None)
+    } else {
+        Input::new(&value, name, channels).map(Some)
+    }
+}

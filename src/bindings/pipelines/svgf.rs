@@ -1,0 +1,183 @@
+//! Spatiotemporal variance-guided filtering.
+
+use pyo3::prelude::*;
+
+use super::{FrameArgs, Output, Room};
+use crate::bindings::judge::Bounds;
+use crate::kernels::judge::surface;
+use crate::kernels::merge::accumulate;
+use crate::kernels::smooth::guide::Sigmas;
+use crate::kernels::smooth::{atrous, fireflies, variance};
+use crate::pipelines::{svgf, taa};
+
+/// Spatiotemporal variance-guided filtering of a sequence of frames.
+///
+/// Carries the history of every pixel along its motion, accepts it where it shows the same surface, merges it with the
+/// new sample, estimates the variance that is left and filters in space accordingly. Surface that a frame lacks drop out
+/// of the tests and weights: without albedo, texture is filtered with the light; without normals, depth or ids, their
+/// tests fall away; without motion, it is computed from the cameras if both frames have one and depth or position is
+/// known, and otherwise history stays in place.
+///
+/// Parameters
+/// ----------
+/// alpha : float, default 0.05
+///     Least share of the new sample in the history, 0 to 1.
+/// moments_alpha : float, default 0.2
+///     The same for the moments of luminance.
+/// iterations : int, default 4
+///     Passes of the spatial filter, 0 to 16.
+/// sigma_luminance : float, default 3.0
+///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
+/// sigma_normal : float, default 128.0
+///     How sharply differences of normals count in the filter; from 0.
+/// sigma_depth : float, default 1.0
+///     Depth difference that counts as one, in multiples of what the slope explains; above 0. For frames without
+///     camera or normals.
+/// sigma_plane : float, default 0.01
+///     Plane distance that counts as one, as a share of depth; above 0. For frames with camera, depth and normals.
+/// relative_depth : float or (float, float), default 0.1
+///     Largest relative difference from the expected depth that history may have; above 0. For frames without camera,
+///     normals or motion of 3 channels.
+/// plane_distance : float or (float, float), default 0.01
+///     Largest distance from the history's plane, as a share of depth; above 0. For frames with these.
+/// normal_angle : float or (float, float), default 25.0
+///     Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
+/// min_length : float, default 3.5
+///     Samples from which the temporal variance is trusted; at least 1. Not a whole number by default, so that rounding
+///     of resampled lengths does not decide.
+/// feedback : bool, default False
+///     Whether the filter's first pass, instead of its input, is the next frame's history: less noise in motion, more
+///     bias.
+/// gradient : bool, default True
+///     Whether changes of light shorten history. They are known exactly from frames that have a `replay`, and for others
+///     estimated from the new samples and history, as far as noise lets see.
+/// fireflies : bool, default True
+///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
+/// reflections : sequence of float, default (0.5, 2.0)
+///     Distances behind the surface, in multiples of its depth, +inf included, at which history is looked for as well:
+///     where one of them predicts the new samples better than the surface itself, it takes its place. Each costs time;
+///     () leaves it out, (0.25, 0.5, 1, 2, 4, inf) is a finer choice for very glossy scenes. Frames with a
+///     `hit_distance` are tried at that one alone. Needs cameras, and depth.
+/// antialias : bool, default True
+///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
+///
+/// Raises
+/// ------
+/// ValueError
+///     If a parameter is out of range.
+///
+/// Notes
+/// -----
+/// Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
+/// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
+/// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
+/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `remodulate`, and those of `TAA`.
+#[pyclass(module = "yester")]
+pub struct SVGF {
+    inner: svgf::Svgf,
+}
+
+#[pymethods]
+impl SVGF {
+    #[new]
+    #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=4, sigma_luminance=3.0, sigma_normal=128.0,
+        sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
+        normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false, gradient=true, fireflies=true,
+        reflections=vec![0.5, 2.0], antialias=true))]
+    #[pyo3(
+        text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=4, sigma_luminance=3.0, sigma_normal=128.0, \
+        sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, min_length=3.5, \
+        feedback=False, gradient=True, fireflies=True, reflections=(0.5, 2.0), antialias=True)"
+    )]
+    fn new(
+        alpha: f32,
+        moments_alpha: f32,
+        iterations: i64,
+        sigma_luminance: f32,
+        sigma_normal: f32,
+        sigma_depth: f32,
+        sigma_plane: f32,
+        relative_depth: Bounds,
+        plane_distance: Bounds,
+        normal_angle: Bounds,
+        min_length: f32,
+        feedback: bool,
+        gradient: bool,
+        fireflies: bool,
+        reflections: Vec<f32>,
+        antialias: bool,
+    ) -> PyResult<Self> {
+        let sigmas = Sigmas {
+            normal: sigma_normal,
+            depth: sigma_depth,
+            plane: sigma_plane,
+        };
+        let params = svgf::Params {
+            surface: surface::Params {
+                relative_depth: relative_depth.into(),
+                plane_distance: plane_distance.into(),
+                normal_angle: normal_angle.into(),
+                ..Default::default()
+            },
+            accumulate: accumulate::Params {
+                alpha,
+                moments_alpha,
+                warmup: true,
+            },
+            variance: variance::Params {
+                min_length,
+                sigmas,
+                ..Default::default()
+            },
+            atrous: atrous::Params {
+                iterations: atrous::Params::iterations(iterations)?,
+                sigma_luminance,
+                sigmas,
+            },
+            feedback,
+            gradient,
+            fireflies: fireflies.then(fireflies::Params::default),
+            reflections,
+            antialias: antialias.then_some(taa::Params::DENOISED),
+            half_res: None,
+        };
+        Ok(Self {
+            inner: svgf::Svgf::new(params)?,
+        })
+    }
+
+    /// Denoises the next frame of the sequence.
+    ///
+    /// Parameters
+    /// ----------
+    /// frame : Frame
+    ///     Of the same size as those before.
+    /// out : Output, optional
+    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones. From the
+    ///     second frame on no memory for images is then asked for.
+    ///
+    /// Returns
+    /// -------
+    /// Output
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` does not fit.
+    #[pyo3(signature = (frame, out=None))]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, Output>>,
+    ) -> PyResult<Output> {
+        let frame = FrameArgs::new(frame)?;
+        let room = Room::new(py, out, frame.size(), true)?;
+        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+    }
+
+    /// Forgets the sequence; the next frame is a first one.
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+}

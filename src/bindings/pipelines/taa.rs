@@ -1,0 +1,152 @@
+//! Temporal antialiasing.
+
+use pyo3::prelude::*;
+
+use super::{FrameArgs, Output, Room};
+use crate::bindings::arrays::choice;
+use crate::bindings::judge::Bounds;
+use crate::kernels::fetch::footprint::Filter;
+use crate::kernels::judge::neighborhood;
+use crate::kernels::merge::blend;
+use crate::pipelines::taa;
+
+/// Temporal antialiasing of a sequence of frames.
+///
+/// Carries the colours of former frames along the motion, holds them to the colours that the new frame has around each
+/// pixel, and blends. For frames without noise to speak of, with samples that differ in place from frame to frame; what
+/// noise there is makes neighbourhoods wide and histories doubtful. No surface is told from another, so that edges are
+/// antialiased, and all buffers but colour may be absent: without motion, it is computed from the cameras if both frames
+/// have one and depth or position is known, and otherwise history stays in place.
+///
+/// Parameters
+/// ----------
+/// preset : {"best", "denoised", "seed", "karis", "filament"}, default "best"
+///     Where the other parameters come from that are not given: our own measurements, on frames without noise and on
+///     denoised ones; the textbook equation (range of the 3×3 pixels, clamped, 5 % of the new sample); after Karis 2014,
+///     *High Quality Temporal Supersampling*, and after Google's Filament, whose techniques these have, not every constant.
+/// alpha : float, optional
+///     Least share of the new sample, 0 to 1.
+/// fast_alpha : float, optional
+///     The same for fast motion.
+/// speed : float or (float, float), optional
+///     Pixels up to which motion is slow, and from which it is fast.
+/// dilate : {"3x3", "cross", "none"}, optional
+///     Which pixels may lend their motion, as in `dilate_motion`: the nearest one where there is depth, else the longest.
+/// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
+///     As in `reproject`.
+/// box, gamma, window, space, response : optional
+///     As in `clip_history`.
+/// weighting, flicker : optional
+///     As in `blend`.
+///
+/// Raises
+/// ------
+/// ValueError
+///     If a parameter is out of range, or a mode unknown (the error lists the modes).
+///
+/// Notes
+/// -----
+/// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
+/// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without tests or fallback,
+/// `blend_factor`, `exposure`, `clip_history`, `blend`. The share of the N-th sample of a pixel is at least 1/N.
+#[pyclass(module = "yester")]
+pub struct TAA {
+    inner: taa::Taa,
+}
+
+#[pymethods]
+impl TAA {
+    #[new]
+    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, filter=None, r#box=None,
+        gamma=None, window=None, space=None, response=None, weighting=None, flicker=None))]
+    fn new(
+        preset: &str,
+        alpha: Option<f32>,
+        fast_alpha: Option<f32>,
+        speed: Option<Bounds>,
+        dilate: Option<&str>,
+        filter: Option<&str>,
+        r#box: Option<&str>,
+        gamma: Option<f32>,
+        window: Option<&str>,
+        space: Option<&str>,
+        response: Option<&str>,
+        weighting: Option<&str>,
+        flicker: Option<f32>,
+    ) -> PyResult<Self> {
+        /// The mode that is named, or the preset's.
+        fn or<T: Copy>(
+            name: Option<&str>,
+            argument: &str,
+            names: &[(&str, T)],
+            preset: T,
+        ) -> PyResult<T> {
+            name.map_or(Ok(preset), |name| choice(argument, name, names))
+        }
+        let mut params = choice("preset", preset, &taa::Params::PRESETS)?;
+        params.dilate = or(dilate, "dilate", &taa::Params::DILATIONS, params.dilate)?;
+        params.filter = or(filter, "filter", &Filter::NAMES, params.filter)?;
+        let factor = &mut params.blend_factor;
+        factor.alpha = alpha.unwrap_or(factor.alpha);
+        factor.fast_alpha = fast_alpha.unwrap_or(factor.fast_alpha);
+        factor.speed = speed.map_or(factor.speed, Into::into);
+        let clip = &mut params.clip;
+        clip.bounds = or(r#box, "box", &neighborhood::Params::BOUNDS, clip.bounds)?;
+        clip.gamma = gamma.unwrap_or(clip.gamma);
+        clip.radius = or(
+            window,
+            "window",
+            &neighborhood::Params::WINDOWS,
+            clip.radius,
+        )?;
+        clip.space = or(space, "space", &neighborhood::Params::SPACES, clip.space)?;
+        clip.response = or(
+            response,
+            "response",
+            &neighborhood::Params::RESPONSES,
+            clip.response,
+        )?;
+        let weightings = &blend::Params::WEIGHTINGS;
+        params.blend.weighting = or(weighting, "weighting", weightings, params.blend.weighting)?;
+        params.blend.flicker = flicker.unwrap_or(params.blend.flicker);
+        Ok(Self {
+            inner: taa::Taa::new(params)?,
+        })
+    }
+
+    /// Antialiases the next frame of the sequence.
+    ///
+    /// Parameters
+    /// ----------
+    /// frame : Frame
+    ///     Of the same size as those before.
+    /// out : Output, optional
+    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones. From the
+    ///     second frame on no memory for images is then asked for.
+    ///
+    /// Returns
+    /// -------
+    /// Output
+    ///     Without a variance.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the size changes without `reset` in between; if `out` does not fit.
+    #[pyo3(signature = (frame, out=None))]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, Output>>,
+    ) -> PyResult<Output> {
+        let frame = FrameArgs::new(frame)?;
+        let room = Room::new(py, out, frame.size(), false)?;
+        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+    }
+
+    /// Forgets the sequence; the next frame is a first one.
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
+}
