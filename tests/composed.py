@@ -460,6 +460,7 @@ class Recirculation:
             confidence=kept.astype(np.float32),
             rejection=rejection,
             missing=int((~traced).sum()),
+        )
 
 
 class Upscaler:
