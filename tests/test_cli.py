@@ -110,16 +110,23 @@ METHODS = {
     "svgf": (yester.SVGF, {"alpha": 0.5}),
     "taa": (yester.TAA, {"preset": "denoised", "alpha": 0.3}),
     "bmfr": (yester.BMFR, {"alpha": 0.3, "block": 8, "features": "all"}),
+    "halfres": (yester.HalfRes, {"alpha": 0.3, "iterations": 2}),
+    "recirculation": (yester.Recirculation, {}),
     "oidn": (yester.OIDN, {"quality": "fast"}),
     "temporal-oidn": (partial(yester.OIDN, temporal=True), {"quality": "fast"}),
 }
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method(sequence, tmp_path, method):
+def test_every_method(tmp_path, method):
     make, named = METHODS[method]
     given = [text for name, value in named.items() for text in (f"--{name}", value)]
-    some = [sequence / f"shot{i + 1}.exr" for i in range(3)]
+    some = [tmp_path / f"shot{i + 1}.exr" for i in range(3)]
+    for i, path in enumerate(some):
+        color = noise(seed=i).color
+        height, width, _ = color.shape
+        camera = yester.Camera.from_look_at((0.1 * i, 0, 0), (0, 0, 1), (0, 1, 0), 60, width, height)
+        write_exr(path, yester.Frame(color, depth=np.full((height, width), 2.0), camera=camera))
     run("denoise", *some, "-o", tmp_path / "out", "--method", method, *given)
     pipeline = make(**named)
     for path in some:
@@ -130,14 +137,14 @@ def test_every_method(sequence, tmp_path, method):
 @pytest.mark.parametrize(
     ("option", "value", "method", "of"),
     [
-        ("--iterations", 2, "taa", "svgf"),
-        ("--sigma-luminance", 3, "bmfr", "svgf"),
+        ("--iterations", 2, "taa", "svgf, halfres"),
+        ("--sigma-luminance", 3, "bmfr", "svgf, halfres"),
         ("--feedback", None, "bmfr", "svgf"),
         ("--preset", "seed", "svgf", "taa"),
         ("--block", 8, "svgf", "bmfr"),
         ("--features", "all", "taa", "bmfr"),
         ("--quality", "fast", "svgf", "oidn, temporal-oidn"),
-        ("--alpha", 0.1, "oidn", "svgf, taa, bmfr"),
+        ("--alpha", 0.1, "oidn", "svgf, taa, bmfr, halfres"),
     ],
 )
 def test_options_of_other_methods_are_refused(sequence, tmp_path, option, value, method, of):
@@ -145,6 +152,13 @@ def test_options_of_other_methods_are_refused(sequence, tmp_path, option, value,
     given = [option] if value is None else [option, value]
     line = refused("denoise", sequence, "-o", out, "--method", method, *given)
     assert line == f"yester: error: {option}: expected --method {of}, got {method}"
+    assert not out.exists()
+
+
+def test_points_need_places(sequence, tmp_path):
+    out = tmp_path / "out"
+    line = refused("denoise", sequence, "-o", out, "--method", "recirculation")
+    assert line.startswith(f"yester: error: {sequence / 'shot1.exr'}: expected a camera, and depth or position")
     assert not out.exists()
 
 

@@ -197,8 +197,15 @@ def _pipeline(options: argparse.Namespace) -> Any:
 
 def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
+    from .io import describe
+
+    def look(paths: list[Path]) -> None:
+        for known in map(describe, paths if options.method == "recirculation" else ()):
+            if not known.camera or not known.channels.keys() & {"depth", "position"}:
+                raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
+
     pipeline = _pipeline(options)
-    _convert(options, "denoise", lambda frame: Frame(pipeline.step(frame).color, camera=frame.camera))
+    _convert(options, "denoise", lambda frame: Frame(pipeline.step(frame).color, camera=frame.camera), look)
 
 
 def _upscale(options: argparse.Namespace) -> None:
@@ -228,7 +235,7 @@ def _convert(
     options: argparse.Namespace,
     what: str,
     step: Callable[[Frame], Frame],
-    look: Callable[[list[Path]], None] | None = None,
+    look: Callable[[list[Path]], None],
 ) -> None:
     """Files in, files of the same names out."""
     from tqdm import tqdm
@@ -238,8 +245,7 @@ def _convert(
 
     paths = sequence_paths(options.inputs)
     _check(paths, options.output)
-    if look:
-        look(paths)
+    look(paths)
     _writable(options.output)
     # One frame is read and the one before it denoised, each by its thread, while a third is written by this one, which
     # an interrupt reaches. Threads do, as OpenEXR and step() let go of the interpreter's lock.

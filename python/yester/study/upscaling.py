@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yester import SVGF, TAA, Camera, Frame, Upscaler, jitter, resample
+from yester.frame import present
 from yester.io import mitsuba as renderer
 
 from . import scenes
-from .methods import present
 from .metrics import flip, psnr, temporal_error
 from .recording import record
 
