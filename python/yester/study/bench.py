@@ -46,6 +46,7 @@ from yester import _core
 from yester.io.files import beside
 
 from . import rivals
+from .peers import imports
 from .report import save_figure
 from .tasks import TASKS, Call, Inputs, Task, stage
 from .timings import HD, OURS, Limits, Memory, Timing, draw, markdown, write_csv
@@ -98,7 +99,7 @@ def settings(threads: Sequence[int] | None = None, simd: Sequence[str] | None = 
 
 
 def chosen(only: Sequence[str] | None = None) -> list[Task]:
-    """Choose tasks by beginnings of their names; by default, all.
+    """Choose tasks by beginnings of their names; by default, all that can be run here.
 
     Raises
     ------
@@ -108,7 +109,8 @@ def chosen(only: Sequence[str] | None = None) -> list[Task]:
     for one in only or ():
         if not any(task.name.startswith(one) for task in TASKS):
             raise ValueError(f"only: expected beginnings of {'; '.join(task.name for task in TASKS)}, got {one}")
-    return [task for task in TASKS if not only or task.name.startswith(tuple(only))]
+    here = [task for task in TASKS if task.function != "OIDN" or imports("pyoidn")]
+    return [task for task in here if not only or task.name.startswith(tuple(only))]
 
 
 def run(
@@ -272,7 +274,7 @@ def _rivals(
     for threads, worker in workers.items():
         most = threads == max(workers)
         for name in (*task.rivals, rivals.REFERENCE):
-            runs = small and most if name == rivals.REFERENCE else small or most
+            runs = small and most and task.function != "OIDN" if name == rivals.REFERENCE else small or most
             if runs and rivals.library(name) not in absent:
                 yield _Entrant(name, (threads, ""), worker)
 

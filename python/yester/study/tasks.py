@@ -89,7 +89,12 @@ class Task:
     def frames(self, inputs: Inputs) -> list[Frame]:
         """What a pipeline gets, again and again."""
         frames = inputs.frames(self.jitter)
-        return [quarter(frames[i % 2], i) for i in range(4)] if self.function == "HalfRes" else frames
+        match self.function:
+            case "HalfRes":
+                return [quarter(frames[i % 2], i) for i in range(4)]
+            case "Upscaler":
+                return [_halved(frame) for frame in frames]
+        return frames
 
     def arguments(self, inputs: Inputs) -> dict[str, Any]:
         """By name."""
@@ -115,6 +120,15 @@ class Task:
             result = result.color, result.moments, result.history_length
         out = {} if isinstance(result, float) else {"out": result}
         return Call(partial(function, **given, **out), _bytes(given.values()) + _bytes([result]), _bytes([result]))
+
+
+def _halved(frame: Frame) -> Frame:
+    """A frame that `Upscaler` makes as large as this one."""
+    buffers = {name: buffer[::2, ::2] for name, buffer in frame.buffers().items()}
+    buffers["motion"] = buffers["motion"] / np.float32([2, 2, 1][: buffers["motion"].shape[-1]])
+    height, width, _ = buffers["color"].shape
+    camera = Camera(frame.camera.world_to_clip, width, height) if frame.camera else None
+    return Frame(**buffers, camera=camera, jitter=frame.jitter)
 
 
 def _bytes(values: Iterable[Any]) -> int:
@@ -238,6 +252,7 @@ TASKS = (
     Task("TAA", "TAA", jitter=(0.25, -0.125)),
     Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
     Task("BMFR", "BMFR", rivals=("OIDN high",)),
+    Task("OIDN, temporal", "OIDN", {}, {"temporal": True}),
     Task("Recirculation, of all", "Recirculation"),
     Task("Upscaler, 2", "Upscaler", jitter=(0.25, -0.125)),
     Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _PASS),
