@@ -124,7 +124,7 @@ class Task:
 
 def _halved(frame: Frame) -> Frame:
     """A frame that `Upscaler` makes as large as this one."""
-    buffers = {name: buffer[::2, ::2] for name, buffer in frame.buffers().items()}
+    buffers: dict[str, Any] = {name: buffer[::2, ::2] for name, buffer in frame.buffers().items()}
     buffers["motion"] = buffers["motion"] / np.array([2, 2, 1][: buffers["motion"].shape[-1]], np.float32)
     height, width, _ = buffers["color"].shape
     camera = Camera(frame.camera.world_to_clip, width, height) if frame.camera else None
