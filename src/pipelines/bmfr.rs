@@ -130,13 +130,7 @@ impl Bmfr {
                 motion.pixels(),
                 [&sample, color],
             ),
-            None => Recalled {
-                history: Image::new(size, CHANNELS),
-                coverage: Image::new(size, 1),
-                rejection: Image::new(size, 1),
-                gradient: None,
-                reflections: None,
-            },
+            None => Recalled::nothing(size, CHANNELS),
         };
         drop(memory);
         let parts = [0..3, 3..5, 5..6, 6..9];
@@ -248,17 +242,8 @@ impl Bmfr {
             .filter_map(|(name, used)| used.then_some(name)),
         );
         self.age += 1;
-        self.memory = Some(Memory {
-            history: Records::of(history.view()),
-            color: params.history.gradient.then(|| frame.color.to_records()),
-            reflections: None,
-            depth: surface.depth.map(Pixels::to_records),
-            normal: surface.normal.map(Pixels::to_records),
-            object_normal: surface.object_normal.map(Pixels::to_records),
-            ids: surface.ids.map(Pixels::to_records),
-            camera: frame.camera,
-            demodulated: frame.albedo.is_some(),
-        });
+        let kept = Records::of(history.view());
+        self.memory = Some(Memory::new(frame, kept, params.history.gradient));
         Ok(Summary { used, missing })
     }
 }

@@ -14,7 +14,7 @@ use super::half_res;
 use super::reflections::{self, Carried};
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Error, Result, in_range};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, segments};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
@@ -80,19 +80,35 @@ impl Params {
 /// What one frame leaves to the next; in records, as all that is fetched in several channels.
 pub(super) struct Memory {
     /// Beginning with the channels of [`accumulate`].
-    pub history: Records,
+    history: Records,
     /// As it came, for its replay.
-    pub color: Option<Records>,
-    pub reflections: Option<reflections::Memory>,
-    pub depth: Option<Records>,
-    pub normal: Option<Records>,
-    pub object_normal: Option<Records>,
-    pub ids: Option<Records<u32>>,
+    color: Option<Records>,
+    reflections: Option<reflections::Memory>,
+    depth: Option<Records>,
+    normal: Option<Records>,
+    object_normal: Option<Records>,
+    ids: Option<Records<u32>>,
     pub camera: Option<Camera>,
-    pub demodulated: bool,
+    demodulated: bool,
 }
 
 impl Memory {
+    /// Of a frame that has become this history; without reflections.
+    pub fn new(frame: &Frame, history: Records, keeps_color: bool) -> Self {
+        let surface = &frame.surface;
+        Self {
+            history,
+            color: keeps_color.then(|| frame.color.to_records()),
+            reflections: None,
+            depth: surface.depth.map(Pixels::to_records),
+            normal: surface.normal.map(Pixels::to_records),
+            object_normal: surface.object_normal.map(Pixels::to_records),
+            ids: surface.ids.map(Pixels::to_records),
+            camera: frame.camera,
+            demodulated: frame.albedo.is_some(),
+        }
+    }
+
     fn surface(&self) -> Surface<'_> {
         Surface {
             depth: self.depth.as_ref().map(Records::pixels),
@@ -112,6 +128,19 @@ pub(super) struct Recalled {
     pub rejection: Image<u8>,
     pub gradient: Option<Image>,
     pub reflections: Option<reflections::Scores>,
+}
+
+impl Recalled {
+    /// What a first frame knows.
+    pub fn nothing(size: Size, channels: usize) -> Self {
+        Self {
+            history: Image::new(size, channels),
+            coverage: Image::new(size, 1),
+            rejection: Image::new(size, 1),
+            gradient: None,
+            reflections: None,
+        }
+    }
 }
 
 pub struct Svgf {
@@ -173,13 +202,7 @@ impl Svgf {
             reflections,
         } = match &memory {
             Some(memory) => recall(params, memory, frame, motion.pixels(), [&sample, color]),
-            None => Recalled {
-                history: Image::new(size, accumulate::CHANNELS),
-                coverage: Image::new(size, 1),
-                rejection: Image::new(size, 1),
-                gradient: None,
-                reflections: None,
-            },
+            None => Recalled::nothing(size, accumulate::CHANNELS),
         };
         drop(memory);
         let color = held.unwrap_or(sample);
@@ -296,20 +319,14 @@ impl Svgf {
             .into_iter()
             .filter_map(|(name, used)| used.then_some(name)),
         );
+        let kept = kept.expect("kept after as many passes as there are");
         self.memory = Some(Memory {
-            history: kept.expect("kept after as many passes as there are"),
-            color: params.gradient.then(|| frame.color.to_records()),
             reflections: light.map(|light| reflections::Memory {
                 light,
                 scores: reflections
                     .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
             }),
-            depth: frame.surface.depth.map(Pixels::to_records),
-            normal: frame.surface.normal.map(Pixels::to_records),
-            object_normal: frame.surface.object_normal.map(Pixels::to_records),
-            ids: frame.surface.ids.map(Pixels::to_records),
-            camera: frame.camera,
-            demodulated: frame.albedo.is_some(),
+            ..Memory::new(frame, kept, params.gradient)
         });
         Ok(Summary { used, missing })
     }
