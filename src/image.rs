@@ -22,10 +22,7 @@ impl Size {
     }
 }
 
-/// What images consist of.
-pub trait Value: Copy + Default + Send + Sync + 'static {}
-
-impl<T: Copy + Default + Send + Sync + 'static> Value for T {}
+pub use crate::memory::Value;
 
 /// An owned planar image.
 #[derive(Clone, Debug)]
@@ -98,7 +95,7 @@ impl<T: Value> Image<T> {
     /// The data of a single-channel image, or interleaved (height, width, channels) data.
     pub fn into_interleaved(self) -> Vec<T> {
         if self.channels == 1 {
-            return self.data.into_vec();
+            return self.data.to_vec();
         }
         let mut interleaved = vec![T::default(); self.data.len()];
         self.view().interleave(&mut interleaved);

@@ -1,17 +1,21 @@
 //! The memory of images, which a pipeline hands from frame to frame.
 //!
 //! Memory that is fresh from the system comes in pages that it has to find and to clear, which takes longer than several
-//! passes over them. While a [`Reserve`] serves, images take what earlier ones have left.
+//! passes over them. While a [`Reserve`] serves, images take what earlier ones have left. And large images ask for large
+//! pages, of which there are fewer to find, and fewer for the processor to look up.
 
 use std::any::Any;
 use std::cell::RefCell;
 use std::ops::{Deref, DerefMut};
 
+use bytemuck::Pod;
+use memmap2::MmapMut;
+
 thread_local! {
     static SERVING: RefCell<Option<Reserve>> = const { RefCell::new(None) };
 }
 
-/// What is free, each a `Vec` of numbers of some type.
+/// What is free, each a [`Room`] for numbers of some type.
 #[derive(Default)]
 pub struct Reserve {
     free: Vec<Box<dyn Any + Send + Sync>>,
@@ -27,9 +31,9 @@ impl Reserve {
     }
 
     /// The smallest piece that is large enough, unless it is far too large.
-    fn take<T: 'static>(&mut self, len: usize) -> Option<Vec<T>> {
+    fn take<T: Value>(&mut self, len: usize) -> Option<Room<T>> {
         let fits = |piece: &Box<dyn Any + Send + Sync>| {
-            let capacity = piece.downcast_ref::<Vec<T>>()?.capacity();
+            let capacity = piece.downcast_ref::<Room<T>>()?.len();
             (len..=len + len / 4)
                 .contains(&capacity)
                 .then_some(capacity)
@@ -43,15 +47,70 @@ impl Reserve {
     }
 }
 
+/// What images consist of.
+pub trait Value: Pod + Default + Send + Sync {}
+
+impl<T: Pod + Default + Send + Sync> Value for T {}
+
+/// Where numbers can be.
+#[derive(Debug)]
+enum Room<T> {
+    Small(Vec<T>),
+    Large(MmapMut),
+}
+
+/// Bytes from which on pages of two megabytes pay.
+const LARGE: usize = 1 << 22;
+
+impl<T: Value> Room<T> {
+    /// For so many numbers, all zero.
+    fn new(len: usize) -> Self {
+        let bytes = len * size_of::<T>();
+        if bytes >= LARGE
+            && let Ok(pages) = MmapMut::map_anon(bytes)
+        {
+            // Where large pages cannot be had, small ones do.
+            #[cfg(target_os = "linux")]
+            let _ = pages.advise(memmap2::Advice::HugePage);
+            return Self::Large(pages);
+        }
+        Self::Small(vec![T::default(); len])
+    }
+}
+
+impl<T: Value> Deref for Room<T> {
+    type Target = [T];
+
+    #[inline]
+    fn deref(&self) -> &[T] {
+        match self {
+            Self::Small(numbers) => numbers,
+            Self::Large(pages) => bytemuck::cast_slice(pages),
+        }
+    }
+}
+
+impl<T: Value> DerefMut for Room<T> {
+    #[inline]
+    fn deref_mut(&mut self) -> &mut [T] {
+        match self {
+            Self::Small(numbers) => numbers,
+            Self::Large(pages) => bytemuck::cast_slice_mut(pages),
+        }
+    }
+}
+
 /// So many numbers.
 #[derive(Debug)]
-pub struct Memory<T: Send + Sync + 'static> {
-    data: Vec<T>,
+pub struct Memory<T: Value> {
+    /// Some, until it is dropped.
+    room: Option<Room<T>>,
+    len: usize,
     /// Whether it was made where a reserve served, to which it then returns: others would only pile up there.
     returns: bool,
 }
 
-impl<T: Copy + Default + Send + Sync> Memory<T> {
+impl<T: Value> Memory<T> {
     pub fn zeroed(len: usize) -> Self {
         Self::new(len, |data| data.fill(T::default()))
     }
@@ -64,27 +123,23 @@ impl<T: Copy + Default + Send + Sync> Memory<T> {
     fn new(len: usize, clear: impl FnOnce(&mut [T])) -> Self {
         SERVING.with_borrow_mut(|reserve| {
             let piece = reserve.as_mut().and_then(|reserve| reserve.take(len));
-            let data = match piece {
-                Some(mut data) => {
-                    data.resize(len, T::default());
-                    clear(&mut data);
-                    data
+            let room = match piece {
+                Some(mut room) => {
+                    clear(&mut room[..len]);
+                    room
                 }
-                None => vec![T::default(); len],
+                None => Room::new(len),
             };
             Self {
-                data,
+                room: Some(room),
+                len,
                 returns: reserve.is_some(),
             }
         })
     }
-
-    pub fn into_vec(mut self) -> Vec<T> {
-        std::mem::take(&mut self.data)
-    }
 }
 
-impl<T: Copy + Default + Send + Sync> From<&[T]> for Memory<T> {
+impl<T: Value> From<&[T]> for Memory<T> {
     fn from(data: &[T]) -> Self {
         let mut copy = Self::left(data.len());
         copy.copy_from_slice(data);
@@ -92,33 +147,36 @@ impl<T: Copy + Default + Send + Sync> From<&[T]> for Memory<T> {
     }
 }
 
-impl<T: Copy + Default + Send + Sync> Clone for Memory<T> {
+impl<T: Value> Clone for Memory<T> {
     fn clone(&self) -> Self {
         Self::from(&**self)
     }
 }
 
-impl<T: Send + Sync> Deref for Memory<T> {
+impl<T: Value> Deref for Memory<T> {
     type Target = [T];
 
+    #[inline]
     fn deref(&self) -> &[T] {
-        &self.data
+        &self.room.as_ref().expect("not dropped yet")[..self.len]
     }
 }
 
-impl<T: Send + Sync> DerefMut for Memory<T> {
+impl<T: Value> DerefMut for Memory<T> {
+    #[inline]
     fn deref_mut(&mut self) -> &mut [T] {
-        &mut self.data
+        &mut self.room.as_mut().expect("not dropped yet")[..self.len]
     }
 }
 
-impl<T: Send + Sync + 'static> Drop for Memory<T> {
+impl<T: Value> Drop for Memory<T> {
     fn drop(&mut self) {
-        if self.returns && self.data.capacity() > 0 {
-            let data = std::mem::take(&mut self.data);
+        if self.returns
+            && let Some(room) = self.room.take().filter(|room| !room.is_empty())
+        {
             SERVING.with_borrow_mut(|reserve| {
                 if let Some(reserve) = reserve {
-                    reserve.free.push(Box::new(data));
+                    reserve.free.push(Box::new(room));
                 }
             });
         }
@@ -152,6 +210,21 @@ mod tests {
             assert!(Memory::<f32>::zeroed(1000).iter().all(|&v| v == 0.0));
         });
         assert_eq!(reserve.free.len(), 4);
+    }
+
+    #[test]
+    fn large_memory_is_like_small() {
+        let mut reserve = Reserve::default();
+        let len = LARGE / size_of::<u32>() + 1;
+        for _ in 0..2 {
+            reserve.serve(|| {
+                let mut memory = Memory::<u32>::zeroed(len);
+                assert!(memory.len() == len && memory.iter().all(|&v| v == 0));
+                memory.fill(7);
+                assert_eq!(memory.clone()[len - 1], 7);
+            });
+        }
+        assert_eq!(reserve.free.len(), 2);
     }
 
     #[test]
