@@ -65,6 +65,23 @@ impl<S: Simd> Lanes<S> {
         lanes
     }
 
+    /// The taps of what lies at `at`.
+    #[inline(always)]
+    pub fn load_taps<const N: usize>(
+        simd: S,
+        plane: &[f32],
+        at: usize,
+        taps: &Taps<N>,
+    ) -> [Self; N] {
+        // One window, so that one look at its length is enough for all.
+        let window = &plane[taps.first(at)..][..taps.places[N - 1] + Self::COUNT];
+        let mut lanes = [Self::all(simd, 0.0); N];
+        for k in 0..N {
+            lanes[k] = Self::load(simd, window, taps.places[k]);
+        }
+        lanes
+    }
+
     /// The values of a row from `x` on, and `outside` beyond its ends.
     #[inline(always)]
     pub fn load_around(simd: S, row: &[f32], x: isize, outside: f32) -> Self {
@@ -198,6 +215,21 @@ impl<S: Simd> Classes<S> {
     }
 
     #[inline(always)]
+    pub fn load_taps<const N: usize>(
+        simd: S,
+        plane: &[u32],
+        at: usize,
+        taps: &Taps<N>,
+    ) -> [Self; N] {
+        let window = &plane[taps.first(at)..][..taps.places[N - 1] + S::U32_LANES];
+        let mut classes = [Self::load(simd, window, 0); N];
+        for k in 1..N {
+            classes[k] = Self::load(simd, window, taps.places[k]);
+        }
+        classes
+    }
+
+    #[inline(always)]
     pub fn equal(self, other: Self) -> Mask<S> {
         Mask {
             simd: self.simd,
@@ -286,8 +318,12 @@ pub struct Layout {
 impl Layout {
     /// For taps up to `reach` pixels to the side.
     pub fn new(size: Size, reach: usize) -> Self {
-        // Taps beyond the width all lie outside. One vector more, since the last of a row may begin at its last pixel.
-        let border = reach.min(size.width).next_multiple_of(WIDEST) + WIDEST;
+        // Taps beyond the width all lie outside, but those of kernels that know their columns beforehand have to lie somewhere.
+        // One vector more, since the last of a row may begin at its last pixel.
+        let border = reach
+            .min(size.width.max(2 * WIDEST))
+            .next_multiple_of(WIDEST)
+            + WIDEST;
         Self {
             size,
             border,
@@ -302,34 +338,106 @@ impl Layout {
     }
 
     /// The taps at `step` times up to `radius` pixels to each side that pixels of row y have inside; some pixels at least.
-    pub fn taps(&self, y: usize, radius: isize, step: usize) -> Vec<Tap> {
-        let inside = |&[dx, dy]: &[isize; 2]| {
-            ((y as isize + dy) as usize) < self.size.height && dx.unsigned_abs() < self.size.width
-        };
-        let all = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| [dx, dy]));
-        all.map(|steps| steps.map(|d| d * step as isize))
-            .filter(inside)
-            .map(|offset| Tap {
-                offset,
-                distance: offset.map(|d| d as f32),
-                shift: offset[1] * self.stride as isize + offset[0],
-            })
+    pub fn taps(&self, y: usize, radius: usize, step: usize) -> Vec<Tap> {
+        let radius = radius as isize;
+        let columns = (-radius..=radius)
+            .map(|dx| dx * step as isize)
+            .filter(|dx| dx.unsigned_abs() < self.size.width);
+        let columns: Vec<_> = columns.map(Columns::single).collect();
+        let rows = self.rows(y, radius as usize, step);
+        rows.flat_map(|down| columns.iter().map(move |column| self.along(column, down)))
             .collect()
+    }
+
+    /// How far below row y the rows at `step` times up to `radius` pixels are that lie inside.
+    pub fn rows(&self, y: usize, radius: usize, step: usize) -> impl Iterator<Item = isize> {
+        let (radius, step, height) = (radius as isize, step as isize, self.size.height);
+        let downs = (-radius..=radius).map(move |dy| dy * step);
+        downs.filter(move |dy| ((y as isize + dy) as usize) < height)
+    }
+
+    /// The taps of these columns so many rows below.
+    #[inline(always)]
+    pub fn along<const N: usize>(&self, columns: &Columns<N>, down: isize) -> Taps<N> {
+        Taps {
+            offset: [columns.first, down],
+            right: columns.right,
+            down: down as f32,
+            shift: down * self.stride as isize + columns.first,
+            places: columns.places,
+        }
+    }
+
+    /// Farther to the side there is no memory: what lies beyond the image lies there as well.
+    pub fn farthest(&self) -> usize {
+        self.border - WIDEST
     }
 }
 
-/// A neighbour: so many pixels to the right and down, and so many values further in memory.
-#[derive(Clone, Copy)]
-pub struct Tap {
-    pub offset: [isize; 2],
-    pub distance: [f32; 2],
-    shift: isize,
+/// Columns around a pixel's own, in ascending order. Kernels make those that they use much of constants, which is faster
+/// by a third.
+pub struct Columns<const N: usize> {
+    first: isize,
+    /// In pixels to the right of the first, and in memory.
+    places: [usize; N],
+    /// In pixels to the right of the pixel.
+    right: [f32; N],
 }
 
-impl Tap {
-    /// Where the tap of what lies at `at` lies.
+impl Columns<1> {
+    fn single(right: isize) -> Self {
+        Self {
+            first: right,
+            places: [0],
+            right: [right as f32],
+        }
+    }
+}
+
+impl<const N: usize> Columns<N> {
+    /// At multiples of `step`, but not beyond the `farthest`.
     #[inline(always)]
-    pub fn of(self, at: usize) -> usize {
+    pub fn new(step: usize, farthest: usize) -> Self {
+        let middle = N / 2;
+        let first = (middle * step).min(farthest);
+        let (mut places, mut right) = ([0; N], [0.0; N]);
+        for k in 0..N {
+            let distance = (k.abs_diff(middle) * step).min(farthest);
+            places[k] = if k < middle {
+                first - distance
+            } else {
+                first + distance
+            };
+            right[k] = (k as f32 - middle as f32) * step as f32;
+        }
+        Self {
+            first: -(first as isize),
+            places,
+            right,
+        }
+    }
+}
+
+/// Neighbours in one row: where they lie.
+#[derive(Clone, Copy)]
+pub struct Taps<const N: usize> {
+    /// Of the first, in pixels to the right and down.
+    pub offset: [isize; 2],
+    /// Pixels to the right, and down.
+    pub right: [f32; N],
+    pub down: f32,
+    /// To the first, in memory; and from there to each.
+    shift: isize,
+    places: [usize; N],
+}
+
+/// A neighbour.
+pub type Tap = Taps<1>;
+
+impl<const N: usize> Taps<N> {
+    /// Where the first tap of what lies at `at` lies.
+    #[inline(always)]
+    pub fn first(&self, at: usize) -> usize {
         at.wrapping_add_signed(self.shift)
     }
 }

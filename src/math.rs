@@ -41,7 +41,7 @@ const SMALLEST_EXPONENT: f32 = -64.0;
 ///
 /// The integer part of x is found by adding 1.5·2^23, which leaves it in the low mantissa bits, from where a shift
 /// moves it into the exponent; the fraction in [-½, ½] goes through the polynomial of degree five whose largest relative
-/// error is smallest, among those that are 1 at 0.
+/// error is smallest, among those that are 1 at 0. What this makes of an x that is too small is not used.
 #[inline(always)]
 pub fn exp2_weight<S: Simd>(x: Lanes<S>) -> Lanes<S> {
     let [weight] = exp2_weights([x]);
@@ -54,9 +54,8 @@ pub fn exp2_weights<S: Simd, const N: usize>(x: [Lanes<S>; N]) -> [Lanes<S>; N] 
     const ROUND: f32 = 12_582_912.0; // 1.5 · 2^23
     let (mut f, mut shifted) = (x, x);
     for k in 0..N {
-        let bounded = x[k].or_all(x[k].above(SMALLEST_EXPONENT), SMALLEST_EXPONENT);
-        shifted[k] = bounded + ROUND;
-        f[k] = bounded - (shifted[k] + -ROUND);
+        shifted[k] = x[k] + ROUND;
+        f[k] = x[k] - (shifted[k] + -ROUND);
     }
     let mut p = f;
     for k in 0..N {

@@ -147,6 +147,7 @@ class SVGF:
         alpha=0.05,
         moments_alpha=0.2,
         iterations=4,
+        radius=2,
         sigma_luminance=3.0,
         sigma_normal=128.0,
         sigma_depth=1.0,
@@ -168,7 +169,8 @@ class SVGF:
             "plane_distance": plane_distance,
             "normal_angle": normal_angle,
         }
-        self.iterations, self.sigma_luminance, self.min_length = iterations, sigma_luminance, min_length
+        self.filter = {"radius": radius, "sigma_luminance": sigma_luminance}
+        self.iterations, self.min_length = iterations, min_length
         self.feedback, self.gradient, self.fireflies = feedback, gradient, fireflies
         self.distances, self.antialias = reflections, antialias
         self.passes, self.stage = 3, PRESETS["denoised"]
@@ -219,7 +221,7 @@ class SVGF:
 
         def smooth(passes: int):
             passes = min(passes, self.iterations)
-            return yester.atrous(color, variance, iterations=passes, sigma_luminance=self.sigma_luminance, **alike)
+            return yester.atrous(color, variance, iterations=passes, **self.filter, **alike)
 
         final, final_variance = smooth(self.iterations)
         self.history = [smooth(1)[0] if self.feedback else color, moments, length]

@@ -34,6 +34,7 @@ def check(color, variance, **named):
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
     buffers=st.sets(st.sampled_from(["depth", "normal", "ids", "camera"])),
     iterations=st.sampled_from([0, 1, 2, 5, 7]),
+    radius=st.sampled_from([1, 2]),
     sigma_luminance=st.sampled_from([0.5, 4.0, 100.0]),
     sigma_normal=st.sampled_from([0.0, 10.0, 128.0]),
     sigma_depth=st.sampled_from([0.5, 3.0]),

@@ -188,7 +188,9 @@ pub fn estimate_variance_<'py>(
 ///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
 ///     `normal`.
 /// iterations : int, default 5
-///     Passes, 0 to 16; pass i reaches 2·2^i pixels to each side.
+///     Passes, 0 to 16; pass i reaches radius·2^i pixels to each side.
+/// radius : int, default 2
+///     Taps of a pass to each side: 2 for 5×5, 1 for 3×3.
 /// sigma_luminance : float, default 4.0
 ///     Luminance difference that counts as one, in standard deviations; above 0.
 /// sigma_normal : float, default 128.0
@@ -214,8 +216,8 @@ pub fn estimate_variance_<'py>(
 ///
 /// Notes
 /// -----
-/// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, zero between different ids
-/// or between surface and background, and
+/// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps, zero
+/// between different ids or between surface and background, and
 ///
 /// - en = sigma_normal · ½\|n - n'\|²,
 /// - ez = \|n·(X - X')\| / (sigma_plane Z) with `camera`, else \|Z - Z'\| / (sigma_depth \|∇Z·Δ\| + Z/1000),
@@ -224,7 +226,7 @@ pub fn estimate_variance_<'py>(
 /// Colour is Σwc/Σw and variance Σw²v/(Σw)². Dammertz et al. 2010, *Edge-Avoiding À-Trous Wavelet Transform for fast
 /// Global Illumination Filtering*; Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4.3.
 #[pyfunction]
-#[pyo3(signature = (color, variance, *, depth=None, normal=None, ids=None, camera=None, iterations=5,
+#[pyo3(signature = (color, variance, *, depth=None, normal=None, ids=None, camera=None, iterations=5, radius=2,
     sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
 #[pyo3(name = "atrous")]
 pub fn atrous_<'py>(
@@ -236,6 +238,7 @@ pub fn atrous_<'py>(
     ids: Option<&Bound<'py, PyAny>>,
     camera: Option<&Camera>,
     iterations: i64,
+    radius: i64,
     sigma_luminance: f32,
     sigma_normal: f32,
     sigma_depth: f32,
@@ -249,6 +252,7 @@ pub fn atrous_<'py>(
     };
     let params = atrous::Params {
         iterations: atrous::Params::iterations(iterations)?,
+        radius: atrous::Params::radius(radius)?,
         sigma_luminance,
         sigmas,
     };

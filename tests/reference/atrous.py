@@ -4,7 +4,8 @@ from torch import Tensor
 from .accumulate import luminance
 from .similarity import CUT, Similarity, shift
 
-KERNEL = (1.0, 2 / 3, 1 / 6)
+#: By radius.
+KERNELS = {1: (1.0, 1 / 2), 2: (1.0, 2 / 3, 1 / 6)}
 
 
 def _gaussian(image: Tensor) -> Tensor:
@@ -15,9 +16,9 @@ def _gaussian(image: Tensor) -> Tensor:
 
 
 def atrous(
-    color: Tensor, variance: Tensor, *, iterations=5, sigma_luminance=4.0, margin=False, **similarity
+    color: Tensor, variance: Tensor, *, iterations=5, radius=2, sigma_luminance=4.0, margin=False, **similarity
 ) -> tuple[Tensor, ...]:
-    """Smooth by ever wider, edge-stopping 5x5 passes with holes (à trous), carrying the variance along.
+    """Smooth by ever wider, edge-stopping 5x5 or 3x3 passes with holes (à trous), carrying the variance along.
 
     w = h·exp(-[surface + |l - l'| / (sigma_luminance·√g + 1e-3·|l|)]), colour = Σwc / Σw, variance = Σw²v / (Σw)².
     Source: Dammertz et al. 2010; Schied et al. 2017, section 4.4.
@@ -40,21 +41,21 @@ def atrous(
     variance = variance.where(variance.isfinite(), 0)  # (H, W)
     least = torch.full_like(variance, torch.inf)  # (H, W)
     for i in range(iterations):
-        step = 2**i
+        step, kernel = 2**i, KERNELS[radius]
         finite = color.isfinite().all(-1)  # (H, W)
         clean = color.where(finite[..., None], 0)  # (H, W, 3)
         light = luminance(clean)  # (H, W)
         scale = sigma_luminance * _gaussian(variance).sqrt() + 1e-3 * light.abs() + 1e-30  # (H, W)
         colors, variances, weights = torch.zeros_like(color), torch.zeros_like(variance), torch.zeros_like(variance)
-        for dy in range(-2, 3):
-            for dx in range(-2, 3):
+        for dy in range(-radius, radius + 1):
+            for dx in range(-radius, radius + 1):
                 x, y = step * dx, step * dy
                 if abs(x) >= width or abs(y) >= height:
                     continue
                 exponent, same = alike(dx, dy, step)  # (H, W)
                 brighter = (light - shift(light, x, y, 0)).abs() / scale  # (H, W)
                 exponent = exponent + brighter.where(finite, 0)  # (H, W)
-                weight = KERNEL[abs(dx)] * KERNEL[abs(dy)] * torch.exp(-exponent)  # (H, W)
+                weight = kernel[abs(dx)] * kernel[abs(dy)] * torch.exp(-exponent)  # (H, W)
                 weight = weight.where(same & shift(finite, x, y, False) & (weight >= CUT), 0)  # (H, W)
                 colors += weight[..., None] * shift(clean, x, y, 0)  # (H, W, 3)
                 variances += weight * weight * shift(variance, x, y, 0)  # (H, W)

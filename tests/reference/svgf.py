@@ -35,6 +35,7 @@ class SVGF:
         alpha=0.05,
         moments_alpha=0.2,
         iterations=4,
+        radius=2,
         sigma_luminance=3.0,
         sigma_normal=128.0,
         sigma_depth=1.0,
@@ -50,7 +51,7 @@ class SVGF:
     ):
         self.blend = {"alpha": alpha, "moments_alpha": moments_alpha}
         self.sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}
-        self.luminance, self.iterations = {"sigma_luminance": sigma_luminance}, iterations
+        self.filter, self.iterations = {"radius": radius, "sigma_luminance": sigma_luminance}, iterations
         self.limits = {
             "relative_depth": relative_depth,
             "plane_distance": plane_distance,
@@ -100,9 +101,9 @@ class SVGF:
         merged = accumulate(light, *history, weight=weight, gradient=gradient, **self.blend)
         color, moments, length, _ = merged  # (H, W, 3), (H, W, 2), (H, W)
         variance = estimate_variance(moments, length, min_length=self.min_length, **similarity)  # (H, W)
-        smooth, smooth_variance = atrous(color, variance, iterations=self.iterations, **self.luminance, **similarity)
+        smooth, smooth_variance = atrous(color, variance, iterations=self.iterations, **self.filter, **similarity)
         if self.feedback and self.iterations > 0:
-            color, _ = atrous(color, variance, iterations=1, **self.luminance, **similarity)  # (H, W, 3)
+            color, _ = atrous(color, variance, iterations=1, **self.filter, **similarity)  # (H, W, 3)
         self.history, self.previous = [color, moments, length], frame
         if frame.albedo is not None:
             smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)

@@ -1,7 +1,7 @@
 //! The edge-avoiding à-trous wavelet filter, guided by variance.
 //!
-//! Pass i averages the 5×5 taps at multiples of 2^i pixels. A tap's weight is the B₃-spline kernel
-//! {1, 2/3, 1/6} ⊗ {1, 2/3, 1/6} times the guide's weight (see [`super::guide`]) times
+//! Pass i averages the 5×5 taps at multiples of 2^i pixels, or the 3×3. A tap's weight is the spline kernel, cubic
+//! {1, 2/3, 1/6} ⊗ {1, 2/3, 1/6} or linear {1, 1/2} ⊗ {1, 1/2}, times the guide's weight (see [`super::guide`]) times
 //!   exp(−|l − l′| / (σ·√g + |l|/1000)),
 //! with l the luminance and g the variance blurred by a 3×3 Gaussian (borders replicated): differences count in units
 //! of the noise. Colour becomes Σwc/Σw and variance Σw²v/(Σw)², which is how it falls when independent samples are
@@ -22,7 +22,7 @@ use super::guide::{Comparison, Guide, Sigmas};
 use super::variance::{floored, floored_all};
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
-use crate::lanes::{Bordered, BorderedBand, BorderedRow, Lanes, Layout, Tap};
+use crate::lanes::{Bordered, BorderedBand, BorderedRow, Columns, Lanes, Layout};
 use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, LanesKernel};
@@ -31,6 +31,8 @@ use crate::rows::{self, Kernel, LanesKernel};
 pub struct Params {
     /// Passes; 0 to 16; 5.
     pub iterations: u32,
+    /// Taps to each side; 1 or 2; 2.
+    pub radius: usize,
     /// Luminance difference that counts as one, in standard deviations; > 0; 4.
     pub sigma_luminance: f32,
     pub sigmas: Sigmas,
@@ -40,6 +42,7 @@ impl Default for Params {
     fn default() -> Self {
         Self {
             iterations: 5,
+            radius: 2,
             sigma_luminance: 4.0,
             sigmas: Sigmas::default(),
         }
@@ -52,9 +55,14 @@ impl Params {
         whole("iterations", value, "0 to 16 passes", |&n| n <= 16)
     }
 
+    /// Taps to each side.
+    pub fn radius(value: i64) -> Result<usize> {
+        whole("radius", value, "1 or 2 taps", |n| (1..=2).contains(n))
+    }
+
     /// Pixels from the farthest tap to the centre.
     pub fn reach(&self) -> usize {
-        1 << self.iterations
+        (self.radius << self.iterations) / 2
     }
 
     pub fn check(&self) -> Result<()> {
@@ -74,13 +82,10 @@ const CHANNELS: usize = 5;
 const VARIANCE: usize = 3;
 const LUMINANCE: usize = 4;
 
-/// Of a pixel, itself among them.
-const TAPS: usize = 25;
-/// Whose weights are computed side by side.
-const TOGETHER: usize = 5;
-
 /// log₂ of 1, 2/3 and 1/6.
-const LOG2_KERNEL: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
+const LOG2_CUBIC: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
+/// log₂ of 1 and 1/2.
+const LOG2_LINEAR: [f32; 2] = [0.0, -1.0];
 
 /// Writes the filtered colour and variance.
 pub fn atrous<'a>(
@@ -257,22 +262,71 @@ impl<'a> LanesKernel for Pass<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, _: Range<usize>, out: Self::Out) {
+        match self.params.radius {
+            1 => self.filter(simd, LOG2_LINEAR, Columns::<3>::new, out),
+            _ => self.filter(simd, LOG2_CUBIC, Columns::<5>::new, out),
+        }
+    }
+}
+
+impl Pass<'_> {
+    /// With the logarithm of the kernel's weights, and its columns for a step.
+    #[inline(always)]
+    fn filter<S: Simd, const N: usize, const HALF: usize>(
+        &self,
+        simd: S,
+        kernel: [f32; HALF],
+        columns: impl Fn(usize, usize) -> Columns<N>,
+        out: Vec<BorderedRow<CHANNELS>>,
+    ) {
         let layout = self.image.layout;
         let around = Around {
             layout,
             image: self.image.planes(),
             guide: self.guide.compare(&self.params.sigmas),
             sigma_luminance: self.params.sigma_luminance,
+            step: self.step,
+            kernel,
         };
+        // The first passes' steps as constants; each has memory for its taps.
+        match self.step {
+            1 => around.rows(simd, columns(1, usize::MAX), out),
+            2 => around.rows(simd, columns(2, usize::MAX), out),
+            4 => around.rows(simd, columns(4, usize::MAX), out),
+            8 => around.rows(simd, columns(8, usize::MAX), out),
+            16 => around.rows(simd, columns(16, usize::MAX), out),
+            step => around.rows(simd, columns(step, layout.farthest()), out),
+        }
+    }
+}
+
+/// What a pass reads.
+struct Around<'a, const HALF: usize> {
+    layout: Layout,
+    image: [&'a [f32]; CHANNELS],
+    guide: Comparison<'a>,
+    sigma_luminance: f32,
+    step: usize,
+    /// log₂ of a tap's own weight, by its steps along each axis.
+    kernel: [f32; HALF],
+}
+
+impl<const HALF: usize> Around<'_, HALF> {
+    #[inline(always)]
+    fn rows<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        columns: Columns<N>,
+        out: Vec<BorderedRow<CHANNELS>>,
+    ) {
+        let Size { width, height } = self.layout.size;
         for mut row in out {
             let y = row.y;
-            let taps: Vec<_> = (layout.taps(y, 2, self.step).into_iter())
-                .map(|tap| (tap, tap_exponent(tap, self.step)))
-                .collect();
+            let downs: Vec<_> = self.layout.rows(y, HALF - 1, self.step).collect();
             // The border continues the rows; above the first and below the last row, these do.
-            let near = [y.saturating_sub(1), (y + 1).min(layout.size.height - 1)];
-            for x in (0..layout.size.width).step_by(Lanes::<S>::COUNT) {
-                let filtered = around.filter(simd, x, y, near, &taps);
+            let near = [y.saturating_sub(1), (y + 1).min(height - 1)];
+            for x in (0..width).step_by(Lanes::<S>::COUNT) {
+                let filtered = self.filter(simd, x, y, near, &downs, &columns);
                 for (row, lanes) in row.channels().into_iter().zip(filtered) {
                     lanes.store(row, x);
                 }
@@ -280,55 +334,44 @@ impl<'a> LanesKernel for Pass<'a> {
             row.replicate(VARIANCE);
         }
     }
-}
 
-/// log₂ of a tap's own weight.
-fn tap_exponent(tap: Tap, step: usize) -> f32 {
-    let [x, y] = tap.offset.map(|d| LOG2_KERNEL[d.unsigned_abs() / step]);
-    x + y
-}
-
-/// What a pass reads.
-struct Around<'a> {
-    layout: Layout,
-    image: [&'a [f32]; CHANNELS],
-    guide: Comparison<'a>,
-    sigma_luminance: f32,
-}
-
-impl Around<'_> {
     /// The pixels from (x, y) on.
     #[inline(always)]
-    fn filter<S: Simd>(
+    fn filter<S: Simd, const N: usize>(
         &self,
         simd: S,
         x: usize,
         y: usize,
         near: [usize; 2],
-        taps: &[(Tap, f32)],
+        downs: &[isize],
+        columns: &Columns<N>,
     ) -> [Lanes<S>; CHANNELS] {
         let at = self.layout.at(x, y);
         let center = self.guide.center(simd, x, y);
         let (here, sharpness) = self.sharpness(simd, x, y, near);
         let mut weight = Lanes::all(simd, 0.0);
         let [mut r, mut g, mut b, mut v] = [Lanes::all(simd, 0.0); 4];
-        // One step of all taps before the next, so that what follows each other does not wait for each other.
-        let mut weights = [Lanes::all(simd, f32::NEG_INFINITY); TAPS];
-        for (exponents, &(tap, own)) in weights.iter_mut().zip(taps) {
-            let there = Lanes::load(simd, self.image[LUMINANCE], tap.of(at));
-            let guided = self.guide.exponents(simd, &center, tap, own);
-            *exponents = guided - sharpness * (here - there).abs();
-        }
-        for some in weights.as_chunks_mut::<TOGETHER>().0 {
-            *some = exp2_weights(*some);
-        }
-        for (&w, (tap, _)) in weights.iter().zip(taps) {
-            let [tr, tg, tb, tv, _] = Lanes::load_all(simd, self.image, tap.of(at));
-            weight = weight + w;
-            r = r + w * tr;
-            g = g + w * tg;
-            b = b + w * tb;
-            v = v + w * w * tv;
+        for &down in downs {
+            let taps = self.layout.along(columns, down);
+            let mut own = [self.kernel[down.unsigned_abs() / self.step]; N];
+            for k in 0..N {
+                own[k] += self.kernel[k.abs_diff(N / 2)];
+            }
+            let load = |channel: usize| Lanes::load_taps(simd, self.image[channel], at, &taps);
+            let mut exponents = self.guide.exponents(simd, &center, &taps, own);
+            let luminance = load(LUMINANCE);
+            for k in 0..N {
+                exponents[k] = exponents[k] - sharpness * (here - luminance[k]).abs();
+            }
+            let w = exp2_weights(exponents);
+            let [tr, tg, tb, tv] = [load(0), load(1), load(2), load(VARIANCE)];
+            for k in 0..N {
+                weight = weight + w[k];
+                r = r + w[k] * tr[k];
+                g = g + w[k] * tg[k];
+                b = b + w[k] * tb[k];
+                v = v + w[k] * w[k] * tv[k];
+            }
         }
         let some = weight.above(0.0);
         let r = (r / weight).or_all(some, 0.0);

@@ -19,7 +19,7 @@ use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::judge::surface::Surface;
-use crate::lanes::{Bordered, BorderedBand, Classes, Lanes, Layout, Tap};
+use crate::lanes::{Bordered, BorderedBand, Classes, Lanes, Layout, Taps};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
 
@@ -190,39 +190,72 @@ impl Comparison<'_> {
         center
     }
 
-    /// Exponents, in units of log₂, of the weights between centres and a tap of theirs: that of the tap itself, less what
-    /// stands between the two; −∞ between classes.
+    /// Exponents, in units of log₂, of the weights between centres and taps of theirs: those of the taps themselves, less
+    /// what stands between the two; −∞ between classes. Each operation of all taps before the next, as in
+    /// [`crate::math::exp2_weights`].
     #[inline(always)]
-    pub fn exponents<S: Simd>(&self, simd: S, center: &Center<S>, tap: Tap, own: f32) -> Lanes<S> {
-        let there = tap.of(center.at);
-        let mut exponents = Lanes::all(simd, own);
-        if let Some(normal) = self.normal {
-            let [nx, ny, nz] = Lanes::load_all(simd, normal, there);
+    pub fn exponents<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        center: &Center<S>,
+        taps: &Taps<N>,
+        own: [f32; N],
+    ) -> [Lanes<S>; N] {
+        let mut exponents = [Lanes::all(simd, 0.0); N];
+        for k in 0..N {
+            exponents[k] = Lanes::all(simd, own[k]);
+        }
+        if let Some([nx, ny, nz]) = self.normal {
+            let x = Lanes::load_taps(simd, nx, center.at, taps);
+            let y = Lanes::load_taps(simd, ny, center.at, taps);
+            let z = Lanes::load_taps(simd, nz, center.at, taps);
             let [hx, hy, hz] = center.normal;
-            let (x, y, z) = (hx - nx, hy - ny, hz - nz);
-            exponents = exponents - (x * x + y * y + z * z) * self.normal_scale;
+            let mut apart = x;
+            for k in 0..N {
+                apart[k] = (hx - x[k]) * (hx - x[k]);
+            }
+            for k in 0..N {
+                apart[k] = apart[k] + (hy - y[k]) * (hy - y[k]);
+            }
+            for k in 0..N {
+                apart[k] = apart[k] + (hz - z[k]) * (hz - z[k]);
+            }
+            for k in 0..N {
+                exponents[k] = exponents[k] - apart[k] * self.normal_scale;
+            }
         }
         match self.depth {
             Depths::Plane([depth], _) => {
-                let z = Lanes::load(simd, depth, there);
+                let z = Lanes::load_taps(simd, depth, center.at, taps);
                 let [right, down, ray, here] = center.plane;
-                let [dx, dy] = tap.distance;
-                let ray = ray + down * dy + right * dx;
-                exponents = exponents - (z * ray - here).abs();
+                let row = ray + down * taps.down;
+                let mut apart = z;
+                for k in 0..N {
+                    apart[k] = z[k] * (row + right * taps.right[k]) - here;
+                }
+                for k in 0..N {
+                    exponents[k] = exponents[k] - apart[k].abs();
+                }
             }
             Depths::Slope([depth, ..]) => {
-                let z_there = Lanes::load(simd, depth, there);
+                let z_there = Lanes::load_taps(simd, depth, center.at, taps);
                 let [z, zx, zy] = center.slope;
-                let [dx, dy] = tap.distance.map(f32::abs);
-                let rise = zx * dx + zy * dy;
-                // The last term keeps background, where all is zero, from 0/0.
-                let unit = rise * self.slope_unit + z * 1e-3 + 1e-30;
-                exponents = exponents - (z - z_there).abs() * LOG2_E / unit;
+                for k in 0..N {
+                    let rise = zx * taps.right[k].abs() + zy * taps.down.abs();
+                    // The last term keeps background, where all is zero, from 0/0.
+                    let unit = rise * self.slope_unit + z * 1e-3 + 1e-30;
+                    let apart = (z - z_there[k]).abs();
+                    exponents[k] = exponents[k] - apart * LOG2_E / unit;
+                }
             }
             Depths::Absent => {}
         }
-        let class = Classes::load(simd, self.class, there);
-        exponents.or_all(center.class.equal(class), f32::NEG_INFINITY)
+        let classes = Classes::load_taps(simd, self.class, center.at, taps);
+        for k in 0..N {
+            let same = center.class.equal(classes[k]);
+            exponents[k] = exponents[k].or_all(same, f32::NEG_INFINITY);
+        }
+        exponents
     }
 }
 

@@ -145,7 +145,7 @@ impl Fix<'_> {
         let (mut weight, mut sum) = (nothing, [nothing; 3]);
         let guide = self.guide.compare(&self.params.sigmas);
         let center = guide.center(simd, x, y);
-        for &tap in taps {
+        for tap in taps {
             let [dx, dy] = tap.offset;
             let (x, y) = (x as isize + dx, y.wrapping_add_signed(dy));
             let load = |row| Lanes::load_around(simd, row, x, f32::NAN);
@@ -155,7 +155,8 @@ impl Fix<'_> {
             let [r, g, b] = color;
             let known =
                 (r.is_finite().and(g.is_finite()).and(b.is_finite())).and(samples.above(0.0));
-            let w = exp2_weight(guide.exponents(simd, &center, tap, 0.0)) * samples;
+            let [exponent] = guide.exponents(simd, &center, tap, [0.0]);
+            let w = exp2_weight(exponent) * samples;
             weight = weight + w.or_all(known, 0.0);
             for (sum, c) in sum.iter_mut().zip(color) {
                 *sum = *sum + (w * c).or_all(known, 0.0);

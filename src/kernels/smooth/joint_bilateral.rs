@@ -268,13 +268,13 @@ impl Fill<'_> {
     /// The taps of a row's pixels in rows that have samples, with log₂ of their weight by distance.
     fn taps(&self, y: usize) -> Vec<(Tap, f32)> {
         let scale = LOG2_E / (2.0 * self.sigma * self.sigma);
-        let all = self.samples.image.layout.taps(y, self.radius as isize, 1);
+        let all = self.samples.image.layout.taps(y, self.radius, 1);
         all.into_iter()
             .filter(|tap| self.samples.rows[y.wrapping_add_signed(tap.offset[1])])
             .map(|mut tap| {
-                let [x, y] = tap.distance;
-                tap.distance = [x + self.rest[0], y + self.rest[1]];
-                let [x, y] = tap.distance;
+                tap.right[0] += self.rest[0];
+                tap.down += self.rest[1];
+                let ([x], y) = (tap.right, tap.down);
                 (tap, -(x * x + y * y) * scale)
             })
             .collect()
@@ -294,8 +294,8 @@ impl Fill<'_> {
         let mut weight = Lanes::all(simd, 0.0);
         let mut sums = [weight; 3];
         for &(tap, own) in taps {
-            let there = Lanes::load_all(simd, planes, tap.of(at));
-            let likeness = self.shown.exponents(simd, &center, tap, own);
+            let there = Lanes::load_all(simd, planes, tap.first(at));
+            let [likeness] = self.shown.exponents(simd, &center, &tap, [own]);
             let w = exp2_weight(likeness + there[OWN]);
             weight = weight + w;
             for (sum, &there) in sums.iter_mut().zip(&there) {

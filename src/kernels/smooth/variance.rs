@@ -100,7 +100,7 @@ impl<'a> Estimate<'a> {
     #[inline(always)]
     pub fn row<S: Simd>(&self, simd: S, y: usize, variance: &mut [f32]) {
         let guide = self.guide.compare(&self.params.sigmas);
-        let taps = self.guide.layout.taps(y, self.params.radius as isize, 1);
+        let taps = self.guide.layout.taps(y, self.params.radius, 1);
         for x in (0..variance.len()).step_by(Lanes::<S>::COUNT) {
             self.variance(simd, x, y, &guide, &taps).store(variance, x);
         }
@@ -148,12 +148,13 @@ impl<'a> Estimate<'a> {
     ) -> Lanes<S> {
         let center = guide.center(simd, x, y);
         let [mut weight, mut first, mut second] = [Lanes::all(simd, 0.0); 3];
-        for &tap in taps {
+        for tap in taps {
             let [dx, dy] = tap.offset;
             let (x, y) = (x as isize + dx, y.wrapping_add_signed(dy));
             let [m1, m2] = self.moments(simd, x, y, f32::NAN);
             let known = known(m1, m2);
-            let w = exp2_weight(guide.exponents(simd, &center, tap, 0.0)).or_all(known, 0.0);
+            let [exponent] = guide.exponents(simd, &center, tap, [0.0]);
+            let w = exp2_weight(exponent).or_all(known, 0.0);
             weight = weight + w;
             first = first + (w * m1).or_all(known, 0.0);
             second = second + (w * m2).or_all(known, 0.0);
