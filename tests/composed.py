@@ -147,7 +147,7 @@ class SVGF:
         alpha=0.05,
         moments_alpha=0.2,
         iterations=4,
-        radius=2,
+        radius=1,
         sigma_luminance=3.0,
         sigma_normal=128.0,
         sigma_depth=1.0,
@@ -301,7 +301,7 @@ class SVGF:
 
 class HalfRes(SVGF):
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
-        super().__init__(alpha=alpha, iterations=iterations, sigma_luminance=sigma_luminance, **named)
+        super().__init__(alpha=alpha, iterations=iterations, radius=2, sigma_luminance=sigma_luminance, **named)
         self.weight, self.radius = np.float32(weight), radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6}
 

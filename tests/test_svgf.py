@@ -52,7 +52,7 @@ def check_bits(frames, **named) -> composed.SVGF:
         PLAIN,
         {**SETTINGS, **PLAIN, "feedback": True},
         {"iterations": 0, "feedback": True},
-        {"radius": 1},
+        {"radius": 2},
         {"reflections": (0.5, np.inf)},
         {"reflections": (1.0,), "iterations": 1, "feedback": True, **PLAIN},
     ],

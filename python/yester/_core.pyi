@@ -151,7 +151,7 @@ class SVGF:
         alpha: float = 0.05,
         moments_alpha: float = 0.2,
         iterations: int = 4,
-        radius: int = 2,
+        radius: int = 1,
         sigma_luminance: float = 3.0,
         sigma_normal: float = 128.0,
         sigma_depth: float = 1.0,

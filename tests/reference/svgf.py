@@ -35,7 +35,7 @@ class SVGF:
         alpha=0.05,
         moments_alpha=0.2,
         iterations=4,
-        radius=2,
+        radius=1,
         sigma_luminance=3.0,
         sigma_normal=128.0,
         sigma_depth=1.0,

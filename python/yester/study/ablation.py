@@ -129,6 +129,7 @@ ABLATIONS = (
         _ablation(_SVGF, component, start, added=True)
         for component, start in {
             "pass 5": pipeline(SVGF, iterations=5),
+            "5×5 taps": pipeline(SVGF, radius=2),
             "tolerance of 4 sigma": pipeline(SVGF, sigma_luminance=4),
             "6 distances": pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf)),
             "feedback": pipeline(SVGF, feedback=True),

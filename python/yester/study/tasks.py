@@ -169,26 +169,34 @@ _NETWORKS = ("OIDN fast", "OIDN balanced", "OIDN high")
 
 _SEED: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
-_PUBLISHED: dict[str, Any] = {"reflections": (), "gradient": False, "fireflies": False, "antialias": False}
+_PUBLISHED: dict[str, Any] = {"radius": 2, "reflections": (), "gradient": False, "fireflies": False, "antialias": False}
 
 # What one pixel takes of the vector units, as `Task.multiply_adds` counts, read from the kernels.
 #
-# A tap's exponent: normals 8 for the squared distance, 2 to scale and subtract it; planes 4 to move the ray, 4 for the
-# distance from the plane and to subtract it; classes 2.
-_GUIDED = 10 + 8 + 2
+# A tap's exponent: normals 8 for the squared distance, 2 to scale and subtract it; planes 2 to move the ray, 4 for the
+# distance from the plane and to subtract it; classes 2. The ray of a row of taps: 2.
+_GUIDED, _ROW = 10 + 6 + 2, 2
 # Its centre: rays in units of the distance that counts as one.
 _CENTER = 24
-# 2 to hold the exponent, 3 to split it, 10 for the polynomial, 2 to put both together, 1 where the weight is zero.
-_EXP2 = 18
-# An à-trous pass: 25 taps, the centre among them, with 4 for luminance and 10 to add weight, colour and variance; then
-# 30 for the blurred deviation and its reciprocal, 17 to divide the sums and for the luminance of the result.
-_PASS = 25 * (_GUIDED + 4 + _EXP2 + 10) + _CENTER + 30 + 17
+# 3 to split the exponent, 10 for the polynomial, 2 to put both together, 2 to know where the weight is zero.
+_EXP2 = 17
+
+
+def _pass(side: int) -> int:
+    """An à-trous pass: so many rows of as many taps, the centre among them.
+
+    4 for luminance and 10 to add weight, colour and variance; then 30 for the blurred deviation and its reciprocal, 17
+    to divide the sums and for the luminance of the result.
+    """
+    return side * (side * (_GUIDED + 4 + _EXP2 + 10) + _ROW) + _CENTER + 30 + 17
+
+
 # Before the first pass, and after the last: what is missing or no surface is found and replaced. Of pipelines, too, the
 # passes and this alone are counted.
 _AROUND = 22 + 23 + 4
 # Variance in time 11; for a tenth of the pixels, whose history is short, 49 taps with 5 to know the moments by and 8 to
 # add them.
-_ESTIMATE = 11 + 0.1 * (49 * (_GUIDED + _EXP2 + 13) + _CENTER + 12)
+_ESTIMATE = 11 + 0.1 * (49 * (_GUIDED + _ROW + _EXP2 + 13) + _CENTER + 12)
 # Both colours 24 to convert; statistics of columns 86, across them 76; the box with its room 19, the way into it 52,
 # and 8 back to RGB.
 _CLIP = 2 * 24 + 86 + 76 + 19 + 52 + 8
@@ -235,8 +243,9 @@ TASKS = (
         _named("history_length", *_SURFACE, "camera", moments="history_moments"),
         multiply_adds=_ESTIMATE,
     ),
-    Task("atrous, 1 pass", "atrous", _SMOOTH, {"iterations": 1}, _WINDOWS, _AROUND + _PASS),
-    Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}, (), _AROUND + 5 * _PASS),
+    Task("atrous, 1 pass", "atrous", _SMOOTH, {"iterations": 1}, _WINDOWS, _AROUND + _pass(5)),
+    Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}, (), _AROUND + 5 * _pass(5)),
+    Task("atrous, 5 passes of 3x3", "atrous", _SMOOTH, {"iterations": 5, "radius": 1}, (), _AROUND + 5 * _pass(3)),
     Task("reconstruct", "reconstruct", _named(*_SURFACE, "camera", color="traced")),
     Task(
         "joint_bilateral_upsample",
@@ -255,10 +264,10 @@ TASKS = (
     Task("OIDN, temporal", "OIDN", {}, {"temporal": True}),
     Task("Recirculation, of all", "Recirculation"),
     Task("Upscaler, 2", "Upscaler", jitter=(0.25, -0.125)),
-    Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _PASS),
-    Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _PASS),
+    Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _pass(3)),
+    Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _pass(3)),
     Task("HalfRes", "HalfRes"),
-    Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}, (), _AROUND + 5 * _PASS),
+    Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}, (), _AROUND + 5 * _pass(5)),
 )
 
 

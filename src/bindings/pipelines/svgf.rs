@@ -26,8 +26,8 @@ use crate::pipelines::{svgf, taa};
 ///     The same for the moments of luminance.
 /// iterations : int, default 4
 ///     Passes of the spatial filter, 0 to 16.
-/// radius : int, default 2
-///     Of a pass: 2 for 5×5 taps, 1 for 3×3, which take half the time and reach half as far.
+/// radius : int, default 1
+///     Of a pass: 1 for 3×3 taps; 2 for the 5×5 of the paper, which reach twice as far and take twice the time.
 /// sigma_luminance : float, default 3.0
 ///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
 /// sigma_normal : float, default 128.0
@@ -82,12 +82,12 @@ pub struct SVGF {
 #[pymethods]
 impl SVGF {
     #[new]
-    #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=2, sigma_luminance=3.0,
+    #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0,
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false, gradient=true, fireflies=true,
         reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=2, sigma_luminance=3.0, \
+        text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0, \
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, min_length=3.5, feedback=False, gradient=True, fireflies=True, reflections=(0.5, 2.0), antialias=True)"
     )]
