@@ -216,6 +216,7 @@ impl<'a> Fetch<'a> {
                     1 if together && all => taps.row::<_, 1>(average, values, done),
                     2 if together && all => taps.row::<_, 2>(average, values, done),
                     3 if together && all => taps.row::<_, 3>(average, values, done),
+                    4 if together && all => taps.row::<_, 4>(average, values, done),
                     _ => taps.each(average, on, values, done),
                 }
             }
