@@ -80,25 +80,37 @@ impl Sharpen<'_> {
     #[inline(always)]
     fn sharpen_run(&self, colors: &Rolling<3>, run: Run, out: &mut [Row; 3]) {
         let Params { strength, exposure } = self.params;
-        let [above, here, below] = [-1, 0, 1].map(|dy| colors.columns(run, dy));
+        let rows = [
+            colors.columns(run, -1),
+            colors.columns(run, 0),
+            colors.columns(run, 1),
+        ];
+        // Loops, not closures, which are not always compiled into their caller, and then not for its instructions.
+        const PLACES: [[usize; 2]; 4] = [[0, 1], [1, 0], [1, 2], [2, 1]];
         for i in 0..run.len {
-            let own = here.map(|row| row[i + 1]);
-            let around = [
-                above.map(|row| row[i + 1]),
-                here.map(|row| row[i]),
-                here.map(|row| row[i + 2]),
-                below.map(|row| row[i + 1]),
-            ]
-            .map(|color| if is_present(color) { color } else { own });
-            let most = around.iter().fold(brightest(own), |most, &color| {
-                larger(brightest(color), most)
-            });
+            let mut own = [0.0; 3];
+            for c in 0..3 {
+                own[c] = rows[1][c][i + 1];
+            }
+            let mut most = brightest(own);
             let toned = tone_mapped(own, exposure);
-            let around = around.map(|color| tone_mapped(color, exposure));
+            let mut around = [[0.0; 3]; 4];
+            for (around, [row, column]) in around.iter_mut().zip(PLACES) {
+                let mut color = [0.0; 3];
+                for c in 0..3 {
+                    color[c] = rows[row][c][i + column];
+                }
+                let present = is_present(color);
+                for c in 0..3 {
+                    color[c] = if present { color[c] } else { own[c] };
+                }
+                most = larger(brightest(color), most);
+                *around = tone_mapped(color, exposure);
+            }
             let mut lobe = f32::NEG_INFINITY;
             let [mut low, mut high, mut sum] = [[0.0; 3]; 3];
             for c in 0..3 {
-                let [a, b, d, e] = around.map(|color| color[c]);
+                let [a, b, d, e] = [around[0][c], around[1][c], around[2][c], around[3][c]];
                 sum[c] = (a + b) + (d + e);
                 (low[c], high[c]) = (
                     smaller(smaller(a, b), smaller(d, e)),
@@ -111,13 +123,14 @@ impl Sharpen<'_> {
                 lobe = larger(larger(down, up), lobe);
             }
             let lobe = strength * smaller(larger(lobe, LARGEST), 0.0);
-            let sharp = [0, 1, 2].map(|c| {
+            let mut sharp = toned;
+            for c in 0..3 {
                 let value = (toned[c] + lobe * sum[c]) / (1.0 + 4.0 * lobe);
-                larger(
+                sharp[c] = larger(
                     smaller(value, larger(high[c], toned[c])),
                     smaller(low[c], toned[c]),
-                )
-            });
+                );
+            }
             let sharp = untone_mapped(sharp, exposure, most);
             for c in 0..3 {
                 out[c][i] = if (lobe < 0.0) & is_present(own) & is_present(sharp) {
