@@ -7,6 +7,7 @@ use std::marker::PhantomData;
 use std::ops::Range;
 
 use crate::memory::Memory;
+pub use crate::memory::Value;
 use crate::rows::{self, BAND, Kernel};
 
 /// Height and width in pixels; both at least 1.
@@ -21,8 +22,6 @@ impl Size {
         self.height * self.width
     }
 }
-
-pub use crate::memory::Value;
 
 /// An owned planar image.
 #[derive(Clone, Debug)]

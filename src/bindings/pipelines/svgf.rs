@@ -84,12 +84,13 @@ impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0,
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
-        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false, gradient=true, fireflies=true,
-        reflections=vec![0.5, 2.0], antialias=true))]
+        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false,
+        gradient=true, fireflies=true, reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0, \
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
-        normal_angle=25.0, min_length=3.5, feedback=False, gradient=True, fireflies=True, reflections=(0.5, 2.0), antialias=True)"
+        normal_angle=25.0, min_length=3.5, feedback=False, gradient=True, fireflies=True, \
+        reflections=(0.5, 2.0), antialias=True)"
     )]
     fn new(
         alpha: f32,
