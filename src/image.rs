@@ -587,6 +587,7 @@ impl Spans {
 }
 
 /// Square parts of an image, on or off.
+#[derive(Clone)]
 pub struct Tiles {
     columns: usize,
     rows: usize,
@@ -637,24 +638,32 @@ impl Tiles {
     /// The parts of a run that lie in tiles which are on.
     #[inline(always)]
     pub fn runs(&self, run: Run) -> impl Iterator<Item = Run> {
-        let row = &self.on[run.y / Self::SIDE * self.columns..][..self.columns];
-        let (mut x, end) = (run.x, run.x + run.len);
-        std::iter::from_fn(move || {
-            let tile_end = |x: usize| ((x / Self::SIDE + 1) * Self::SIDE).min(end);
-            while x < end && !row[x / Self::SIDE] {
-                x = tile_end(x);
-            }
-            let start = x;
-            while x < end && row[x / Self::SIDE] {
-                x = tile_end(x);
-            }
-            (start < x).then_some(Run {
-                y: run.y,
-                x: start,
-                len: x - start,
-            })
-        })
+        runs_in(
+            &self.on[run.y / Self::SIDE * self.columns..][..self.columns],
+            run,
+        )
     }
+}
+
+/// The parts of a run that lie in tiles of a row which are on.
+#[inline(always)]
+pub fn runs_in(row: &[bool], run: Run) -> impl Iterator<Item = Run> {
+    let (mut x, end) = (run.x, run.x + run.len);
+    std::iter::from_fn(move || {
+        let tile_end = |x: usize| ((x / Tiles::SIDE + 1) * Tiles::SIDE).min(end);
+        while x < end && !row[x / Tiles::SIDE] {
+            x = tile_end(x);
+        }
+        let start = x;
+        while x < end && row[x / Tiles::SIDE] {
+            x = tile_end(x);
+        }
+        (start < x).then_some(Run {
+            y: run.y,
+            x: start,
+            len: x - start,
+        })
+    })
 }
 
 /// Takes records of pixels apart; `outs` are as long as there are pixels.

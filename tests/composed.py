@@ -266,36 +266,46 @@ class SVGF:
         if geometry is None or (known is None and frame.depth is None):
             return None
         height, width = confidence.shape
-        everywhere = self.mirrored.age % PERIOD == 0
-        asked = np.ones((height, width), bool) if everywhere else self.mirrored.tiles
         kind = {name: value for name, value in tests.items() if name.endswith(("normal", "ids"))}
-        scores, best = np.zeros_like(old), np.full((height, width), -0.02, np.float32)
-        winner = np.full((height, width, 2), np.nan, np.float32)
+        # Every second row is asked, for itself and the next.
+        below = sample[np.minimum(np.arange(1, height + 1, 2), height - 1)]
+        here, there = (np.isfinite(rows).all(-1)[..., None] for rows in (sample[::2], below))
+        with np.errstate(invalid="ignore"):
+            both = np.float32(0.5) * (sample[::2] + below)
+        sample = np.where(here & there, both, np.where(here, sample[::2], below))
+        ids = None if frame.ids is None else frame.ids[::2]
+        scores, best = np.zeros_like(old), np.full(sample.shape[:2], -0.02, np.float32)
+        winner, motions, asked = np.full(sample.shape[:2], -1), [], []
         for k, distance in enumerate(self.distances if known is None else [None]):
+            everywhere = self.mirrored.age % PERIOD == 0
+            asked.append(np.ones((height, width), bool) if everywhere else self.mirrored.tiles[k])
             with np.errstate(invalid="ignore"):
                 hit = frame.depth * np.float32(distance) if known is None else known
-            hit = np.where(asked, hit, np.float32(np.nan))
-            motion = yester.virtual_motion(geometry, hit, frame.camera, self.before.camera)
-            candidate, coverage = yester.reproject(self.mirrored.light, motion, fallback=False, **kind)
+            motions.append(yester.virtual_motion(geometry, hit, frame.camera, self.before.camera))
+            candidate, coverage = yester.reproject(self.mirrored.light, motions[k], fallback=False, **kind)
+            coverage = np.where(asked[k], coverage, 0)
             candidate = np.where((coverage > 0)[..., None], candidate, np.float32(np.nan))
-            gain = yester.prediction_gain(candidate, light, sample, ids=frame.ids, radius=3)
-            score = old[..., k] + np.float32(0.3) * (gain - old[..., k])
-            scores[..., k] = np.where(asked, score, 0)
-            wins = (scores[..., k] < best) & (coverage > 0)
-            best[wins] = scores[wins, k]
-            winner[wins] = motion[wins]
-        values, coverage = yester.reproject(self.history, winner, fallback=False, **kind)
+            gain = yester.prediction_gain(candidate[::2], light[::2], sample, ids=ids, radius=2)
+            score = old[::2, :, k] + np.float32(0.3) * (gain - old[::2, :, k])
+            score = np.where(asked[k][::2], score, np.float32(0))
+            scores[..., k] = np.repeat(score, 2, axis=0)[:height]
+            wins = (score < best) & (coverage > 0)[::2]
+            best[wins], winner[wins] = score[wins], k
+        tiles, moved = [np.zeros((height, width), bool) for _ in self.distances], np.full_like(motions[0], np.nan)
+        for k, motion in enumerate(motions):
+            won = np.repeat(winner == k, 2, axis=0)[:height]
+            moved[won] = motion[won]
+            places, counts = np.unique(np.argwhere(winner == k) * [2, 1] // TILE, axis=0, return_counts=True)
+            for top, left in places[counts >= TILE * TILE // 2 // 16] * TILE:
+                rows, columns = (slice(max(first - TILE, 0), first + 2 * TILE) for first in (top, left))
+                tiles[k][rows, columns] = True
+        values, coverage = yester.reproject(self.history, moved, fallback=False, **kind)
         carried = coverage > 0
         confidence[carried] = coverage[carried]
         for plane, value in zip(history, values, strict=True):
             plane[carried] = value[carried]
-        won = best < np.float32(-0.02)
-        self.asked.append(asked.mean())
-        self.won.append(won.mean())
-        tiles = np.zeros((-(-height // TILE) + 2, -(-width // TILE) + 2), bool)
-        for y, x in np.unique(np.argwhere(won) // TILE, axis=0):
-            tiles[y : y + 3, x : x + 3] = True
-        tiles = np.kron(tiles[1:-1, 1:-1], np.ones((TILE, TILE), bool))[:height, :width]
+        self.asked.append(np.mean(asked))
+        self.won.append((winner >= 0).mean())
         return SimpleNamespace(scores=scores, tiles=tiles, age=self.mirrored.age + 1)
 
 

@@ -5,15 +5,18 @@
 //! `prediction_gain` compares it with the prediction of the surface's own motion, without bias; averaged over frames,
 //! the best one wins where it is better than the surface by a margin. What is compared is lightly filtered light.
 //!
-//! A candidate costs a gather and a window. Tiles where none has won lately stop asking, except in every eighth frame, and
-//! are passed over by the gathers.
+//! A candidate costs a gather and a window. Every second row is asked, for itself and the next: reflections that are worth it
+//! are larger than that. With one noisy sample a pixel, some win by chance, reflections or not: a candidate goes on to be asked
+//! in tiles where it has won for many pixels and in those around them, elsewhere in every eighth frame only.
 
 use std::ops::Range;
 
 use pulp::Simd;
 
 use super::frame::Frame;
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, Tiles, View, segments};
+use crate::image::{
+    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, Tiles, View, runs_in, segments,
+};
 use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::camera::virtual_motion::Mirrored;
@@ -22,6 +25,7 @@ use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
 use crate::kernels::judge::prediction::{Ids, mean, terms};
 use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::CHANNELS;
+use crate::math::is_present;
 use crate::pixels::{Rolling, Row};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
@@ -30,9 +34,15 @@ const MARGIN: f32 = -0.02;
 /// Share of a new gain in the average.
 const SHARE: f32 = 0.3;
 /// Pixels to each side of the window of a gain.
-const RADIUS: usize = 3;
-/// How often tiles that do not ask are asked all the same.
+const RADIUS: usize = 2;
+/// Where no candidate wins.
+const NONE: u32 = u32::MAX;
+/// How often all tiles are asked.
 const PERIOD: usize = 8;
+/// Rows of which the first is asked.
+const ROWS: usize = 2;
+/// Pixels of a tile, of those that are asked, for which a candidate has to win to be asked again: a sixteenth.
+const MANY: usize = Tiles::SIDE * Tiles::SIDE / ROWS / 16;
 
 /// What one frame leaves to the next.
 pub struct Memory {
@@ -45,7 +55,8 @@ pub struct Memory {
 pub struct Scores {
     /// Average gain of each candidate.
     pub image: Records,
-    asking: Tiles,
+    /// Where each is asked.
+    asking: Vec<Tiles>,
     age: usize,
 }
 
@@ -53,7 +64,7 @@ impl Scores {
     pub fn new(size: Size, candidates: usize) -> Self {
         Self {
             image: Records::new(size, candidates),
-            asking: Tiles::new(size),
+            asking: vec![Tiles::new(size); candidates],
             age: 0,
         }
     }
@@ -90,11 +101,10 @@ pub fn choose(
     let size = color.size;
     let everywhere = memory.scores.age.is_multiple_of(PERIOD);
     let mut scores = Scores {
-        image: Records::new(size, distances.len()),
-        asking: Tiles::new(size),
         age: memory.scores.age + 1,
+        ..Scores::new(size, distances.len())
     };
-    if !everywhere && !memory.scores.asking.any() {
+    if !everywhere && !memory.scores.asking.iter().any(Tiles::any) {
         return Some(scores);
     }
     // Elsewhere on the mirror: depth says nothing about what it shows.
@@ -116,7 +126,11 @@ pub fn choose(
         sources,
         asking: (!everywhere).then_some(&memory.scores.asking),
     };
-    let mut errors = Image::blank(size, candidates.sources.len());
+    let asked = Size {
+        height: size.height.div_ceil(ROWS),
+        ..size
+    };
+    let mut errors = Image::blank(asked, candidates.sources.len());
     let predict = Predict {
         candidates: &candidates,
         fetch: Fetch::new(&[memory.light.pixels()], size, tests, params),
@@ -124,7 +138,7 @@ pub fn choose(
         coverage: carried.coverage.view(),
         color,
     };
-    rows::run(&predict, size.height, errors.bands());
+    rows::run(&predict, asked.height, errors.bands());
     let choose = Choose {
         candidates: &candidates,
         errors: &errors,
@@ -134,17 +148,17 @@ pub fn choose(
     };
     let band = BAND * size.width * distances.len();
     let outs = carried.history.bands().zip(carried.coverage.bands());
-    let outs = outs
-        .zip(scores.image.data_mut().chunks_mut(band))
-        .zip(scores.asking.bands());
-    let outs = outs.map(|(((history, coverage), scores), won)| Outs {
+    let outs = outs.zip(scores.image.data_mut().chunks_mut(band));
+    let mut won: Vec<_> = scores.asking.iter_mut().map(Tiles::bands).collect();
+    let outs = outs.map(|((history, coverage), scores)| Outs {
         history,
         coverage,
         scores,
-        won,
+        won: won.iter_mut().filter_map(Iterator::next).collect(),
     });
     rows::run_lanes(&choose, size.height, outs);
-    scores.asking = scores.asking.grown();
+    drop(won);
+    scores.asking = scores.asking.iter().map(Tiles::grown).collect();
     Some(scores)
 }
 
@@ -161,8 +175,8 @@ struct Candidates<'a> {
     camera: &'a Camera,
     mirrored: Mirrored<'a>,
     sources: Vec<Source<'a>>,
-    /// Where; everywhere if there are none.
-    asking: Option<&'a Tiles>,
+    /// Where each is asked; everywhere if there are none.
+    asking: Option<&'a [Tiles]>,
 }
 
 /// Room for the motion of a candidate.
@@ -183,11 +197,11 @@ impl Room {
 }
 
 impl Candidates<'_> {
-    /// The parts of a row that ask.
+    /// The parts of a row for which a candidate is asked.
     #[inline(always)]
-    fn runs(&self, y: usize, width: usize) -> impl Iterator<Item = Run> {
-        segments(y, width).flat_map(|run| {
-            let part = self.asking.map(|tiles| tiles.runs(run));
+    fn runs(&self, candidate: usize, y: usize, width: usize) -> impl Iterator<Item = Run> {
+        segments(y, width).flat_map(move |run| {
+            let part = self.asking.map(|asking| asking[candidate].runs(run));
             let whole = part.is_none().then_some(run);
             part.into_iter().flatten().chain(whole)
         })
@@ -210,7 +224,8 @@ impl Candidates<'_> {
     }
 }
 
-/// The terms of each candidate's gain: not finite where they are not known, NaN where nothing was fetched.
+/// The terms of each candidate's gain in the rows that are asked: not finite where they are not known, NaN where nothing was
+/// fetched.
 struct Predict<'a> {
     candidates: &'a Candidates<'a>,
     fetch: Fetch<'a>,
@@ -226,53 +241,79 @@ impl<'a> Kernel for Predict<'a> {
     fn rows(&self, rows: Range<usize>, mut errors: BandMut<'a>) {
         let width = self.color.size.width;
         let (mut room, mut fetched) = (Room::new(), self.fetch.room());
-        let (mut light, mut base) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
-        for y in rows {
-            if self.candidates.asking.is_some() {
-                for k in 0..self.candidates.sources.len() {
-                    errors.row(k, y).fill(f32::NAN);
-                }
+        let [mut light, mut base, mut color] = [[[0.0; SEGMENT]; 3]; 3];
+        let Candidates {
+            geometry,
+            camera,
+            sources,
+            asking,
+            ..
+        } = self.candidates;
+        let each = rows.flat_map(|row| (0..sources.len()).map(move |k| (row, k)));
+        for (row, k) in each {
+            let y = ROWS * row;
+            let errors = errors.row(k, row);
+            if asking.is_some() {
+                errors.fill(f32::NAN);
             }
-            for run in self.candidates.runs(y, width) {
+            for run in self.candidates.runs(k, y, width) {
                 let covered = &self.coverage.row(0, y)[run.x..][..run.len];
-                let [color, known] = [self.color, self.base]
-                    .map(|image| image.rows::<3>(y).map(|row| &row[run.x..][..run.len]));
+                let known = self.base.rows::<3>(y).map(|row| &row[run.x..][..run.len]);
                 for (base, known) in base.iter_mut().zip(known) {
                     for i in 0..run.len {
                         base[i] = if covered[i] > 0.0 { known[i] } else { f32::NAN };
                     }
                 }
-                let Candidates {
-                    geometry, camera, ..
-                } = self.candidates;
+                self.sample(run, &mut color);
                 room.shown.find(*geometry, camera, run);
-                for (k, &source) in self.candidates.sources.iter().enumerate() {
-                    let motion = self.candidates.follow(source, run, &mut room);
-                    self.fetch.run(run, motion, &mut fetched);
-                    let records = fetched.values(0)[..3 * run.len].as_chunks::<3>().0;
-                    let [r, g, b] = light.each_mut().map(|row| &mut row[..run.len]);
-                    for i in 0..run.len {
-                        [r[i], g[i], b[i]] = records[i];
-                    }
-                    let errors = &mut errors.row(k, y)[run.x..][..run.len];
-                    let [light, base] =
-                        [&light, &base].map(|rows| rows.each_ref().map(Row::as_slice));
-                    terms(light, base, color, errors);
-                    for (error, &covered) in errors.iter_mut().zip(&fetched.coverage) {
-                        let known = if error.is_finite() {
-                            *error
-                        } else {
-                            f32::INFINITY
-                        };
-                        *error = if covered > 0.0 { known } else { f32::NAN };
-                    }
+                let motion = self.candidates.follow(sources[k], run, &mut room);
+                self.fetch.run(run, motion, &mut fetched);
+                let records = fetched.values(0)[..3 * run.len].as_chunks::<3>().0;
+                let [r, g, b] = light.each_mut().map(|row| &mut row[..run.len]);
+                for i in 0..run.len {
+                    [r[i], g[i], b[i]] = records[i];
+                }
+                let errors = &mut errors[run.x..][..run.len];
+                let [light, base, color] =
+                    [&light, &base, &color].map(|rows| rows.each_ref().map(Row::as_slice));
+                terms(light, base, color, errors);
+                for (error, &covered) in errors.iter_mut().zip(&fetched.coverage) {
+                    let known = if error.is_finite() {
+                        *error
+                    } else {
+                        f32::INFINITY
+                    };
+                    *error = if covered > 0.0 { known } else { f32::NAN };
                 }
             }
         }
     }
 }
 
-/// Averages the scores, which start anew where nobody asks, and takes the history of the best candidate where one wins.
+impl Predict<'_> {
+    /// The mean of the new samples of a run and of that below, of which one may be missing.
+    #[inline(always)]
+    fn sample(&self, run: Run, color: &mut [Row; 3]) {
+        let below = (run.y + 1).min(self.color.size.height - 1);
+        let [own, below] =
+            [run.y, below].map(|y| self.color.rows::<3>(y).map(|row| &row[run.x..][..run.len]));
+        for i in 0..run.len {
+            let here = is_present([own[0][i], own[1][i], own[2][i]]);
+            let there = is_present([below[0][i], below[1][i], below[2][i]]);
+            for channel in 0..3 {
+                let (own, below) = (own[channel][i], below[channel][i]);
+                let one = if here { own } else { below };
+                color[channel][i] = if here & there {
+                    0.5 * (own + below)
+                } else {
+                    one
+                };
+            }
+        }
+    }
+}
+
+/// Averages the scores, which start anew where nobody asks, and takes the history of the best candidates where they win.
 struct Choose<'a> {
     candidates: &'a Candidates<'a>,
     errors: &'a Image,
@@ -286,8 +327,8 @@ struct Outs<'a> {
     history: BandMut<'a>,
     coverage: BandMut<'a>,
     scores: &'a mut [f32],
-    /// Whether a candidate wins, tile by tile.
-    won: &'a mut [bool],
+    /// Whether each candidate wins, tile by tile.
+    won: Vec<&'a mut [bool]>,
 }
 
 impl<'a> LanesKernel for Choose<'a> {
@@ -295,27 +336,40 @@ impl<'a> LanesKernel for Choose<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: Outs<'a>) {
-        let Size { height, width } = self.errors.size;
+        let Size { height, width } = self.before.size;
         let (top, candidates) = (rows.start, self.candidates);
-        let mut ids = Ids::new(self.ids, width, RADIUS);
+        let mut ids = Ids::new(self.ids, width, RADIUS, ROWS);
         let around = candidates.sources.iter();
         let mut around: Vec<Rolling<1>> = around.map(|_| Rolling::new(width, RADIUS)).collect();
-        let (mut room, mut fetched) = (Room::new(), self.fetch.room());
         let mut gain = [0.0; SEGMENT];
-        for y in rows {
-            ids.roll(y, y == top);
+        let (mut room, mut fetched) = (Room::new(), self.fetch.room());
+        let (mut best, mut winner) = (vec![0.0; width], vec![0; width]);
+        let tiles = width.div_ceil(Tiles::SIDE);
+        let mut any = vec![false; tiles];
+        let mut wins = vec![vec![0; tiles]; candidates.sources.len()];
+        for y in rows.step_by(ROWS) {
+            let row = y / ROWS;
+            ids.roll(row, y == top);
+            best.fill(MARGIN);
+            winner.fill(NONE);
+            any.fill(false);
             for (k, around) in around.iter_mut().enumerate() {
-                around.roll(self.errors.view().channel(k).into(), y, y == top);
-            }
-            for run in candidates.runs(y, width) {
-                let mut best = [MARGIN; SEGMENT];
-                let mut winner = [u32::MAX; SEGMENT];
-                for (k, around) in around.iter().enumerate() {
-                    mean(simd, run, height, around, &ids, &mut gain);
+                around.roll(self.errors.view().channel(k).into(), row, y == top);
+                for run in candidates.runs(k, y, width) {
+                    let there = Run { y: row, ..run };
+                    mean(
+                        simd,
+                        there,
+                        self.errors.size.height,
+                        around,
+                        &ids,
+                        &mut gain,
+                    );
                     let old = &self.before.row(k, y)[run.x..][..run.len];
-                    let [errors] = around.row(y as isize);
+                    let [errors] = around.row(row as isize);
                     let errors = &errors[RADIUS + run.x..][..run.len];
-                    let (best, winner) = (&mut best[..run.len], &mut winner[..run.len]);
+                    let best = &mut best[run.x..][..run.len];
+                    let winner = &mut winner[run.x..][..run.len];
                     let gain = &mut gain[..run.len];
                     for i in 0..run.len {
                         let score = old[i] + SHARE * (gain[i] - old[i]);
@@ -325,47 +379,57 @@ impl<'a> LanesKernel for Choose<'a> {
                         winner[i] = if wins { k as u32 } else { winner[i] };
                     }
                     let scores = self.before.channels;
-                    let first = ((y - top) * width + run.x) * scores;
-                    let records = out.scores[first..].chunks_exact_mut(scores);
-                    for (record, &score) in records.zip(&*gain) {
-                        record[k] = score;
+                    for y in y..(y + ROWS).min(height) {
+                        let first = ((y - top) * width + run.x) * scores;
+                        let records = out.scores[first..].chunks_exact_mut(scores);
+                        for (record, &score) in records.zip(&*gain) {
+                            record[k] = score;
+                        }
                     }
                 }
-                let winner = &winner[..run.len];
-                if winner.iter().all(|&k| k == u32::MAX) {
-                    continue;
+            }
+            for (k, wins) in (0..).zip(&mut wins) {
+                for (tile, winner) in winner.chunks(Tiles::SIDE).enumerate() {
+                    let count = winner.iter().filter(|&&winner| winner == k).count();
+                    wins[tile] += count;
+                    any[tile] |= count > 0;
                 }
-                let won = &mut out.won[run.x / Tiles::SIDE..];
-                for (won, winner) in won.iter_mut().zip(winner.chunks(Tiles::SIDE)) {
-                    *won |= winner.iter().any(|&k| k != u32::MAX);
+            }
+            for y in y..(y + ROWS).min(height) {
+                for run in segments(y, width).flat_map(|run| runs_in(&any, run)) {
+                    self.carry(run, &winner, &mut room, &mut fetched);
+                    replace(run, &fetched, &mut out.history, &mut out.coverage);
                 }
-                self.replace(run, winner, &mut room, &mut fetched, &mut out);
+            }
+        }
+        for (won, wins) in out.won.into_iter().zip(&wins) {
+            for (won, &wins) in won.iter_mut().zip(wins) {
+                *won = wins >= MANY;
             }
         }
     }
 }
 
 impl Choose<'_> {
-    /// Takes what was carried along the winners' motion.
+    /// Fetches what was carried along the winners' motion.
     #[inline(always)]
-    fn replace(
-        &self,
-        run: Run,
-        winner: &[u32],
-        room: &mut Room,
-        fetched: &mut Fetched,
-        out: &mut Outs,
-    ) {
-        let [mut x, mut y] = [[f32::NAN; SEGMENT]; 2];
+    fn carry(&self, run: Run, winner: &[u32], room: &mut Room, fetched: &mut Fetched) {
         let Candidates {
-            geometry, camera, ..
+            geometry,
+            camera,
+            sources,
+            ..
         } = self.candidates;
+        let winner = &winner[run.x..][..run.len];
+        let [mut x, mut y] = [[f32::NAN; SEGMENT]; 2];
         room.shown.find(*geometry, camera, run);
-        for (k, &source) in self.candidates.sources.iter().enumerate() {
-            let motion = self.candidates.follow(source, run, room);
-            for (i, &winner) in winner.iter().enumerate() {
-                if winner == k as u32 {
-                    (x[i], y[i]) = (motion.x[i], motion.y[i]);
+        for (k, &source) in (0..).zip(sources) {
+            if winner.contains(&k) {
+                let motion = self.candidates.follow(source, run, room);
+                for (i, &winner) in winner.iter().enumerate() {
+                    let wins = winner == k;
+                    x[i] = if wins { motion.x[i] } else { x[i] };
+                    y[i] = if wins { motion.y[i] } else { y[i] };
                 }
             }
         }
@@ -375,25 +439,23 @@ impl Choose<'_> {
             depth: None,
         };
         self.fetch.run(run, motion, fetched);
-        let carried = &fetched.coverage[..run.len];
-        let records = fetched.values(0)[..CHANNELS * run.len]
-            .as_chunks::<CHANNELS>()
-            .0;
-        for channel in 0..CHANNELS {
-            let values = &mut out.history.row(channel, run.y)[run.x..][..run.len];
-            for i in 0..run.len {
-                values[i] = if carried[i] > 0.0 {
-                    records[i][channel]
-                } else {
-                    values[i]
-                };
-            }
+    }
+}
+
+/// Takes what was fetched.
+#[inline(always)]
+fn replace(run: Run, fetched: &Fetched, history: &mut BandMut, coverage: &mut BandMut) {
+    let carried = &fetched.coverage[..run.len];
+    let records = fetched.values(0)[..CHANNELS * run.len].as_chunks::<CHANNELS>();
+    for channel in 0..CHANNELS {
+        let values = &mut history.row(channel, run.y)[run.x..][..run.len];
+        for (i, record) in records.0.iter().enumerate() {
+            let fetched = carried[i] > 0.0;
+            values[i] = if fetched { record[channel] } else { values[i] };
         }
-        for (coverage, &carried) in out.coverage.row(0, run.y)[run.x..][..run.len]
-            .iter_mut()
-            .zip(carried)
-        {
-            *coverage = if carried > 0.0 { carried } else { *coverage };
-        }
+    }
+    let coverage = &mut coverage.row(0, run.y)[run.x..][..run.len];
+    for (coverage, &carried) in coverage.iter_mut().zip(carried) {
+        *coverage = if carried > 0.0 { carried } else { *coverage };
     }
 }

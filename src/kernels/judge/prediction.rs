@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use pulp::Simd;
 
-use crate::image::{BandMut, Pixels, Run, SEGMENT, segments};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, segments};
 use crate::lanes::{Classes, Lanes};
 use crate::pixels::{Rolling, Row};
 use crate::rows::{self, LanesKernel};
@@ -55,17 +55,19 @@ pub fn terms(candidate: [&[f32]; 3], base: [&[f32]; 3], color: [&[f32]; 3], term
     }
 }
 
-/// The ids of the rows around one.
+/// The ids of the rows around one, of every so many rows of an image.
 pub struct Ids<'a> {
     ids: Option<Pixels<'a, u32>>,
+    every: usize,
     rows: Rolling<1, u32>,
 }
 
 impl<'a> Ids<'a> {
     /// Where there are none, all are alike.
-    pub fn new(ids: Option<Pixels<'a, u32>>, width: usize, radius: usize) -> Self {
+    pub fn new(ids: Option<Pixels<'a, u32>>, width: usize, radius: usize, every: usize) -> Self {
         Self {
             ids,
+            every,
             rows: Rolling::within(width, radius, 0),
         }
     }
@@ -74,9 +76,11 @@ impl<'a> Ids<'a> {
     #[inline(always)]
     pub fn roll(&mut self, y: usize, first: bool) {
         let Some(ids) = self.ids else { return };
+        let Size { height, width } = ids.size;
+        let height = height.div_ceil(self.every);
         for y in self.rows.due(y, first) {
-            if let Some([row]) = self.rows.fresh(y, ids.size) {
-                ids.load(Run::row(y as usize, ids.size.width), 0, row);
+            if let Some([row]) = self.rows.fresh(y, Size { height, width }) {
+                ids.load(Run::row(y as usize * self.every, width), 0, row);
             }
         }
     }
@@ -126,7 +130,7 @@ impl<'a> LanesKernel for Gain<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let size = self.images[0].size;
-        let mut ids = Ids::new(self.ids, size.width, self.radius);
+        let mut ids = Ids::new(self.ids, size.width, self.radius, 1);
         let mut around = Rolling::new(size.width, self.radius);
         let mut colors = [[[0.0; SEGMENT]; 3]; 3];
         let mut gain = [0.0; SEGMENT];
