@@ -398,7 +398,10 @@ impl<'a> LanesKernel for Choose<'a> {
             for y in y..(y + ROWS).min(height) {
                 for run in segments(y, width).flat_map(|run| runs_in(&any, run)) {
                     self.carry(run, &winner, &mut room, &mut fetched);
-                    replace(run, &fetched, &mut out.history, &mut out.coverage);
+                    let Outs {
+                        history, coverage, ..
+                    } = &mut out;
+                    replace(run, &winner, &mut fetched, history, coverage);
                 }
             }
         }
@@ -411,7 +414,8 @@ impl<'a> LanesKernel for Choose<'a> {
 }
 
 impl Choose<'_> {
-    /// Fetches what was carried along the winners' motion.
+    /// Fetches what was carried along the winners' motion, and something along with it where there are none: neighbours that
+    /// come from neighbours are fetched faster.
     #[inline(always)]
     fn carry(&self, run: Run, winner: &[u32], room: &mut Room, fetched: &mut Fetched) {
         let Candidates {
@@ -421,16 +425,18 @@ impl Choose<'_> {
             ..
         } = self.candidates;
         let winner = &winner[run.x..][..run.len];
-        let [mut x, mut y] = [[f32::NAN; SEGMENT]; 2];
+        let [mut x, mut y] = [[0.0; SEGMENT]; 2];
         room.shown.find(*geometry, camera, run);
+        let mut first = true;
         for (k, &source) in (0..).zip(sources) {
             if winner.contains(&k) {
                 let motion = self.candidates.follow(source, run, room);
                 for (i, &winner) in winner.iter().enumerate() {
-                    let wins = winner == k;
+                    let wins = first | (winner == k);
                     x[i] = if wins { motion.x[i] } else { x[i] };
                     y[i] = if wins { motion.y[i] } else { y[i] };
                 }
+                first = false;
             }
         }
         let motion = Motion {
@@ -442,9 +448,19 @@ impl Choose<'_> {
     }
 }
 
-/// Takes what was fetched.
+/// Takes what was fetched for winners.
 #[inline(always)]
-fn replace(run: Run, fetched: &Fetched, history: &mut BandMut, coverage: &mut BandMut) {
+fn replace(
+    run: Run,
+    winner: &[u32],
+    fetched: &mut Fetched,
+    history: &mut BandMut,
+    coverage: &mut BandMut,
+) {
+    let carried = &mut fetched.coverage[..run.len];
+    for (carried, &winner) in carried.iter_mut().zip(&winner[run.x..]) {
+        *carried = if winner == NONE { 0.0 } else { *carried };
+    }
     let carried = &fetched.coverage[..run.len];
     let records = fetched.values(0)[..CHANNELS * run.len].as_chunks::<CHANNELS>();
     for channel in 0..CHANNELS {
