@@ -401,7 +401,7 @@ impl<'a> LanesKernel for Choose<'a> {
                     let Outs {
                         history, coverage, ..
                     } = &mut out;
-                    replace(run, &winner, &mut fetched, history, coverage);
+                    replace(run, &winner, &fetched, history, coverage);
                 }
             }
         }
@@ -448,30 +448,25 @@ impl Choose<'_> {
     }
 }
 
-/// Takes what was fetched for winners.
+/// Takes what was fetched for winners, which mostly are few.
 #[inline(always)]
 fn replace(
     run: Run,
     winner: &[u32],
-    fetched: &mut Fetched,
+    fetched: &Fetched,
     history: &mut BandMut,
     coverage: &mut BandMut,
 ) {
-    let carried = &mut fetched.coverage[..run.len];
-    for (carried, &winner) in carried.iter_mut().zip(&winner[run.x..]) {
-        *carried = if winner == NONE { 0.0 } else { *carried };
-    }
-    let carried = &fetched.coverage[..run.len];
-    let records = fetched.values(0)[..CHANNELS * run.len].as_chunks::<CHANNELS>();
-    for channel in 0..CHANNELS {
-        let values = &mut history.row(channel, run.y)[run.x..][..run.len];
-        for (i, record) in records.0.iter().enumerate() {
-            let fetched = carried[i] > 0.0;
-            values[i] = if fetched { record[channel] } else { values[i] };
+    let records = fetched.values(0).as_chunks::<CHANNELS>().0;
+    let mut history = history.rows::<CHANNELS>(run.y);
+    let coverage = coverage.row(0, run.y);
+    for i in 0..run.len {
+        let (x, carried) = (run.x + i, fetched.coverage[i]);
+        if winner[x] != NONE && carried > 0.0 {
+            for (row, &value) in history.iter_mut().zip(&records[i]) {
+                row[x] = value;
+            }
+            coverage[x] = carried;
         }
-    }
-    let coverage = &mut coverage.row(0, run.y)[run.x..][..run.len];
-    for (coverage, &carried) in coverage.iter_mut().zip(carried) {
-        *coverage = if carried > 0.0 { carried } else { *coverage };
     }
 }
