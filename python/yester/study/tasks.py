@@ -268,6 +268,14 @@ TASKS = (
     Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _pass(3)),
     Task("HalfRes", "HalfRes"),
     Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}, (), _AROUND + 5 * _pass(5)),
+    Task(
+        "SVGF, as published but 3x3",
+        "SVGF",
+        {},
+        {"iterations": 5, **_PUBLISHED, "radius": 1},
+        ("OIDN fast",),
+        _AROUND + 5 * _pass(3),
+    ),
 )
 
 
