@@ -5,9 +5,10 @@
 //! `prediction_gain` compares it with the prediction of the surface's own motion, without bias; averaged over frames,
 //! the best one wins where it is better than the surface by a margin. What is compared is lightly filtered light.
 //!
-//! A candidate costs a gather and a window. Every second row is asked, for itself and the next: reflections that are worth it
-//! are larger than that. With one noisy sample a pixel, some win by chance, reflections or not: a candidate goes on to be asked
-//! in tiles where it has won for many pixels and in those around them, elsewhere in every eighth frame only.
+//! A candidate costs a gather and a window. Every second row is asked, for itself and the next, by the mean of what is sampled in
+//! both: reflections that are worth it are larger than that. With one noisy sample a pixel, some win by chance, reflections or
+//! not: a candidate goes on to be asked in tiles where it has won for many pixels and in those around them, elsewhere in every
+//! eighth frame only.
 
 use std::ops::Range;
 

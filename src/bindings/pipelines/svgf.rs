@@ -57,9 +57,11 @@ use crate::pipelines::{svgf, taa};
 ///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
 /// reflections : sequence of float, default (0.5, 2.0)
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which history is looked for as well:
-///     where one of them predicts the new samples better than the surface itself, it takes its place. Each costs time;
-///     () leaves it out, (0.25, 0.5, 1, 2, 4, inf) is a finer choice for very glossy scenes. Frames with a
-///     `hit_distance` are tried at that one alone. Needs cameras, and depth.
+///     where one of them predicts the new samples better than the surface itself (`prediction_gain`), it takes its
+///     place. Each costs time, most of it in tiles of 16 pixels where it has won for a sixteenth of them in the frame
+///     before, and in those around; every eighth frame asks everywhere. Rows decide in pairs. () leaves it out,
+///     (0.25, 0.5, 1, 2, 4, inf) is a finer choice for very glossy scenes. Frames with a `hit_distance` are tried at
+///     that one alone. Needs cameras, and depth.
 /// antialias : bool, default True
 ///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
 ///
