@@ -185,6 +185,16 @@ def test_scale_does_not_matter():
         assert_same_bits(scaled_removed, np.ldexp(removed, k))
 
 
+@pytest.mark.parametrize("brightness", [1e-40, 1e-36, 1e-30, 1e-20])
+def test_however_dark(brightness):
+    """Squares of such luminances are zero, and some of the numbers have few digits; light is light all the same."""
+    color = (np.random.default_rng(5).random((32, 32, 3)) * brightness).astype(np.float32)
+    held, removed = yester.suppress_fireflies(color)
+    assert np.isfinite(held).all()
+    lost = reference.luminance(tensor(color)).sum() - reference.luminance(tensor(held)).sum()
+    np.testing.assert_allclose(lost, removed.sum(dtype=np.float64), atol=1e-2 * color.sum(dtype=np.float64))
+
+
 def test_bad_input():
     color = np.ones((4, 5, 3), np.float32)
     for name, values in {"threshold": (-1, np.nan, np.inf), "radius": (-1, 0, 17)}.items():

@@ -333,13 +333,14 @@ fn give(y: isize, strip: &mut Strip) {
         let gives = (excess > 0.0) & (room[i] > 0.0);
         let given = if gives { smaller(excess, room[i]) } else { 0.0 };
         removed[i] = excess - given;
-        let share = given / (light[i] * room[i]);
+        let share = given / room[i];
         room[i] = if gives { share } else { 0.0 };
     }
     for (own, color) in strip.own.iter_mut().zip(strip.colors.row(y)) {
         let (own, color) = (&mut own[places.clone()][..n], &color[places.clone()][..n]);
         for i in 0..n {
-            let gift = color[i] * room[i];
+            // Shares first: of dark images, products of two luminances are zero.
+            let gift = color[i] / light[i] * room[i];
             own[i] = if room[i] > 0.0 { gift } else { 0.0 };
         }
     }
