@@ -194,7 +194,7 @@ class SVGF:
             planes = [*self.history]
             if reflects:
                 planes += [self.mirrored.light, self.mirrored.scores]
-            replays = self.gradient and frame.replay is not None
+            replays = self.gradient and frame.replay is not None and self.expects_replay
             if replays:
                 planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
             fetched, confidence = yester.reproject(planes, motion, **tests, **self.limits)
@@ -235,6 +235,7 @@ class SVGF:
         if self.antialias:
             self.antialiased, _, _ = antialias(self.stage, self.antialiased, final, motion, frame.depth)
             final = self.antialiased[0]
+        self.expects_replay = self.before is None or frame.replay is not None
         self.before = frame
         return SimpleNamespace(
             color=blacken(final),
@@ -361,7 +362,7 @@ class BMFR:
             confidence, rejection = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
         else:
             tests = SVGF.same_surface(self, frame, motion)
-            replays = self.gradient and frame.replay is not None
+            replays = self.gradient and frame.replay is not None and self.expects_replay
             planes = [*self.history]
             if replays:
                 planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
@@ -390,6 +391,7 @@ class BMFR:
         with np.errstate(divide="ignore"):
             share = np.minimum(np.maximum(1 / length, self.fitted_alpha), 1)
         light = yester.blend(fitted, history[3], share)
+        self.expects_replay = self.before is None or frame.replay is not None
         self.history, self.before = [color, moments, length, light], frame
         self.age += 1
         if frame.albedo is not None:

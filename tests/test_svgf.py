@@ -380,6 +380,21 @@ def test_replays_tell_exactly():
         before = color
 
 
+@pytest.mark.parametrize("pipeline", [yester.SVGF, yester.BMFR])
+def test_replays_are_expected_after_replays(pipeline):
+    """Whoever renders none pays for none: one after a frame without does not count, but the second frame's does."""
+    frames, used = sequence(6), []
+    denoiser, other = pipeline(), getattr(composed, pipeline.__name__)()
+    for number, buffers in enumerate(frames):
+        if number in (0, 3):
+            buffers["replay"] = None
+        frame = yester.Frame(**buffers)
+        out = denoiser.step(frame)
+        assert_same_bits(out.color, other.step(frame).color)
+        used.append("replay" in out.used)
+    assert used == [False, True, True, False, False, True]
+
+
 @pytest.mark.parametrize("noise", [False, True])
 def test_antialiasing_nears_the_supersampled_image(noise):
     """By a factor of 3, of jittered samples; alone, SVGF keeps edges as the last frame had them."""

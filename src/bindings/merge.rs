@@ -144,7 +144,7 @@ pub fn accumulate_<'py>(
             let merged = PixelsMut::bands(size, 3, colors)
                 .zip(PixelsMut::bands(size, 2, moments))
                 .zip(PixelsMut::bands(size, 1, lengths))
-                .map(|((color, moments), length)| [color, moments, length]);
+                .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
             accumulate::accumulate(color, weight, history, gradient, params, merged)
         });
         (merged, missing)

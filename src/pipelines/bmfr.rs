@@ -97,7 +97,7 @@ impl Bmfr {
         summary
     }
 
-    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+    fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
         if let Some(memory) = &self.memory {
             check_continues(memory, frame)?;
         }
@@ -114,23 +114,19 @@ impl Bmfr {
 
         let memory = self.memory.take();
         let continues = memory.is_some();
+        let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
         let motion = frame.motion(before, &mut used);
         let Recalled {
             history: known,
-            coverage,
-            rejection,
             gradient,
             ..
         } = match &memory {
-            Some(memory) => recall(
-                &params.history,
-                memory,
-                frame,
-                motion.pixels(),
-                [&sample, color],
-            ),
-            None => Recalled::nothing(size, CHANNELS),
+            Some(memory) => {
+                let (params, light) = (&params.history, [&sample, color]);
+                recall(params, memory, frame, motion.pixels(), light, &mut output)
+            }
+            None => Recalled::nothing(size, CHANNELS, &mut output),
         };
         drop(memory);
         let parts = [0..3, 3..5, 5..6, 6..9];
@@ -138,12 +134,7 @@ impl Bmfr {
 
         let mut history = Image::blank(size, CHANNELS);
         let (accumulated, fitted) = history.data_mut().split_at_mut(6 * size.pixels());
-        let (colors, rest) = accumulated.split_at_mut(3 * size.pixels());
-        let (new_moments, new_lengths) = rest.split_at_mut(2 * size.pixels());
-        let merged = PixelsMut::planar(size, colors)
-            .zip(PixelsMut::planar(size, new_moments))
-            .zip(PixelsMut::planar(size, new_lengths))
-            .map(|((color, moments), length)| [color, moments, length]);
+        let merged = PixelsMut::planar(size, accumulated).map(|all| [(0..6, all)]);
         let change = gradient.as_ref().map(Image::view);
         let missing = accumulate(
             color.pixels(),
@@ -153,6 +144,8 @@ impl Bmfr {
             params.history.accumulate,
             merged,
         );
+
+        let accumulated = Pixels::from(View::new(size, accumulate::CHANNELS, accumulated));
 
         let weight = texture.map(|texture| {
             let mut weight = Image::blank(size, 1);
@@ -172,7 +165,7 @@ impl Bmfr {
         let mut fit = Records::blank(size, 3);
         let mut counts = Image::blank(size, 1);
         regress(
-            View::new(size, 3, colors).into(),
+            accumulated.part(0..3),
             features,
             weight.as_ref().map(Image::pixels),
             displaced,
@@ -180,7 +173,7 @@ impl Bmfr {
             counts.data_mut(),
         );
 
-        let length = View::new(size, 1, new_lengths);
+        let length = accumulated.part(5..6).plane();
         let mut share = Image::blank(size, 1);
         let kernel = Share {
             length,
@@ -219,8 +212,6 @@ impl Bmfr {
             }
         }
         output.history_length.copy_from_slice(history.plane(5));
-        output.confidence.copy_from_slice(coverage.plane(0));
-        output.rejection.copy_from_slice(rejection.plane(0));
 
         let surface = &frame.surface;
         let position = matches!(features.place, Some(Place::Position(_)));
@@ -236,14 +227,19 @@ impl Bmfr {
                     "object_normal",
                     continues && surface.object_normal.is_some(),
                 ),
-                ("replay", gradient.is_some() && frame.replay.is_some()),
+                ("replay", replays),
             ]
             .into_iter()
             .filter_map(|(name, used)| used.then_some(name)),
         );
         self.age += 1;
         let kept = Records::of(history.view());
-        self.memory = Some(Memory::new(frame, kept, params.history.gradient));
+        self.memory = Some(Memory::new(
+            frame,
+            kept,
+            params.history.gradient,
+            !continues,
+        ));
         Ok(Summary { used, missing })
     }
 }

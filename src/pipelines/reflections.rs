@@ -16,7 +16,7 @@ use pulp::Simd;
 
 use super::frame::Frame;
 use crate::image::{
-    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, Tiles, View, runs_in, segments,
+    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, Tiles, View, bands_of, runs_in, segments,
 };
 use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
@@ -74,7 +74,7 @@ impl Scores {
 /// What [`reproject`] fetches of the history and of this memory, along the surface's motion.
 pub struct Carried<'a> {
     pub history: &'a mut Image,
-    pub coverage: &'a mut Image,
+    pub coverage: &'a mut [f32],
     pub light: View<'a>,
     pub scores: View<'a>,
 }
@@ -136,7 +136,7 @@ pub fn choose(
         candidates: &candidates,
         fetch: Fetch::new(&[memory.light.pixels()], size, tests, params),
         base: carried.light,
-        coverage: carried.coverage.view(),
+        coverage: View::new(size, 1, carried.coverage),
         color,
     };
     rows::run(&predict, asked.height, errors.bands());
@@ -148,7 +148,10 @@ pub fn choose(
         before: carried.scores,
     };
     let band = BAND * size.width * distances.len();
-    let outs = carried.history.bands().zip(carried.coverage.bands());
+    let outs = carried
+        .history
+        .bands()
+        .zip(bands_of(carried.coverage, size));
     let outs = outs.zip(scores.image.data_mut().chunks_mut(band));
     let mut won: Vec<_> = scores.asking.iter_mut().map(Tiles::bands).collect();
     let outs = outs.map(|((history, coverage), scores)| Outs {

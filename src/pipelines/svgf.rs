@@ -14,10 +14,10 @@ use super::half_res;
 use super::reflections::{self, Carried};
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Error, Result, in_range};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
+use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, View, bands_of, segments};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
-use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
+use crate::kernels::fetch::reproject::{self, reproject};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate};
@@ -29,7 +29,7 @@ use crate::kernels::smooth::variance::{self, Estimate};
 use crate::lanes::BorderedBand;
 use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel, LanesKernel};
+use crate::rows::{self, BAND, Kernel, LanesKernel};
 
 #[derive(Clone, Debug, Default)]
 pub struct Params {
@@ -81,7 +81,7 @@ impl Params {
 pub(super) struct Memory {
     /// Beginning with the channels of [`accumulate`].
     history: Records,
-    /// As it came, for its replay.
+    /// As it came, where the next frame's replay is expected.
     color: Option<Records>,
     reflections: Option<reflections::Memory>,
     depth: Option<Records>,
@@ -93,9 +93,11 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// Of a frame that has become this history; without reflections.
-    pub fn new(frame: &Frame, history: Records, keeps_color: bool) -> Self {
+    /// Of a frame that has become this history; without reflections. Its colour is kept where the next frame's replay is
+    /// wanted and to be expected: after a first frame, and after a frame with a replay.
+    pub fn new(frame: &Frame, history: Records, wants_replay: bool, first: bool) -> Self {
         let surface = &frame.surface;
+        let keeps_color = wants_replay && (first || frame.replay.is_some());
         Self {
             history,
             color: keeps_color.then(|| frame.color.to_records()),
@@ -107,6 +109,10 @@ impl Memory {
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
         }
+    }
+
+    pub fn expects_replay(&self) -> bool {
+        self.color.is_some()
     }
 
     fn surface(&self) -> Surface<'_> {
@@ -124,19 +130,17 @@ impl Memory {
 pub(super) struct Recalled {
     /// Beginning with the channels of [`accumulate`].
     pub history: Image,
-    pub coverage: Image,
-    pub rejection: Image<u8>,
     pub gradient: Option<Image>,
     pub reflections: Option<reflections::Scores>,
 }
 
 impl Recalled {
     /// What a first frame knows.
-    pub fn nothing(size: Size, channels: usize) -> Self {
+    pub fn nothing(size: Size, channels: usize, output: &mut Output) -> Self {
+        output.confidence.fill(0.0);
+        output.rejection.fill(0);
         Self {
             history: Image::new(size, channels),
-            coverage: Image::new(size, 1),
-            rejection: Image::new(size, 1),
             gradient: None,
             reflections: None,
         }
@@ -175,7 +179,7 @@ impl Svgf {
         summary
     }
 
-    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+    fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
         if let Some(memory) = &self.memory {
             check_continues(memory, frame)?;
         }
@@ -192,17 +196,19 @@ impl Svgf {
 
         let memory = self.memory.take();
         let continues = memory.is_some();
+        let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
         let motion = frame.motion(before, &mut used);
         let Recalled {
             history: known,
-            coverage,
-            rejection,
             gradient,
             reflections,
         } = match &memory {
-            Some(memory) => recall(params, memory, frame, motion.pixels(), [&sample, color]),
-            None => Recalled::nothing(size, accumulate::CHANNELS),
+            Some(memory) => {
+                let light = [&sample, color];
+                recall(params, memory, frame, motion.pixels(), light, &mut output)
+            }
+            None => Recalled::nothing(size, accumulate::CHANNELS, &mut output),
         };
         drop(memory);
         let color = held.unwrap_or(sample);
@@ -218,13 +224,12 @@ impl Svgf {
         };
         let before = [0..3, 3..5, 5..6].map(|channels| known.pixels().part(channels));
         let change = gradient.as_ref().map(Image::view);
-        let mut history = Image::blank(size, accumulate::CHANNELS);
-        let (colors, rest) = history.data_mut().split_at_mut(3 * size.pixels());
-        let (moments, lengths) = rest.split_at_mut(2 * size.pixels());
-        let merged = PixelsMut::planar(size, colors)
-            .zip(PixelsMut::planar(size, moments))
-            .zip(PixelsMut::planar(size, lengths))
-            .map(|((color, moments), length)| [color, moments, length]);
+        let mut history = Records::blank(size, accumulate::CHANNELS);
+        let mut moments = Image::blank(size, 2);
+        let merged = PixelsMut::bands(size, accumulate::CHANNELS, history.data_mut())
+            .zip(moments.bands().map(PixelsMut::Planar))
+            .zip(PixelsMut::planar(size, output.history_length))
+            .map(|((all, moments), length)| [(0..6, all), (3..5, moments), (5..6, length)]);
         let missing = accumulate(
             color.pixels(),
             lent.as_ref().map(|lent| lent.weight.view()),
@@ -238,29 +243,24 @@ impl Svgf {
 
         let guide = guide.unwrap_or_else(new_guide);
         let mut filtered = Filtered::new(guide.layout);
-        let [moments, length] = [3..5, 5..6].map(|channels| history.channels(channels));
+        let length = View::new(size, 1, output.history_length);
         let begin = Begin {
-            color: history.channels(0..3),
-            length,
-            variance: Estimate::new(moments, length, &guide, params.variance),
+            color: history.pixels().part(0..3),
+            variance: Estimate::new(moments.view(), length, &guide, params.variance),
         };
-        let outs = (filtered.bands()).zip(bands_of(output.history_length, size));
-        rows::run_lanes(&begin, size.height, outs);
+        rows::run_lanes(&begin, size.height, filtered.bands());
+        drop(moments);
 
         let passes = params.atrous.iterations;
-        let mut kept = None;
         let mut light = None;
         for pass in 0..=passes {
             if pass > 0 {
                 filtered.filter(&guide, params.atrous, pass - 1);
             }
             if params.feedback && pass == passes.min(1) {
-                let out = history.bands().map(PixelsMut::Planar);
-                rows::run(&Keep(&filtered), size.height, out);
-            }
-            if pass == passes.min(params.feedback.into()) {
-                kept = Some(Records::of(history.view()));
-                drop(std::mem::replace(&mut history, Image::blank(size, 0)));
+                let records = history.data_mut();
+                let out = records.chunks_mut(BAND * size.width * accumulate::CHANNELS);
+                rows::run(&FeedBack(&filtered), size.height, out);
             }
             if !params.reflections.is_empty() && pass == passes.min(2) {
                 let mut records = Records::blank(size, 3);
@@ -273,27 +273,20 @@ impl Svgf {
         let finish = Finish {
             filtered: &filtered,
             texture,
-            coverage: &coverage,
-            rejection: &rejection,
             last: self.antialias.is_none(),
         };
-        let others = bands_of(output.variance.expect("an estimate has room"), size)
-            .zip(bands_of(output.confidence, size))
-            .zip(bands_of(output.rejection, size));
+        let variances = bands_of(output.variance.expect("an estimate has room"), size);
         let write = |colors: &mut dyn Iterator<Item = PixelsMut>| {
-            let outs = colors.zip(others);
-            let outs = outs.map(|(color, ((variance, confidence), rejection))| Outs {
-                color,
-                variance,
-                confidence,
-                rejection,
-            });
+            let outs = colors.zip(variances);
+            let outs = outs.map(|(color, variance)| Outs { color, variance });
             rows::run(&finish, size.height, outs);
         };
+        used.extend(list_used(frame, &guide));
         match &mut self.antialias {
             Some(stage) => {
                 let mut color = Image::blank(size, 3);
                 write(&mut color.bands().map(PixelsMut::Planar));
+                drop((filtered, guide));
                 stage.step(
                     color.pixels(),
                     motion.pixels(),
@@ -302,10 +295,12 @@ impl Svgf {
                     None,
                 );
             }
-            None => write(&mut PixelsMut::bands(size, 3, output.color)),
+            None => {
+                write(&mut PixelsMut::bands(size, 3, output.color));
+                drop((filtered, guide));
+            }
         }
 
-        used.extend(list_used(frame, &guide));
         let reflected = reflections.is_some();
         used.extend(
             [
@@ -313,20 +308,19 @@ impl Svgf {
                     "object_normal",
                     continues && frame.surface.object_normal.is_some(),
                 ),
-                ("replay", gradient.is_some() && frame.replay.is_some()),
+                ("replay", replays),
                 ("hit_distance", reflected && frame.hit_distance.is_some()),
             ]
             .into_iter()
             .filter_map(|(name, used)| used.then_some(name)),
         );
-        let kept = kept.expect("kept after as many passes as there are");
         self.memory = Some(Memory {
             reflections: light.map(|light| reflections::Memory {
                 light,
                 scores: reflections
                     .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
             }),
-            ..Memory::new(frame, kept, params.gradient)
+            ..Memory::new(frame, history, params.gradient, !continues)
         });
         Ok(Summary { used, missing })
     }
@@ -359,25 +353,39 @@ pub(super) fn illumination(
 
 /// Estimates the variance of an accumulated image, and makes it ready for the filter.
 struct Begin<'a> {
-    color: View<'a>,
-    length: View<'a>,
+    color: Pixels<'a>,
     variance: Estimate<'a>,
 }
 
 impl<'a> LanesKernel for Begin<'a> {
-    type Out = (BorderedBand<'a>, BandMut<'a>);
+    type Out = BorderedBand<'a>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, (mut out, mut length): Self::Out) {
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: BorderedBand<'a>) {
         for y in rows {
             self.variance.row(simd, y, atrous::variance_of(&mut out, y));
-            atrous::settle_variance(y, &mut out);
-            atrous::load(
-                Run::row(y, self.color.size.width),
-                self.color.rows(y),
-                &mut out,
-            );
-            length.row(0, y).copy_from_slice(self.length.row(0, y));
+            atrous::settle(self.color, y, &mut out);
+        }
+    }
+}
+
+/// Puts the colour after the passes so far into records of history.
+struct FeedBack<'a>(&'a Filtered);
+
+impl<'a> Kernel for FeedBack<'a> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, records: &'a mut [f32]) {
+        let (top, width) = (rows.start, self.0.size().width);
+        let mut color = [[0.0; SEGMENT]; 3];
+        let records = records.as_chunks_mut::<{ accumulate::CHANNELS }>().0;
+        for run in rows.flat_map(|y| segments(y, width)) {
+            self.0.color(run, &mut color);
+            let records = &mut records[(run.y - top) * width + run.x..][..run.len];
+            for (i, record) in records.iter_mut().enumerate() {
+                (record[0], record[1], record[2]) = (color[0][i], color[1][i], color[2][i]);
+            }
         }
     }
 }
@@ -402,8 +410,6 @@ impl<'a> Kernel for Keep<'a> {
 struct Finish<'a> {
     filtered: &'a Filtered,
     texture: Option<Texture<'a>>,
-    coverage: &'a Image,
-    rejection: &'a Image<u8>,
     /// Whether what nobody has seen, nor a neighbour, is to be black.
     last: bool,
 }
@@ -411,8 +417,6 @@ struct Finish<'a> {
 struct Outs<'a> {
     color: PixelsMut<'a>,
     variance: BandMut<'a>,
-    confidence: BandMut<'a>,
-    rejection: BandMut<'a, u8>,
 }
 
 impl<'a> Kernel for Finish<'a> {
@@ -425,12 +429,6 @@ impl<'a> Kernel for Finish<'a> {
             out.variance
                 .row(0, y)
                 .copy_from_slice(self.filtered.variance(y));
-            out.confidence
-                .row(0, y)
-                .copy_from_slice(self.coverage.view().row(0, y));
-            out.rejection
-                .row(0, y)
-                .copy_from_slice(self.rejection.view().row(0, y));
             for run in segments(y, self.filtered.size().width) {
                 self.filtered.color(run, &mut color);
                 if let Some(texture) = &self.texture {
@@ -445,13 +443,15 @@ impl<'a> Kernel for Finish<'a> {
     }
 }
 
-/// The light of the new frame comes as it was sampled, and without fireflies.
+/// The light of the new frame comes as it was sampled, and without fireflies. Writes what the output has of confidence and
+/// rejection.
 pub(super) fn recall(
     params: &Params,
     memory: &Memory,
     frame: &Frame,
     motion: Pixels,
     [sample, color]: [&Image; 2],
+    output: &mut Output,
 ) -> Recalled {
     let rays = memory
         .camera
@@ -481,11 +481,8 @@ pub(super) fn recall(
         fallback: true,
         dering: true,
     };
-    let Reprojected {
-        values,
-        mut coverage,
-        rejection,
-    } = reproject(&planes, motion, tests, bilinear);
+    let coverage = &mut *output.confidence;
+    let values = reproject(&planes, motion, tests, bilinear, coverage, output.rejection);
     let mut values = values.into_iter();
     let mut next = || values.next().expect("an image for each that is fetched");
     let mut history = next();
@@ -504,14 +501,14 @@ pub(super) fn recall(
                 widest: passes + 2,
             };
             let images = [color.pixels(), history.pixels().part(0..3)];
-            find_gradient(images, Some(coverage.view()), estimated)
+            find_gradient(images, Some(View::new(motion.size, 1, coverage)), estimated)
         }
     });
     let reflections = reflections.zip(carried).zip(cameras).and_then(
         |((reflections, [light, scores]), (now, then))| {
             let carried = Carried {
                 history: &mut history,
-                coverage: &mut coverage,
+                coverage,
                 light: light.view(),
                 scores: scores.view(),
             };
@@ -529,8 +526,6 @@ pub(super) fn recall(
     );
     Recalled {
         history,
-        coverage,
-        rejection,
         gradient,
         reflections,
     }

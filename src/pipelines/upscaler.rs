@@ -17,7 +17,7 @@ use crate::image::{Image, Pixels, Records, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{Choice, Window, dilate_motion};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, MotionLanes, Wide};
-use crate::kernels::fetch::reproject::{self, Reprojected, reproject};
+use crate::kernels::fetch::reproject::{self, reproject};
 use crate::kernels::judge::blend_factor;
 use crate::kernels::judge::disocclusion::{self, disocclusion};
 use crate::kernels::judge::exposure::exposure;
@@ -195,20 +195,16 @@ impl Upscaler {
         );
         let exposure = exposure(frame.color);
 
-        let fetched = match before {
-            Some(before) => {
-                let limits = surface::Params::default();
-                let tests = Tests::new(Surface::default(), Surface::default(), None, &limits);
-                reproject(&[before.history.pixels()], moved.pixels(), tests, FETCH)
-            }
-            None => Reprojected {
-                values: vec![Image::new(large, CHANNELS)],
-                coverage: Image::new(large, 1),
-                rejection: Image::new(large, 1),
-            },
-        };
-        let values = &fetched.values[0];
-        let history = values.channels(0..3);
+        let (mut coverage, mut rejection) = (Image::new(large, 1), Image::new(large, 1));
+        let known = before.and_then(|before| {
+            let limits = surface::Params::default();
+            let tests = Tests::new(Surface::default(), Surface::default(), None, &limits);
+            let (coverage, rejection) = (coverage.data_mut(), rejection.data_mut());
+            let (history, motion) = ([before.history.pixels()], moved.pixels());
+            reproject(&history, motion, tests, FETCH, coverage, rejection).pop()
+        });
+        let known = known.unwrap_or_else(|| Image::new(large, CHANNELS));
+        let history = known.channels(0..3);
         // What the history has where the samples are.
         let mut there = Image::blank(small, 3);
         let mut unused = Image::blank(small, 1);
@@ -244,7 +240,9 @@ impl Upscaler {
             params: self.params,
             color: color.pixels(),
             weight: weight.view(),
-            fetched: &fetched,
+            known: &known,
+            coverage: coverage.view(),
+            rejection: rejection.view(),
             clipped: clipped.pixels(),
             motion: moved.pixels(),
             lookup: &lookup,
@@ -344,7 +342,9 @@ struct Merge<'a> {
     params: Params,
     color: Pixels<'a>,
     weight: View<'a>,
-    fetched: &'a Reprojected,
+    known: &'a Image,
+    coverage: View<'a>,
+    rejection: View<'a, u8>,
     clipped: Pixels<'a>,
     motion: Pixels<'a>,
     // Of the input's size.
@@ -376,7 +376,7 @@ impl<'a> Kernel for Merge<'a> {
         let mut lanes = MotionLanes::zeroed();
         let [mut color, mut old, mut clipped, mut merged] = [[[0.0; SEGMENT]; 3]; 4];
         let [mut trust, mut lock, mut shares, mut hastes, mut hold] = [[0.0; SEGMENT]; 5];
-        let values = &self.fetched.values[0];
+        let values = self.known;
         let (disoccluded, change) = (self.disoccluded.plane(0), self.change.plane(0));
         let thin = self.thin.plane(0);
         // 0 where all stands still, 1 from fast motion on.
@@ -400,8 +400,8 @@ impl<'a> Kernel for Merge<'a> {
             let weights = &self.weight.plane(0)[start..][..n];
             let samples = &values.plane(SAMPLES)[start..][..n];
             let locks = &values.plane(LOCK)[start..][..n];
-            let coverage = &self.fetched.coverage.plane(0)[start..][..n];
-            let failed = &self.fetched.rejection.plane(0)[start..][..n];
+            let coverage = &self.coverage.plane(0)[start..][..n];
+            let failed = &self.rejection.plane(0)[start..][..n];
             for i in 0..n {
                 let at = self.lookup.at(run.x + i, run.y);
                 let reacts = match self.reactive {

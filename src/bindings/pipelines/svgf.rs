@@ -51,8 +51,9 @@ use crate::pipelines::{svgf, taa};
 ///     Whether the filter's first pass, instead of its input, is the next frame's history: less noise in motion, more
 ///     bias.
 /// gradient : bool, default True
-///     Whether changes of light shorten history. They are known exactly from frames that have a `replay`, and for others
-///     estimated from the new samples and history, as far as noise lets see.
+///     Whether changes of light shorten history. They are known exactly from frames that have a `replay`, if the frame
+///     before had one or was the first, and for others estimated from the new samples and history, as far as noise lets
+///     see.
 /// fireflies : bool, default True
 ///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
 /// reflections : sequence of float, default (0.5, 2.0)

@@ -643,30 +643,26 @@ impl<'a> Kernel for Reproject<'a> {
     }
 }
 
-/// History as it appears in the current frame.
-pub struct Reprojected {
-    /// Of each image; of each plane of those that are planar.
-    pub values: Vec<Image>,
-    pub coverage: Image,
-    pub rejection: Image<u8>,
-}
-
-pub fn reproject(history: &[Pixels], motion: Pixels, tests: Tests, params: Params) -> Reprojected {
+/// History as it appears in the current frame: an image for each, and for each plane of those that are planar. Writes the
+/// coverage, and the rejection.
+pub fn reproject(
+    history: &[Pixels],
+    motion: Pixels,
+    tests: Tests,
+    params: Params,
+    coverage: &mut [f32],
+    rejection: &mut [u8],
+) -> Vec<Image> {
     let size = motion.size;
     let fetch = Fetch::new(history, size, tests, params);
     let values = (fetch.history.iter()).map(|image| Image::blank(size, image.channels));
-    let mut reprojected = Reprojected {
-        values: values.collect(),
-        coverage: Image::blank(size, 1),
-        rejection: Image::blank(size, 1),
-    };
-    let parts = reprojected.values.iter_mut().map(Image::bands).collect();
-    let coverage = reprojected.coverage.bands();
-    let rejection = reprojected.rejection.bands().map(Some);
-    let outs = together(parts).zip(coverage).zip(rejection);
+    let mut values: Vec<_> = values.collect();
+    let parts = values.iter_mut().map(Image::bands).collect();
+    let (coverage, rejection) = (bands_of(coverage, size), bands_of(rejection, size));
+    let outs = together(parts).zip(coverage).zip(rejection.map(Some));
     let outs = outs.map(|((values, coverage), rejection)| (values, coverage, rejection));
     rows::run(&Reproject { fetch, motion }, size.height, outs);
-    reprojected
+    values
 }
 
 /// The same on records, which it writes as well: for each image, and the coverage.

@@ -69,7 +69,7 @@ impl Params {
 /// Channels of a history image: colour 0 to 2, moments 3 and 4, length 5.
 pub const CHANNELS: usize = 6;
 
-struct Accumulate<'a> {
+struct Accumulate<'a, const PARTS: usize> {
     color: Pixels<'a>,
     weight: Option<View<'a>>,
     history: [Pixels<'a>; 3],
@@ -77,19 +77,22 @@ struct Accumulate<'a> {
     params: Params,
 }
 
-/// Writes the history, which comes and goes as colour, moments and length, with the new samples merged in. Returns the
+/// Some of a history's channels, and where they go.
+pub type Part<'a> = (Range<usize>, PixelsMut<'a>);
+
+/// Writes parts of the history, which comes as colour, moments and length, with the new samples merged in. Returns the
 /// number of missing samples.
-pub fn accumulate<'a>(
+pub fn accumulate<'a, const PARTS: usize>(
     color: Pixels<'a>,
     weight: Option<View<'a>>,
     history: [Pixels<'a>; 3],
     gradient: Option<View<'a>>,
     params: Params,
-    merged: impl Iterator<Item = [PixelsMut<'a>; 3]>,
+    merged: impl Iterator<Item = [Part<'a>; PARTS]>,
 ) -> usize {
     let height = color.size.height;
     let mut missing = vec![0; rows::bands(height).count()];
-    let kernel = Accumulate {
+    let kernel = Accumulate::<PARTS> {
         color,
         weight,
         history,
@@ -103,16 +106,16 @@ pub fn accumulate<'a>(
     missing.iter().sum()
 }
 
-struct Outs<'a> {
-    merged: [PixelsMut<'a>; 3],
+struct Outs<'a, const PARTS: usize> {
+    merged: [Part<'a>; PARTS],
     missing: &'a mut usize,
 }
 
-impl<'a> Kernel for Accumulate<'a> {
-    type Out = Outs<'a>;
+impl<'a, const PARTS: usize> Kernel for Accumulate<'a, PARTS> {
+    type Out = Outs<'a, PARTS>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+    fn rows(&self, rows: Range<usize>, mut out: Self::Out) {
         let mut colors = [[0.0; SEGMENT]; 3];
         let mut history = [[0.0; SEGMENT]; CHANNELS];
         let (mut weights, mut changes) = ([1.0; SEGMENT], [0.0; SEGMENT]);
@@ -135,11 +138,9 @@ impl<'a> Kernel for Accumulate<'a> {
                 load_shares(gradient, run, &mut changes);
             }
             self.params.merge(&colors, &weights, &changes, &mut history);
-            let [r, g, b, first, second, length] = history.each_ref().map(Row::as_slice);
-            let [color, moments, lengths] = &mut out.merged;
-            color.write(run, [r, g, b]);
-            moments.write(run, [first, second]);
-            lengths.write(run, [length]);
+            for (channels, part) in &mut out.merged {
+                part.write(run, history[channels.clone()].iter().map(Row::as_slice));
+            }
         }
     }
 }

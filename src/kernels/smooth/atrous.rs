@@ -179,15 +179,9 @@ impl<'a> Kernel for Load<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
-        let mut color = [[0.0; SEGMENT]; 3];
         for y in rows {
             variance_of(&mut out, y).copy_from_slice(self.variance.row(y));
-            settle_variance(y, &mut out);
-            for run in segments(y, self.color.size.width) {
-                self.color
-                    .read(run, color.each_mut().map(Row::as_mut_slice));
-                load(run, color.each_ref().map(|row| &row[..run.len]), &mut out);
-            }
+            settle(self.color, y, &mut out);
         }
     }
 }
@@ -198,17 +192,23 @@ pub fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
     image.row(VARIANCE, y)
 }
 
+/// Makes a row's variance ready, and puts its colour in place.
 #[inline(always)]
-pub fn settle_variance(y: usize, image: &mut BorderedBand) {
+pub fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
     for v in image.row(VARIANCE, y) {
         *v = if v.is_finite() { floored(*v) } else { 0.0 };
     }
     image.replicate(VARIANCE, y);
+    let mut parts = [[0.0; SEGMENT]; 3];
+    for run in segments(y, color.size.width) {
+        color.read(run, parts.each_mut().map(Row::as_mut_slice));
+        load(run, parts.each_ref().map(|row| &row[..run.len]), image);
+    }
 }
 
 /// Puts a run's colour in place.
 #[inline(always)]
-pub fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
+fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
     let rows = out.rows::<CHANNELS>(run.y);
     let [or, og, ob, _, ol] = rows.map(|row| &mut row[run.x..][..run.len]);
     for x in 0..r.len() {
