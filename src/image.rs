@@ -615,6 +615,17 @@ impl Tiles {
         self.on.contains(&true)
     }
 
+    /// On where any of these is.
+    pub fn any_of(size: Size, tiles: &[Self]) -> Self {
+        let mut any = Self::new(size);
+        for tiles in tiles {
+            for (on, &other) in any.on.iter_mut().zip(&tiles.on) {
+                *on |= other;
+            }
+        }
+        any
+    }
+
     /// The tiles of each band, from left to right.
     pub fn bands(&mut self) -> impl Iterator<Item = &mut [bool]> {
         self.on.chunks_mut(self.columns)

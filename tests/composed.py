@@ -192,24 +192,23 @@ class SVGF:
             cameras = frame.camera, self.before.camera
             reflects = len(self.distances) > 0 and None not in cameras
             planes = [*self.history]
-            if reflects:
-                planes += [self.mirrored.light, self.mirrored.scores]
             replays = self.gradient and frame.replay is not None and self.expects_replay
             if replays:
                 planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
             fetched, confidence = yester.reproject(planes, motion, **tests, **self.limits)
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
             history, more = fetched[:3], fetched[3:]
-            covered = (confidence > 0)[..., None]
             if replays:
-                gradient = more[-1]
+                gradient = more[0]
             elif self.gradient:
-                known = np.where(covered, history[0], np.float32(np.nan))
+                known = np.where((confidence > 0)[..., None], history[0], np.float32(np.nan))
                 looks = {"passes": self.passes, "widest": self.passes + 2}
                 gradient = yester.temporal_gradient(held, known, noise=2.2, **looks)
             if reflects:
-                light = np.where(covered, more[0], np.float32(np.nan))
-                mirrored = self.reflect(frame, tests, history, confidence, light, more[1], sample)
+                planes = [self.mirrored.light, self.mirrored.scores]
+                (light, scores), lit = yester.reproject(planes, motion, **tests, **self.limits)
+                light = np.where((lit > 0)[..., None], light, np.float32(np.nan))
+                mirrored = self.reflect(frame, tests, history, confidence, light, scores, sample)
 
         alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         if frame.depth is not None and frame.normal is not None:

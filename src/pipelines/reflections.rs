@@ -21,7 +21,7 @@ use crate::image::{
 use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::camera::virtual_motion::Mirrored;
-use crate::kernels::fetch::footprint::{Filter, Motion};
+use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes};
 use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
 use crate::kernels::judge::prediction::{Ids, mean, terms};
 use crate::kernels::judge::surface::{self, Surface, Tests};
@@ -71,15 +71,14 @@ impl Scores {
     }
 }
 
-/// What [`reproject`] fetches of the history and of this memory, along the surface's motion.
-pub struct Carried<'a> {
-    pub history: &'a mut Image,
-    pub coverage: &'a mut [f32],
-    pub light: View<'a>,
-    pub scores: View<'a>,
+/// How histories are fetched along the surface's own motion.
+pub struct Own<'a> {
+    pub motion: Pixels<'a>,
+    pub tests: Tests<'a>,
+    pub params: reproject::Params,
 }
 
-/// Replaces history, and its coverage, by that of the best candidate, where one wins.
+/// Replaces what was carried of history, and its coverage, by that of the best candidate, where one wins.
 pub fn choose(
     memory: &Memory,
     history: Pixels,
@@ -87,8 +86,10 @@ pub fn choose(
     frame: &Frame,
     cameras: [&Camera; 2],
     before: Surface,
+    own: Own,
     color: View,
-    carried: Carried,
+    carried: &mut Image,
+    coverage: &mut [f32],
 ) -> Option<Scores> {
     let geometry = frame.geometry()?;
     let sources: Vec<_> = match (frame.hit_distance, frame.surface.depth) {
@@ -120,38 +121,44 @@ pub fn choose(
         fallback: false,
         dering: true,
     };
+    let asking = (!everywhere).then_some(&*memory.scores.asking);
     let candidates = Candidates {
         geometry,
         camera: cameras[0],
         mirrored: Mirrored::new(cameras[0], cameras[1]),
         sources,
-        asking: (!everywhere).then_some(&memory.scores.asking),
+        asking: asking.map(|each| (each, Tiles::any_of(size, each))),
     };
     let asked = Size {
         height: size.height.div_ceil(ROWS),
         ..size
     };
-    let mut errors = Image::blank(asked, candidates.sources.len());
+    let count = candidates.sources.len();
+    let mut errors = Image::blank(asked, count);
+    let mut before = Image::blank(asked, count);
+    let light = memory.light.pixels();
+    let known = [light, memory.scores.image.pixels()];
     let predict = Predict {
         candidates: &candidates,
-        fetch: Fetch::new(&[memory.light.pixels()], size, tests, params),
-        base: carried.light,
-        coverage: View::new(size, 1, carried.coverage),
+        motion: own.motion,
+        base: Fetch::new(&known, size, own.tests, own.params),
+        fetch: Fetch::new(&[light], size, tests, params),
         color,
+        scores: distances.len(),
     };
-    rows::run(&predict, asked.height, errors.bands());
+    let outs = errors.bands().zip(before.bands());
+    rows::run(&predict, asked.height, outs);
     let choose = Choose {
         candidates: &candidates,
         errors: &errors,
+        before: &before,
         ids: frame.surface.ids,
         fetch: Fetch::new(&[history], size, tests, params),
-        before: carried.scores,
+        size,
+        scores: distances.len(),
     };
     let band = BAND * size.width * distances.len();
-    let outs = carried
-        .history
-        .bands()
-        .zip(bands_of(carried.coverage, size));
+    let outs = carried.bands().zip(bands_of(coverage, size));
     let outs = outs.zip(scores.image.data_mut().chunks_mut(band));
     let mut won: Vec<_> = scores.asking.iter_mut().map(Tiles::bands).collect();
     let outs = outs.map(|((history, coverage), scores)| Outs {
@@ -179,8 +186,8 @@ struct Candidates<'a> {
     camera: &'a Camera,
     mirrored: Mirrored<'a>,
     sources: Vec<Source<'a>>,
-    /// Where each is asked; everywhere if there are none.
-    asking: Option<&'a [Tiles]>,
+    /// Where each is asked, and any; everywhere if there are none.
+    asking: Option<(&'a [Tiles], Tiles)>,
 }
 
 /// Room for the motion of a candidate.
@@ -201,19 +208,18 @@ impl Room {
 }
 
 impl Candidates<'_> {
-    /// The parts of a row for which a candidate is asked.
+    /// The parts of a run for which a candidate is asked, or any.
     #[inline(always)]
-    fn runs(&self, candidate: usize, y: usize, width: usize) -> impl Iterator<Item = Run> {
-        segments(y, width).flat_map(move |run| {
-            let part = self.asking.map(|asking| asking[candidate].runs(run));
-            let whole = part.is_none().then_some(run);
-            part.into_iter().flatten().chain(whole)
-        })
+    fn runs(&self, candidate: Option<usize>, run: Run) -> impl Iterator<Item = Run> {
+        let tiles = (self.asking.as_ref()).map(|(each, any)| candidate.map_or(any, |k| &each[k]));
+        let part = tiles.map(|tiles| tiles.runs(run));
+        let whole = part.is_none().then_some(run);
+        part.into_iter().flatten().chain(whole)
     }
 
-    /// The motion of a run along a candidate; `room` has what the run shows.
+    /// The motion of a run along a candidate; `room` has what is shown from the column `left` on.
     #[inline(always)]
-    fn follow<'r>(&self, source: Source, run: Run, room: &'r mut Room) -> Motion<'r> {
+    fn follow<'r>(&self, source: Source, run: Run, left: usize, room: &'r mut Room) -> Motion<'r> {
         let hits = &mut room.hits[..run.len];
         match source {
             Source::Known(distance) => distance.load(run, 0, hits),
@@ -223,74 +229,94 @@ impl Candidates<'_> {
             }
         }
         let [x, y] = room.motion.each_mut().map(|row| &mut row[..run.len]);
-        self.mirrored.motion(&room.shown, hits, x, y);
+        let start = run.x - left;
+        self.mirrored.motion(&room.shown, start, hits, x, y);
         Motion { x, y, depth: None }
     }
 }
 
-/// The terms of each candidate's gain in the rows that are asked: not finite where they are not known, NaN where nothing was
-/// fetched.
+/// The terms of each candidate's gain in the rows that are asked, not finite where they are not known, NaN where nothing was
+/// fetched; and its score so far, where it is asked.
 struct Predict<'a> {
     candidates: &'a Candidates<'a>,
+    motion: Pixels<'a>,
+    /// Of the light and the scores, along that motion.
+    base: Fetch<'a>,
+    /// Of the light.
     fetch: Fetch<'a>,
-    base: View<'a>,
-    coverage: View<'a>,
     color: View<'a>,
+    /// Numbers of a record of scores.
+    scores: usize,
 }
 
 impl<'a> Kernel for Predict<'a> {
-    type Out = BandMut<'a>;
+    type Out = (BandMut<'a>, BandMut<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut errors: BandMut<'a>) {
+    fn rows(&self, rows: Range<usize>, (mut errors, mut scores): Self::Out) {
         let width = self.color.size.width;
-        let (mut room, mut fetched) = (Room::new(), self.fetch.room());
+        let candidates = self.candidates;
+        let mut room = Room::new();
+        let mut lanes = MotionLanes::zeroed();
+        let (mut known, mut fetched) = (self.base.room(), self.fetch.room());
         let [mut light, mut base, mut color] = [[[0.0; SEGMENT]; 3]; 3];
-        let Candidates {
-            geometry,
-            camera,
-            sources,
-            asking,
-            ..
-        } = self.candidates;
-        let each = rows.flat_map(|row| (0..sources.len()).map(move |k| (row, k)));
-        for (row, k) in each {
+        for row in rows {
             let y = ROWS * row;
-            let errors = errors.row(k, row);
-            if asking.is_some() {
-                errors.fill(f32::NAN);
+            if candidates.asking.is_some() {
+                for k in 0..candidates.sources.len() {
+                    errors.row(k, row).fill(f32::NAN);
+                }
             }
-            for run in self.candidates.runs(k, y, width) {
-                let covered = &self.coverage.row(0, y)[run.x..][..run.len];
-                let known = self.base.rows::<3>(y).map(|row| &row[run.x..][..run.len]);
-                for (base, known) in base.iter_mut().zip(known) {
-                    for i in 0..run.len {
-                        base[i] = if covered[i] > 0.0 { known[i] } else { f32::NAN };
+            for run in segments(y, width).flat_map(|run| candidates.runs(None, run)) {
+                let motion = lanes.load(&self.motion, run);
+                self.base.run(run, motion, &mut known);
+                take_light(&known, 0, run.len, &mut base);
+                let there = Run { y: row, ..run };
+                let records = &known.values(1)[..run.len * self.scores];
+                for (k, part) in scores.parts(there).enumerate() {
+                    for (score, record) in part.iter_mut().zip(records.chunks(self.scores)) {
+                        *score = record[k];
                     }
                 }
                 self.sample(run, &mut color);
-                room.shown.find(*geometry, camera, run);
-                let motion = self.candidates.follow(sources[k], run, &mut room);
-                self.fetch.run(run, motion, &mut fetched);
-                let records = fetched.values(0)[..3 * run.len].as_chunks::<3>().0;
-                let [r, g, b] = light.each_mut().map(|row| &mut row[..run.len]);
-                for i in 0..run.len {
-                    [r[i], g[i], b[i]] = records[i];
-                }
-                let errors = &mut errors[run.x..][..run.len];
-                let [light, base, color] =
-                    [&light, &base, &color].map(|rows| rows.each_ref().map(Row::as_slice));
-                terms(light, base, color, errors);
-                for (error, &covered) in errors.iter_mut().zip(&fetched.coverage) {
-                    let known = if error.is_finite() {
-                        *error
-                    } else {
-                        f32::INFINITY
-                    };
-                    *error = if covered > 0.0 { known } else { f32::NAN };
+                room.shown.find(candidates.geometry, candidates.camera, run);
+                for (k, &source) in candidates.sources.iter().enumerate() {
+                    for part in candidates.runs(Some(k), run) {
+                        let motion = candidates.follow(source, part, run.x, &mut room);
+                        self.fetch.run(part, motion, &mut fetched);
+                        take_light(&fetched, 0, part.len, &mut light);
+                        let start = part.x - run.x;
+                        let [base, color] = [&base, &color]
+                            .map(|rows| rows.each_ref().map(|row| &row[start..][..part.len]));
+                        let errors = &mut errors.row(k, row)[part.x..][..part.len];
+                        terms(light.each_ref().map(Row::as_slice), base, color, errors);
+                        for (error, &covered) in errors.iter_mut().zip(&fetched.coverage) {
+                            let known = if error.is_finite() {
+                                *error
+                            } else {
+                                f32::INFINITY
+                            };
+                            *error = if covered > 0.0 { known } else { f32::NAN };
+                        }
+                    }
                 }
             }
         }
+    }
+}
+
+/// Light that was fetched; NaN where none was.
+#[inline(always)]
+fn take_light(fetched: &Fetched, part: usize, len: usize, light: &mut [Row; 3]) {
+    let records = fetched.values(part)[..3 * len].as_chunks::<3>().0;
+    let coverage = &fetched.coverage[..len];
+    let [r, g, b] = light.each_mut().map(|row| &mut row[..len]);
+    for i in 0..len {
+        let [red, green, blue] = records[i];
+        let covered = coverage[i] > 0.0;
+        r[i] = if covered { red } else { f32::NAN };
+        g[i] = if covered { green } else { f32::NAN };
+        b[i] = if covered { blue } else { f32::NAN };
     }
 }
 
@@ -323,8 +349,11 @@ struct Choose<'a> {
     errors: &'a Image,
     ids: Option<Pixels<'a, u32>>,
     fetch: Fetch<'a>,
-    /// Scores so far.
-    before: View<'a>,
+    /// Scores so far, in the rows that are asked.
+    before: &'a Image,
+    size: Size,
+    /// Numbers of a record of scores.
+    scores: usize,
 }
 
 struct Outs<'a> {
@@ -340,7 +369,7 @@ impl<'a> LanesKernel for Choose<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: Outs<'a>) {
-        let Size { height, width } = self.before.size;
+        let Size { height, width } = self.size;
         let (top, candidates) = (rows.start, self.candidates);
         let mut ids = Ids::new(self.ids, width, RADIUS, ROWS);
         let around = candidates.sources.iter();
@@ -359,7 +388,7 @@ impl<'a> LanesKernel for Choose<'a> {
             any.fill(false);
             for (k, around) in around.iter_mut().enumerate() {
                 around.roll(self.errors.view().channel(k).into(), row, y == top);
-                for run in candidates.runs(k, y, width) {
+                for run in segments(y, width).flat_map(|run| candidates.runs(Some(k), run)) {
                     let there = Run { y: row, ..run };
                     mean(
                         simd,
@@ -369,7 +398,7 @@ impl<'a> LanesKernel for Choose<'a> {
                         &ids,
                         &mut gain,
                     );
-                    let old = &self.before.row(k, y)[run.x..][..run.len];
+                    let old = &self.before.view().row(k, row)[run.x..][..run.len];
                     let [errors] = around.row(row as isize);
                     let errors = &errors[RADIUS + run.x..][..run.len];
                     let best = &mut best[run.x..][..run.len];
@@ -382,10 +411,9 @@ impl<'a> LanesKernel for Choose<'a> {
                         best[i] = if wins { score } else { best[i] };
                         winner[i] = if wins { k as u32 } else { winner[i] };
                     }
-                    let scores = self.before.channels;
                     for y in y..(y + ROWS).min(height) {
-                        let first = ((y - top) * width + run.x) * scores;
-                        let records = out.scores[first..].chunks_exact_mut(scores);
+                        let first = ((y - top) * width + run.x) * self.scores;
+                        let records = out.scores[first..].chunks_exact_mut(self.scores);
                         for (record, &score) in records.zip(&*gain) {
                             record[k] = score;
                         }
@@ -434,7 +462,7 @@ impl Choose<'_> {
         let mut first = true;
         for (k, &source) in (0..).zip(sources) {
             if winner.contains(&k) {
-                let motion = self.candidates.follow(source, run, room);
+                let motion = self.candidates.follow(source, run, run.x, room);
                 for (i, &winner) in winner.iter().enumerate() {
                     let wins = first | (winner == k);
                     x[i] = if wins { motion.x[i] } else { x[i] };

@@ -11,7 +11,7 @@ use pulp::Simd;
 
 use super::frame::{Frame, Output, Summary, check_size};
 use super::half_res;
-use super::reflections::{self, Carried};
+use super::reflections::{self, Own};
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Error, Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, View, bands_of, segments};
@@ -472,9 +472,6 @@ pub(super) fn recall(
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
 
     let mut planes = vec![memory.history.pixels()];
-    if let Some(reflections) = reflections {
-        planes.extend([&reflections.light, &reflections.scores.image].map(Records::pixels));
-    }
     planes.extend(replayed.as_ref().map(Image::pixels));
     let bilinear = reproject::Params {
         filter: Filter::Bilinear,
@@ -486,7 +483,6 @@ pub(super) fn recall(
     let mut values = values.into_iter();
     let mut next = || values.next().expect("an image for each that is fetched");
     let mut history = next();
-    let carried = reflections.map(|_| [next(), next()]);
 
     let gradient = params.gradient.then(|| match replayed {
         Some(_) => next(),
@@ -504,13 +500,13 @@ pub(super) fn recall(
             find_gradient(images, Some(View::new(motion.size, 1, coverage)), estimated)
         }
     });
-    let reflections = reflections.zip(carried).zip(cameras).and_then(
-        |((reflections, [light, scores]), (now, then))| {
-            let carried = Carried {
-                history: &mut history,
-                coverage,
-                light: light.view(),
-                scores: scores.view(),
+    let reflections = reflections
+        .zip(cameras)
+        .and_then(|(reflections, (now, then))| {
+            let own = Own {
+                motion,
+                tests,
+                params: bilinear,
             };
             reflections::choose(
                 reflections,
@@ -519,11 +515,12 @@ pub(super) fn recall(
                 frame,
                 [now, then],
                 memory.surface(),
+                own,
                 sample.view(),
-                carried,
+                &mut history,
+                coverage,
             )
-        },
-    );
+        });
     Recalled {
         history,
         gradient,

@@ -34,12 +34,19 @@ impl<'a> Mirrored<'a> {
         }
     }
 
-    /// The motion of what pixels reflect at these distances.
+    /// The motion of what some of the pixels shown, from `start` on, reflect at these distances.
     #[inline(always)]
-    pub fn motion(&self, shown: &Shown, distances: &[f32], x: &mut [f32], y: &mut [f32]) {
+    pub fn motion(
+        &self,
+        shown: &Shown,
+        start: usize,
+        distances: &[f32],
+        x: &mut [f32],
+        y: &mut [f32],
+    ) {
         let len = distances.len();
         let [u, v, depth, surface] =
-            [&shown.x, &shown.y, &shown.depth, &shown.near].map(|lane| &lane[..len]);
+            [&shown.x, &shown.y, &shown.depth, &shown.near].map(|lane| &lane[start..][..len]);
         let (x, y) = (&mut x[..len], &mut y[..len]);
         for i in 0..len {
             let distance = f64::from(distances[i]);
@@ -96,7 +103,7 @@ impl<'a> Kernel for VirtualMotion<'a> {
             self.hit_distance.load(run, 0, distances);
             shown.find(self.geometry, self.camera, run);
             let [x, y] = &mut moved;
-            self.mirrored.motion(&shown, distances, x, y);
+            self.mirrored.motion(&shown, 0, distances, x, y);
             motion.write(run, moved.each_ref().map(Row::as_slice));
         }
     }
