@@ -34,7 +34,7 @@ impl Reserve {
     fn take<T: Value>(&mut self, len: usize) -> Option<Room<T>> {
         let fits = |piece: &Box<dyn Any + Send + Sync>| {
             let capacity = piece.downcast_ref::<Room<T>>()?.len();
-            (len..=len + len / 4)
+            (len..=len + len / 3)
                 .contains(&capacity)
                 .then_some(capacity)
         };

@@ -390,12 +390,12 @@ def _timed(run: Callable[[], object]) -> float:
 
 def _memory(task: Task, images: Inputs) -> Memory | None:
     """What a pipeline holds, if the system tells."""
-    images.frames()
+    frames = task.frames(images)
     try:
         before, _ = _resident()
     except OSError:
         return None
-    call = task.start(images)
+    call = task.start(images, frames)
     held = []
     for _ in range(_STEPS):
         call.run()

@@ -141,7 +141,7 @@ def _places(inputs: Inputs) -> NDArray[np.float32]:
 
 
 def _oidn(quality: str, inputs: Inputs) -> Callable[[], object]:
-    network, frame = Network(quality), inputs.frames()[1]
+    network, frame = Network(quality), inputs.frame(1)
     network.take(present(frame), frame)
     return network.run
 

@@ -7,7 +7,7 @@ short, in blocks, so that kernels that mend those have as much to do as after a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import cycle
@@ -27,7 +27,10 @@ from .raycast import Light, Scene, Thing
 __all__ = ["TASKS", "Call", "Inputs", "Task", "stage"]
 
 #: The images of a frame; the frame before has them as `previous_color` and so on.
-_FRAME = ("color", "albedo", "normal", "depth", "motion", "ids")
+_FRAME = ("albedo", "normal", "depth", "motion", "ids")
+#: Frames before the noise of one comes again. If it were that of the last but one, histories would have seen every new
+#: sample, and reflections would be asked for in many more places.
+_TURNS = 8
 #: Rows that are cast at once: few, so that they stay in cache.
 _BAND = 32
 
@@ -91,7 +94,7 @@ class Task:
         frames = inputs.frames(self.jitter)
         match self.function:
             case "HalfRes":
-                return [quarter(frames[i % 2], i) for i in range(4)]
+                return [quarter(frame, i) for i, frame in enumerate(frames)]
             case "Upscaler":
                 return [_halved(frame) for frame in frames]
         return frames
@@ -104,10 +107,13 @@ class Task:
         }
         return {**images, **self.options}
 
-    def start(self, inputs: Inputs) -> Call:
-        """Make ready to time it: results go where those before went, so that no memory is asked for."""
+    def start(self, inputs: Inputs, frames: Sequence[Frame] = ()) -> Call:
+        """Make ready to time it: results go where those before went, so that no memory is asked for.
+
+        A pipeline gets what `frames` gives unless it is given others.
+        """
         if self.pipeline:
-            state, turns = getattr(yester, self.function)(**self.options), cycle(self.frames(inputs))
+            state, turns = getattr(yester, self.function)(**self.options), cycle(frames or self.frames(inputs))
             # The first step has no history to bring along.
             frame = next(turns)
             output, buffers = state.step(frame), frame.buffers()
@@ -301,10 +307,14 @@ class Inputs:
         return self._read[name]
 
     def frames(self, jitter: tuple[float, float] | None = None) -> list[Frame]:
-        """Two that may follow each other for ever, to and fro."""
-        prefixes = ("previous_", "")
-        given = [{name: self[prefix + name] for name in (*_FRAME, "camera")} for prefix in prefixes]
-        return [Frame(**images, jitter=jitter) for images in given]
+        """Some that may follow each other for ever, to and fro, each with noise of its own."""
+        return [self.frame(turn, jitter) for turn in range(_TURNS)]
+
+    def frame(self, turn: int, jitter: tuple[float, float] | None = None) -> Frame:
+        """One of these."""
+        prefix = ("previous_", "")[turn % 2]
+        images = {name: self[prefix + name] for name in (*_FRAME, "camera")}
+        return Frame(self[_color(turn)], **images, jitter=jitter)
 
 
 def stage(folder: Path, width: int, height: int) -> None:
@@ -332,8 +342,8 @@ def stage(folder: Path, width: int, height: int) -> None:
         for top in range(0, height, _BAND):
             rows = slice(top, min(top + _BAND, height))
             hits = raycast.cast(scene, centres[rows])
-            noisy = hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 1.0)
-            put(f"{prefix}color", rows, noisy)
+            for turn in range(prefix == "", _TURNS, 2):
+                put(_color(turn), rows, hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 1.0))
             for name in ("albedo", "normal", "depth", "ids"):
                 put(f"{prefix}{name}", rows, getattr(hits, name))
             put(f"{prefix}motion", rows, raycast.motion(hits, scene, other))
@@ -354,6 +364,12 @@ def stage(folder: Path, width: int, height: int) -> None:
     images["sparse"][1::4, 2::4] = images["color"][1::4, 2::4]
     for name, image in images.items():
         np.save(folder / f"{name}.npy", image)
+
+
+def _color(turn: int) -> str:
+    """Which of the images: those of the first two frames are the kernels' as well."""
+    name = ("previous_color", "color")[turn % 2]
+    return name if turn < 2 else f"{name}_{turn}"
 
 
 def _scene(now: int, width: int, height: int) -> Scene:
