@@ -96,7 +96,10 @@ def test_rivals_do_the_like(name, inputs):
 @pytest.mark.parametrize("name", ["reproject, bilinear, tested", "clip_history, blended", "TAA, 5 taps"])
 def test_references_do_the_same(name, inputs):
     (task,) = (task for task in TASKS if task.name == name)
-    other, ours = (call.run() for call in (rivals.start(rivals.REFERENCE, task, inputs), task.start(inputs)))
+    calls = rivals.start(rivals.REFERENCE, task, inputs), task.start(inputs)
+    for _ in inputs.frames() if task.pipeline else ():
+        calls[0].run()  # ours has taken as many steps already
+    other, ours = (call.run() for call in calls)
     if not isinstance(ours, np.ndarray):
         other, ours = (result.color if task.pipeline else result[0] for result in (other, ours))
     assert np.mean(np.abs(np.asarray(other) - ours) > 1e-3) < 0.01

@@ -114,9 +114,11 @@ class Task:
         """
         if self.pipeline:
             state, turns = getattr(yester, self.function)(**self.options), cycle(frames or self.frames(inputs))
-            # The first step has no history to bring along.
+            # The first step has no history to bring along, and what is young costs more than what lasts.
             frame = next(turns)
             output, buffers = state.step(frame), frame.buffers()
+            for _ in range(_TURNS):
+                output = state.step(next(turns), out=output)
             used = [buffers[name] for name in {"color", *output.used} & buffers.keys()]
             made = _bytes([output.color, output.variance, output.history_length, output.confidence, output.rejection])
             return Call(lambda: state.step(next(turns), out=output), _bytes(used) + made, made)
