@@ -345,9 +345,6 @@ impl Pixels<'_> {
             [2, 1] => apart(records(2).as_chunks::<2>().0, into),
             [3, 1] => apart(records(3).as_chunks::<3>().0, into),
             [4, 1] => apart(records(4).as_chunks::<4>().0, into),
-            [6, 1] if self.data.len() >= start + 6 * run.len => {
-                apart(records(6).as_chunks::<6>().0, into);
-            }
             _ => {
                 for (channel, into) in into.into_iter().enumerate() {
                     self.load(run, channel, &mut into[..run.len]);
@@ -544,7 +541,7 @@ pub struct Spans {
 }
 
 impl Spans {
-    pub const VECTOR: usize = 16;
+    const VECTOR: usize = 16;
 
     pub fn none() -> Self {
         Self {

@@ -107,7 +107,7 @@ fn hand_out<O: Send>(jobs: Vec<(Range<usize>, O)>, call: impl Fn(Range<usize>, O
 
 /// Calls a part of a kernel as a function of its own, compiled for the same instruction set: what several kernels have in
 /// common is compiled once, and none grows so large that compilers no longer vectorise it.
-pub fn apart(part: impl WithSimd<Output = ()>) {
+pub fn apart(part: impl Part<Output = ()>) {
     Settings::get().level.call(part);
 }
 

@@ -15,8 +15,6 @@
 
 use std::ops::Range;
 
-use pulp::{Simd, WithSimd};
-
 use super::footprint::{
     Filter, Footprints, MIN_COVERAGE, Motion, MotionLanes, Taps, Wide, WideLanes,
 };
@@ -24,15 +22,10 @@ use crate::image::{
     BandMut, Image, Pixels, Run, SEGMENT, Size, Span, Spans, bands_of, record, segments,
 };
 use crate::kernels::judge::surface::{Lane, Tests};
-use crate::lanes::Lanes;
 use crate::rows::{self, Kernel, Part};
 
 /// Channels that are fetched at once: a vector of most CPUs.
 const WIDEST: usize = 8;
-/// Numbers that are averaged at once, of pixels with many, in whole vectors of pixels.
-const FLAT: usize = 480;
-/// Numbers of a pixel that still find room.
-const MANY: usize = FLAT / Spans::VECTOR;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
@@ -63,8 +56,6 @@ pub struct Fetched {
     bilinear: Lane<u32>,
     /// 1 where a pixel has its values, or 0.
     done: Lane<u32>,
-    /// The shares once more, for each number.
-    flat: [[f32; FLAT]; 4],
     /// Records of each part of the history.
     values: Vec<Vec<f32>>,
     pub coverage: Lane,
@@ -100,7 +91,6 @@ impl<'a> Fetch<'a> {
             shares: [[0.0; SEGMENT]; 4],
             bilinear: [0; SEGMENT],
             done: [0; SEGMENT],
-            flat: [[0.0; FLAT]; 4],
             values: values
                 .map(|image| vec![0.0; SEGMENT * image.channels + WIDEST])
                 .collect(),
@@ -143,7 +133,6 @@ impl<'a> Fetch<'a> {
             shares,
             bilinear,
             done,
-            flat,
             values,
             ..
         } = to;
@@ -152,7 +141,7 @@ impl<'a> Fetch<'a> {
         };
         let (at, spans) = (&footprints.at[..len], &footprints.spans);
         let (steps, on) = (footprints.steps(), &bilinear[..len]);
-        self.each_part(&quad, at, spans, steps, on, flat, values, done);
+        self.each_part(&quad, at, spans, steps, on, values, done);
         if let Filter::Wide(kernel) = filter {
             let weights = [&wide.along, &wide.down];
             let weights = weights.map(|side| side.each_ref().map(|lane| &lane[..len]));
@@ -160,11 +149,11 @@ impl<'a> Fetch<'a> {
             match kernel.has_corners() {
                 true => {
                     let grid = Grid::<true> { weights, dering };
-                    self.each_part(&grid, at, spans, steps, on, flat, values, done);
+                    self.each_part(&grid, at, spans, steps, on, values, done);
                 }
                 false => {
                     let grid = Grid::<false> { weights, dering };
-                    self.each_part(&grid, at, spans, steps, on, flat, values, done);
+                    self.each_part(&grid, at, spans, steps, on, values, done);
                 }
             }
         }
@@ -206,7 +195,6 @@ impl<'a> Fetch<'a> {
         spans: &Spans,
         steps: [usize; 2],
         on: &[u32],
-        flat: &mut [[f32; FLAT]; 4],
         values: &mut [Vec<f32>],
         done: &mut [u32],
     ) {
@@ -229,10 +217,6 @@ impl<'a> Fetch<'a> {
                     2 if together && all => taps.row::<_, 2>(average, values, done),
                     3 if together && all => taps.row::<_, 3>(average, values, done),
                     4 if together && all => taps.row::<_, 4>(average, values, done),
-                    5..=MANY if together && all => match average.quad() {
-                        Some(quad) => taps.long_row(quad, flat, values, done),
-                        None => taps.each(average, on, values, done),
-                    },
                     _ => taps.each(average, on, values, done),
                 }
             }
@@ -428,62 +412,12 @@ impl Taken<'_> {
             taps,
             means: &mut *means,
         });
-        check(means.as_flattened(), C, &mut done[start..]);
-    }
-
-    /// The same where pixels have many numbers: number by number, by shares that are written down for each.
-    #[inline(always)]
-    fn long_row(
-        &self,
-        quad: &Quad,
-        flat: &mut [[f32; FLAT]; 4],
-        values: &mut [f32],
-        done: &mut [u32],
-    ) {
-        let channels = self.image.channels;
-        let data = self.image.numbers().0;
-        let [dx, dy] = self.steps;
-        let most = FLAT / channels / Spans::VECTOR * Spans::VECTOR;
-        for start in self.part.clone().step_by(most) {
-            let len = most.min(self.part.end - start);
-            let first = self.at[start] as usize;
-            let means = &mut values[start * channels..][..len * channels];
-            for (shares, flat) in quad.shares.iter().zip(&mut *flat) {
-                repeat(&shares[start..][..len], channels, flat);
+        let lost = |value: &f32| u32::from(!value.is_finite());
+        let all = means.as_flattened().iter();
+        if all.fold(0, |any, value| any | lost(value)) != 0 {
+            for (done, mean) in done[start..end].iter_mut().zip(means) {
+                *done &= u32::from(all_finite(mean));
             }
-            rows::apart(FlatMeans {
-                shares: flat,
-                taps: [first, first + dx, first + dy, first + dy + dx]
-                    .map(|from| &data[from * channels..][..means.len()]),
-                means: &mut *means,
-            });
-            check(means, channels, &mut done[start..]);
-        }
-    }
-}
-
-/// Each number as often as a pixel has channels.
-#[inline(always)]
-fn repeat(numbers: &[f32], channels: usize, flat: &mut [f32]) {
-    // A count that is known makes shuffles of the copies.
-    if channels == 6 {
-        for (flat, &number) in flat.as_chunks_mut::<6>().0.iter_mut().zip(numbers) {
-            *flat = [number; 6];
-        }
-    } else {
-        for (flat, &number) in flat.chunks_exact_mut(channels).zip(numbers) {
-            flat.fill(number);
-        }
-    }
-}
-
-/// Of a row of records: what is not finite is not done.
-#[inline(always)]
-fn check(means: &[f32], channels: usize, done: &mut [u32]) {
-    let lost = |value: &f32| u32::from(!value.is_finite());
-    if means.iter().fold(0, |any, value| any | lost(value)) != 0 {
-        for (done, mean) in done.iter_mut().zip(means.chunks(channels)) {
-            *done &= u32::from(mean.iter().all(|value| value.is_finite()));
         }
     }
 }
@@ -514,31 +448,6 @@ impl<A: Average, const C: usize> Part for Means<'_, A, C> {
     }
 }
 
-/// The averages of numbers that lie side by side, a register at a time.
-struct FlatMeans<'a> {
-    shares: &'a [[f32; FLAT]; 4],
-    taps: [&'a [f32]; 4],
-    means: &'a mut [f32],
-}
-
-impl WithSimd for FlatMeans<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let [w, x, y, z] = self.shares;
-        for at in (0..self.means.len()).step_by(Lanes::<S>::COUNT) {
-            let shares = Lanes::load_all(simd, [w, x, y, z], at);
-            let taps = Lanes::load_all(simd, self.taps, at);
-            let mut sum = Lanes::all(simd, -0.0);
-            for k in 0..4 {
-                sum = sum + shares[k] * taps[k];
-            }
-            sum.store(self.means, at);
-        }
-    }
-}
-
 /// How the taps of a pixel become its value.
 trait Average {
     /// Columns and rows of taps.
@@ -549,11 +458,6 @@ trait Average {
 
     /// The value of pixel `i`; `tap` takes column and row.
     fn mean<const N: usize>(&self, i: usize, tap: impl Fn(usize, usize) -> [f32; N]) -> [f32; N];
-
-    /// This, if there are 2×2 taps.
-    fn quad(&self) -> Option<&Quad<'_>> {
-        None
-    }
 }
 
 /// 2×2 taps.
@@ -580,11 +484,6 @@ impl Average for Quad<'_> {
         add(&mut mean, y[i], &tap(0, 1));
         add(&mut mean, z[i], &tap(1, 1));
         mean
-    }
-
-    #[inline(always)]
-    fn quad(&self) -> Option<&Quad<'_>> {
-        Some(self)
     }
 }
 
