@@ -270,7 +270,7 @@ impl<'a> Kernel for Predict<'a> {
             for run in segments(y, width).flat_map(|run| candidates.runs(None, run)) {
                 let motion = lanes.load(&self.motion, run);
                 self.base.run(run, motion, &mut known);
-                take_light(&known, 0, run.len, &mut base);
+                take_light(&known, run.len, &mut base);
                 let there = Run { y: row, ..run };
                 let records = &known.values(1)[..run.len * self.scores];
                 for (k, part) in scores.parts(there).enumerate() {
@@ -284,7 +284,7 @@ impl<'a> Kernel for Predict<'a> {
                     for part in candidates.runs(Some(k), run) {
                         let motion = candidates.follow(source, part, run.x, &mut room);
                         self.fetch.run(part, motion, &mut fetched);
-                        take_light(&fetched, 0, part.len, &mut light);
+                        take_light(&fetched, part.len, &mut light);
                         let start = part.x - run.x;
                         let [base, color] = [&base, &color]
                             .map(|rows| rows.each_ref().map(|row| &row[start..][..part.len]));
@@ -307,8 +307,8 @@ impl<'a> Kernel for Predict<'a> {
 
 /// Light that was fetched; NaN where none was.
 #[inline(always)]
-fn take_light(fetched: &Fetched, part: usize, len: usize, light: &mut [Row; 3]) {
-    let records = fetched.values(part)[..3 * len].as_chunks::<3>().0;
+fn take_light(fetched: &Fetched, len: usize, light: &mut [Row; 3]) {
+    let records = fetched.values(0)[..3 * len].as_chunks::<3>().0;
     let coverage = &fetched.coverage[..len];
     let [r, g, b] = light.each_mut().map(|row| &mut row[..len]);
     for i in 0..len {
