@@ -6,8 +6,8 @@
 use std::marker::PhantomData;
 use std::ops::Range;
 
-use crate::memory::Memory;
 pub use crate::memory::Value;
+use crate::memory::{Memory, prefetch};
 use crate::rows::{self, BAND, Kernel};
 
 /// Height and width in pixels; both at least 1.
@@ -303,6 +303,7 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         }
         let first = run.y * self.size.width + run.x;
         let data = &self.data[first * self.steps[0] + channel * self.steps[1]..];
+        follow(data, 0, run, self.steps[0]);
         match self.steps[0] {
             1 => into.copy_from_slice(&data[..into.len()]),
             2 => strided::<T, 2>(data, into),
@@ -341,6 +342,9 @@ impl Pixels<'_> {
     pub fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
         let start = (run.y * self.size.width + run.x) * self.steps[0];
         let records = |channels: usize| &self.data[start..][..run.len * channels];
+        if self.steps[1] == 1 {
+            follow(self.data, start, run, self.steps[0]);
+        }
         match self.steps {
             [2, 1] => apart(records(2).as_chunks::<2>().0, into),
             [3, 1] => apart(records(3).as_chunks::<3>().0, into),
@@ -351,6 +355,16 @@ impl Pixels<'_> {
                 }
             }
         }
+    }
+}
+
+/// Asks for what follows a run whose data begin at `start`, so many numbers a pixel. What follows a longer run is left to
+/// the processor, which sees a stream.
+#[inline(always)]
+fn follow<T>(data: &[T], start: usize, run: Run, step: usize) {
+    if run.len <= SEGMENT {
+        let len = run.len * step;
+        prefetch(data, start + len, len);
     }
 }
 
@@ -468,6 +482,15 @@ impl<T> BandMut<'_, T> {
             .map(move |plane| &mut plane[start..][..run.len])
     }
 
+    /// Asks for what follows a run in each channel.
+    #[inline(always)]
+    pub fn follow(&self, run: Run) {
+        let next = (run.y - self.rows.start) * self.width + run.x + run.len;
+        for plane in &self.planes {
+            prefetch(plane, next, run.len);
+        }
+    }
+
     /// Writes a run's records: plane by plane, or as they are where the band has the records of an image for its row.
     #[inline(always)]
     pub fn put(&mut self, run: Run, records: &[T], channels: usize)
@@ -476,8 +499,12 @@ impl<T> BandMut<'_, T> {
     {
         if self.planes.len() == channels {
             deinterleave(records, self.parts(run));
+            self.follow(run);
         } else {
-            self.row(0, run.y)[run.x * channels..][..records.len()].copy_from_slice(records);
+            let start = (run.y - self.rows.start) * self.width + run.x * channels;
+            let (len, data) = (records.len(), &mut *self.planes[0]);
+            data[start..][..len].copy_from_slice(records);
+            prefetch(data, start + len, len);
         }
     }
 
@@ -496,7 +523,7 @@ impl<T> BandMut<'_, T> {
 /// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache. No power of two,
 /// or the same place of several scratch rows would share the low bits of its address, by which CPUs tell whether a load has
 /// to wait for a store.
-pub const SEGMENT: usize = 240;
+pub const SEGMENT: usize = 160;
 
 /// The runs of up to [`SEGMENT`] pixels of a row.
 #[inline(always)]

@@ -47,6 +47,21 @@ impl Reserve {
     }
 }
 
+/// Asks for up to `len` numbers from `start` on, to be read or written soon, so that they come while others are worked on.
+#[inline(always)]
+pub fn prefetch<T>(data: &[T], start: usize, len: usize) {
+    #[cfg(target_arch = "x86_64")]
+    for at in (start..data.len().min(start + len)).step_by(LINE / size_of::<T>()) {
+        safe_arch::prefetch_t0(&data[at]);
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (data, start, len);
+}
+
+/// Bytes that come at once.
+#[cfg(target_arch = "x86_64")]
+const LINE: usize = 64;
+
 /// What images consist of.
 pub trait Value: Pod + Default + Send + Sync {}
 

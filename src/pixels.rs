@@ -5,7 +5,8 @@
 
 use std::ops::RangeInclusive;
 
-use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, interleave};
+use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, interleave, segments};
+use crate::memory::prefetch;
 use crate::rows::{self, BAND};
 
 /// A band of rows of a mutable image.
@@ -55,11 +56,14 @@ impl<'a> PixelsMut<'a> {
                 for (part, row) in band.parts(run).zip(rows) {
                     part.copy_from_slice(row);
                 }
+                band.follow(run);
             }
             Self::Interleaved { top, width, data } => {
                 let channels = rows.len();
                 let start = ((run.y - *top) * *width + run.x) * channels;
-                interleave(rows, &mut data[start..][..run.len * channels]);
+                let len = run.len * channels;
+                interleave(rows, &mut data[start..][..len]);
+                prefetch(data, start + len, len);
             }
         }
     }
@@ -186,13 +190,10 @@ impl<const C: usize> Rolling<C> {
     pub fn roll(&mut self, pixels: Pixels, y: usize, first: bool) -> RangeInclusive<isize> {
         let due = self.due(y, first);
         for y in due.clone() {
-            if let Some(rows) = self.fresh(y, pixels.size) {
-                let row = Run {
-                    y: y as usize,
-                    x: 0,
-                    len: pixels.size.width,
-                };
-                pixels.read(row, rows);
+            if let Some(mut rows) = self.fresh(y, pixels.size) {
+                for run in segments(y as usize, pixels.size.width) {
+                    pixels.read(run, rows.each_mut().map(|row| &mut row[run.x..]));
+                }
             }
         }
         due

@@ -22,6 +22,7 @@ use crate::image::{
     BandMut, Image, Pixels, Run, SEGMENT, Size, Span, Spans, bands_of, record, segments,
 };
 use crate::kernels::judge::surface::{Lane, Tests};
+use crate::memory::prefetch;
 use crate::rows::{self, Kernel, Part};
 
 /// Channels that are fetched at once: a vector of most CPUs.
@@ -412,6 +413,9 @@ impl Taken<'_> {
             taps,
             means: &mut *means,
         });
+        // What is above the last row was asked for by the rows before.
+        let next = first + len + (A::SIDE - 1) * dy;
+        prefetch(data, next * C, len * C);
         let lost = |value: &f32| u32::from(!value.is_finite());
         let all = means.as_flattened().iter();
         if all.fold(0, |any, value| any | lost(value)) != 0 {
