@@ -200,6 +200,14 @@ impl<const C: usize> Rolling<C> {
     }
 }
 
+/// Puts a run into rows.
+#[inline(always)]
+pub fn put<const C: usize>(rows: &mut [&mut [f32]; C], run: Run, values: &[Row; C]) {
+    for (row, values) in rows.iter_mut().zip(values) {
+        row[run.x..][..run.len].copy_from_slice(&values[..run.len]);
+    }
+}
+
 /// The smaller; the second where the first is NaN. One instruction, which `min` is not.
 #[inline(always)]
 pub fn smaller(a: f32, b: f32) -> f32 {

@@ -31,7 +31,7 @@ use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::kernels::merge::blend::{self, Alpha, Weighting};
 use crate::math::is_present;
-use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
+use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, put, smaller};
 use crate::rows::{self, BAND, Kernel, Part};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -283,7 +283,7 @@ impl Window {
             params,
             colors: Rolling::new(width, radius),
             converted: Rolling::new(width, radius),
-            brightest: toned.then(|| Rolling::new(width, radius)),
+            brightest: toned.then(|| Rolling::within(width, radius, 0.0)),
             boxes: Box::new(Boxes::new()),
             moved: [[0.0; SEGMENT]; 3],
         }
@@ -295,12 +295,26 @@ impl Window {
         let Params {
             space, exposure, ..
         } = self.params;
-        for y in self.colors.roll(color, y, first) {
-            let colors = self.colors.row(y);
-            space.convert(colors, self.converted.row_mut(y), exposure);
-            if let Some(brightest) = &mut self.brightest {
-                let [row] = brightest.row_mut(y);
-                mark_brightest(colors, row);
+        let (mut own, mut moved) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
+        let mut light = [[0.0; SEGMENT]];
+        for y in self.colors.due(y, first) {
+            let size = color.size;
+            let (colors, converted) = (self.colors.fresh(y, size), self.converted.fresh(y, size));
+            let brightest = (self.brightest.as_mut()).map(|rows| rows.fresh(y, size));
+            let Some((mut colors, mut converted)) = colors.zip(converted) else {
+                continue;
+            };
+            let mut brightest = brightest.flatten();
+            for run in segments(y as usize, size.width) {
+                color.read(run, own.each_mut().map(Row::as_mut_slice));
+                put(&mut colors, run, &own);
+                let own = own.each_ref().map(Row::as_slice);
+                space.convert(own, moved.each_mut().map(Row::as_mut_slice), exposure);
+                put(&mut converted, run, &moved);
+                if let Some(brightest) = &mut brightest {
+                    mark_brightest(own, &mut light[0]);
+                    put(brightest, run, &light);
+                }
             }
         }
     }
