@@ -398,14 +398,13 @@ impl Taken<'_> {
         let data = self.image.numbers().0;
         let [dx, dy] = self.steps;
         let first = self.at[start] as usize;
-        // Those beyond a smaller side are not looked at.
-        let tap = |index: usize| index.min(A::SIDE - 1);
-        let taps: [[&[[f32; C]]; 4]; 4] = [0, 1, 2, 3].map(|row| {
-            [0, 1, 2, 3].map(|column| {
-                let from = first + tap(row) * dy + tap(column) * dx;
-                &data[from * C..][..len * C].as_chunks::<C>().0[..len]
-            })
-        });
+        let mut taps: [[&[[f32; C]]; 4]; 4] = [[&[]; 4]; 4];
+        for row in 0..A::SIDE {
+            for column in 0..A::SIDE {
+                let from = (first + row * dy + column * dx) * C;
+                taps[row][column] = data[from..][..len * C].as_chunks().0;
+            }
+        }
         let average = average.part(start, len);
         let means = &mut values[start * C..][..len * C].as_chunks_mut::<C>().0[..len];
         rows::apart(Means {
@@ -440,12 +439,17 @@ impl<A: Average, const C: usize> Part for Means<'_, A, C> {
     fn call(self) {
         let Self {
             average,
-            taps,
+            mut taps,
             means,
         } = self;
         let len = means.len();
         let average = average.part(0, len);
-        let taps = taps.map(|row| row.map(|tap| &tap[..len]));
+        // Lengths that are known need no checks.
+        for row in 0..A::SIDE {
+            for column in 0..A::SIDE {
+                taps[row][column] = &taps[row][column][..len];
+            }
+        }
         for i in 0..len {
             means[i] = average.mean(i, |column, row| taps[row][column][i]);
         }
