@@ -158,9 +158,11 @@ impl<'a> Fetch<'a> {
                 }
             }
         }
-        for i in 0..len {
-            if to.done[i] == 0 {
-                self.mend(i, to);
+        if to.done[..len].contains(&0) {
+            for i in 0..len {
+                if to.done[i] == 0 {
+                    self.mend(i, to);
+                }
             }
         }
     }

@@ -374,10 +374,12 @@ impl<const HALF: usize> Around<'_, HALF> {
             }
         }
         let some = weight.above(0.0);
-        let r = (r / weight).or_all(some, 0.0);
-        let g = (g / weight).or_all(some, 0.0);
-        let b = (b / weight).or_all(some, 0.0);
-        let v = floored_all(v / weight / weight);
+        // One division instead of five; weights are large enough.
+        let share = Lanes::all(simd, 1.0) / weight;
+        let r = (r * share).or_all(some, 0.0);
+        let g = (g * share).or_all(some, 0.0);
+        let b = (b * share).or_all(some, 0.0);
+        let v = floored_all(v * share * share);
         let l = luminances(r, g, b).or_all(some, f32::NAN);
         [r, g, b, v, l]
     }
