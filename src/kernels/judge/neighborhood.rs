@@ -574,23 +574,25 @@ impl ColumnSums {
     #[inline(always)]
     fn find<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
         for i in 0..n.min(SEGMENT) + LANES {
+            // A colour is missing in all channels.
+            let mut there = [true; N];
             let mut count = 0.0;
-            for row in rows {
-                count += if row[0][i].is_nan() { 0.0 } else { 1.0 };
+            for k in 0..N {
+                there[k] = !rows[k][0][i].is_nan();
+                count += if there[k] { 1.0 } else { 0.0 };
             }
             self.count[i] = count;
             let share = reciprocal::<N>(count);
             for c in 0..3 {
                 let mut sum = 0.0;
-                for row in rows {
-                    let tap = row[c][i];
-                    sum += if tap.is_nan() { 0.0 } else { tap };
+                for k in 0..N {
+                    sum += if there[k] { rows[k][c][i] } else { 0.0 };
                 }
                 let mean = sum * share;
                 let mut squares = 0.0;
-                for row in rows {
-                    let off = row[c][i] - mean;
-                    squares += if off.is_nan() { 0.0 } else { off * off };
+                for k in 0..N {
+                    let off = rows[k][c][i] - mean;
+                    squares += if there[k] { off * off } else { 0.0 };
                 }
                 self.sum[c][i] = sum;
                 self.mean[c][i] = mean;
