@@ -129,7 +129,7 @@ impl<'a> Estimate<'a> {
 
     #[inline(always)]
     fn moments<S: Simd>(&self, simd: S, x: isize, y: usize, outside: f32) -> [Lanes<S>; 2] {
-        let [m1, m2] = self.moments.rows(y);
+        let (m1, m2) = (self.moments.row(0, y), self.moments.row(1, y));
         [
             Lanes::load_around(simd, m1, x, outside),
             Lanes::load_around(simd, m2, x, outside),
