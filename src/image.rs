@@ -292,6 +292,23 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     /// Copies a channel of a run.
     #[inline(always)]
     pub fn load(&self, run: Run, channel: usize, into: &mut [T]) {
+        self.follow(run, channel);
+        self.copy(run, channel, into);
+    }
+
+    /// Asks for what follows a run, in a channel and those beside it. What follows a longer run is left to the processor,
+    /// which sees a stream.
+    #[inline(always)]
+    fn follow(&self, run: Run, channel: usize) {
+        if run.len <= SEGMENT {
+            let [step, apart] = self.steps;
+            let next = (run.y * self.size.width + run.x + run.len) * step + channel * apart;
+            prefetch(self.data, next, run.len * step);
+        }
+    }
+
+    #[inline(always)]
+    fn copy(&self, run: Run, channel: usize, into: &mut [T]) {
         #[inline(always)]
         fn strided<T: Copy, const STEP: usize>(data: &[T], into: &mut [T]) {
             // The last pixel has no whole step.
@@ -303,7 +320,6 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         }
         let first = run.y * self.size.width + run.x;
         let data = &self.data[first * self.steps[0] + channel * self.steps[1]..];
-        follow(data, 0, run, self.steps[0]);
         match self.steps[0] {
             1 => into.copy_from_slice(&data[..into.len()]),
             2 => strided::<T, 2>(data, into),
@@ -343,28 +359,21 @@ impl Pixels<'_> {
         let start = (run.y * self.size.width + run.x) * self.steps[0];
         let records = |channels: usize| &self.data[start..][..run.len * channels];
         if self.steps[1] == 1 {
-            follow(self.data, start, run, self.steps[0]);
+            self.follow(run, 0);
         }
         match self.steps {
             [2, 1] => apart(records(2).as_chunks::<2>().0, into),
             [3, 1] => apart(records(3).as_chunks::<3>().0, into),
             [4, 1] => apart(records(4).as_chunks::<4>().0, into),
-            _ => {
+            steps => {
                 for (channel, into) in into.into_iter().enumerate() {
-                    self.load(run, channel, &mut into[..run.len]);
+                    if steps[1] != 1 {
+                        self.follow(run, channel);
+                    }
+                    self.copy(run, channel, &mut into[..run.len]);
                 }
             }
         }
-    }
-}
-
-/// Asks for what follows a run whose data begin at `start`, so many numbers a pixel. What follows a longer run is left to
-/// the processor, which sees a stream.
-#[inline(always)]
-fn follow<T>(data: &[T], start: usize, run: Run, step: usize) {
-    if run.len <= SEGMENT {
-        let len = run.len * step;
-        prefetch(data, start + len, len);
     }
 }
 
@@ -522,7 +531,7 @@ impl<T> BandMut<'_, T> {
 
 /// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache. No power of two,
 /// or the same place of several scratch rows would share the low bits of its address, by which CPUs tell whether a load has
-/// to wait for a store.
+/// to wait for a store. And few enough that memory brings what the next run reads while this one is worked on.
 pub const SEGMENT: usize = 160;
 
 /// The runs of up to [`SEGMENT`] pixels of a row.
