@@ -325,6 +325,7 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
             2 => strided::<T, 2>(data, into),
             3 => strided::<T, 3>(data, into),
             4 => strided::<T, 4>(data, into),
+            6 => strided::<T, 6>(data, into),
             step => {
                 for (to, from) in into.iter_mut().zip(data.chunks(step)) {
                     *to = from[0];
@@ -715,7 +716,10 @@ pub fn runs_in(row: &[bool], run: Run) -> impl Iterator<Item = Run> {
 
 /// Takes records of pixels apart; `outs` are as long as there are pixels.
 #[inline(always)]
-fn deinterleave<'a, T: Copy + 'a>(records: &[T], outs: impl ExactSizeIterator<Item = &'a mut [T]>) {
+pub fn deinterleave<'a, T: Copy + 'a>(
+    records: &[T],
+    outs: impl ExactSizeIterator<Item = &'a mut [T]>,
+) {
     #[inline(always)]
     fn strided<T: Copy, const C: usize>(records: &[T], channel: usize, out: &mut [T]) {
         for (to, from) in out.iter_mut().zip(records.as_chunks::<C>().0) {

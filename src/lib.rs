@@ -24,6 +24,7 @@
 //! all, on every core and with the instructions that the CPU has.
 
 pub mod bindings;
+pub mod bordered;
 pub mod error;
 pub mod image;
 pub mod kernels;

@@ -74,19 +74,23 @@ enum Room<T> {
     Large(MmapMut),
 }
 
-/// Bytes from which on pages of two megabytes pay.
+/// Bytes of a large page, and from which on they pay.
+#[cfg(target_os = "linux")]
+const LARGE_PAGE: usize = 1 << 21;
 const LARGE: usize = 1 << 22;
 
 impl<T: Value> Room<T> {
-    /// For so many numbers, all zero.
+    /// For so many numbers, all zero, and some more for images that are hardly larger: memory that nobody has written to
+    /// costs none.
     fn new(len: usize) -> Self {
-        let bytes = len * size_of::<T>();
-        if bytes >= LARGE
-            && let Ok(pages) = MmapMut::map_anon(bytes)
+        let wanted = len * size_of::<T>();
+        let len = len + len / 8;
+        if wanted >= LARGE
+            && let Ok(pages) = MmapMut::map_anon(len * size_of::<T>())
         {
-            // Where large pages cannot be had, small ones do.
+            // Where large pages cannot be had, small ones do, and as well where the end of the last would be for nothing.
             #[cfg(target_os = "linux")]
-            let _ = pages.advise(memmap2::Advice::HugePage);
+            let _ = pages.advise_range(memmap2::Advice::HugePage, 0, wanted - wanted % LARGE_PAGE);
             return Self::Large(pages);
         }
         Self::Small(vec![T::default(); len])

@@ -78,11 +78,24 @@ pub fn run_lanes<K: LanesKernel>(kernel: &K, height: usize, outs: impl Iterator<
 }
 
 /// The same for parts of the image that the kernel's user has cut.
+pub fn run_lane_parts<K: LanesKernel>(kernel: &K, parts: Vec<(Range<usize>, K::Out)>) {
+    let level = Settings::get().level;
+    hand_out(parts, |rows, out| {
+        level.call(LanesBand { kernel, rows, out });
+    });
+}
+
+/// The same for parts of the image that the kernel's user has cut.
 pub fn run_parts<K: Kernel>(kernel: &K, parts: Vec<(Range<usize>, K::Out)>) {
     let level = Settings::get().level;
     hand_out(parts, |rows, out| {
         level.call(Band { kernel, rows, out });
     });
+}
+
+/// So many rows that every thread has six turns, if there are enough.
+pub fn turn(height: usize) -> usize {
+    height.div_ceil(6 * Settings::get().threads).max(BAND)
 }
 
 /// Hands bands of so many rows to the threads.

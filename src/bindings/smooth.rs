@@ -159,12 +159,11 @@ pub fn estimate_variance_<'py>(
         let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
         let shape = [size.height, size.width];
         let out = Out::given(out, &shape)?;
-        let (moments, length, guide) = (moments.data(), length.data().flat(), guide.data());
+        let (moments, length, guide) = (moments.data(), length.data(), guide.data());
         out.fill(py, &shape, |variance| {
-            let moments = moments.planes();
             let guide = guide.guide(size, params.radius);
-            let estimate = Estimate::new(moments.view(), length, &guide, params);
-            estimate_variance(&estimate, size, variance);
+            let estimate = Estimate::new(moments.pixels(), length.pixels(), &guide, params);
+            estimate_variance(&estimate, variance);
         })?
     };
     variance.array()

@@ -13,20 +13,22 @@ use super::frame::{Frame, Output, Summary, check_size};
 use super::half_res;
 use super::reflections::{self, Own};
 use super::taa::{self, Stage, blacken_missing};
+use crate::bordered::BorderedBand;
 use crate::error::{Error, Result, in_range};
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, View, bands_of, segments};
+use crate::image::{
+    BandMut, Image, Pixels, Records, SEGMENT, Size, View, bands_of, deinterleave, segments,
+};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::fetch::footprint::Filter;
-use crate::kernels::fetch::reproject::{self, reproject};
+use crate::kernels::fetch::footprint::{Filter, MotionLanes};
+use crate::kernels::fetch::reproject::{self, Fetch, reproject};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::surface::{self, Surface, Tests};
-use crate::kernels::merge::accumulate::{self, accumulate};
+use crate::kernels::merge::accumulate::{self, accumulate, count_missing};
 use crate::kernels::smooth::atrous::{self, Filtered};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate};
-use crate::lanes::BorderedBand;
 use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
@@ -64,6 +66,11 @@ impl Params {
         self.atrous.reach().max(self.variance.radius).max(lent)
     }
 
+    /// Whether a run of pixels can be fetched and merged without a look at the rest of the image in between.
+    fn merges_at_once(&self) -> bool {
+        !self.gradient && self.reflections.is_empty() && self.half_res.is_none()
+    }
+
     pub fn check(&self) -> Result<()> {
         self.surface.check()?;
         self.accumulate.check()?;
@@ -76,6 +83,12 @@ impl Params {
         Ok(())
     }
 }
+
+const BILINEAR: reproject::Params = reproject::Params {
+    filter: Filter::Bilinear,
+    fallback: true,
+    dering: true,
+};
 
 /// What one frame leaves to the next; in records, as all that is fetched in several channels.
 pub(super) struct Memory {
@@ -113,6 +126,13 @@ impl Memory {
 
     pub fn expects_replay(&self) -> bool {
         self.color.is_some()
+    }
+
+    /// What tells whether a pixel shows what one of this frame's does.
+    fn tests<'a>(&'a self, frame: &Frame<'a>, motion: Pixels, params: &Params) -> Tests<'a> {
+        let camera = self.camera.as_ref().filter(|_| motion.channels == 3);
+        let rays = camera.map(Camera::rays);
+        Tests::new(frame.surface, self.surface(), rays, &params.surface)
     }
 
     fn surface(&self) -> Surface<'_> {
@@ -191,65 +211,37 @@ impl Svgf {
             albedo,
             emission: frame.emission,
         });
-        let (sample, held) = illumination(frame, texture, params.fireflies);
-        let color = held.as_ref().unwrap_or(&sample);
-
         let memory = self.memory.take();
         let continues = memory.is_some();
         let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
         let motion = frame.motion(before, &mut used);
-        let Recalled {
-            history: known,
-            gradient,
-            reflections,
-        } = match &memory {
-            Some(memory) => {
-                let light = [&sample, color];
-                recall(params, memory, frame, motion.pixels(), light, &mut output)
-            }
-            None => Recalled::nothing(size, accumulate::CHANNELS, &mut output),
-        };
-        drop(memory);
-        let color = held.unwrap_or(sample);
         let rays = frame.camera.as_ref().map(Camera::rays);
         let new_guide = || Guide::new(size, params.reach(), frame.surface, rays);
-        let (color, lent, guide) = match params.half_res {
-            Some(half_res) => {
-                let guide = new_guide();
-                let (color, lent) = half_res.fill(color, known.channels(5..6), &guide);
-                (color, Some(lent), Some(guide))
-            }
-            None => (color, None, None),
+        let light = Light {
+            params,
+            frame,
+            texture,
+            motion: motion.pixels(),
         };
-        let before = [0..3, 3..5, 5..6].map(|channels| known.pixels().part(channels));
-        let change = gradient.as_ref().map(Image::view);
-        let mut history = Records::blank(size, accumulate::CHANNELS);
-        let mut moments = Image::blank(size, 2);
-        let merged = PixelsMut::bands(size, accumulate::CHANNELS, history.data_mut())
-            .zip(moments.bands().map(PixelsMut::Planar))
-            .zip(PixelsMut::planar(size, output.history_length))
-            .map(|((all, moments), length)| [(0..6, all), (3..5, moments), (5..6, length)]);
-        let missing = accumulate(
-            color.pixels(),
-            lent.as_ref().map(|lent| lent.weight.view()),
-            before,
-            change,
-            params.accumulate,
-            merged,
-        );
-        let missing = lent.as_ref().map_or(missing, |lent| lent.missing);
-        drop((known, color, lent));
+        let Merged {
+            mut history,
+            missing,
+            guide,
+            reflections,
+        } = match params.merges_at_once() {
+            true => light.merge_at_once(memory, &mut output),
+            false => light.merge_in_steps(memory, &mut output, new_guide),
+        };
 
         let guide = guide.unwrap_or_else(new_guide);
         let mut filtered = Filtered::new(guide.layout);
-        let length = View::new(size, 1, output.history_length);
+        let [color, moments, length] = [0..3, 3..5, 5..6].map(|part| history.pixels().part(part));
         let begin = Begin {
-            color: history.pixels().part(0..3),
-            variance: Estimate::new(moments.view(), length, &guide, params.variance),
+            color,
+            variance: Estimate::new(moments, length, &guide, params.variance),
         };
         rows::run_lanes(&begin, size.height, filtered.bands());
-        drop(moments);
 
         let passes = params.atrous.iterations;
         let mut light = None;
@@ -351,6 +343,187 @@ pub(super) fn illumination(
     (sample, held)
 }
 
+/// What a frame's light makes of the memory.
+struct Merged {
+    history: Records,
+    missing: usize,
+    /// If it was needed already.
+    guide: Option<Guide>,
+    reflections: Option<reflections::Scores>,
+}
+
+/// A frame's light, still with its texture.
+struct Light<'a> {
+    params: &'a Params,
+    frame: &'a Frame<'a>,
+    texture: Option<Texture<'a>>,
+    motion: Pixels<'a>,
+}
+
+impl Light<'_> {
+    /// Writes the output but for its colour and variance.
+    fn merge_in_steps(
+        self,
+        memory: Option<Memory>,
+        output: &mut Output,
+        new_guide: impl Fn() -> Guide,
+    ) -> Merged {
+        let Self {
+            params,
+            frame,
+            texture,
+            motion,
+        } = self;
+        let size = frame.color.size;
+        let (sample, held) = illumination(frame, texture, params.fireflies);
+        let color = held.as_ref().unwrap_or(&sample);
+        let Recalled {
+            history: known,
+            gradient,
+            reflections,
+        } = match &memory {
+            Some(memory) => recall(params, memory, frame, motion, [&sample, color], output),
+            None => Recalled::nothing(size, accumulate::CHANNELS, output),
+        };
+        drop(memory);
+        let color = held.unwrap_or(sample);
+        let (color, lent, guide) = match params.half_res {
+            Some(half_res) => {
+                let guide = new_guide();
+                let (color, lent) = half_res.fill(color, known.channels(5..6), &guide);
+                (color, Some(lent), Some(guide))
+            }
+            None => (color, None, None),
+        };
+        let before = [0..3, 3..5, 5..6].map(|channels| known.pixels().part(channels));
+        let mut history = Records::blank(size, accumulate::CHANNELS);
+        let merged = PixelsMut::bands(size, accumulate::CHANNELS, history.data_mut())
+            .zip(PixelsMut::planar(size, output.history_length))
+            .map(|(all, length)| [(0..6, all), (5..6, length)]);
+        let missing = accumulate(
+            color.pixels(),
+            lent.as_ref().map(|lent| lent.weight.view()),
+            before,
+            gradient.as_ref().map(Image::view),
+            params.accumulate,
+            merged,
+        );
+        Merged {
+            history,
+            missing: lent.map_or(missing, |lent| lent.missing),
+            guide,
+            reflections,
+        }
+    }
+
+    /// The same without images of what lies between.
+    fn merge_at_once(self, memory: Option<Memory>, output: &mut Output) -> Merged {
+        let Self {
+            params,
+            frame,
+            texture,
+            motion,
+        } = self;
+        let size = frame.color.size;
+        let held =
+            (params.fireflies).and_then(|_| illumination(frame, texture, params.fireflies).1);
+        let (color, texture) = match &held {
+            Some(held) => (held.pixels(), None),
+            None => (frame.color, texture),
+        };
+        let fetch = memory.as_ref().map(|memory| {
+            let tests = memory.tests(frame, motion, params);
+            Fetch::new(&[memory.history.pixels()], size, tests, BILINEAR)
+        });
+        let kernel = Merge {
+            color,
+            texture,
+            motion,
+            fetch,
+            params: params.accumulate,
+        };
+        let mut history = Records::blank(size, accumulate::CHANNELS);
+        let mut missing = vec![0; rows::bands(size.height).count()];
+        let outs = PixelsMut::bands(size, accumulate::CHANNELS, history.data_mut())
+            .zip(bands_of(output.history_length, size))
+            .zip(bands_of(output.confidence, size))
+            .zip(bands_of(output.rejection, size))
+            .zip(&mut missing)
+            .map(
+                |((((history, length), confidence), rejection), missing)| MergedBand {
+                    history,
+                    length,
+                    confidence,
+                    rejection,
+                    missing,
+                },
+            );
+        rows::run(&kernel, size.height, outs);
+        Merged {
+            history,
+            missing: missing.iter().sum(),
+            guide: None,
+            reflections: None,
+        }
+    }
+}
+
+struct Merge<'a> {
+    color: Pixels<'a>,
+    texture: Option<Texture<'a>>,
+    motion: Pixels<'a>,
+    /// None for a first frame.
+    fetch: Option<Fetch<'a>>,
+    params: accumulate::Params,
+}
+
+struct MergedBand<'a> {
+    history: PixelsMut<'a>,
+    length: BandMut<'a>,
+    confidence: BandMut<'a>,
+    rejection: BandMut<'a, u8>,
+    missing: &'a mut usize,
+}
+
+impl<'a> Kernel for Merge<'a> {
+    type Out = MergedBand<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: MergedBand<'a>) {
+        let mut lanes = MotionLanes::zeroed();
+        let mut fetched = self.fetch.as_ref().map(Fetch::room);
+        let mut color = [[0.0; SEGMENT]; 3];
+        let mut history = [[0.0; SEGMENT]; accumulate::CHANNELS];
+        let (whole, unchanged, unknown) = ([1.0; SEGMENT], [0.0; SEGMENT], [0.0; SEGMENT]);
+        for run in rows.flat_map(|y| segments(y, self.color.size.width)) {
+            self.color
+                .read(run, color.each_mut().map(Row::as_mut_slice));
+            if let Some(texture) = &self.texture {
+                texture.modulate(Way::Off, run, &mut color);
+            }
+            *out.missing += count_missing(color.each_ref().map(|row| &row[..run.len]));
+            match self.fetch.as_ref().zip(fetched.as_mut()) {
+                Some((fetch, fetched)) => {
+                    fetch.run(run, lanes.load(&self.motion, run), fetched);
+                    let records = &fetched.values(0)[..run.len * accumulate::CHANNELS];
+                    deinterleave(records, history.iter_mut().map(|row| &mut row[..run.len]));
+                    out.confidence.put(run, &fetched.coverage[..run.len], 1);
+                    out.rejection.put(run, &fetched.rejection[..run.len], 1);
+                }
+                None => {
+                    history = [unknown; accumulate::CHANNELS];
+                    out.confidence.put(run, &unknown[..run.len], 1);
+                    out.rejection.put(run, &[0; SEGMENT][..run.len], 1);
+                }
+            }
+            self.params.merge(&color, &whole, &unchanged, &mut history);
+            let rows = history.each_ref().map(Row::as_slice);
+            out.history.write(run, rows);
+            out.length.put(run, &rows[5][..run.len], 1);
+        }
+    }
+}
+
 /// Estimates the variance of an accumulated image, and makes it ready for the filter.
 struct Begin<'a> {
     color: Pixels<'a>,
@@ -362,8 +535,10 @@ impl<'a> LanesKernel for Begin<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut out: BorderedBand<'a>) {
-        for y in rows {
-            self.variance.row(simd, y, atrous::variance_of(&mut out, y));
+        let mut around = self.variance.around();
+        for y in rows.clone() {
+            let (first, variance) = (y == rows.start, atrous::variance_of(&mut out, y));
+            self.variance.row(simd, y, first, &mut around, variance);
             atrous::settle(self.color, y, &mut out);
         }
     }
@@ -453,12 +628,7 @@ pub(super) fn recall(
     [sample, color]: [&Image; 2],
     output: &mut Output,
 ) -> Recalled {
-    let rays = memory
-        .camera
-        .as_ref()
-        .filter(|_| motion.channels == 3)
-        .map(Camera::rays);
-    let tests = Tests::new(frame.surface, memory.surface(), rays, &params.surface);
+    let tests = memory.tests(frame, motion, params);
     let before = memory.color.as_ref();
     let replayed = frame.replay.zip(before).map(|(replay, before)| {
         // The same random numbers make the same noise.
@@ -473,13 +643,8 @@ pub(super) fn recall(
 
     let mut planes = vec![memory.history.pixels()];
     planes.extend(replayed.as_ref().map(Image::pixels));
-    let bilinear = reproject::Params {
-        filter: Filter::Bilinear,
-        fallback: true,
-        dering: true,
-    };
     let coverage = &mut *output.confidence;
-    let values = reproject(&planes, motion, tests, bilinear, coverage, output.rejection);
+    let values = reproject(&planes, motion, tests, BILINEAR, coverage, output.rejection);
     let mut values = values.into_iter();
     let mut next = || values.next().expect("an image for each that is fetched");
     let mut history = next();
@@ -506,7 +671,7 @@ pub(super) fn recall(
             let own = Own {
                 motion,
                 tests,
-                params: bilinear,
+                params: BILINEAR,
             };
             reflections::choose(
                 reflections,

@@ -20,9 +20,10 @@ use pulp::Simd;
 
 use super::guide::{Comparison, Guide, Sigmas};
 use super::variance::{floored, floored_all};
+use crate::bordered::{Before, Bordered, BorderedBand, Chain, Columns, Layout, Link};
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
-use crate::lanes::{Bordered, BorderedBand, BorderedRow, Columns, Lanes, Layout};
+use crate::lanes::Lanes;
 use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, LanesKernel};
@@ -76,11 +77,12 @@ impl Params {
     }
 }
 
-/// Between passes an image has colour (0 to 2), variance (3) and luminance (4). A missing pixel is black with NaN for
+/// Between passes an image has colour (0 to 2), luminance (3) and variance (4 or 5). A missing pixel is black with NaN for
 /// luminance, which makes every weight with it zero; so is the border.
-const CHANNELS: usize = 5;
-const VARIANCE: usize = 3;
-const LUMINANCE: usize = 4;
+const LUMINANCE: usize = 3;
+/// What a pass overwrites in its place. The variance it does not, as it is read in the rows above and below.
+const IN_PLACE: usize = 4;
+const VARIANCES: [usize; 2] = [4, 5];
 
 /// log₂ of 1, 2/3 and 1/6.
 const LOG2_CUBIC: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
@@ -110,15 +112,17 @@ pub fn atrous<'a>(
 /// An image on its way through the passes.
 pub struct Filtered {
     image: Bordered,
-    /// That of the pass before, to be overwritten.
-    spare: Option<Bordered>,
+    /// The channel of the variance, and that of the next.
+    variances: [usize; 2],
 }
 
 impl Filtered {
     pub fn new(layout: Layout) -> Self {
+        let mut beyond = [0.0; IN_PLACE + VARIANCES.len()];
+        beyond[LUMINANCE] = f32::NAN;
         Self {
-            image: blank(layout),
-            spare: None,
+            image: Bordered::new(layout, beyond),
+            variances: VARIANCES,
         }
     }
 
@@ -133,23 +137,24 @@ impl Filtered {
 
     /// Runs pass `iteration`, from 0.
     pub fn filter(&mut self, guide: &Guide, params: Params, iteration: u32) {
-        let mut filtered = self.spare.take().unwrap_or_else(|| blank(guide.layout));
+        let step = 1 << iteration;
+        let (variance, chains) = self.image.chains(step, params.radius, self.variances);
         let pass = Pass {
-            image: &self.image,
+            variance,
             guide,
             params,
-            step: 1 << iteration,
+            step,
         };
-        let outs = filtered.rows_apart(pass.step);
-        rows::run_lanes(&pass, guide.layout.size.height, outs);
-        self.spare = Some(std::mem::replace(&mut self.image, filtered));
+        let parts = chains.into_iter().map(|chain| (chain.range(), chain));
+        rows::run_lane_parts(&pass, parts.collect());
+        self.variances.reverse();
     }
 
     /// A run's colour; NaN where it is missing.
     #[inline(always)]
     pub fn color(&self, run: Run, color: &mut [Row; 3]) {
-        let rows = self.image.rows::<CHANNELS>(run.y);
-        let [r, g, b, _, l] = rows.map(|row| &row[run.x..][..run.len]);
+        let rows = self.image.rows::<IN_PLACE>(run.y);
+        let [r, g, b, l] = rows.map(|row| &row[run.x..][..run.len]);
         for (out, plane) in color.iter_mut().zip([r, g, b]) {
             for ((out, &value), &l) in out.iter_mut().zip(plane).zip(l) {
                 *out = if l.is_nan() { f32::NAN } else { value };
@@ -159,14 +164,8 @@ impl Filtered {
 
     #[inline(always)]
     pub fn variance(&self, y: usize) -> &[f32] {
-        self.image.rows::<CHANNELS>(y)[VARIANCE]
+        self.image.row(self.variances[0], y)
     }
-}
-
-fn blank(layout: Layout) -> Bordered {
-    let mut beyond = [0.0; CHANNELS];
-    beyond[LUMINANCE] = f32::NAN;
-    Bordered::new(layout, beyond)
 }
 
 struct Load<'a> {
@@ -189,16 +188,16 @@ impl<'a> Kernel for Load<'a> {
 /// Where a row's variance belongs, to be settled when it is there.
 #[inline(always)]
 pub fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
-    image.row(VARIANCE, y)
+    image.row(VARIANCES[0], y)
 }
 
 /// Makes a row's variance ready, and puts its colour in place.
 #[inline(always)]
 pub fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
-    for v in image.row(VARIANCE, y) {
+    for v in image.row(VARIANCES[0], y) {
         *v = if v.is_finite() { floored(*v) } else { 0.0 };
     }
-    image.replicate(VARIANCE, y);
+    image.replicate(VARIANCES[0], y);
     let mut parts = [[0.0; SEGMENT]; 3];
     for run in segments(y, color.size.width) {
         color.read(run, parts.each_mut().map(Row::as_mut_slice));
@@ -209,8 +208,8 @@ pub fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
 /// Puts a run's colour in place.
 #[inline(always)]
 fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
-    let rows = out.rows::<CHANNELS>(run.y);
-    let [or, og, ob, _, ol] = rows.map(|row| &mut row[run.x..][..run.len]);
+    let rows = out.rows::<IN_PLACE>(run.y);
+    let [or, og, ob, ol] = rows.map(|row| &mut row[run.x..][..run.len]);
     for x in 0..r.len() {
         let present = is_present([r[x], g[x], b[x]]);
         let keep = |c: f32| if present { c } else { 0.0 };
@@ -251,20 +250,20 @@ impl<'a> Kernel for Unload<'a> {
 }
 
 struct Pass<'a> {
-    image: &'a Bordered,
+    variance: &'a [f32],
     guide: &'a Guide,
     params: Params,
     step: usize,
 }
 
 impl<'a> LanesKernel for Pass<'a> {
-    type Out = Vec<BorderedRow<'a, CHANNELS>>;
+    type Out = Chain<'a, IN_PLACE>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, _: Range<usize>, out: Self::Out) {
+    fn rows<S: Simd>(&self, simd: S, _: Range<usize>, chain: Self::Out) {
         match self.params.radius {
-            1 => self.filter(simd, LOG2_LINEAR, Columns::<3>::new, out),
-            _ => self.filter(simd, LOG2_CUBIC, Columns::<5>::new, out),
+            1 => self.filter(simd, LOG2_LINEAR, Columns::<3>::new, chain),
+            _ => self.filter(simd, LOG2_CUBIC, Columns::<5>::new, chain),
         }
     }
 }
@@ -277,12 +276,12 @@ impl Pass<'_> {
         simd: S,
         kernel: [f32; HALF],
         columns: impl Fn(usize, usize) -> Columns<N>,
-        out: Vec<BorderedRow<CHANNELS>>,
+        chain: Chain<IN_PLACE>,
     ) {
-        let layout = self.image.layout;
+        let layout = self.guide.layout;
         let around = Around {
             layout,
-            image: self.image.planes(),
+            variance: self.variance,
             guide: self.guide.compare(&self.params.sigmas),
             sigma_luminance: self.params.sigma_luminance,
             step: self.step,
@@ -290,20 +289,20 @@ impl Pass<'_> {
         };
         // The first passes' steps as constants; each has memory for its taps.
         match self.step {
-            1 => around.rows(simd, columns(1, usize::MAX), out),
-            2 => around.rows(simd, columns(2, usize::MAX), out),
-            4 => around.rows(simd, columns(4, usize::MAX), out),
-            8 => around.rows(simd, columns(8, usize::MAX), out),
-            16 => around.rows(simd, columns(16, usize::MAX), out),
-            step => around.rows(simd, columns(step, layout.farthest()), out),
+            1 => around.rows(simd, columns(1, usize::MAX), chain),
+            2 => around.rows(simd, columns(2, usize::MAX), chain),
+            4 => around.rows(simd, columns(4, usize::MAX), chain),
+            8 => around.rows(simd, columns(8, usize::MAX), chain),
+            16 => around.rows(simd, columns(16, usize::MAX), chain),
+            step => around.rows(simd, columns(step, layout.farthest()), chain),
         }
     }
 }
 
-/// What a pass reads.
+/// What a pass reads, but for what it overwrites.
 struct Around<'a, const HALF: usize> {
     layout: Layout,
-    image: [&'a [f32]; CHANNELS],
+    variance: &'a [f32],
     guide: Comparison<'a>,
     sigma_luminance: f32,
     step: usize,
@@ -317,22 +316,27 @@ impl<const HALF: usize> Around<'_, HALF> {
         &self,
         simd: S,
         columns: Columns<N>,
-        out: Vec<BorderedRow<CHANNELS>>,
+        mut chain: Chain<IN_PLACE>,
     ) {
         let Size { width, height } = self.layout.size;
-        for mut row in out {
-            let y = row.y;
-            let downs: Vec<_> = self.layout.rows(y, HALF - 1, self.step).collect();
+        for link in 0..chain.len {
+            let Link {
+                y,
+                around,
+                mut out,
+                apart,
+            } = chain.link(link);
             // The border continues the rows; above the first and below the last row, these do.
             let near = [y.saturating_sub(1), (y + 1).min(height - 1)];
             for x in (0..width).step_by(Lanes::<S>::COUNT) {
-                let filtered = self.filter(simd, x, y, near, &downs, &columns);
-                for (row, lanes) in row.channels().into_iter().zip(filtered) {
+                let ([r, g, b, l], v) = self.filter(simd, x, y, near, &around, &columns);
+                for (row, lanes) in out.iter_mut().zip([r, g, b, l]) {
                     lanes.store(row, x);
                 }
+                v.store(apart, x);
             }
-            row.replicate(VARIANCE);
         }
+        chain.replicate();
     }
 
     /// The pixels from (x, y) on.
@@ -343,28 +347,35 @@ impl<const HALF: usize> Around<'_, HALF> {
         x: usize,
         y: usize,
         near: [usize; 2],
-        downs: &[isize],
+        around: &[Before<IN_PLACE>],
         columns: &Columns<N>,
-    ) -> [Lanes<S>; CHANNELS] {
+    ) -> ([Lanes<S>; IN_PLACE], Lanes<S>) {
         let at = self.layout.at(x, y);
         let center = self.guide.center(simd, x, y);
-        let (here, sharpness) = self.sharpness(simd, x, y, near);
+        let (own, of_row) = (self.layout.at(x, 0), self.layout.along(columns, 0));
+        let here = around
+            .iter()
+            .find(|row| row.down == 0)
+            .expect("a row is near itself");
+        let here = Lanes::load(simd, here.channels[LUMINANCE], own);
+        let (here, sharpness) = self.sharpness(simd, x, y, near, here);
         let mut weight = Lanes::all(simd, 0.0);
         let [mut r, mut g, mut b, mut v] = [Lanes::all(simd, 0.0); 4];
-        for &down in downs {
+        for &Before { down, channels } in around {
             let taps = self.layout.along(columns, down);
-            let mut own = [self.kernel[down.unsigned_abs() / self.step]; N];
+            let mut exponents = [self.kernel[down.unsigned_abs() / self.step]; N];
             for k in 0..N {
-                own[k] += self.kernel[k.abs_diff(N / 2)];
+                exponents[k] += self.kernel[k.abs_diff(N / 2)];
             }
-            let load = |channel: usize| Lanes::load_taps(simd, self.image[channel], at, &taps);
-            let mut exponents = self.guide.exponents(simd, &center, &taps, own);
+            let load = |channel: usize| Lanes::load_taps(simd, channels[channel], own, &of_row);
+            let mut exponents = self.guide.exponents(simd, &center, &taps, exponents);
             let luminance = load(LUMINANCE);
             for k in 0..N {
                 exponents[k] = exponents[k] - sharpness * (here - luminance[k]).abs();
             }
             let w = exp2_weights(exponents);
-            let [tr, tg, tb, tv] = [load(0), load(1), load(2), load(VARIANCE)];
+            let [tr, tg, tb] = [load(0), load(1), load(2)];
+            let tv = Lanes::load_taps(simd, self.variance, at, &taps);
             for k in 0..N {
                 weight = weight + w[k];
                 r = r + w[k] * tr[k];
@@ -381,7 +392,7 @@ impl<const HALF: usize> Around<'_, HALF> {
         let b = (b * share).or_all(some, 0.0);
         let v = floored_all(v * share * share);
         let l = luminances(r, g, b).or_all(some, f32::NAN);
-        [r, g, b, v, l]
+        ([r, g, b, l], v)
     }
 
     /// The centres' luminance, and log₂e over the difference from it that counts as one; both 0 where it is missing, so that
@@ -393,12 +404,12 @@ impl<const HALF: usize> Around<'_, HALF> {
         x: usize,
         y: usize,
         [above, below]: [usize; 2],
+        luminance: Lanes<S>,
     ) -> (Lanes<S>, Lanes<S>) {
-        let above = blurred(simd, self.image[VARIANCE], self.layout.at(x, above));
-        let own = blurred(simd, self.image[VARIANCE], self.layout.at(x, y));
-        let below = blurred(simd, self.image[VARIANCE], self.layout.at(x, below));
+        let above = blurred(simd, self.variance, self.layout.at(x, above));
+        let own = blurred(simd, self.variance, self.layout.at(x, y));
+        let below = blurred(simd, self.variance, self.layout.at(x, below));
         let deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
-        let luminance = Lanes::load(simd, self.image[LUMINANCE], self.layout.at(x, y));
         let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + 1e-30;
         let known = luminance.is_number();
         let sharpness = Lanes::all(simd, LOG2_E) / unit;

@@ -15,11 +15,12 @@ use std::ops::Range;
 use glam::Vec3;
 use pulp::Simd;
 
+use crate::bordered::{Bordered, BorderedBand, Layout, Taps};
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::judge::surface::Surface;
-use crate::lanes::{Bordered, BorderedBand, Classes, Lanes, Layout, Taps};
+use crate::lanes::{Classes, Lanes};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
 

@@ -12,9 +12,10 @@ use std::ops::Range;
 use pulp::Simd;
 
 use super::guide::{Guide, Sigmas};
+use crate::bordered::Tap;
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
-use crate::lanes::{Lanes, Tap, WIDEST};
+use crate::lanes::{Lanes, WIDEST};
 use crate::math::exp2_weight;
 use crate::rows::{self, LanesKernel};
 

@@ -18,9 +18,10 @@ use std::ops::Range;
 use pulp::Simd;
 
 use super::guide::{Comparison, Guide, Sigmas};
+use crate::bordered::{Bordered, BorderedBand, Layout, Tap};
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, Value, segments};
-use crate::lanes::{Bordered, BorderedBand, Lanes, Layout, Tap};
+use crate::lanes::Lanes;
 use crate::math::{LOG2_E, exp2_weight, is_present};
 use crate::pixels::Row;
 use crate::rows::{self, Kernel, LanesKernel};

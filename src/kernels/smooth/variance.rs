@@ -12,10 +12,12 @@ use std::ops::Range;
 use pulp::Simd;
 
 use super::guide::{Comparison, Guide, Sigmas};
+use crate::bordered::Tap;
 use crate::error::{Result, in_range, whole};
-use crate::image::{BandMut, Size, View, bands_of};
-use crate::lanes::{Lanes, Mask, Tap};
+use crate::image::{BandMut, Pixels, bands_of, segments};
+use crate::lanes::{Lanes, Mask, WIDEST};
 use crate::math::exp2_weight;
+use crate::pixels::Rolling;
 use crate::rows::{self, LanesKernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -65,13 +67,21 @@ pub fn floored(variance: f32) -> f32 {
 
 /// An estimate that can be made row by row.
 pub struct Estimate<'a> {
-    moments: View<'a>,
-    length: View<'a>,
+    moments: Pixels<'a>,
+    length: Pixels<'a>,
     guide: &'a Guide,
     params: Params,
 }
 
-pub fn estimate_variance(estimate: &Estimate, size: Size, variance: &mut [f32]) {
+/// What it reads for a row.
+pub struct Around {
+    moments: Rolling<2>,
+    /// Of the row's pixels.
+    length: Vec<f32>,
+}
+
+pub fn estimate_variance(estimate: &Estimate, variance: &mut [f32]) {
+    let size = estimate.moments.size;
     rows::run_lanes(estimate, size.height, bands_of(variance, size));
 }
 
@@ -80,15 +90,17 @@ impl<'a> LanesKernel for Estimate<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, mut variance: BandMut<'a>) {
-        for y in rows {
-            self.row(simd, y, variance.row(0, y));
+        let mut around = self.around();
+        for y in rows.clone() {
+            let first = y == rows.start;
+            self.row(simd, y, first, &mut around, variance.row(0, y));
         }
     }
 }
 
 impl<'a> Estimate<'a> {
-    /// Planes as in [`crate::kernels::merge::accumulate`]; a guide for at least the window's radius.
-    pub fn new(moments: View<'a>, length: View<'a>, guide: &'a Guide, params: Params) -> Self {
+    /// Of the moments (2) and the length (1) of a history; a guide for at least the window's radius.
+    pub fn new(moments: Pixels<'a>, length: Pixels<'a>, guide: &'a Guide, params: Params) -> Self {
         Self {
             moments,
             length,
@@ -97,12 +109,41 @@ impl<'a> Estimate<'a> {
         }
     }
 
+    /// Room for what rows read.
     #[inline(always)]
-    pub fn row<S: Simd>(&self, simd: S, y: usize, variance: &mut [f32]) {
+    pub fn around(&self) -> Around {
+        let width = self.moments.size.width;
+        Around {
+            moments: Rolling::new(width, self.params.radius),
+            length: vec![f32::INFINITY; width.next_multiple_of(WIDEST)],
+        }
+    }
+
+    /// Of row `y`, which is below the one before unless it is the first.
+    #[inline(always)]
+    pub fn row<S: Simd>(
+        &self,
+        simd: S,
+        y: usize,
+        first: bool,
+        around: &mut Around,
+        variance: &mut [f32],
+    ) {
+        let Around { moments, length } = around;
+        moments.roll(self.moments, y, first);
+        for run in segments(y, variance.len()) {
+            self.length.load(run, 0, &mut length[run.x..][..run.len]);
+        }
+        let radius = self.params.radius as isize;
+        let rows: Vec<_> = (-radius..=radius)
+            .map(|dy| moments.row(y as isize + dy))
+            .collect();
         let guide = self.guide.compare(&self.params.sigmas);
         let taps = self.guide.layout.taps(y, self.params.radius, 1);
         for x in (0..variance.len()).step_by(Lanes::<S>::COUNT) {
-            self.variance(simd, x, y, &guide, &taps).store(variance, x);
+            let length = Lanes::load(simd, length, x);
+            let lanes = self.variance(simd, [x, y], &guide, &taps, &rows, length);
+            lanes.store(variance, x);
         }
     }
 
@@ -111,47 +152,38 @@ impl<'a> Estimate<'a> {
     fn variance<S: Simd>(
         &self,
         simd: S,
-        x: usize,
-        y: usize,
+        at: [usize; 2],
         guide: &Comparison,
         taps: &[Tap],
+        rows: &[[&[f32]; 2]],
+        length: Lanes<S>,
     ) -> Lanes<S> {
-        // Beyond the row there is nothing to estimate.
-        let [m1, m2] = self.moments(simd, x as isize, y, 0.0);
-        let length = Lanes::load_around(simd, self.length.row(0, y), x as isize, f32::INFINITY);
+        let radius = self.params.radius;
+        let [m1, m2] = Lanes::load_all(simd, rows[radius], at[0] + radius);
         let temporal = floored_all(m2 - m1 * m1);
         let lasts = known(m1, m2).and(length.at_least(self.params.min_length));
         if lasts.all() {
             return temporal;
         }
-        temporal.or(lasts, self.spatial(simd, x, y, guide, taps, length))
-    }
-
-    #[inline(always)]
-    fn moments<S: Simd>(&self, simd: S, x: isize, y: usize, outside: f32) -> [Lanes<S>; 2] {
-        let (m1, m2) = (self.moments.row(0, y), self.moments.row(1, y));
-        [
-            Lanes::load_around(simd, m1, x, outside),
-            Lanes::load_around(simd, m2, x, outside),
-        ]
+        temporal.or(lasts, self.spatial(simd, at, guide, taps, rows, length))
     }
 
     #[inline(always)]
     fn spatial<S: Simd>(
         &self,
         simd: S,
-        x: usize,
-        y: usize,
+        [x, y]: [usize; 2],
         guide: &Comparison,
         taps: &[Tap],
+        rows: &[[&[f32]; 2]],
         length: Lanes<S>,
     ) -> Lanes<S> {
         let center = guide.center(simd, x, y);
         let [mut weight, mut first, mut second] = [Lanes::all(simd, 0.0); 3];
+        let radius = self.params.radius;
         for tap in taps {
-            let [dx, dy] = tap.offset;
-            let (x, y) = (x as isize + dx, y.wrapping_add_signed(dy));
-            let [m1, m2] = self.moments(simd, x, y, f32::NAN);
+            let [dx, dy] = tap.offset.map(|far| radius.wrapping_add_signed(far));
+            let [m1, m2] = Lanes::load_all(simd, rows[dy], x + dx);
             let known = known(m1, m2);
             let [exponent] = guide.exponents(simd, &center, tap, [0.0]);
             let w = exp2_weight(exponent).or_all(known, 0.0);
