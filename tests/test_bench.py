@@ -1,7 +1,10 @@
 """The benchmark: that it covers everything, that its arithmetic is right, and that it says what it did not do."""
 
+import signal
 import sys
+import tempfile
 import types
+from tempfile import mkdtemp
 
 import numpy as np
 import pytest
@@ -363,7 +366,7 @@ def test_refuses_before_work_starts(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.parametrize("moment", ["*", "*/*.npy"], ids=["processes start", "images are made"])
+@pytest.mark.parametrize("moment", ["yester-bench-*", "*/*.npy"], ids=["processes start", "images are made"])
 def test_interrupted(moment, tmp_path, monkeypatch):
     """Nothing is left behind, and nothing is said by the processes that measure."""
     out, images = tmp_path / "out", tmp_path / "images"
@@ -372,3 +375,16 @@ def test_interrupted(moment, tmp_path, monkeypatch):
     interrupted("bench", "--sizes", "640x480", "--no-rivals", "-o", out, until=lambda: [*images.glob(moment)])
     assert not [*images.iterdir()]
     assert not [*out.iterdir()]
+
+
+def test_interrupted_as_a_folder_is_made(tmp_path, monkeypatch):
+    def make(*arguments):
+        made = mkdtemp(*arguments)
+        signal.raise_signal(signal.SIGINT)
+        return made
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(tempfile, "mkdtemp", make)
+    with pytest.raises(KeyboardInterrupt):
+        bench.measure(TASKS[:1], [(64, 48)], [(1, "baseline")], absent=None)
+    assert not [*tmp_path.iterdir()]

@@ -36,6 +36,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -232,15 +233,15 @@ def measure(
         for size in sizes:
             title = "×".join(map(str, size))
             progress.set_description(f"{title}: images")
-            with TemporaryDirectory(prefix="yester-bench-") as folder:
-                stage(Path(folder), *size)
+            with _folder() as folder:
+                stage(folder, *size)
                 for number, task in enumerate(tasks):
                     progress.set_description(f"{title}: {task.name}")
                     entrants = [*_ours(ours, size), *_rivals(others, task, size, absent or ())]
                     for entrant in entrants:
                         if entrant.name == OURS and number % _LIMITS_EVERY == 0:
                             limits[entrant.setting].append(entrant.worker.ask("limits"))
-                    inputs = (Path(folder), *size)
+                    inputs = (folder, *size)
                     if task.pipeline and size == weighed:
                         with _Worker(*settings[0]) as alone:
                             entrants[0].memory = alone.ask("memory", task.name, inputs)
@@ -297,7 +298,7 @@ class _Worker:
         self._pipe, end = context.Pipe()
         self._process = context.Process(target=_serve, args=(end,), daemon=True)
         # Ctrl-C is for the process that asks, from the very beginning of this one.
-        with _environment(YESTER_THREADS=str(threads), YESTER_SIMD=simd), _deaf():
+        with _environment(YESTER_THREADS=str(threads), YESTER_SIMD=simd), _on_interrupt(signal.SIG_IGN):
             self._process.start()
         end.close()
 
@@ -334,13 +335,25 @@ def _environment(**variables: str) -> Iterator[None]:
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
-    """Ignore Ctrl-C, as do processes that start meanwhile, for good."""
+def _folder() -> Iterator[Path]:
+    """A folder that is gone afterwards, even if Ctrl-C is pressed while it is made."""
+    heard: list[int] = []
+    with _on_interrupt(lambda number, _: heard.append(number)):
+        made = TemporaryDirectory(prefix="yester-bench-")
+    with made as name:
+        if heard:
+            raise KeyboardInterrupt
+        yield Path(name)
+
+
+@contextmanager
+def _on_interrupt(handler: Callable[[int, FrameType | None], object] | signal.Handlers) -> Iterator[None]:
+    """Do something else on Ctrl-C; processes that start meanwhile go on ignoring it if this one does."""
     if threading.current_thread() is not threading.main_thread():
         # Only that one hears it, and may decide.
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
