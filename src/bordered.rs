@@ -41,11 +41,15 @@ impl Layout {
     pub fn taps(&self, y: usize, radius: usize, step: usize) -> Vec<Tap> {
         let radius = radius as isize;
         let columns = (-radius..=radius)
-            .map(|dx| dx * step as isize)
-            .filter(|dx| dx.unsigned_abs() < self.size.width);
-        let columns: Vec<_> = columns.map(Columns::single).collect();
+            .filter(|dx| dx.unsigned_abs() * step < self.size.width)
+            .map(|dx| Columns::new([dx], step as isize, isize::MAX));
+        let columns: Vec<_> = columns.collect();
         let rows = self.rows(y, radius as usize, step);
-        rows.flat_map(|down| columns.iter().map(move |column| self.along(column, down)))
+        rows.flat_map(|down| columns.iter().map(move |column| (column.taps(down), down)))
+            .map(|(tap, down)| Tap {
+                shift: tap.shift + down * self.stride as isize,
+                ..tap
+            })
             .collect()
     }
 
@@ -56,16 +60,14 @@ impl Layout {
         downs.filter(move |dy| ((y as isize + dy) as usize) < height)
     }
 
-    /// The taps of these columns so many rows below.
+    /// A row of a plane, border included.
     #[inline(always)]
-    pub fn along<const N: usize>(&self, columns: &Columns<N>, down: isize) -> Taps<N> {
-        Taps {
-            offset: [columns.first, down],
-            right: columns.right,
-            down: down as f32,
-            shift: down * self.stride as isize + columns.first,
-            places: columns.places,
-        }
+    pub fn cut<'a, T>(&self, plane: &'a [T], y: usize) -> &'a [T] {
+        &plane[y * self.stride..][..self.stride]
+    }
+
+    pub fn stride(&self) -> usize {
+        self.stride
     }
 
     /// Continues a row by one pixel to both sides.
@@ -76,51 +78,52 @@ impl Layout {
     }
 
     /// Farther to the side there is no memory: what lies beyond the image lies there as well.
-    pub fn farthest(&self) -> usize {
-        self.border
+    pub fn farthest(&self) -> isize {
+        self.border as isize
     }
 }
 
 /// Columns around a pixel's own, in ascending order. Where compilers know them beforehand, all taps of a row are read off one
 /// address.
 pub struct Columns<const N: usize> {
+    /// Steps to the right.
+    pub multiples: [isize; N],
+    /// In pixels to the right, and in memory.
     first: isize,
-    /// In pixels to the right of the first, and in memory.
+    /// To the right of the first, in memory.
     places: [usize; N],
     /// In pixels to the right of the pixel.
     right: [f32; N],
 }
 
-impl Columns<1> {
-    fn single(right: isize) -> Self {
-        Self {
-            first: right,
-            places: [0],
-            right: [right as f32],
-        }
-    }
-}
-
 impl<const N: usize> Columns<N> {
-    /// At multiples of `step`, but not beyond the `farthest`.
+    /// These multiples of `step` to the right, but not beyond the `farthest`.
     #[inline(always)]
-    pub fn new(step: usize, farthest: usize) -> Self {
-        let middle = N / 2;
-        let first = (middle * step).min(farthest);
-        let (mut places, mut right) = ([0; N], [0.0; N]);
+    pub fn new(multiples: [isize; N], step: isize, farthest: isize) -> Self {
+        let mut columns = Self {
+            multiples,
+            first: 0,
+            places: [0; N],
+            right: [0.0; N],
+        };
+        let place = |k: usize| (multiples[k] * step).clamp(-farthest, farthest);
+        columns.first = place(0);
         for k in 0..N {
-            let distance = (k.abs_diff(middle) * step).min(farthest);
-            places[k] = if k < middle {
-                first - distance
-            } else {
-                first + distance
-            };
-            right[k] = (k as f32 - middle as f32) * step as f32;
+            columns.places[k] = (place(k) - columns.first) as usize;
+            columns.right[k] = multiples[k] as f32 * step as f32;
         }
-        Self {
-            first: -(first as isize),
-            places,
-            right,
+        columns
+    }
+
+    /// In a row that is so many below, and cut out.
+    #[inline(always)]
+    pub fn taps(&self, down: isize) -> Taps<N> {
+        Taps {
+            offset: [self.first, down],
+            right: self.right,
+            down: down as f32,
+            shift: self.first,
+            places: self.places,
         }
     }
 }

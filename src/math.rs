@@ -53,7 +53,10 @@ pub fn exp2_weight<S: Simd>(x: Lanes<S>) -> Lanes<S> {
 pub fn exp2_weights<S: Simd, const N: usize>(x: [Lanes<S>; N]) -> [Lanes<S>; N] {
     const ROUND: f32 = 12_582_912.0; // 1.5 · 2^23
     let (mut f, mut shifted) = (x, x);
+    // Asked first, as the answers take less room than the numbers.
+    let mut counts = [x[0].above(SMALLEST_EXPONENT); N];
     for k in 0..N {
+        counts[k] = x[k].above(SMALLEST_EXPONENT);
         shifted[k] = x[k] + ROUND;
         f[k] = x[k] - (shifted[k] + -ROUND);
     }
@@ -68,7 +71,7 @@ pub fn exp2_weights<S: Simd, const N: usize>(x: [Lanes<S>; N]) -> [Lanes<S>; N] 
     }
     for k in 0..N {
         let power = p[k].scale_by_low_bits(shifted[k]);
-        p[k] = power.or_all(x[k].above(SMALLEST_EXPONENT), 0.0);
+        p[k] = power.or_all(counts[k], 0.0);
     }
     p
 }

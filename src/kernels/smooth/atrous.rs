@@ -18,7 +18,7 @@ use std::ops::Range;
 
 use pulp::Simd;
 
-use super::guide::{Comparison, Guide, Sigmas};
+use super::guide::{Center, Comparison, Guide, Sigmas};
 use super::variance::{floored, floored_all};
 use crate::bordered::{Before, Bordered, BorderedBand, Chain, Columns, Layout, Link};
 use crate::error::{Result, in_range, whole};
@@ -262,62 +262,79 @@ impl<'a> LanesKernel for Pass<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, _: Range<usize>, chain: Self::Out) {
         match self.params.radius {
-            1 => self.filter(simd, LOG2_LINEAR, Columns::<3>::new, chain),
-            _ => self.filter(simd, LOG2_CUBIC, Columns::<5>::new, chain),
+            1 => self.filter::<S, 1>(simd, chain),
+            _ => self.filter::<S, 2>(simd, chain),
         }
     }
 }
 
 impl Pass<'_> {
-    /// With the logarithm of the kernel's weights, and its columns for a step.
     #[inline(always)]
-    fn filter<S: Simd, const N: usize, const HALF: usize>(
-        &self,
-        simd: S,
-        kernel: [f32; HALF],
-        columns: impl Fn(usize, usize) -> Columns<N>,
-        chain: Chain<IN_PLACE>,
-    ) {
+    fn filter<S: Simd, const RADIUS: usize>(&self, simd: S, chain: Chain<IN_PLACE>) {
         let layout = self.guide.layout;
-        let around = Around {
+        let around = Around::<RADIUS> {
             layout,
             variance: self.variance,
             guide: self.guide.compare(&self.params.sigmas),
             sigma_luminance: self.params.sigma_luminance,
-            step: self.step,
-            kernel,
         };
         // The first passes' steps as constants; each has memory for its taps.
         match self.step {
-            1 => around.rows(simd, columns(1, usize::MAX), chain),
-            2 => around.rows(simd, columns(2, usize::MAX), chain),
-            4 => around.rows(simd, columns(4, usize::MAX), chain),
-            8 => around.rows(simd, columns(8, usize::MAX), chain),
-            16 => around.rows(simd, columns(16, usize::MAX), chain),
-            step => around.rows(simd, columns(step, layout.farthest()), chain),
+            1 => around.rows(simd, [1, isize::MAX], chain),
+            2 => around.rows(simd, [2, isize::MAX], chain),
+            4 => around.rows(simd, [4, isize::MAX], chain),
+            8 => around.rows(simd, [8, isize::MAX], chain),
+            16 => around.rows(simd, [16, isize::MAX], chain),
+            step => around.rows(simd, [step as isize, layout.farthest()], chain),
         }
     }
 }
 
 /// What a pass reads, but for what it overwrites.
-struct Around<'a, const HALF: usize> {
+struct Around<'a, const RADIUS: usize> {
     layout: Layout,
     variance: &'a [f32],
     guide: Comparison<'a>,
     sigma_luminance: f32,
-    step: usize,
-    /// log₂ of a tap's own weight, by its steps along each axis.
-    kernel: [f32; HALF],
 }
 
-impl<const HALF: usize> Around<'_, HALF> {
+/// A row of taps, cut out of all that a pass reads. As rows are of one length, one look at it is enough for all.
+#[derive(Clone, Copy)]
+struct Line<'a> {
+    /// How many rows below the pixels' own, and log₂ of what this makes of a tap's weight.
+    down: isize,
+    own: f32,
+    channels: [&'a [f32]; IN_PLACE],
+    variance: &'a [f32],
+    guide: Comparison<'a>,
+}
+
+/// What taps are compared with. Luminance and sharpness, log₂e over the difference that counts as one, are 0 where a centre
+/// is missing, so that they do not count.
+struct Like<S: Simd> {
+    center: Center<S>,
+    luminance: Lanes<S>,
+    sharpness: Lanes<S>,
+}
+
+/// Sums over taps.
+struct Sums<S: Simd> {
+    weight: Lanes<S>,
+    color: [Lanes<S>; 3],
+    variance: Lanes<S>,
+}
+
+impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
+    /// log₂ of a tap's own weight, by its steps along each axis.
+    const KERNEL: &'static [f32] = if RADIUS == 1 {
+        &LOG2_LINEAR
+    } else {
+        &LOG2_CUBIC
+    };
+
+    /// For taps that are `step` apart, but not farther to the side than the `farthest`.
     #[inline(always)]
-    fn rows<S: Simd, const N: usize>(
-        &self,
-        simd: S,
-        columns: Columns<N>,
-        mut chain: Chain<IN_PLACE>,
-    ) {
+    fn rows<S: Simd>(&self, simd: S, [step, farthest]: [isize; 2], mut chain: Chain<IN_PLACE>) {
         let Size { width, height } = self.layout.size;
         for link in 0..chain.len {
             let Link {
@@ -326,10 +343,16 @@ impl<const HALF: usize> Around<'_, HALF> {
                 mut out,
                 apart,
             } = chain.link(link);
+            let lines = self.lines(y, step, &around);
             // The border continues the rows; above the first and below the last row, these do.
-            let near = [y.saturating_sub(1), (y + 1).min(height - 1)];
+            let near = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
+            let near = [
+                self.layout.cut(self.variance, near[0]),
+                self.layout.cut(self.variance, near[1]),
+                self.layout.cut(self.variance, near[2]),
+            ];
             for x in (0..width).step_by(Lanes::<S>::COUNT) {
-                let ([r, g, b, l], v) = self.filter(simd, x, y, near, &around, &columns);
+                let ([r, g, b, l], v) = self.filter(simd, [x, y], &near, &lines, [step, farthest]);
                 for (row, lanes) in out.iter_mut().zip([r, g, b, l]) {
                     lanes.store(row, x);
                 }
@@ -341,79 +364,190 @@ impl<const HALF: usize> Around<'_, HALF> {
 
     /// The pixels from (x, y) on.
     #[inline(always)]
-    fn filter<S: Simd, const N: usize>(
+    fn filter<S: Simd>(
         &self,
         simd: S,
-        x: usize,
-        y: usize,
-        near: [usize; 2],
-        around: &[Before<IN_PLACE>],
-        columns: &Columns<N>,
+        [x, y]: [usize; 2],
+        near: &[&[f32]; 3],
+        lines: &[Line; 5],
+        [step, farthest]: [isize; 2],
     ) -> ([Lanes<S>; IN_PLACE], Lanes<S>) {
-        let at = self.layout.at(x, y);
-        let center = self.guide.center(simd, x, y);
-        let (own, of_row) = (self.layout.at(x, 0), self.layout.along(columns, 0));
-        let here = around
-            .iter()
-            .find(|row| row.down == 0)
-            .expect("a row is near itself");
-        let here = Lanes::load(simd, here.channels[LUMINANCE], own);
-        let (here, sharpness) = self.sharpness(simd, x, y, near, here);
-        let mut weight = Lanes::all(simd, 0.0);
-        let [mut r, mut g, mut b, mut v] = [Lanes::all(simd, 0.0); 4];
-        for &Before { down, channels } in around {
-            let taps = self.layout.along(columns, down);
-            let mut exponents = [self.kernel[down.unsigned_abs() / self.step]; N];
-            for k in 0..N {
-                exponents[k] += self.kernel[k.abs_diff(N / 2)];
-            }
-            let load = |channel: usize| Lanes::load_taps(simd, channels[channel], own, &of_row);
-            let mut exponents = self.guide.exponents(simd, &center, &taps, exponents);
-            let luminance = load(LUMINANCE);
-            for k in 0..N {
-                exponents[k] = exponents[k] - sharpness * (here - luminance[k]).abs();
-            }
-            let w = exp2_weights(exponents);
-            let [tr, tg, tb] = [load(0), load(1), load(2)];
-            let tv = Lanes::load_taps(simd, self.variance, at, &taps);
-            for k in 0..N {
-                weight = weight + w[k];
-                r = r + w[k] * tr[k];
-                g = g + w[k] * tg[k];
-                b = b + w[k] * tb[k];
-                v = v + w[k] * w[k] * tv[k];
+        let at = self.layout.at(x, 0);
+        let own = &lines[2];
+        let [r, g, b, l] = Lanes::load_all(simd, own.channels, at);
+        let known = l.is_number();
+        let sharpness = self.sharpness(simd, at, near, l);
+        // A pixel is like itself, and counts as one.
+        let mut sums = Sums {
+            weight: Lanes::all(simd, 1.0).or_all(known, 0.0),
+            color: [r, g, b],
+            variance: Lanes::load(simd, own.variance, at).or_all(known, 0.0),
+        };
+        let like = Like {
+            center: own.guide.center(simd, x, y),
+            luminance: l.or_all(known, 0.0),
+            sharpness: sharpness.or_all(known, 0.0),
+        };
+        if RADIUS == 1 {
+            // All at once, as three are too few for chains as long as that of the exponential.
+            let whole = Columns::new([-1, 0, 1], step, farthest);
+            let beside = Columns::new([-1, 1], step, farthest);
+            let [_, above, own, below, _] = lines;
+            let [a, b, c] = exponents(simd, &like, above, &whole, Self::KERNEL);
+            let [d, e] = exponents(simd, &like, own, &beside, Self::KERNEL);
+            let [f, g, h] = exponents(simd, &like, below, &whole, Self::KERNEL);
+            let [a, b, c, d, e, f, g, h] = exp2_weights([a, b, c, d, e, f, g, h]);
+            add(simd, at, above, &whole, [a, b, c], &mut sums);
+            add(simd, at, own, &beside, [d, e], &mut sums);
+            add(simd, at, below, &whole, [f, g, h], &mut sums);
+        } else {
+            let whole = Columns::new([-2, -1, 0, 1, 2], step, farthest);
+            let beside = Columns::new([-2, -1, 1, 2], step, farthest);
+            for line in lines {
+                if line.down == 0 {
+                    let weights = exp2_weights(exponents(simd, &like, line, &beside, Self::KERNEL));
+                    add(simd, at, line, &beside, weights, &mut sums);
+                } else {
+                    let weights = exp2_weights(exponents(simd, &like, line, &whole, Self::KERNEL));
+                    add(simd, at, line, &whole, weights, &mut sums);
+                }
             }
         }
-        let some = weight.above(0.0);
+        let some = sums.weight.above(0.0);
         // One division instead of five; weights are large enough.
-        let share = Lanes::all(simd, 1.0) / weight;
-        let r = (r * share).or_all(some, 0.0);
-        let g = (g * share).or_all(some, 0.0);
-        let b = (b * share).or_all(some, 0.0);
-        let v = floored_all(v * share * share);
+        let share = Lanes::all(simd, 1.0) / sums.weight;
+        for channel in &mut sums.color {
+            *channel = (*channel * share).or_all(some, 0.0);
+        }
+        let [r, g, b] = sums.color;
+        let v = floored_all(sums.variance * share * share);
         let l = luminances(r, g, b).or_all(some, f32::NAN);
         ([r, g, b, l], v)
     }
 
-    /// The centres' luminance, and log₂e over the difference from it that counts as one; both 0 where it is missing, so that
-    /// it does not count.
+    /// The lines around row y, its own in the middle; with radius 1, the first and the last are not looked at.
+    #[inline(always)]
+    fn lines<'b>(&self, y: usize, step: isize, around: &[Before<'b, IN_PLACE>]) -> [Line<'b>; 5]
+    where
+        'a: 'b,
+    {
+        let own = self.line(y, 0, step, around);
+        let [above, below] = [
+            self.line(y, -1, step, around),
+            self.line(y, 1, step, around),
+        ];
+        if RADIUS == 1 {
+            [own, above, own, below, own]
+        } else {
+            let [first, last] = [
+                self.line(y, -2, step, around),
+                self.line(y, 2, step, around),
+            ];
+            [first, above, own, below, last]
+        }
+    }
+
+    /// The line so many steps below; another, without weight, in the place of one that lies outside.
+    #[inline(always)]
+    fn line<'b>(
+        &self,
+        y: usize,
+        steps: isize,
+        step: isize,
+        around: &[Before<'b, IN_PLACE>],
+    ) -> Line<'b>
+    where
+        'a: 'b,
+    {
+        let down = steps * step;
+        let (row, own) = match around.iter().find(|row| row.down == down) {
+            Some(row) => (row, Self::KERNEL[steps.unsigned_abs()]),
+            None => (&around[0], f32::NEG_INFINITY),
+        };
+        let there = y.wrapping_add_signed(row.down);
+        let stride = self.layout.stride();
+        let [r, g, b, l] = row.channels;
+        Line {
+            down,
+            own,
+            channels: [&r[..stride], &g[..stride], &b[..stride], &l[..stride]],
+            variance: self.layout.cut(self.variance, there),
+            guide: self.guide.row(there),
+        }
+    }
+
+    /// log₂e over the difference from the centres' luminance that counts as one; the rows of variance `near` are that above,
+    /// their own and that below.
     #[inline(always)]
     fn sharpness<S: Simd>(
         &self,
         simd: S,
-        x: usize,
-        y: usize,
-        [above, below]: [usize; 2],
+        at: usize,
+        [above, own, below]: &[&[f32]; 3],
         luminance: Lanes<S>,
-    ) -> (Lanes<S>, Lanes<S>) {
-        let above = blurred(simd, self.variance, self.layout.at(x, above));
-        let own = blurred(simd, self.variance, self.layout.at(x, y));
-        let below = blurred(simd, self.variance, self.layout.at(x, below));
+    ) -> Lanes<S> {
+        let above = blurred(simd, above, at);
+        let own = blurred(simd, own, at);
+        let below = blurred(simd, below, at);
         let deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
         let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + 1e-30;
-        let known = luminance.is_number();
-        let sharpness = Lanes::all(simd, LOG2_E) / unit;
-        (luminance.or_all(known, 0.0), sharpness.or_all(known, 0.0))
+        Lanes::all(simd, LOG2_E) / unit
+    }
+}
+
+/// Of the weights of a line's taps.
+#[inline(always)]
+fn exponents<S: Simd, const N: usize>(
+    simd: S,
+    like: &Like<S>,
+    line: &Line,
+    columns: &Columns<N>,
+    kernel: &[f32],
+) -> [Lanes<S>; N] {
+    let taps = columns.taps(line.down);
+    let mut own = [line.own; N];
+    for k in 0..N {
+        own[k] += kernel[columns.multiples[k].unsigned_abs()];
+    }
+    let Like {
+        center,
+        luminance,
+        sharpness,
+    } = like;
+    let mut exponents = line.guide.exponents(simd, center, &taps, own);
+    let there = Lanes::load_taps(simd, line.channels[LUMINANCE], center.at, &taps);
+    for k in 0..N {
+        exponents[k] = exponents[k] - *sharpness * (*luminance - there[k]).abs();
+    }
+    exponents
+}
+
+/// Adds a line's taps.
+#[inline(always)]
+fn add<S: Simd, const N: usize>(
+    simd: S,
+    at: usize,
+    line: &Line,
+    columns: &Columns<N>,
+    weights: [Lanes<S>; N],
+    sums: &mut Sums<S>,
+) {
+    let taps = columns.taps(line.down);
+    let load = |row: &[f32]| Lanes::load_taps(simd, row, at, &taps);
+    let [tr, tg, tb] = [
+        load(line.channels[0]),
+        load(line.channels[1]),
+        load(line.channels[2]),
+    ];
+    let tv = load(line.variance);
+    let [r, g, b] = &mut sums.color;
+    for k in 0..N {
+        let weight = weights[k];
+        sums.weight = sums.weight + weight;
+        *r = *r + weight * tr[k];
+        *g = *g + weight * tg[k];
+        *b = *b + weight * tb[k];
+        sums.variance = sums.variance + weight * weight * tv[k];
     }
 }
 

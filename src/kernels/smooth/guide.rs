@@ -111,6 +111,8 @@ impl Guide {
         let [class] = self.class.planes();
         Comparison {
             layout: self.layout,
+            top: 0,
+            len: class.len(),
             class,
             normal: self.normal.as_ref().map(Bordered::planes),
             normal_scale: LOG2_E * 0.5 * sigmas.normal,
@@ -129,6 +131,9 @@ impl Guide {
 #[derive(Clone, Copy)]
 pub struct Comparison<'a> {
     layout: Layout,
+    /// The first row that is in it, and how many numbers there are in a plane.
+    top: usize,
+    len: usize,
     class: &'a [u32],
     normal: Option<[&'a [f32]; 3]>,
     normal_scale: f32,
@@ -150,7 +155,7 @@ enum Depths<'a> {
 /// of depth Z and normal n is n·(X′ − X) = Z′ (n·D + Δx n·∂D/∂x + Δy n·∂D/∂y) − Z n·D from its plane.
 #[derive(Clone, Copy)]
 pub struct Center<S: Simd> {
-    at: usize,
+    pub at: usize,
     class: Classes<S>,
     normal: [Lanes<S>; 3],
     /// n·∂D/∂x, n·∂D/∂y, n·D and Z n·D, in units of the distance that counts as one.
@@ -160,23 +165,45 @@ pub struct Center<S: Simd> {
 }
 
 impl Comparison<'_> {
+    /// Row y alone, in which taps lie as if it were the first.
+    #[inline(always)]
+    pub fn row(&self, y: usize) -> Self {
+        let cut = |plane| self.layout.cut(plane, y);
+        Self {
+            top: y,
+            len: self.layout.stride(),
+            class: self.layout.cut(self.class, y),
+            normal: match self.normal {
+                Some([nx, ny, nz]) => Some([cut(nx), cut(ny), cut(nz)]),
+                None => None,
+            },
+            depth: match self.depth {
+                Depths::Plane([z], rays) => Depths::Plane([cut(z)], rays),
+                Depths::Slope([z, zx, zy]) => Depths::Slope([cut(z), cut(zx), cut(zy)]),
+                Depths::Absent => Depths::Absent,
+            },
+            ..*self
+        }
+    }
+
     /// The pixels from (x, y) on.
     #[inline(always)]
     pub fn center<S: Simd>(&self, simd: S, x: usize, y: usize) -> Center<S> {
-        let at = self.layout.at(x, y);
+        let at = self.layout.at(x, y - self.top);
         let mut center = Center {
             at,
-            class: Classes::load(simd, self.class, at),
+            class: Classes::load(simd, &self.class[..self.len], at),
             normal: [Lanes::all(simd, 0.0); 3],
             plane: [Lanes::all(simd, 0.0); 4],
             slope: [Lanes::all(simd, 0.0); 3],
         };
-        if let Some(normal) = self.normal {
+        if let Some([nx, ny, nz]) = self.normal {
+            let normal = [&nx[..self.len], &ny[..self.len], &nz[..self.len]];
             center.normal = Lanes::load_all(simd, normal, at);
         }
         match self.depth {
             Depths::Plane([depth], rays) => {
-                let z = Lanes::load(simd, depth, at);
+                let z = Lanes::load(simd, &depth[..self.len], at);
                 let scale = Lanes::all(simd, self.plane_scale) / z;
                 let right = scale * dot(center.normal, rays.dx);
                 let down = scale * dot(center.normal, rays.dy);
@@ -207,9 +234,9 @@ impl Comparison<'_> {
             exponents[k] = Lanes::all(simd, own[k]);
         }
         if let Some([nx, ny, nz]) = self.normal {
-            let x = Lanes::load_taps(simd, nx, center.at, taps);
-            let y = Lanes::load_taps(simd, ny, center.at, taps);
-            let z = Lanes::load_taps(simd, nz, center.at, taps);
+            let x = Lanes::load_taps(simd, &nx[..self.len], center.at, taps);
+            let y = Lanes::load_taps(simd, &ny[..self.len], center.at, taps);
+            let z = Lanes::load_taps(simd, &nz[..self.len], center.at, taps);
             let [hx, hy, hz] = center.normal;
             let mut apart = x;
             for k in 0..N {
@@ -227,7 +254,7 @@ impl Comparison<'_> {
         }
         match self.depth {
             Depths::Plane([depth], _) => {
-                let z = Lanes::load_taps(simd, depth, center.at, taps);
+                let z = Lanes::load_taps(simd, &depth[..self.len], center.at, taps);
                 let [right, down, ray, here] = center.plane;
                 let row = ray + down * taps.down;
                 let mut apart = z;
@@ -239,7 +266,7 @@ impl Comparison<'_> {
                 }
             }
             Depths::Slope([depth, ..]) => {
-                let z_there = Lanes::load_taps(simd, depth, center.at, taps);
+                let z_there = Lanes::load_taps(simd, &depth[..self.len], center.at, taps);
                 let [z, zx, zy] = center.slope;
                 for k in 0..N {
                     let rise = zx * taps.right[k].abs() + zy * taps.down.abs();
@@ -251,7 +278,7 @@ impl Comparison<'_> {
             }
             Depths::Absent => {}
         }
-        let classes = Classes::load_taps(simd, self.class, center.at, taps);
+        let classes = Classes::load_taps(simd, &self.class[..self.len], center.at, taps);
         for k in 0..N {
             let same = center.class.equal(classes[k]);
             exponents[k] = exponents[k].or_all(same, f32::NEG_INFINITY);
