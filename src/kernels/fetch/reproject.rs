@@ -220,6 +220,7 @@ impl<'a> Fetch<'a> {
                     2 if together && all => taps.row::<_, 2>(average, values, done),
                     3 if together && all => taps.row::<_, 3>(average, values, done),
                     4 if together && all => taps.row::<_, 4>(average, values, done),
+                    6 if together && all => taps.row::<_, 6>(average, values, done),
                     _ => taps.each(average, on, values, done),
                 }
             }
