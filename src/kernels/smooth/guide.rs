@@ -318,14 +318,15 @@ impl<'a> Kernel for Fill<'a> {
     fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
         for y in rows {
             let depth = self.depth.map(|depth| depth.row(y));
-            classes(depth, self.ids.map(|ids| ids.row(y)), out.class.row(0, y));
+            let class = out.class.row(0, y);
+            classes(depth, self.ids.map(|ids| ids.row(y)), class);
             if let Some((normal, out)) = self.normal.zip(out.normal.as_mut()) {
                 let mut out = out.rows(y);
                 normal.read(
                     Run::row(y, normal.size.width),
                     out.each_mut().map(|row| &mut **row),
                 );
-                normals(depth, out);
+                normals(class, out);
             }
             if let Some((image, out)) = self.depth.zip(out.depth.as_mut()) {
                 if out.channels() == 1 {
@@ -365,10 +366,11 @@ fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
 
 /// Normals as they came, to zero where there is no surface.
 #[inline(always)]
-fn normals(depth: Option<&[f32]>, [nx, ny, nz]: [&mut [f32]; 3]) {
-    for x in 0..nx.len() {
-        let finite = is_present([nx[x], ny[x], nz[x]]);
-        let kept = finite && depth.is_none_or(|depth| is_surface(depth[x]));
+fn normals(class: &[u32], [nx, ny, nz]: [&mut [f32]; 3]) {
+    let len = class.len();
+    let (nx, ny, nz) = (&mut nx[..len], &mut ny[..len], &mut nz[..len]);
+    for x in 0..len {
+        let kept = is_present([nx[x], ny[x], nz[x]]) & (class[x] != 0);
         let keep = |n: f32| if kept { n } else { 0.0 };
         (nx[x], ny[x], nz[x]) = (keep(nx[x]), keep(ny[x]), keep(nz[x]));
     }

@@ -11,12 +11,12 @@ use std::ops::Range;
 
 use pulp::Simd;
 
-use super::guide::{Comparison, Guide, Sigmas};
+use super::guide::{Center, Comparison, Guide, Sigmas};
 use crate::bordered::Tap;
 use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Pixels, bands_of, segments};
 use crate::lanes::{Lanes, Mask, WIDEST};
-use crate::math::exp2_weight;
+use crate::math::exp2_weights;
 use crate::pixels::Rolling;
 use crate::rows::{self, LanesKernel};
 
@@ -56,6 +56,9 @@ impl Params {
         self.sigmas.check()
     }
 }
+
+/// Taps that are weighed at once.
+const TOGETHER: usize = 4;
 
 /// Below this, a variance is 0.
 pub const SMALLEST: f32 = 1e-30;
@@ -179,22 +182,49 @@ impl<'a> Estimate<'a> {
         length: Lanes<S>,
     ) -> Lanes<S> {
         let center = guide.center(simd, x, y);
-        let [mut weight, mut first, mut second] = [Lanes::all(simd, 0.0); 3];
-        let radius = self.params.radius;
-        for tap in taps {
-            let [dx, dy] = tap.offset.map(|far| radius.wrapping_add_signed(far));
-            let [m1, m2] = Lanes::load_all(simd, rows[dy], x + dx);
-            let known = known(m1, m2);
-            let [exponent] = guide.exponents(simd, &center, tap, [0.0]);
-            let w = exp2_weight(exponent).or_all(known, 0.0);
-            weight = weight + w;
-            first = first + (w * m1).or_all(known, 0.0);
-            second = second + (w * m2).or_all(known, 0.0);
+        let mut sums = [Lanes::all(simd, 0.0); 3];
+        // Several at once, as one alone is a long chain.
+        let (groups, rest) = taps.as_chunks::<TOGETHER>();
+        for group in groups {
+            self.add(simd, x, guide, &center, group, rows, &mut sums);
         }
+        for tap in rest.as_chunks::<1>().0 {
+            self.add(simd, x, guide, &center, tap, rows, &mut sums);
+        }
+        let [weight, first, second] = sums;
         let (m1, m2) = (first / weight, second / weight);
         let samples = length.or_all(length.above(1.0), 1.0);
         let young = Lanes::all(simd, self.params.min_length) / samples;
         floored_all((m2 - m1 * m1) * young).or_all(weight.above(0.0), 0.0)
+    }
+
+    /// Adds taps' weights and moments.
+    #[inline(always)]
+    fn add<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        x: usize,
+        guide: &Comparison,
+        center: &Center<S>,
+        taps: &[Tap; N],
+        rows: &[[&[f32]; 2]],
+        [weight, first, second]: &mut [Lanes<S>; 3],
+    ) {
+        let mut exponents = [Lanes::all(simd, 0.0); N];
+        for (exponent, tap) in exponents.iter_mut().zip(taps) {
+            [*exponent] = guide.exponents(simd, center, tap, [0.0]);
+        }
+        let weights = exp2_weights(exponents);
+        for (&w, tap) in weights.iter().zip(taps) {
+            let radius = self.params.radius;
+            let [dx, dy] = tap.offset.map(|far| radius.wrapping_add_signed(far));
+            let [m1, m2] = Lanes::load_all(simd, rows[dy], x + dx);
+            let known = known(m1, m2);
+            let w = w.or_all(known, 0.0);
+            *weight = *weight + w;
+            *first = *first + (w * m1).or_all(known, 0.0);
+            *second = *second + (w * m2).or_all(known, 0.0);
+        }
     }
 }
 
