@@ -191,12 +191,12 @@ _EXP2 = 17
 
 
 def _pass(side: int) -> int:
-    """An à-trous pass: so many rows of as many taps, the centre among them.
+    """An à-trous pass: so many rows of as many taps, but for the centre, which sums begin with.
 
-    4 for luminance and 10 to add weight, colour and variance; then 30 for the blurred deviation and its reciprocal, 17
-    to divide the sums and for the luminance of the result.
+    4 for luminance and 10 to add weight, colour and variance; then 30 for the blurred deviation and its reciprocal, 2
+    for a centre that is missing, 17 to divide the sums and for the luminance of the result.
     """
-    return side * (side * (_GUIDED + 4 + _EXP2 + 10) + _ROW) + _CENTER + 30 + 17
+    return (side * side - 1) * (_GUIDED + 4 + _EXP2 + 10) + side * _ROW + _CENTER + 30 + 2 + 17
 
 
 # Before the first pass, and after the last: what is missing or no surface is found and replaced. Of pipelines, too, the
