@@ -345,11 +345,11 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
             } = chain.link(link);
             let lines = self.lines(y, step, &around);
             // The border continues the rows; above the first and below the last row, these do.
-            let near = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
+            let cut = |y| self.layout.cut(self.variance, y);
             let near = [
-                self.layout.cut(self.variance, near[0]),
-                self.layout.cut(self.variance, near[1]),
-                self.layout.cut(self.variance, near[2]),
+                cut(y.saturating_sub(1)),
+                cut(y),
+                cut((y + 1).min(height - 1)),
             ];
             for x in (0..width).step_by(Lanes::<S>::COUNT) {
                 let ([r, g, b, l], v) = self.filter(simd, [x, y], &near, &lines, [step, farthest]);
