@@ -158,7 +158,7 @@ class SVGF:
         min_length=3.5,
         feedback=False,
         gradient=True,
-        fireflies=True,
+        fireflies=False,
         reflections=(0.5, 2.0),
         antialias=True,
     ):
@@ -333,7 +333,7 @@ class BMFR:
         plane_distance=0.01,
         normal_angle=25.0,
         gradient=True,
-        fireflies=True,
+        fireflies=False,
         antialias=True,
     ):
         self.alpha, self.fitted_alpha = alpha, np.float32(fitted_alpha)

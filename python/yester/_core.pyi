@@ -162,7 +162,7 @@ class SVGF:
         min_length: float = 3.5,
         feedback: bool = False,
         gradient: bool = True,
-        fireflies: bool = True,
+        fireflies: bool = False,
         reflections: Sequence[float] = (0.5, 2.0),
         antialias: bool = True,
     ) -> Self: ...
@@ -179,6 +179,7 @@ class HalfRes:
         radius: int = 2,
         iterations: int = 5,
         sigma_luminance: float = 4.0,
+        fireflies: bool = False,
         reflections: Sequence[float] = (0.5, 2.0),
         antialias: bool = True,
     ) -> Self: ...
@@ -200,7 +201,7 @@ class BMFR:
         plane_distance: _Threshold = 0.01,
         normal_angle: _Threshold = 25.0,
         gradient: bool = True,
-        fireflies: bool = True,
+        fireflies: bool = False,
         antialias: bool = True,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...

@@ -26,13 +26,15 @@ class OIDN:
         Of the network, the slowest first.
     temporal : bool, default False
         Whether it stands between temporal stages.
+    fireflies : bool, default False
+        With `temporal`, as in `SVGF`.
 
     Raises
     ------
     ImportError
         If the package pyoidn is not there, or cannot be loaded.
     ValueError
-        If the quality is unknown.
+        If the quality is unknown; if `fireflies` are asked for without `temporal`.
 
     Notes
     -----
@@ -41,9 +43,12 @@ class OIDN:
     threads run as ``YESTER_THREADS`` allows.
     """
 
-    def __init__(self, quality: Literal["high", "balanced", "fast"] = "high", *, temporal: bool = False) -> None:
+    def __init__(self, quality: Literal["high", "balanced", "fast"] = "high", *, temporal: bool = False, fireflies: bool = False) -> None:
         self._network = Network(quality)
-        self._stages = (SVGF(iterations=0, antialias=False), TAA("denoised")) if temporal else None
+        if fireflies and not temporal:
+            raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")
+        history = SVGF(iterations=0, antialias=False, fireflies=fireflies)
+        self._stages = (history, TAA("denoised")) if temporal else None
 
     def step(self, frame: Frame, out: Output | None = None) -> Output:
         """Denoise the next frame of the sequence.

@@ -469,14 +469,14 @@ fn modulate<'py>(
     modulated.array()
 }
 
-/// Light without texture: ``(color - emission) / max(albedo, 2**-10)``.
+/// Light without texture: ``(color - emission) / d``, where d is the albedo, or towards 1 where that is dark.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
 ///     Linear. NaN and infinity stay.
 /// albedo : (H, W, 3) array_like of float
-///     Reflectance; not finite counts as 0.
+///     Reflectance, held to 0 to 1; not finite counts as 0.
 /// emission : (H, W, 3) array_like of float, optional
 ///     Light that the visible surface sends out itself; not finite counts as 0.
 /// out : (H, W, 3) float32 array, optional
@@ -493,9 +493,14 @@ fn modulate<'py>(
 ///
 /// Notes
 /// -----
-/// `remodulate` is the way back. Without emission and where albedo is black, the round trip is exact, since the bound is
-/// a power of two; elsewhere it is right to the last places. After Schied et al. 2017, *Spatiotemporal Variance-Guided
-/// Filtering*, section 4; Falcor bounds at 0.001.
+/// With a the albedo of a channel, ``d = a`` from 0.1 on, and ``d = a + (1 - a) (1 - a / 0.1)**2`` below. Lamps, sky, glass,
+/// mirrors and black plastic have an albedo near 0 and shine by what it does not scale; divided by it, their light would be
+/// a thousand times too bright, and filters would hand the excess to their neighbours. ``d`` passes smoothly to 1 instead,
+/// where colour is taken as it is, so that no light is multiplied by more than about 10.
+///
+/// `remodulate` is the way back. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it is
+/// right to the last places. After Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4; Falcor
+/// divides by ``max(a, 0.001)``.
 #[pyfunction]
 #[pyo3(signature = (color, albedo, *, emission=None, out=None), name = "demodulate")]
 pub fn demodulate_<'py>(
@@ -508,14 +513,14 @@ pub fn demodulate_<'py>(
     modulate(py, ("color", color), albedo, emission, out, Way::Off)
 }
 
-/// Texture put back on light: ``illumination * max(albedo, 2**-10) + emission``.
+/// Texture put back on light: ``illumination * d + emission``, with d as in `demodulate`.
 ///
 /// Parameters
 /// ----------
 /// illumination : (H, W, 3) array_like of float
 ///     As `demodulate` returns it.
 /// albedo : (H, W, 3) array_like of float
-///     Reflectance; not finite counts as 0.
+///     Reflectance, held to 0 to 1; not finite counts as 0.
 /// emission : (H, W, 3) array_like of float, optional
 ///     Light that the visible surface sends out itself; not finite counts as 0.
 /// out : (H, W, 3) float32 array, optional

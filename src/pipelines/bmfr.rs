@@ -16,7 +16,7 @@ use crate::image::{BandMut, Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
-use crate::kernels::smooth::demodulate::{LEAST, Texture, Way, modulate};
+use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::regress::{self, Features, Place, regress};
 use crate::memory::Reserve;
 use crate::pixels::PixelsMut;
@@ -57,6 +57,9 @@ const OFFSETS: [[i64; 2]; 8] = [
     [3, 1],
     [7, 5],
 ];
+
+/// Up to this albedo, a pixel shines by itself or by what it shows, and not by the light that falls on it.
+const BLACK: f32 = 1.0 / 1024.0;
 
 /// Channels of a history image: those of [`accumulate`], and the accumulated fits.
 const CHANNELS: usize = accumulate::CHANNELS + 3;
@@ -256,7 +259,7 @@ impl<'a> Kernel for Reflects<'a> {
         for y in rows {
             for (x, weight) in out.row(0, y).iter_mut().enumerate() {
                 let [r, g, b] = self.0.vector(y * width + x);
-                let reflects = (r > LEAST) | (g > LEAST) | (b > LEAST);
+                let reflects = (r > BLACK) | (g > BLACK) | (b > BLACK);
                 *weight = if reflects { 1.0 } else { f32::NAN };
             }
         }

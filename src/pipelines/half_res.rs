@@ -62,7 +62,6 @@ impl Params {
                 ..Default::default()
             },
             gradient: true,
-            fireflies: Some(Default::default()),
             reflections: vec![0.5, 2.0],
             antialias: Some(antialias),
             half_res: Some(self),

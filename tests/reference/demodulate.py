@@ -1,11 +1,13 @@
 import torch
 from torch import Tensor
 
-FLOOR = 2.0**-10  # an albedo below this counts as this: what is black cannot be divided by
+DARK = 0.1  # from here on albedo is divided by
 
 
-def _floor(albedo: Tensor) -> Tensor:
-    return albedo.where(albedo.isfinite(), 0).clamp(min=FLOOR)  # (H, W, 3)
+def divisor(albedo: Tensor) -> Tensor:
+    """What light is divided by: the albedo a in [0, 1]; below 0.1, a + (1 - a)(1 - a / 0.1)², which is 1 for black."""
+    a = albedo.where(albedo.isfinite(), 0).clamp(0, 1)  # (H, W, 3)
+    return a + (1 - a) * (1 - a / DARK).clamp(min=0) ** 2  # (H, W, 3)
 
 
 def _emitted(color: Tensor, emission: Tensor | None) -> Tensor:
@@ -13,10 +15,10 @@ def _emitted(color: Tensor, emission: Tensor | None) -> Tensor:
 
 
 def demodulate(color: Tensor, albedo: Tensor, *, emission: Tensor | None = None) -> Tensor:
-    """Illumination (H, W, 3) = (color - emission) / max(albedo, 2⁻¹⁰). Source: Falcor's SVGF pass."""
-    return (color - _emitted(color, emission)) / _floor(albedo)  # (H, W, 3)
+    """Illumination (H, W, 3) = (color - emission) / divisor(albedo). Source: Falcor's SVGF pass, but where it is dark."""
+    return (color - _emitted(color, emission)) / divisor(albedo)  # (H, W, 3)
 
 
 def remodulate(illumination: Tensor, albedo: Tensor, *, emission: Tensor | None = None) -> Tensor:
-    """Colour (H, W, 3) = illumination · max(albedo, 2⁻¹⁰) + emission: what `demodulate` took apart."""
-    return illumination * _floor(albedo) + _emitted(illumination, emission)  # (H, W, 3)
+    """Colour (H, W, 3) = illumination · divisor(albedo) + emission: what `demodulate` took apart."""
+    return illumination * divisor(albedo) + _emitted(illumination, emission)  # (H, W, 3)

@@ -46,7 +46,7 @@ class SVGF:
         min_length=3.5,
         feedback=False,
         gradient=True,
-        fireflies=True,
+        fireflies=False,
         antialias=True,
     ):
         self.blend = {"alpha": alpha, "moments_alpha": moments_alpha}

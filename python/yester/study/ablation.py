@@ -104,7 +104,6 @@ ABLATIONS = (
             "id test and weight": _without("ids"),
             "normals": _without("normal", "object_normal"),
             "demodulation": _without("albedo", "emission"),
-            "fireflies": pipeline(SVGF, fireflies=False),
             "gradient": pipeline(SVGF, gradient=False),
             "reflections": pipeline(SVGF, reflections=()),
             # Above the longest history.
@@ -128,6 +127,7 @@ ABLATIONS = (
     *(
         _ablation(_SVGF, component, start, added=True)
         for component, start in {
+            "fireflies": pipeline(SVGF, fireflies=True),
             "pass 5": pipeline(SVGF, iterations=5),
             "5×5 taps": pipeline(SVGF, radius=2),
             "tolerance of 4 sigma": pipeline(SVGF, sigma_luminance=4),

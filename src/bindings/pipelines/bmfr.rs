@@ -31,8 +31,9 @@ use crate::pipelines::{bmfr, svgf, taa};
 ///     As in `SVGF`.
 /// gradient : bool, default True
 ///     Whether changes of light shorten history, as in `SVGF`.
-/// fireflies : bool, default True
-///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
+/// fireflies : bool, default False
+///     Whether samples far brighter than their surroundings, of which history knows nothing, are held down and their excess
+///     spread over their surface first (`suppress_fireflies`).
 /// antialias : bool, default True
 ///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
 ///
@@ -58,11 +59,11 @@ pub struct BMFR {
 impl BMFR {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Bounds::Hard(0.1),
-        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), gradient=true, fireflies=true,
+        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), gradient=true, fireflies=false,
         antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=16, features='fewest', relative_depth=0.1, \
-        plane_distance=0.01, normal_angle=25.0, gradient=True, fireflies=True, antialias=True)"
+        plane_distance=0.01, normal_angle=25.0, gradient=True, fireflies=False, antialias=True)"
     )]
     fn new(
         alpha: f32,

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use super::{FrameArgs, Output, Room};
 use crate::error::whole;
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::{atrous, joint_bilateral};
+use crate::kernels::smooth::{atrous, fireflies, joint_bilateral};
 use crate::pipelines::{half_res, svgf};
 
 /// Denoising of frames of which only a part is traced: one pixel of each 2×2, another one in each frame.
@@ -28,6 +28,7 @@ use crate::pipelines::{half_res, svgf};
 ///     Passes of the spatial filter, 0 to 16.
 /// sigma_luminance : float, default 4.0
 ///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
+/// fireflies : bool, default False
 /// reflections : sequence of float, default (0.5, 2.0)
 ///     As in `SVGF`.
 /// antialias : bool, default True
@@ -65,10 +66,10 @@ pub struct HalfRes {
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0,
-        reflections=vec![0.5, 2.0], antialias=true))]
+        fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, \
-        reflections=(0.5, 2.0), antialias=True)"
+        fireflies=False, reflections=(0.5, 2.0), antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -76,6 +77,7 @@ impl HalfRes {
         radius: i64,
         iterations: i64,
         sigma_luminance: f32,
+        fireflies: bool,
         reflections: Vec<f32>,
         antialias: bool,
     ) -> PyResult<Self> {
@@ -94,6 +96,7 @@ impl HalfRes {
                 sigma_luminance,
                 ..whole.atrous
             },
+            fireflies: fireflies.then(fireflies::Params::default),
             reflections,
             antialias: whole.antialias.filter(|_| antialias),
             ..whole

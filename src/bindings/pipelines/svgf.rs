@@ -54,8 +54,9 @@ use crate::pipelines::{svgf, taa};
 ///     Whether changes of light shorten history. They are known exactly from frames that have a `replay`, if the frame
 ///     before had one or was the first, and for others estimated from the new samples and history, as far as noise lets
 ///     see.
-/// fireflies : bool, default True
-///     Whether samples far brighter than their surroundings are spread over them first (`suppress_fireflies`).
+/// fireflies : bool, default False
+///     Whether samples far brighter than their surroundings, of which history knows nothing, are held down and their excess
+///     spread over their surface first (`suppress_fireflies`).
 /// reflections : sequence of float, default (0.5, 2.0)
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which history is looked for as well:
 ///     where one of them predicts the new samples better than the surface itself (`prediction_gain`), it takes its
@@ -88,11 +89,11 @@ impl SVGF {
     #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0,
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false,
-        gradient=true, fireflies=true, reflections=vec![0.5, 2.0], antialias=true))]
+        gradient=true, fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0, \
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
-        normal_angle=25.0, min_length=3.5, feedback=False, gradient=True, fireflies=True, \
+        normal_angle=25.0, min_length=3.5, feedback=False, gradient=True, fireflies=False, \
         reflections=(0.5, 2.0), antialias=True)"
     )]
     fn new(

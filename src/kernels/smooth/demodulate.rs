@@ -1,9 +1,17 @@
-//! Demodulation: light without texture, so that filters smooth the one and keep the other.
+//! Demodulation: light without texture, so that filters smooth the light and keep the texture.
 //!
-//!   illumination = (colour − emission) / max(albedo, 2⁻¹⁰),  colour = illumination · max(albedo, 2⁻¹⁰) + emission.
+//!   illumination = (colour − emission) / d,  colour = illumination · d + emission,
+//!   d = a + (1 − a) (1 − a / t)²  for a < t,  d = a  for t ≤ a ≤ 1,  with the channel's albedo a held to [0, 1], t = 0.1.
 //!
-//! The bound is a power of two, so that where albedo is black (emitters, background, metals) the round trip has the
-//! colour's own bits; elsewhere it is right to the last place or two. Falcor's SVGFPass bounds at 0.001.
+//! From t on this is Falcor's SVGFPass without its bound of 0.001. What is darker than t is mostly lit by something that
+//! albedo does not scale: by its highlights if it is black plastic, by what is behind it if it is glass, by itself if it is a
+//! lamp or the sky. Divided by a, that light would be up to a thousand times too bright, and a filter would hand the excess
+//! to neighbours of ordinary albedo. So d passes smoothly to 1, where colour is taken as it is: no light is ever multiplied by
+//! more than about 1 / t. The passage is steep enough that texture above t / 2 is still flattened. An albedo above 1 (gold in
+//! some renderers, a BSDF's value at one pair of directions in others) is no reflectance and counts as 1.
+//!
+//! Where albedo is 0 or at least 1, the round trip has the colour's own bits if there is no emission; elsewhere it is right
+//! to the last place or two.
 //!
 //! Inputs: colour or illumination, albedo, emission (optional), of the same channels. NaN or infinity in albedo or emission counts
 //! as 0, in colour it stays.
@@ -11,11 +19,11 @@
 use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, segments};
-use crate::pixels::PixelsMut;
+use crate::pixels::{PixelsMut, larger, smaller};
 use crate::rows::{self, Kernel};
 
-/// The least albedo that is divided by.
-pub const LEAST: f32 = 1.0 / 1024.0;
+/// t: from here to 1, light is divided by the albedo itself.
+const DARK: f32 = 0.1;
 
 /// What light falls on.
 #[derive(Clone, Copy)]
@@ -94,11 +102,15 @@ impl Texture<'_> {
 #[inline(always)]
 fn each(values: &mut [f32], albedo: &[f32], emission: &[f32], f: impl Fn(f32, f32, f32) -> f32) {
     for ((value, &a), &e) in values.iter_mut().zip(albedo).zip(emission) {
-        let a = if (a > LEAST) & (a < f32::INFINITY) {
-            a
-        } else {
-            LEAST
-        };
-        *value = f(*value, a, if e.is_finite() { e } else { 0.0 });
+        *value = f(*value, divisor(a), if e.is_finite() { e } else { 0.0 });
     }
+}
+
+/// d: what light is divided by, from nearly t to 1.
+#[inline(always)]
+fn divisor(albedo: f32) -> f32 {
+    let a = if albedo.is_finite() { albedo } else { 0.0 };
+    let a = smaller(larger(a, 0.0), 1.0);
+    let dark = larger(1.0 - a * (1.0 / DARK), 0.0);
+    a + (1.0 - a) * (dark * dark)
 }
