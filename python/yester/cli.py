@@ -128,7 +128,8 @@ def _parser() -> argparse.ArgumentParser:
     chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
     chart.add_argument("--ablate", action="store_true", help="instead, switch off each component in turn")
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
-    render("--sequences", metavar="NAME", nargs="+", default=["all"], help="names, tuning, held-out, or all (default)")
+    groups = "names, tuning, held-out, unkind-tuning, unkind-held-out, or all (default)"
+    render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
     render("--length", metavar="N", type=_count, default=16, help="frames; %(default)s")
     render("--size", metavar="WxH", type=_size, default=(256, 192), help="256x192")
     render("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
@@ -332,15 +333,14 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     if options.frames:
         return [open_recording(options.frames, options.references)]
     _need("study", "mitsuba")
-    from .study import scenes
+    from .study.sequences import GROUPS, NAMES
 
-    groups = {"all": scenes.SEQUENCES, "tuning": scenes.TUNING, "held-out": scenes.HELD_OUT}
-    asked = _known("--sequences", options.sequences, [*groups, *scenes.SEQUENCES])
+    asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES])
     if options.cache:
         _writable(options.cache)
     width, height = options.size
     shape = {"frames": options.length, "width": width, "height": height, "reference_spp": options.reference_spp}
-    names = dict.fromkeys(name for one in asked for name in groups.get(one, (one,)))
+    names = dict.fromkeys(name for one in asked for name in GROUPS.get(one, (one,)))
     return (record(name, options.cache, **shape) for name in names)
 
 

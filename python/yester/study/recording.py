@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ from yester import Frame
 from yester.io import describe, read_exr, sequence_paths, write_exr
 from yester.io import mitsuba as renderer
 
-from . import scenes
+from . import scenes, sequences
 
 __all__ = ["Recording", "open_recording", "record"]
 
@@ -91,7 +92,7 @@ def record(
     Parameters
     ----------
     name : str
-        One of `scenes.SEQUENCES`.
+        One of `sequences.NAMES`.
     cache : path-like, optional
         A folder, made if it does not exist. By default that of the environment variable ``YESTER_CACHE``, else
         ``yester`` in ``XDG_CACHE_HOME``, else ``~/.cache/yester``. What is in it depends on the versions of Mitsuba and
@@ -119,8 +120,7 @@ def record(
     ImportError
         If Mitsuba or OpenEXR is not installed.
     """
-    if name not in scenes.SEQUENCES:
-        raise ValueError(f"name: expected one of {', '.join(scenes.SEQUENCES)}, got {name!r}")
+    make = sequences.find(name)
     if reference_spp is None:
         reference_spp = 512 if name in _HARD else 256
     for what, value in dict(frames=frames, width=width, height=height, reference_spp=reference_spp).items():
@@ -132,8 +132,8 @@ def record(
     if chosen and not 0 <= chosen[0] <= chosen[-1] < frames:
         raise ValueError(f"references: expected frames from 0 to {frames - 1}, got {chosen}")
 
-    sequence: scenes.Sequence = getattr(scenes, name)(frames, width, height)
-    folder = (Path(cache) if cache else _cache()) / f"{name}-{frames}x{width}x{height}-{_digest()}"
+    sequence = make(frames, width, height)
+    folder = (Path(cache) if cache else _cache()) / f"{name}-{frames}x{width}x{height}-{_digest(make)}"
     noisy = {i: folder / f"noisy-{seed}" / f"frame_{i:04}.exr" for i in range(frames)}
     clean = {i: folder / f"reference-{reference_spp}" / f"frame_{i:04}.exr" for i in chosen}
     _fill(noisy, f"{name}, frames", sequence, spp=1, seed=seed, buffers=True)
@@ -213,12 +213,13 @@ def _cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "yester"
 
 
-def _digest() -> str:
-    """Of what makes the bits of a rendered frame."""
+def _digest(make: sequences.Make) -> str:
+    """Of the code that makes the bits of a sequence's frames: other modules of sequences may change without effect."""
     import mitsuba as mi
 
     made = hashlib.sha256(f"{metadata.version('mitsuba')} {mi.variant()}".encode())
-    for module in (scenes, renderer):
+    # `scenes` has the builders that all share.
+    for module in dict.fromkeys((scenes, renderer, sys.modules[make.__module__])):
         made.update(inspect.getsource(module).encode())
     return made.hexdigest()[:12]
 

@@ -1,0 +1,32 @@
+"""Every rendered sequence by its name and its group."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from . import scenes, unkind
+
+__all__ = ["GROUPS", "NAMES", "Make", "find"]
+
+#: Makes a sequence from the number of frames, and the width and height of the images.
+Make: TypeAlias = Callable[[int, int, int], scenes.Sequence]
+
+#: The names of each group. Parameters may be tuned on the ``tuning`` ones; ``held-out`` ones only tell what the tuning
+#: is worth.
+GROUPS: dict[str, tuple[str, ...]] = {
+    "tuning": scenes.TUNING,
+    "held-out": scenes.HELD_OUT,
+    "unkind-tuning": unkind.NAMES,
+}
+NAMES = tuple(name for group in GROUPS.values() for name in group)
+GROUPS["all"] = NAMES
+
+
+def find(name: str) -> Make:
+    """Look a sequence up by its name; ValueError if there is none."""
+    for module in (scenes, unkind):
+        if name in NAMES and hasattr(module, name):
+            make: Make = getattr(module, name)
+            return make
+    raise ValueError(f"name: expected one of {', '.join(NAMES)}, got {name!r}")
