@@ -43,7 +43,13 @@ class OIDN:
     threads run as ``YESTER_THREADS`` allows.
     """
 
-    def __init__(self, quality: Literal["high", "balanced", "fast"] = "high", *, temporal: bool = False, fireflies: bool = False) -> None:
+    def __init__(
+        self,
+        quality: Literal["high", "balanced", "fast"] = "high",
+        *,
+        temporal: bool = False,
+        fireflies: bool = False,
+    ) -> None:
         self._network = Network(quality)
         if fireflies and not temporal:
             raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")

@@ -15,7 +15,7 @@ def _emitted(color: Tensor, emission: Tensor | None) -> Tensor:
 
 
 def demodulate(color: Tensor, albedo: Tensor, *, emission: Tensor | None = None) -> Tensor:
-    """Illumination (H, W, 3) = (color - emission) / divisor(albedo). Source: Falcor's SVGF pass, but where it is dark."""
+    """Illumination (H, W, 3) = (color - emission) / divisor(albedo). Source: Falcor's SVGF pass, where bright."""
     return (color - _emitted(color, emission)) / divisor(albedo)  # (H, W, 3)
 
 
