@@ -99,7 +99,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.regress,
             {"color": color, "geometry": now["depth"], "camera": camera, "block": 8, "features": "all"},
         ),
-        "suppress_fireflies": (yester.suppress_fireflies, {"color": color}),
+        "suppress_fireflies": (yester.suppress_fireflies, {"color": color, "expected": history, **surface}),
         "fix_history": (yester.fix_history, {"color": color, "history_length": length, **surface}),
         "reconstruct": (yester.reconstruct, {"color": color, **surface}),
         "joint_bilateral_upsample": (

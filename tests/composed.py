@@ -140,6 +140,17 @@ class TAA:
 OFFSETS = np.array([(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)])
 
 
+def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> NDArray:
+    """Held down and spread in what is seen."""
+    alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
+    if frame.depth is not None and frame.normal is not None:
+        alike["camera"] = frame.camera
+    if frame.albedo is None:
+        return yester.suppress_fireflies(light, expected=known, **alike)[0]
+    seen, expected = (yester.remodulate(image, frame.albedo) for image in (light, known))
+    return yester.demodulate(yester.suppress_fireflies(seen, expected=expected, **alike)[0], frame.albedo)
+
+
 class SVGF:
     def __init__(
         self,
@@ -181,8 +192,7 @@ class SVGF:
         sample = frame.color
         if frame.albedo is not None:
             sample = yester.demodulate(sample, frame.albedo, emission=frame.emission)
-        held = yester.suppress_fireflies(sample)[0] if self.fireflies else sample
-        motion, gradient, mirrored = find_motion(frame, self.before), None, None
+        held, motion, gradient, mirrored = sample, find_motion(frame, self.before), None, None
         if self.before is None:
             shape = sample.shape[:2]
             history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), ())]
@@ -198,6 +208,9 @@ class SVGF:
             fetched, confidence = yester.reproject(planes, motion, **tests, **self.limits)
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
             history, more = fetched[:3], fetched[3:]
+        if self.fireflies:
+            held = without_fireflies(frame, sample, history[0])
+        if self.before is not None:
             if replays:
                 gradient = more[0]
             elif self.gradient:
@@ -353,8 +366,6 @@ class BMFR:
         if frame.albedo is not None:
             sample = yester.demodulate(sample, frame.albedo, emission=frame.emission)
             weight = np.where((frame.albedo > 1 / 1024).any(-1), np.float32(1), np.float32(np.nan))
-        if self.fireflies:
-            sample, _ = yester.suppress_fireflies(sample)
         motion, gradient = find_motion(frame, self.before), None
         if self.before is None:
             history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), (), (3,))]
@@ -367,6 +378,9 @@ class BMFR:
                 planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
             history, confidence = yester.reproject(planes, motion, **tests, **self.limits)
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
+        if self.fireflies:
+            sample = without_fireflies(frame, sample, history[0])
+        if self.before is not None:
             if replays:
                 gradient = history[4]
             elif self.gradient:

@@ -424,7 +424,8 @@ def test_a_firefly_does_not_stay():
         svgf = yester.SVGF(iterations=0, **{**PLAIN, **named})
         return [svgf.step(yester.Frame(color)).color.max() for color in (good, good, glaring, good, good)]
 
-    assert max(brightest(fireflies=True)) < 1
+    # A third of the third frame's, of which each pixel of the window has an 81st, and what the limit leaves.
+    assert max(brightest(fireflies=True)) < 500 / 81 / 3 + 1
     assert brightest()[-1] > 50
 
 

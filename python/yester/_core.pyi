@@ -536,9 +536,17 @@ def recirculate(
 def suppress_fireflies(
     color: ArrayLike,
     *,
+    expected: ArrayLike | None = None,
+    depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    camera: Camera | None = None,
     threshold: float = 2.0,
     radius: int = 4,
     redistribute: bool = True,
+    sigma_normal: float = 128.0,
+    sigma_depth: float = 1.0,
+    sigma_plane: float = 0.01,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 def fix_history(

@@ -285,19 +285,32 @@ pub fn atrous_<'py>(
     Ok((color.array()?, variance.array()?))
 }
 
-/// Samples far brighter than all around them held down, and their light spread.
+/// Samples far brighter than their surroundings held down, and their excess spread over their surface.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Linear; light without texture, if there is albedo. Missing pixels stay as they are.
+///     Linear, as it is seen: with its texture, without emission. Missing pixels stay as they are.
+/// expected : (H, W, 3) array_like of float, optional
+///     The colour that history has here: a sample that history predicted is no firefly. Not finite counts as 0.
+/// depth : (H, W) array_like of float, optional
+///     View-space z; +inf, NaN or not above 0 is background.
+/// normal : (H, W, 3) array_like of float, optional
+///     World space, unit length.
+/// ids : (H, W) array_like of int, optional
+///     Pixels of different ids do not mix.
+/// camera : Camera, optional
+///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     `normal`.
 /// threshold : float, default 2.0
 ///     A pixel may be brighter than the mean of those around it by so many of their standard deviations; from 0.
 /// radius : int, default 4
 ///     The window reaches so many pixels to each side, 1 to 16.
 /// redistribute : bool, default True
-///     Whether what exceeds the limit is given to the pixels of the window that are below theirs, so that the image does
-///     not darken.
+///     Whether what exceeds the limit is spread over the window's pixels of the same surface, so that the image does not
+///     darken.
+/// sigma_normal, sigma_depth, sigma_plane : float
+///     As in `atrous`.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -305,7 +318,7 @@ pub fn atrous_<'py>(
 /// -------
 /// color : (H, W, 3) float32
 /// removed : (H, W) float32
-///     Luminance that was taken from each pixel and that nobody got.
+///     Luminance by which each pixel exceeded its limit.
 ///
 /// Raises
 /// ------
@@ -314,45 +327,62 @@ pub fn atrous_<'py>(
 ///
 /// Notes
 /// -----
-/// With mean m and standard deviation s of luminance in the window without its centre, the limit is ``m + threshold s``
-/// (NRD's anti-firefly: 9×9 pixels, 2 deviations). What exceeds it is shared among the window's pixels in proportion to
-/// what each lacks to its own limit, and up to that; these limits are those of the image that the first ones leave.
-/// Several fireflies in one window may add up to more.
+/// Neighbours have the weights of `reconstruct` without that of distance. With mean m and standard deviation s of the
+/// luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being the
+/// expected luminance (NRD's anti-firefly: 9×9 pixels, 2 deviations, no history). What exceeds it is shared among the
+/// window's pixels by their weights, the centre included.
 #[pyfunction]
-#[pyo3(name = "suppress_fireflies", signature = (color, *, threshold=2.0, radius=4, redistribute=true, out=None))]
+#[pyo3(name = "suppress_fireflies", signature = (color, *, expected=None, depth=None, normal=None, ids=None, camera=None,
+    threshold=2.0, radius=4, redistribute=true, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
 pub fn suppress_fireflies_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
+    expected: Option<&Bound<'py, PyAny>>,
+    depth: Option<&Bound<'py, PyAny>>,
+    normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    camera: Option<&Camera>,
     threshold: f32,
     radius: i64,
     redistribute: bool,
+    sigma_normal: f32,
+    sigma_depth: f32,
+    sigma_plane: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
     let params = fireflies::Params {
         threshold,
         radius: fireflies::Params::radius(radius)?,
         redistribute,
+        sigmas: Sigmas {
+            normal: sigma_normal,
+            depth: sigma_depth,
+            plane: sigma_plane,
+        },
     };
     params.check()?;
-    let (held, removed) = {
+    let (held, removed, out) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
-        let Size { height, width } = color.size();
+        let size = color.size();
+        let expected = Input::<f32>::optional(expected, "expected", COLOR, size)?;
+        let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
         let [first, second] = parts(out.as_ref())?;
-        let out = (
-            Out::given(first, &[height, width, 3])?,
-            Out::given(second, &[height, width])?,
-        );
-        let color = color.data().pixels();
-        let mut held = Direct::new(py, out.0, &[height, width, 3])?;
-        let mut removed = Direct::new(py, out.1, &[height, width])?;
-        let (bands, rest) = (held.data()?, removed.data()?);
-        py.detach(|| {
-            let bands = PixelsMut::bands(color.size, 3, bands);
-            fireflies::suppress_fireflies(color, params, bands, Some(rest));
+        let shape = color.shape();
+        let out = (Out::given(first, shape)?, Out::given(second, &shape[..2])?);
+        let mut held = Direct::new(py, out.0, shape)?;
+        let (color, guide) = (color.data().pixels(), guide.data());
+        let expected = expected.as_ref().map(Input::data);
+        let bands = held.data()?;
+        let removed = py.detach(|| {
+            let guide = guide.guide(size, params.radius);
+            let bands = PixelsMut::bands(size, 3, bands);
+            let expected = expected.map(Interleaved::pixels);
+            let removed = fireflies::suppress_fireflies(color, expected, &guide, params, bands);
+            Outgoing::new(removed)
         });
-        (held, removed)
+        (held, removed, out.1)
     };
-    Ok((held.array()?, removed.array()?))
+    Ok((held.array()?, removed.array(py, out)?))
 }
 
 /// Pixels that have just come into view, averaged over their surface.

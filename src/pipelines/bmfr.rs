@@ -1,6 +1,6 @@
 //! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
 //!
-//!   demodulate → (suppress fireflies) → (motion from cameras) → reproject → (temporal gradient) → accumulate
+//!   demodulate → (motion from cameras) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
 //!     → regress → blend → remodulate → (antialias)
 //!
 //! What comes before `regress` is as in [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in every
@@ -9,7 +9,9 @@
 use std::ops::Range;
 
 use super::frame::{Frame, Output, Summary};
-use super::svgf::{self, Memory, Recalled, check_continues, illumination, recall};
+use super::svgf::{
+    self, Memory, Recalled, check_continues, illumination, recall, without_fireflies,
+};
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, View};
@@ -17,6 +19,7 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
+use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::regress::{self, Features, Place, regress};
 use crate::memory::Reserve;
 use crate::pixels::PixelsMut;
@@ -112,8 +115,15 @@ impl Bmfr {
             albedo,
             emission: frame.emission,
         });
-        let (sample, held) = illumination(frame, texture, params.history.fireflies);
-        let color = held.as_ref().unwrap_or(&sample);
+        let sample = illumination(frame, texture);
+        let rays = frame.camera.as_ref().map(Camera::rays);
+        let hold = |known: Option<Pixels>| {
+            let fireflies = params.history.fireflies?;
+            let guide = Guide::new(size, fireflies.radius, frame.surface, rays);
+            Some(without_fireflies(
+                &sample, known, texture, &guide, fireflies,
+            ))
+        };
 
         let memory = self.memory.take();
         let continues = memory.is_some();
@@ -122,16 +132,18 @@ impl Bmfr {
         let motion = frame.motion(before, &mut used);
         let Recalled {
             history: known,
+            held,
             gradient,
             ..
         } = match &memory {
             Some(memory) => {
-                let (params, light) = (&params.history, [&sample, color]);
-                recall(params, memory, frame, motion.pixels(), light, &mut output)
+                let (params, motion) = (&params.history, motion.pixels());
+                recall(params, memory, frame, motion, &sample, hold, &mut output)
             }
-            None => Recalled::nothing(size, CHANNELS, &mut output),
+            None => Recalled::nothing(size, CHANNELS, hold, &mut output),
         };
         drop(memory);
+        let color = held.unwrap_or(sample);
         let parts = [0..3, 3..5, 5..6, 6..9];
         let [light, moments, lengths, fits] = parts.map(|part| known.pixels().part(part));
 
@@ -155,7 +167,6 @@ impl Bmfr {
             rows::run(&Reflects(texture.albedo), size.height, weight.bands());
             weight
         });
-        let rays = frame.camera.as_ref().map(Camera::rays);
         let features = Features {
             normal: frame.surface.normal,
             place: (frame.geometry()).and_then(|geometry| Place::new(geometry, rays)),

@@ -1,6 +1,6 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
-//!   demodulate → (suppress fireflies) → (motion from cameras) → reproject → (temporal gradient) → (reconstruct)
+//!   demodulate → (motion from cameras) → reproject → (suppress fireflies) → (temporal gradient) → (reconstruct)
 //!     → accumulate → estimate variance → à-trous → remodulate → (antialias)
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
@@ -63,12 +63,15 @@ impl Params {
     /// Pixels from the farthest tap to the centre.
     fn reach(&self) -> usize {
         let lent = self.half_res.map_or(0, |half_res| half_res.window.radius);
-        self.atrous.reach().max(self.variance.radius).max(lent)
+        let spread = self.fireflies.map_or(0, |fireflies| fireflies.radius);
+        let filtered = self.atrous.reach().max(self.variance.radius);
+        filtered.max(lent).max(spread)
     }
 
     /// Whether a run of pixels can be fetched and merged without a look at the rest of the image in between.
     fn merges_at_once(&self) -> bool {
-        !self.gradient && self.reflections.is_empty() && self.half_res.is_none()
+        let looks_around = self.gradient || self.fireflies.is_some() || self.half_res.is_some();
+        !looks_around && self.reflections.is_empty()
     }
 
     pub fn check(&self) -> Result<()> {
@@ -150,17 +153,25 @@ impl Memory {
 pub(super) struct Recalled {
     /// Beginning with the channels of [`accumulate`].
     pub history: Image,
+    /// The new light without fireflies, where they are suppressed.
+    pub held: Option<Image>,
     pub gradient: Option<Image>,
     pub reflections: Option<reflections::Scores>,
 }
 
 impl Recalled {
     /// What a first frame knows.
-    pub fn nothing(size: Size, channels: usize, output: &mut Output) -> Self {
+    pub fn nothing(
+        size: Size,
+        channels: usize,
+        hold: impl FnOnce(Option<Pixels>) -> Option<Image>,
+        output: &mut Output,
+    ) -> Self {
         output.confidence.fill(0.0);
         output.rejection.fill(0);
         Self {
             history: Image::new(size, channels),
+            held: hold(None),
             gradient: None,
             reflections: None,
         }
@@ -318,29 +329,46 @@ impl Svgf {
     }
 }
 
-/// The light of a frame: as it was sampled, and without fireflies.
-pub(super) fn illumination(
-    frame: &Frame,
-    texture: Option<Texture>,
-    fireflies: Option<fireflies::Params>,
-) -> (Image, Option<Image>) {
-    let size = frame.color.size;
-    let sample = match texture {
-        Some(texture) => {
-            let mut light = Image::blank(size, 3);
-            let out = light.bands().map(PixelsMut::Planar);
-            modulate::<3>(frame.color, texture, Way::Off, out);
-            light
-        }
-        None => frame.color.to_planes(),
+/// The light of a frame, as it was sampled.
+pub(super) fn illumination(frame: &Frame, texture: Option<Texture>) -> Image {
+    let Some(texture) = texture else {
+        return frame.color.to_planes();
     };
-    let held = fireflies.map(|fireflies| {
-        let mut held = Image::blank(size, 3);
+    modulated(frame.color, texture, Way::Off)
+}
+
+fn modulated(image: Pixels, texture: Texture, way: Way) -> Image {
+    let mut result = Image::blank(image.size, 3);
+    modulate::<3>(image, texture, way, result.bands().map(PixelsMut::Planar));
+    result
+}
+
+/// Light without fireflies: these are held down and spread in what is seen, with its texture but without emission. The guide
+/// is for taps up to their radius.
+pub(super) fn without_fireflies(
+    light: &Image,
+    known: Option<Pixels>,
+    texture: Option<Texture>,
+    guide: &Guide,
+    params: fireflies::Params,
+) -> Image {
+    let suppress = |seen: Pixels, expected: Option<Pixels>| {
+        let mut held = Image::blank(seen.size, 3);
         let bands = held.bands().map(PixelsMut::Planar);
-        suppress_fireflies(sample.pixels(), fireflies, bands, None);
+        suppress_fireflies(seen, expected, guide, params, bands);
         held
-    });
-    (sample, held)
+    };
+    let Some(texture) = texture else {
+        return suppress(light.pixels(), known);
+    };
+    let texture = Texture {
+        emission: None,
+        ..texture
+    };
+    let seen = modulated(light.pixels(), texture, Way::Back);
+    let expected = known.map(|known| modulated(known, texture, Way::Back));
+    let held = suppress(seen.pixels(), expected.as_ref().map(Image::pixels));
+    modulated(held.pixels(), texture, Way::Off)
 }
 
 /// What a frame's light makes of the memory.
@@ -375,25 +403,29 @@ impl Light<'_> {
             motion,
         } = self;
         let size = frame.color.size;
-        let (sample, held) = illumination(frame, texture, params.fireflies);
-        let color = held.as_ref().unwrap_or(&sample);
+        let sample = illumination(frame, texture);
+        let guide = (params.fireflies.is_some() || params.half_res.is_some()).then(new_guide);
+        let hold = |known: Option<Pixels>| {
+            let (fireflies, guide) = params.fireflies.zip(guide.as_ref())?;
+            Some(without_fireflies(&sample, known, texture, guide, fireflies))
+        };
         let Recalled {
             history: known,
+            held,
             gradient,
             reflections,
         } = match &memory {
-            Some(memory) => recall(params, memory, frame, motion, [&sample, color], output),
-            None => Recalled::nothing(size, accumulate::CHANNELS, output),
+            Some(memory) => recall(params, memory, frame, motion, &sample, hold, output),
+            None => Recalled::nothing(size, accumulate::CHANNELS, hold, output),
         };
         drop(memory);
         let color = held.unwrap_or(sample);
-        let (color, lent, guide) = match params.half_res {
-            Some(half_res) => {
-                let guide = new_guide();
-                let (color, lent) = half_res.fill(color, known.channels(5..6), &guide);
-                (color, Some(lent), Some(guide))
+        let (color, lent) = match params.half_res.zip(guide.as_ref()) {
+            Some((half_res, guide)) => {
+                let (color, lent) = half_res.fill(color, known.channels(5..6), guide);
+                (color, Some(lent))
             }
-            None => (color, None, None),
+            None => (color, None),
         };
         let before = [0..3, 3..5, 5..6].map(|channels| known.pixels().part(channels));
         let mut history = Records::blank(size, accumulate::CHANNELS);
@@ -425,18 +457,12 @@ impl Light<'_> {
             motion,
         } = self;
         let size = frame.color.size;
-        let held =
-            (params.fireflies).and_then(|_| illumination(frame, texture, params.fireflies).1);
-        let (color, texture) = match &held {
-            Some(held) => (held.pixels(), None),
-            None => (frame.color, texture),
-        };
         let fetch = memory.as_ref().map(|memory| {
             let tests = memory.tests(frame, motion, params);
             Fetch::new(&[memory.history.pixels()], size, tests, BILINEAR)
         });
         let kernel = Merge {
-            color,
+            color: frame.color,
             texture,
             motion,
             fetch,
@@ -618,14 +644,15 @@ impl<'a> Kernel for Finish<'a> {
     }
 }
 
-/// The light of the new frame comes as it was sampled, and without fireflies. Writes what the output has of confidence and
-/// rejection.
+/// The light of the new frame comes as it was sampled; `hold` makes it free of fireflies by the light that history has. Writes
+/// the output's confidence and rejection.
 pub(super) fn recall(
     params: &Params,
     memory: &Memory,
     frame: &Frame,
     motion: Pixels,
-    [sample, color]: [&Image; 2],
+    sample: &Image,
+    hold: impl FnOnce(Option<Pixels>) -> Option<Image>,
     output: &mut Output,
 ) -> Recalled {
     let tests = memory.tests(frame, motion, params);
@@ -648,6 +675,8 @@ pub(super) fn recall(
     let mut values = values.into_iter();
     let mut next = || values.next().expect("an image for each that is fetched");
     let mut history = next();
+    let held = hold(Some(history.pixels().part(0..3)));
+    let color = held.as_ref().unwrap_or(sample);
 
     let gradient = params.gradient.then(|| match replayed {
         Some(_) => next(),
@@ -688,6 +717,7 @@ pub(super) fn recall(
         });
     Recalled {
         history,
+        held,
         gradient,
         reflections,
     }

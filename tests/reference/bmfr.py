@@ -4,7 +4,6 @@ from .accumulate import accumulate
 from .blend import blend
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
-from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .regress import regress
 from .reproject import reproject
@@ -28,8 +27,6 @@ class BMFR(SVGF):
         if frame.albedo is not None:
             light = demodulate(light, frame.albedo, emission=emission)  # (H, W, 3)
             weight = torch.where((frame.albedo > 1 / 1024).any(-1), 1.0, torch.nan).to(light)  # (H, W)
-        if self.fireflies:
-            light, _ = suppress_fireflies(light)  # (H, W, 3)
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         if self.previous is None:
             flat = torch.zeros_like(light[..., 0])  # (H, W)
@@ -43,6 +40,9 @@ class BMFR(SVGF):
                 planes = [*planes, temporal_gradient(frame.replay, self.previous.color, noise=0)]  # and (H, W)
             history, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
+        if self.fireflies:
+            light = self.without_fireflies(frame, light, history[0])  # (H, W, 3)
+        if self.previous is not None:
             if replays:
                 gradient = history[4]  # (H, W)
             elif self.gradient:

@@ -70,8 +70,9 @@ class SVGF:
         light = frame.color  # (H, W, 3)
         if frame.albedo is not None:
             light = demodulate(light, frame.albedo, emission=emission)  # (H, W, 3)
-        if self.fireflies:
-            light, _ = suppress_fireflies(light)  # (H, W, 3)
+        similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
+        if frame.depth is not None and frame.normal is not None:
+            similarity["camera"] = frame.camera
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         if self.previous is None:
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), torch.zeros_like(light[..., 0])]
@@ -86,6 +87,9 @@ class SVGF:
             fetched, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
             history = fetched[:3]
+        if self.fireflies:
+            light = self.without_fireflies(frame, light, history[0])  # (H, W, 3)
+        if self.previous is not None:
             if replays:
                 gradient = fetched[3]  # (H, W)
             elif self.gradient:
@@ -93,9 +97,6 @@ class SVGF:
                 looks = {"passes": self.passes, "widest": self.passes + 2}
                 gradient = temporal_gradient(light, known, noise=2.2, **looks)  # (H, W)
 
-        similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
-        if frame.depth is not None and frame.normal is not None:
-            similarity["camera"] = frame.camera
         missing = int((~light.isfinite().all(-1)).sum())
         light, weight = self.fill(light, history[2], similarity)  # (H, W, 3), (H, W)
         merged = accumulate(light, *history, weight=weight, gradient=gradient, **self.blend)
@@ -116,6 +117,16 @@ class SVGF:
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """What joins the history (H, W, 3), and how much of a sample it is (H, W): all as it comes."""
         return light, None
+
+    def without_fireflies(self, frame, light: Tensor, known: Tensor) -> Tensor:
+        """Light (H, W, 3) whose fireflies were held down and spread in what is seen, by what history has (H, W, 3)."""
+        alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
+        if frame.depth is not None and frame.normal is not None:
+            alike["camera"] = frame.camera
+        if frame.albedo is None:
+            return suppress_fireflies(light, expected=known, **alike)[0]  # (H, W, 3)
+        seen, expected = (remodulate(image, frame.albedo) for image in (light, known))  # (H, W, 3), (H, W, 3)
+        return demodulate(suppress_fireflies(seen, expected=expected, **alike)[0], frame.albedo)  # (H, W, 3)
 
     def _tests(self, frame, motion: Tensor) -> dict:
         tests = {}
