@@ -11,15 +11,16 @@ def test_reference(height, width):
     rng = np.random.default_rng(width)
     color, emission = compare.colors(rng, height, width), compare.colors(rng, height, width)
     albedo = rng.uniform(-0.1, 1.2, (height, width, 3)).astype(np.float32)
-    albedo[rng.random((height, width)) < 0.3] *= 0.1
+    albedo[rng.random((height, width)) < 0.3] *= 0.03
+    albedo[rng.random((height, width)) < 0.2] *= 0.003
     albedo[rng.random((height, width)) < 0.1] = rng.choice([0, np.nan, np.inf, 1e-5, 30])
     for name in ("demodulate", "remodulate"):
         for named in ({}, {"emission": emission}):
             got = getattr(yester, name)(color, albedo, **named)
             want = getattr(reference, name)(tensor(color), tensor(albedo), **tensor(named)).numpy()
             assert got.dtype == np.float32
-            # Differences of numbers about one, divided by as little as a tenth.
-            scale = 10 if name == "demodulate" else 1
+            # Differences of numbers about one, divided by as little as a 64th.
+            scale = 64 if name == "demodulate" else 1
             missing = ~np.isfinite(want).all(-1)
             np.testing.assert_array_equal(~np.isfinite(got).all(-1), missing)
             assert_close(name, got, want, scale=scale, where=~missing)
@@ -44,12 +45,10 @@ def test_white_is_the_identity():
     np.testing.assert_array_equal(yester.remodulate(color, np.ones_like(color)), color)
 
 
-def test_dark_is_taken_as_it_is():
+def test_black_is_taken_as_it_is():
     color = compare.colors(np.random.default_rng(0), 5, 7, holes=0)
     np.testing.assert_array_equal(yester.demodulate(color, 0 * color), color)
     np.testing.assert_array_equal(yester.remodulate(color, 0 * color), color)
-    # Black plastic: as good as black.
-    np.testing.assert_allclose(yester.demodulate(color, np.full_like(color, 0.003)), color, rtol=0.07)
 
 
 def test_no_reflectance_exceeds_one():
@@ -61,9 +60,12 @@ def test_light_never_explodes():
     albedo = np.broadcast_to(np.geomspace(1e-6, 10, 1000, dtype=np.float32)[:, None], (1000, 3))[None]
     light = yester.demodulate(np.ones_like(albedo), albedo)
     assert light.min() >= 1
-    assert light.max() < 10.3
+    assert light.max() == 64
     # Smooth: from one albedo to the next, 1.6 % higher, it changes by little.
-    assert np.abs(np.diff(np.log(light[0, :, 0]))).max() < 0.05
+    assert np.abs(np.diff(np.log(light[0, :, 0]))).max() < 0.15
+    # From the bound on, texture is flattened.
+    bright = (albedo >= 1 / 64) & (albedo <= 1)
+    np.testing.assert_allclose(light[bright] * albedo[bright], 1, rtol=1e-6)
 
 
 def test_broken_albedo_and_emission_count_as_zero():

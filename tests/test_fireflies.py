@@ -155,7 +155,7 @@ def test_what_history_predicted_is_none():
     redistribute=st.booleans(),
 )
 def test_light_is_kept_or_reported(seed, size, redistribute, **named):
-    """Redistributed, the sum of luminance stays, however many fireflies share a window; else, what is lost is reported."""
+    """Redistributed, luminance stays, however many fireflies share a window; otherwise what is lost is reported."""
     color = image(np.random.default_rng(seed), *size)
     got, removed = yester.suppress_fireflies(color, redistribute=redistribute, **named)
     assert (removed >= 0).all()

@@ -499,7 +499,7 @@ fn modulate<'py>(
     modulated.array()
 }
 
-/// Light without texture: ``(color - emission) / d``, where d is the albedo, or towards 1 where that is dark.
+/// Light without texture: ``(color - emission) / d``, where d is the albedo, 1/64 at least, and 1 where it is black.
 ///
 /// Parameters
 /// ----------
@@ -523,10 +523,10 @@ fn modulate<'py>(
 ///
 /// Notes
 /// -----
-/// With a the albedo of a channel, ``d = a`` from 0.1 on, and ``d = a + (1 - a) (1 - a / 0.1)**2`` below. Lamps, sky, glass,
+/// With a the albedo of a channel, ``d = m + (1 - m) * max(1 - 512 a, 0)**2`` and ``m = max(a, 1/64)``. Lamps, sky, glass,
 /// mirrors and black plastic have an albedo near 0 and shine by what it does not scale; divided by it, their light would be
-/// a thousand times too bright, and filters would hand the excess to their neighbours. ``d`` passes smoothly to 1 instead,
-/// where colour is taken as it is, so that no light is multiplied by more than about 10.
+/// a thousand times too bright, and filters would hand the excess to their neighbours. So no light is multiplied by more
+/// than 64, and where albedo is black, colour is taken as it is.
 ///
 /// `remodulate` is the way back. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it is
 /// right to the last places. After Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4; Falcor

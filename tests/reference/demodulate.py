@@ -1,13 +1,14 @@
 import torch
 from torch import Tensor
 
-DARK = 0.1  # from here on albedo is divided by
+LEAST, BLACK = 1 / 64, 1 / 512  # the least albedo that is divided by, and where taking colour as it is begins
 
 
 def divisor(albedo: Tensor) -> Tensor:
-    """What light is divided by: the albedo a in [0, 1]; below 0.1, a + (1 - a)(1 - a / 0.1)², which is 1 for black."""
+    """What light is divided by: m + (1 - m)(1 - 512 a)²₊ with m = max(a, 1/64), the albedo a in [0, 1]; 1 for black."""
     a = albedo.where(albedo.isfinite(), 0).clamp(0, 1)  # (H, W, 3)
-    return a + (1 - a) * (1 - a / DARK).clamp(min=0) ** 2  # (H, W, 3)
+    m = a.clamp(min=LEAST)  # (H, W, 3)
+    return m + (1 - m) * (1 - a / BLACK).clamp(min=0) ** 2  # (H, W, 3)
 
 
 def _emitted(color: Tensor, emission: Tensor | None) -> Tensor:

@@ -11,8 +11,8 @@ def suppress_fireflies(
     """Cut luminance to a limit by the pixels around that show the same surface, and spread the excess over these.
 
     limit = max(mean + threshold·σ, (1 + threshold)·expected luminance)·1.00001, with the weighted mean and deviation of
-    the window except its centre, whose weights add up to 2 at least. Each pixel of the window, the centre included, takes
-    of a firefly's excess as much as its weight is of all weights.
+    the window except its centre, whose weights add up to 2 at least. Each pixel of the window, the centre included,
+    takes of a firefly's excess as much as its weight is of all weights.
     Source: the first part of the limit is that of NRD's anti-firefly.
 
     Parameters

@@ -1,14 +1,17 @@
 //! Demodulation: light without texture, so that filters smooth the light and keep the texture.
 //!
 //!   illumination = (colour − emission) / d,  colour = illumination · d + emission,
-//!   d = a + (1 − a) (1 − a / t)²  for a < t,  d = a  for t ≤ a ≤ 1,  with the channel's albedo a held to [0, 1], t = 0.1.
+//!   d = m + (1 − m) (1 − a / t)²₊,  m = max(a, f),  with the channel's albedo a held to [0, 1], f = 1/64, t = 1/512.
 //!
-//! From t on this is Falcor's SVGFPass without its bound of 0.001. What is darker than t is mostly lit by something that
-//! albedo does not scale: by its highlights if it is black plastic, by what is behind it if it is glass, by itself if it is a
-//! lamp or the sky. Divided by a, that light would be up to a thousand times too bright, and a filter would hand the excess
-//! to neighbours of ordinary albedo. So d passes smoothly to 1, where colour is taken as it is: no light is ever multiplied by
-//! more than about 1 / t. The passage is steep enough that texture above t / 2 is still flattened. An albedo above 1 (gold in
-//! some renderers, a BSDF's value at one pair of directions in others) is no reflectance and counts as 1.
+//! From f on this divides by the albedo, as Falcor's SVGFPass does from 0.001 on. What is darker shines mostly by what albedo
+//! does not scale: black plastic by its highlights, glass by what is behind it, lamps and the sky by themselves. Divided by
+//! a thousandth, such light is a thousand times too bright, and wherever a filter has no guide to stop it, neighbours of
+//! ordinary albedo get the excess. The bound f divides by 64 at most. Towards black, where nothing of the light can be told
+//! from albedo, d passes smoothly to 1: colour is taken as it is. An albedo above 1 (gold in some renderers, a BSDF's value
+//! at one pair of directions in others) is no reflectance and counts as 1.
+//!
+//! A higher f or t protects more, and flattens less of dark texture: on tiles of 0.003 and 0.75, light that is taken as it is
+//! up to 0.1 costs 5 dB.
 //!
 //! Where albedo is 0 or at least 1, the round trip has the colour's own bits if there is no emission; elsewhere it is right
 //! to the last place or two.
@@ -22,8 +25,11 @@ use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::pixels::{PixelsMut, larger, smaller};
 use crate::rows::{self, Kernel};
 
-/// t: from here to 1, light is divided by the albedo itself.
-const DARK: f32 = 0.1;
+/// f: the least albedo that is divided by.
+const LEAST: f32 = 1.0 / 64.0;
+
+/// t: below, colour is taken more and more as it is.
+const BLACK: f32 = 1.0 / 512.0;
 
 /// What light falls on.
 #[derive(Clone, Copy)]
@@ -106,11 +112,12 @@ fn each(values: &mut [f32], albedo: &[f32], emission: &[f32], f: impl Fn(f32, f3
     }
 }
 
-/// d: what light is divided by, from nearly t to 1.
+/// d: what light is divided by, from f to 1.
 #[inline(always)]
 fn divisor(albedo: f32) -> f32 {
     let a = if albedo.is_finite() { albedo } else { 0.0 };
     let a = smaller(larger(a, 0.0), 1.0);
-    let dark = larger(1.0 - a * (1.0 / DARK), 0.0);
-    a + (1.0 - a) * (dark * dark)
+    let least = larger(a, LEAST);
+    let black = larger(1.0 - a * (1.0 / BLACK), 0.0);
+    least + (1.0 - least) * (black * black)
 }
