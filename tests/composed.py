@@ -7,7 +7,7 @@ import numpy as np
 import scene
 import yester
 from numpy.typing import NDArray
-from reference.taa import PRESETS
+from reference.taa import PRESETS, same_surface
 
 TILE, PERIOD = 16, 8
 
@@ -88,8 +88,9 @@ def go_to_nearest(motion: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.concatenate([there, motion[..., 2:]], -1)
 
 
-def antialias(settings: dict, history, color, motion, depth) -> tuple[list, NDArray, NDArray]:
+def antialias(settings: dict, history, color, motion, depth, tests=None) -> tuple[list, NDArray, NDArray]:
     """The history with one more colour: colour and length, the coverage of what was there, and its rejection."""
+    tests, change = tests or {}, None
     if history is None:
         old, length = np.zeros_like(color), np.zeros_like(color[..., 0])
         coverage, rejection = length, np.zeros(length.shape, np.uint8)
@@ -98,8 +99,12 @@ def antialias(settings: dict, history, color, motion, depth) -> tuple[list, NDAr
         if settings["dilate"] != "none":
             choose = "longest" if depth is None else "nearest"
             moved = yester.dilate_motion(motion, depth, choose=choose, window=settings["dilate"])
-        (old, length), coverage = yester.reproject(history, moved, filter=settings["filter"], fallback=False)
-        rejection, _ = yester.consistency(go_to_nearest(moved) if settings["filter"] == "nearest" else moved)
+        (old, length), coverage = yester.reproject(history, moved, filter=settings["filter"], fallback=False, **tests)
+        footprint = go_to_nearest(moved) if settings["filter"] == "nearest" else moved
+        rejection, _ = yester.consistency(footprint, **tests)
+        if settings["gradient"]:
+            known = np.where((coverage > 0)[..., None], old, np.float32(np.nan))
+            change = yester.temporal_gradient(color, known, noise=2.2, passes=3, widest=5)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = yester.exposure(color)
     clipped = yester.clip_history(old, color, exposure=bright, **among)
@@ -107,8 +112,14 @@ def antialias(settings: dict, history, color, motion, depth) -> tuple[list, NDAr
     share = yester.blend_factor(coverage, motion, **pace)
     with np.errstate(divide="ignore"):
         longest = np.float32(1) / np.float32(settings["alpha"])
+    length = yester.anti_lag(length, old, clipped, strength=settings["anti_lag"])
+    if change is not None:
+        square = (1 - change) * (1 - change)
+        length = length * (square * square * (square * square) * square)
     counted = np.minimum(length + np.float32(1), longest)
     share = np.maximum(share, 1 / counted)
+    if change is not None:
+        share = share + change * (1 - share)
     weights = {name: settings[name] for name in ("weighting", "flicker")}
     blended = yester.blend(color, clipped, share, exposure=bright, **weights)
     present = np.isfinite(color).all(-1)
@@ -125,7 +136,8 @@ class TAA:
         if self.settings["reconstruct"] and frame.jitter is not None:
             color = yester.resolve([color], [frame.jitter], filter="blackman-harris")
         motion = find_motion(frame, self.before)
-        self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth)
+        tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
+        self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth, tests)
         self.before = frame
         return SimpleNamespace(
             color=blacken(self.history[0]),

@@ -12,6 +12,7 @@ from composed import sample, sequence, supersampled
 from reference.taa import PRESETS
 
 WIDTH, HEIGHT = 61, 43
+SURFACE = ("color", "depth", "normal", "object_normal", "ids", "motion", "position", "camera")
 NAMES = ("color", "depth", "motion", "position", "camera", "jitter")
 OVERRIDES = [
     {"dilate": "none", "filter": "nearest", "alpha": 0.3},
@@ -19,6 +20,17 @@ OVERRIDES = [
     {"dilate": "cross", "window": "5x5", "gamma": 1.5, "box": "variance", "response": "ellipsoid", "flicker": 0.5},
     {"filter": "bilinear", "box": "chroma-hull", "space": "ycocg", "response": "current", "speed": 0.5},
     {"alpha": 0.0, "fast_alpha": 1.0, "speed": (0.1, 4.0), "box": "intersection", "space": "rgb", "response": "clamp"},
+]
+
+
+DOUBTS = [
+    {"relative_depth": 0.1, "ids": True},
+    {"plane_distance": 0.01, "filter": "bilinear"},
+    {"plane_distance": (0.005, 0.02), "relative_depth": (0.05, 0.2), "normal_angle": (15, 30), "dilate": "none"},
+    {"normal_angle": 25.0, "filter": "nearest"},
+    {"gradient": True},
+    {"anti_lag": 1.0},
+    {"gradient": True, "anti_lag": 3.0, "ids": True, "dilate": "cross"},
 ]
 
 
@@ -56,6 +68,92 @@ def test_overrides_are_the_kernels_arguments(preset, overrides):
     assert not np.array_equal(*images[-1])
 
 
+@pytest.mark.parametrize("preset", ["best", "karis"])
+@pytest.mark.parametrize("doubts", DOUBTS)
+def test_doubts_are_the_kernels_arguments(preset, doubts):
+    """Also where some of the buffers are missing, or appear late. Without tests history is trusted more."""
+    frames = frames_of(SURFACE, 5)
+    check_bits(frames, preset, **doubts)
+    late = [yester.Frame(frame.color, motion=frame.motion) for frame in frames[:2]] + frames[2:]
+    check_bits(late, preset, **doubts)
+    for names in (("color", "motion", "depth"), ("color", "camera", "position", "normal"), ("color",)):
+        check_bits(frames_of(names, 3), preset, **doubts)
+    still = [yester.Frame(**{n: frame[n] for n in SURFACE if n != "motion"}) for frame in sequence(3, moving=False)]
+    check_bits(still, preset, **doubts)
+    lengths = [[taa.step(frame) for frame in frames][-1] for taa in (yester.TAA(preset), yester.TAA(preset, **doubts))]
+    plain, other = (out.history_length for out in lengths)
+    assert (other < plain - 1e-4).mean() > 0.02
+
+
+@pytest.mark.parametrize("doubts", [doubts for doubts in DOUBTS if doubts.get("filter") != "nearest"])
+def test_doubts_are_as_the_reference_has_them(doubts):
+    """Whose rejection is that of 2×2 pixels in any case."""
+    taa, other = yester.TAA(**doubts), reference.TAA(**doubts)
+    absent = dict.fromkeys((*NAMES, *SURFACE))
+    for frame in sequence(5):
+        given = {name: frame[name] for name in SURFACE}
+        got = taa.step(yester.Frame(**given))
+        want = other.step(SimpleNamespace(**{**absent, **tensor(given)}))
+        named = {"where": np.ones((HEIGHT, WIDTH), bool), "flips": WIDTH * HEIGHT // 100}
+        assert_close("TAA with doubts", got.color, want.color, rtol=1e-4, **named)
+        assert_close("TAA with doubts, history_length", got.history_length, want.history_length, rtol=1e-4, **named)
+        assert_close("TAA with doubts, confidence", got.confidence, want.confidence, **named)
+        assert int((got.rejection != np.asarray(want.rejection)).sum()) <= WIDTH * HEIGHT // 100
+
+
+@pytest.mark.parametrize(
+    ("doubts", "bits"),
+    [
+        ({"relative_depth": 0.1}, yester.Rejection.DEPTH),
+        ({"plane_distance": 0.01}, yester.Rejection.DEPTH),
+        ({"normal_angle": 25.0}, yester.Rejection.NORMAL),
+        ({"ids": True}, yester.Rejection.ID),
+    ],
+)
+def test_another_surface_lends_no_history(doubts, bits):
+    """Where the colours are alike, clipping sees nothing: the history of what was there before stays without a test."""
+    rng = np.random.default_rng(0)
+    size = (12, 16)
+    camera = scene.camera(0.0, size[1], size[0])
+
+    def frame(changed: bool) -> yester.Frame:
+        there = (np.arange(size[1]) >= 8) & changed
+        return yester.Frame(
+            rng.uniform(0.4, 0.6, (*size, 3)).astype(np.float32),
+            depth=np.where(there, 6, 4).repeat(size[0]).reshape(size[::-1]).T.astype(np.float32),
+            normal=np.where(there[None, :, None], [1.0, 0, 0], [0.0, 0, 1]) * np.ones((*size, 1)),
+            ids=np.where(there, 2, 1) * np.ones(size, np.uint32),
+            motion=np.zeros((*size, 3), np.float32),
+            camera=camera,
+        )
+
+    for preset in PRESETS:
+        taa, plain = yester.TAA(preset, **doubts), yester.TAA(preset)
+        for changed in (False, False, False, True):
+            now = frame(changed)
+            out, without = taa.step(now), plain.step(now)
+        assert (without.history_length == 4).all()
+        assert not without.rejection.any()
+        assert (out.history_length[:, :8] == 4).all()
+        assert (out.history_length[:, 8:] == 1).all()
+        assert (out.rejection[:, 8:] & bits).all()
+        assert not out.rejection[:, :8].any()
+        np.testing.assert_array_equal(out.color[:, 8:], now.color[:, 8:])
+
+
+def test_light_that_goes_shortens_history():
+    """All of it at once: the gradient sees it; so does anti-lag where history had to be clipped far."""
+    rng = np.random.default_rng(0)
+    for doubts in ({"gradient": True}, {"anti_lag": 1.0}):
+        taa, plain = yester.TAA(**doubts), yester.TAA()
+        for light in (1, 1, 1, 1, 1, 1, 0.1):
+            color = np.float32(light) * rng.uniform(0.9, 1.1, (24, 32, 3)).astype(np.float32)
+            out, without = taa.step(yester.Frame(color)), plain.step(yester.Frame(color))
+        assert (without.history_length == 7).all()
+        assert (out.history_length < 3).mean() > 0.95
+        assert np.abs(out.color - color).mean() < 0.7 * np.abs(without.color - color).mean()
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_any_size_and_wild_motion(size):
     rng = np.random.default_rng(0)
@@ -82,6 +180,16 @@ def test_everything_is_used_that_is_there():
     taa = yester.TAA("seed")
     out = [taa.step(frame) for frame in frames_of(NAMES, 2)][-1]
     assert out.used == ("motion",), "it neither reconstructs nor dilates"
+    for doubts, used in (
+        ({"relative_depth": 0.1}, {"depth"}),
+        ({"plane_distance": 0.01}, {"depth", "plane", "normal"}),
+        ({"normal_angle": 25, "ids": True}, {"normal", "object_normal", "ids"}),
+    ):
+        taa = yester.TAA("seed", **doubts)
+        first, second = (taa.step(frame).used for frame in frames_of(SURFACE, 2))
+        assert first == ("motion",), "nothing is known of the frame before"
+        assert len(second) == len(set(second))
+        assert set(second) == {"motion", *used}
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -89,7 +197,7 @@ def test_everything_is_used_that_is_there():
 def test_reference(preset, names):
     """The whole against its composition in float64, where decisions may flip in a few pixels."""
     taa, other = yester.TAA(preset), reference.TAA(preset)
-    absent = dict.fromkeys(NAMES)
+    absent = dict.fromkeys((*NAMES, *SURFACE))
     for frame in sequence(6):
         given = {name: frame[name] for name in names}
         got = taa.step(yester.Frame(**given))
@@ -277,6 +385,10 @@ def test_unknown_modes_list_the_known(argument):
         ("speed", [-1, np.nan, (3, 2)]),
         ("gamma", [-1, np.nan]),
         ("flicker", [-0.1, 1.1, np.nan]),
+        ("relative_depth", [0, -1, np.nan, (0.2, 0.1)]),
+        ("plane_distance", [0, -1, np.nan, (0.2, 0.1)]),
+        ("normal_angle", [-1, 181, np.nan]),
+        ("anti_lag", [-1, np.nan, np.inf]),
     ],
 )
 def test_out_of_range(argument, values):

@@ -225,6 +225,12 @@ class TAA:
         response: _Response | None = None,
         weighting: _Weighting | None = None,
         flicker: float | None = None,
+        relative_depth: _Threshold | None = None,
+        plane_distance: _Threshold | None = None,
+        normal_angle: _Threshold | None = None,
+        ids: bool = False,
+        gradient: bool = False,
+        anti_lag: float = 0.0,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...

@@ -503,7 +503,7 @@ pub fn anti_lag_<'py>(
     strength: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    anti_lag::check(strength)?;
+    anti_lag::check("strength", strength)?;
     let shortened = {
         let length = Input::<f32>::new(history_length, "history_length", Channels::One)?;
         let size = length.size();

@@ -1,7 +1,7 @@
 //! What goes into a pipeline and what comes out, one frame at a time.
 
 use crate::error::{Error, Result};
-use crate::image::{Image, Pixels, Size};
+use crate::image::{Image, Pixels, Records, Size};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
@@ -60,6 +60,35 @@ pub fn find_motion(
             motion
         }
         None => Image::new(size, 2),
+    }
+}
+
+/// What the next frame's tests ask of a frame's surfaces; in records, as all that is fetched in several channels.
+pub struct SurfaceRecords {
+    depth: Option<Records>,
+    normal: Option<Records>,
+    object_normal: Option<Records>,
+    ids: Option<Records<u32>>,
+}
+
+impl SurfaceRecords {
+    pub fn of(surface: &Surface) -> Self {
+        Self {
+            depth: surface.depth.map(Pixels::to_records),
+            normal: surface.normal.map(Pixels::to_records),
+            object_normal: surface.object_normal.map(Pixels::to_records),
+            ids: surface.ids.map(Pixels::to_records),
+        }
+    }
+
+    pub fn surface(&self) -> Surface<'_> {
+        Surface {
+            depth: self.depth.as_ref().map(Records::pixels),
+            normal: self.normal.as_ref().map(Records::pixels),
+            object_normal: self.object_normal.as_ref().map(Records::pixels),
+            ids: self.ids.as_ref().map(Records::pixels),
+            color: None,
+        }
     }
 }
 

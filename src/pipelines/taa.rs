@@ -1,26 +1,30 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
-//!   (resolve the jittered sample) → (motion from cameras) → (expose) → dilate → reproject → clip → blend
+//!   (resolve the jittered sample) → (motion from cameras) → (expose) → (temporal gradient)
+//!     → dilate → reproject → clip → (anti-lag) → blend
 //!
 //! From dilation on all is one pass: what one kernel knows of a run of pixels, the next takes from the first-level cache.
+//! The temporal gradient looks farther and has a pass of its own before, with its own reprojection.
 //!
-//! It works on colours across surfaces: no test of depth, normal or id refuses history, since along an edge that would
-//! refuse what antialiases it. The neighbourhood's colours decide instead.
+//! By default colours are merged across surfaces: no test of depth, normal or id refuses history, since along an edge
+//! that would refuse what antialiases it. The neighbourhood's colours decide instead. Tests can be switched on, for
+//! histories that no neighbourhood tells from what is there now.
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Summary, check_size};
+use super::frame::{Frame, Output, Summary, SurfaceRecords, check_size};
 use crate::error::Result;
 use crate::image::{Image, Pixels, Records, SEGMENT, View, segments};
-use crate::kernels::camera::dilate::{Choice, Dilation, Window};
+use crate::kernels::camera::dilate::{Choice, Dilation, Window, dilate_motion};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes, Wide};
-use crate::kernels::fetch::reproject::{self, Fetch};
-use crate::kernels::judge::blend_factor;
+use crate::kernels::fetch::reproject::{self, Fetch, reproject};
 use crate::kernels::judge::exposure::exposure;
+use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
-use crate::kernels::merge::accumulate::count_missing;
+use crate::kernels::judge::{anti_lag, blend_factor};
+use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power};
 use crate::kernels::merge::blend::{self, Weighting, calm, mix};
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::math::is_present;
@@ -38,7 +42,66 @@ pub struct Params {
     pub blend: blend::Params,
     /// How a frame with known jitter is brought to pixel centres.
     pub reconstruct: Option<resolve::Filter>,
+    pub limits: Limits,
+    /// Whether changes of light, estimated, shorten history.
+    pub gradient: bool,
+    /// How much clipping shortens history; from 0; 0.
+    pub anti_lag: f32,
 }
+
+/// The tests that history must pass; by default none.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    pub relative_depth: Option<Threshold>,
+    /// Replaces the relative depth for frames with cameras, depths, normals and motion of 3 channels.
+    pub plane_distance: Option<Threshold>,
+    pub normal_angle: Option<Threshold>,
+    pub ids: bool,
+}
+
+impl Limits {
+    const NONE: Self = Self {
+        relative_depth: None,
+        plane_distance: None,
+        normal_angle: None,
+        ids: false,
+    };
+
+    fn any(&self) -> bool {
+        let depth = self.relative_depth.or(self.plane_distance);
+        depth.or(self.normal_angle).is_some() || self.ids
+    }
+
+    /// Of tests that are not wanted, the threshold that all pass, or the default where they never decide alone.
+    fn thresholds(&self) -> surface::Params {
+        let default = surface::Params::default();
+        surface::Params {
+            relative_depth: self.relative_depth.unwrap_or(default.relative_depth),
+            plane_distance: self.plane_distance.unwrap_or(default.plane_distance),
+            normal_angle: self.normal_angle.unwrap_or(Threshold::hard(180.0)),
+            ..default
+        }
+    }
+
+    /// The buffers that are compared, with planes or without.
+    fn compared<'a>(&self, surface: Surface<'a>, planes: bool) -> Surface<'a> {
+        let (depth, angle) = (self.relative_depth.is_some(), self.normal_angle.is_some());
+        Surface {
+            depth: surface.depth.filter(|_| planes || depth),
+            normal: surface.normal.filter(|_| planes || angle),
+            object_normal: surface.object_normal.filter(|_| angle),
+            ids: surface.ids.filter(|_| self.ids),
+            color: None,
+        }
+    }
+}
+
+/// A jump of the light that aliasing does not explain; several looks find more that is not there than one.
+const GRADIENT: gradient::Params = gradient::Params {
+    noise: 2.2,
+    passes: 3,
+    widest: 5,
+};
 
 impl Params {
     pub const PRESETS: [(&str, Self); 5] = [
@@ -81,6 +144,9 @@ impl Params {
             exposure: 1.0,
         },
         reconstruct: None,
+        limits: Limits::NONE,
+        gradient: false,
+        anti_lag: 0.0,
     };
 
     /// After Karis 2014, *High Quality Temporal Supersampling*; how far flicker lessens the share is our choice.
@@ -121,6 +187,7 @@ impl Params {
             ..Self::SEED.blend
         },
         reconstruct: Some(resolve::Filter::BlackmanHarris),
+        ..Self::SEED
     };
 
     /// What our own measurements choose for frames without noise.
@@ -141,8 +208,8 @@ impl Params {
                 none: 1.0,
             },
         },
-        blend: Self::SEED.blend,
         reconstruct: Some(resolve::Filter::BlackmanHarris),
+        ..Self::SEED
     };
 
     /// The same for frames that a denoiser has smoothed, whose history is the worse for what was wrong in each of them.
@@ -162,6 +229,8 @@ impl Params {
 
     pub fn check(&self) -> Result<()> {
         self.clip.check()?;
+        self.limits.thresholds().check()?;
+        anti_lag::check("anti_lag", self.anti_lag)?;
         self.blend_factor.check()?;
         self.blend.check()
     }
@@ -175,8 +244,10 @@ impl Params {
 /// Channels of a history image: colour 0 to 2, length 3.
 const CHANNELS: usize = 4;
 
-/// What was thought of the history, to be written: its length, its coverage, and the tests that it failed.
+/// How history is judged: the tests that it must pass; and to be written, its length, its coverage and the tests that it
+/// failed.
 pub struct Details<'a> {
+    pub tests: Tests<'a>,
     pub history_length: &'a mut [f32],
     pub confidence: &'a mut [f32],
     pub rejection: &'a mut [u8],
@@ -186,6 +257,7 @@ impl<'a> Details<'a> {
     /// Band by band.
     fn bands(self, width: usize) -> impl Iterator<Item = Details<'a>> {
         let Self {
+            tests,
             history_length,
             confidence,
             rejection,
@@ -194,7 +266,8 @@ impl<'a> Details<'a> {
         (history_length.chunks_mut(band))
             .zip(confidence.chunks_mut(band))
             .zip(rejection.chunks_mut(band))
-            .map(|((history_length, confidence), rejection)| Details {
+            .map(move |((history_length, confidence), rejection)| Details {
+                tests,
                 history_length,
                 confidence,
                 rejection,
@@ -234,15 +307,37 @@ impl Stage {
     ) -> usize {
         let (params, size) = (&self.params, color.size);
         let mut next = Records::blank(size, CHANNELS);
-        let (nothing, limits) = (Surface::default(), surface::Params::default());
-        let fetch = self.history.as_ref().map(|history| {
-            let tests = Tests::new(nothing, nothing, None, &limits);
-            let params = reproject::Params {
-                filter: params.filter,
-                fallback: false,
-                dering: true,
+        let tests = match &details {
+            Some(details) => details.tests,
+            None => Tests::none(),
+        };
+        let choice = depth.map_or(Choice::Longest, Choice::Nearest);
+        let fetching = reproject::Params {
+            filter: params.filter,
+            fallback: false,
+            dering: true,
+        };
+        let fetch = (self.history.as_ref())
+            .map(|history| Fetch::new(&[history.pixels()], size, tests, fetching));
+        let gradient = self.history.as_ref().filter(|_| params.gradient);
+        let gradient = gradient.map(|history| {
+            let mut dilated = Image::blank(size, motion.channels);
+            let moved = match params.dilate {
+                Some(window) => {
+                    let out = dilated.bands().map(PixelsMut::Planar);
+                    dilate_motion(motion, choice, window, out);
+                    dilated.pixels()
+                }
+                None => motion,
             };
-            Fetch::new(&[history.pixels()], size, tests, params)
+            let (mut coverage, mut gradient) = (Image::blank(size, 1), Image::blank(size, 1));
+            let known = &[history.pixels()];
+            let mut rejection = vec![0; size.pixels()];
+            let (covered, rejected) = (coverage.data_mut(), &mut rejection);
+            let history = reproject(known, moved, tests, fetching, covered, rejected);
+            let (before, known) = (history[0].pixels().part(0..3), Some(coverage.view()));
+            temporal_gradient(color, before, known, GRADIENT, gradient.data_mut());
+            gradient
         });
         // Tone curves are for images that are exposed as photographs are.
         let exposure = if params.is_exposed() {
@@ -264,8 +359,9 @@ impl Stage {
             },
             color,
             motion,
-            choice: depth.map_or(Choice::Longest, Choice::Nearest),
+            choice,
             fetch,
+            gradient: gradient.as_ref().map(Image::view),
         };
         let mut missing = vec![0; size.height.div_ceil(BAND)];
         let mut details = details.map(|details| details.bands(size.width));
@@ -291,6 +387,7 @@ struct Antialias<'a> {
     choice: Choice<'a>,
     /// None for a first frame.
     fetch: Option<Fetch<'a>>,
+    gradient: Option<View<'a>>,
 }
 
 struct Outs<'a> {
@@ -309,6 +406,7 @@ impl<'a> Kernel for Antialias<'a> {
             clip,
             blend,
             blend_factor,
+            anti_lag: strength,
             ..
         } = self.params;
         let size = self.color.size;
@@ -322,7 +420,7 @@ impl<'a> Kernel for Antialias<'a> {
         let mut history = [[0.0; SEGMENT]; 3];
         let mut merged = [[0.0; SEGMENT]; 3];
         let (mut length, mut coverage) = ([0.0; SEGMENT], [0.0; SEGMENT]);
-        let mut shares = [0.0; SEGMENT];
+        let (mut shares, mut changes) = ([0.0; SEGMENT], [0.0; SEGMENT]);
         for y in rows.clone() {
             window.roll(self.color, y, y == rows.start);
             if let Some(dilation) = &mut dilation {
@@ -357,10 +455,25 @@ impl<'a> Kernel for Antialias<'a> {
                     history = [[0.0; SEGMENT]; 3];
                     length = [0.0; SEGMENT];
                 }
+                let unclipped = (strength > 0.0).then_some(history);
                 window.clip(run, &mut history);
+                if let Some(unclipped) = &unclipped {
+                    anti_lag::shorten(&mut length[..n], unclipped, &history, strength);
+                }
                 let colors = window.colors.own(run);
                 blend_factor.shares(&coverage[..n], Some(motion), &mut shares);
+                if let Some(gradient) = self.gradient {
+                    load_shares(gradient, run, &mut changes);
+                    for (length, change) in length.iter_mut().zip(&changes) {
+                        *length *= tenth_power(1.0 - change);
+                    }
+                }
                 warm_up(colors, longest, &mut shares, &mut length);
+                if self.gradient.is_some() {
+                    for (share, change) in shares.iter_mut().zip(&changes) {
+                        *share += change * (1.0 - *share);
+                    }
+                }
                 if blend.flicker < 1.0 {
                     calm(&window.colors, run, &history, blend.flicker, &mut shares);
                 }
@@ -414,6 +527,8 @@ pub struct Taa {
     stage: Stage,
     reserve: Reserve,
     camera: Option<Camera>,
+    /// The last frame's, where history is tested.
+    surface: Option<SurfaceRecords>,
 }
 
 impl Taa {
@@ -423,6 +538,7 @@ impl Taa {
             stage: Stage::new(params),
             reserve: Reserve::default(),
             camera: None,
+            surface: None,
         })
     }
 
@@ -431,6 +547,7 @@ impl Taa {
         self.stage.reset();
         self.reserve = Reserve::default();
         self.camera = None;
+        self.surface = None;
     }
 
     pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
@@ -459,11 +576,28 @@ impl Taa {
             });
         let source = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let motion = frame.motion(self.camera.as_ref(), &mut used);
+        let limits = params.limits;
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
-        if depth.is_some() {
+        let before = self.surface.take();
+        let before = before.as_ref().map(SurfaceRecords::surface);
+        let camera = self
+            .camera
+            .as_ref()
+            .filter(|_| limits.plane_distance.is_some());
+        let camera = camera.filter(|_| motion.pixels().channels == 3);
+        let both = |surface: Surface| surface.depth.is_some() && surface.normal.is_some();
+        let rays = camera.map(Camera::rays);
+        let rays = rays.filter(|_| both(frame.surface) && before.is_some_and(both));
+        let [now, before] = [frame.surface, before.unwrap_or_default()]
+            .map(|surface| limits.compared(surface, rays.is_some()));
+        let tests = Tests::new(now, before, rays, &limits.thresholds());
+        let tested = tests.used();
+        if depth.is_some() || tested.contains(&"depth") {
             used.push("depth");
         }
+        used.extend(tested.into_iter().filter(|&name| name != "depth"));
         let details = Details {
+            tests,
             history_length: output.history_length,
             confidence: output.confidence,
             rejection: output.rejection,
@@ -476,6 +610,7 @@ impl Taa {
             Some(details),
         );
         self.camera = frame.camera;
+        self.surface = limits.any().then(|| SurfaceRecords::of(&frame.surface));
         Ok(Summary {
             used,
             missing: resolved.map_or(missing, |(_, missing)| missing),

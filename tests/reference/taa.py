@@ -3,11 +3,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from .anti_lag import anti_lag
 from .blend import blend
 from .blend_factor import blend_factor
 from .consistency import consistency
 from .dilate import dilate_motion
 from .exposure import exposure
+from .gradient import temporal_gradient
 from .motion import motion_vectors
 from .neighborhood import clip_history
 from .reproject import reproject
@@ -27,6 +29,12 @@ SEED = {
     "weighting": "none",
     "flicker": 1.0,
     "reconstruct": False,
+    "relative_depth": None,
+    "plane_distance": None,
+    "normal_angle": None,
+    "ids": False,
+    "gradient": False,
+    "anti_lag": 0.0,
 }
 KARIS = SEED | {
     "dilate": "cross",
@@ -75,10 +83,13 @@ class Output(NamedTuple):
     missing: int
 
 
-def antialias(settings: dict, history: list[Tensor] | None, color: Tensor, motion: Tensor, depth) -> Antialiased:
+def antialias(
+    settings: dict, history: list[Tensor] | None, color: Tensor, motion: Tensor, depth, tests: dict | None = None
+) -> Antialiased:
     """Merge a colour into the history of those before: dilate, reproject, clip, blend.
 
-    The share of a pixel's N-th sample is at least 1/N; N stops at 1/alpha.
+    The share of a pixel's N-th sample is at least 1/N; N stops at 1/alpha. With a temporal gradient λ, N falls to
+    N (1 - λ)^10 before, and the share rises to lerp(share, 1, λ).
 
     Parameters
     ----------
@@ -86,7 +97,10 @@ def antialias(settings: dict, history: list[Tensor] | None, color: Tensor, motio
     color : (H, W, 3)
     motion : (H, W, 2) or (H, W, 3)
     depth : (H, W), or None: the longest motion then is that of the neighbourhood
+    tests : of surfaces, as for `reproject`
     """
+    tests = tests or {}
+    change = torch.zeros_like(color[..., 0])  # (H, W)
     if history is None:
         old, length = torch.zeros_like(color), torch.zeros_like(color[..., 0])  # (H, W, 3), (H, W)
         coverage, rejection = length, torch.zeros_like(length, dtype=torch.uint8)  # (H, W), (H, W)
@@ -95,20 +109,44 @@ def antialias(settings: dict, history: list[Tensor] | None, color: Tensor, motio
         if settings["dilate"] != "none":
             choose = "longest" if depth is None else "nearest"
             there = dilate_motion(motion, depth, choose=choose, window=settings["dilate"])  # (H, W, 2|3)
-        (old, length), coverage = reproject(history, there, filter=settings["filter"], fallback=False)
-        rejection, _ = consistency(there)  # (H, W)
+        (old, length), coverage = reproject(history, there, filter=settings["filter"], fallback=False, **tests)
+        rejection, _ = consistency(there, **tests)  # (H, W)
+        if settings["gradient"]:
+            known = old.where((coverage > 0)[..., None], torch.nan)  # (H, W, 3)
+            change = temporal_gradient(color, known, noise=2.2, passes=3, widest=5)  # (H, W)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = exposure(color)
     clipped = clip_history(old, color, exposure=bright, **among)  # (H, W, 3)
     pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
+    length = anti_lag(length, old, clipped, strength=settings["anti_lag"]) * (1 - change) ** 10  # (H, W)
     counted = length + 1  # (H, W)
     if settings["alpha"] > 0:
         counted = counted.clamp(max=1 / settings["alpha"])  # (H, W)
     share = blend_factor(coverage, motion, **pace).maximum(1 / counted)  # (H, W)
+    share = share + change * (1 - share)  # (H, W)
     weights = {name: settings[name] for name in ("weighting", "flicker")}
     new = blend(color, clipped, share, exposure=bright, **weights)  # (H, W, 3)
     length = counted.where(color.isfinite().all(-1), length)  # (H, W)
     return Antialiased([new, length], coverage, rejection)
+
+
+def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:
+    """The tests that are asked for, of the buffers that both frames have, as arguments of `reproject`."""
+    limits = {name: settings[name] for name in ("relative_depth", "plane_distance", "normal_angle")}
+    limits = {name: limit for name, limit in limits.items() if limit is not None}
+    names = ("depth", "normal", "object_normal", "ids")
+    pairs = {name: (getattr(frame, name), getattr(before, name)) for name in names}
+    known = {name for name, pair in pairs.items() if pair[0] is not None and pair[1] is not None}
+    plane = "plane_distance" in limits and before.camera is not None and {"depth", "normal"} <= known
+    plane = plane and motion.shape[-1] == 3
+    asked = {"depth"} if plane or "relative_depth" in limits else set()
+    asked |= {"normal"} if plane or "normal_angle" in limits else set()
+    asked |= {"object_normal"} if "normal_angle" in limits else set()
+    asked |= {"ids"} if settings["ids"] else set()
+    tests = {"normal_angle": 180.0, **limits}
+    for name in asked & known:
+        tests[name], tests[f"previous_{name}"] = pairs[name]
+    return tests | ({"previous_camera": before.camera} if plane else {})
 
 
 def find_motion(frame, before) -> Tensor:
@@ -144,7 +182,8 @@ class TAA:
         if self.settings["reconstruct"] and frame.jitter is not None:
             color = resolve([color], torch.as_tensor(frame.jitter)[None], filter="blackman-harris")  # (H, W, 3)
         motion = find_motion(frame, self.before)  # (H, W, 2|3)
-        self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth)
+        tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
+        self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth, tests)
         self.before = frame
         color, length = self.history  # (H, W, 3), (H, W)
         missing = int((~frame.color.isfinite().all(-1)).sum())

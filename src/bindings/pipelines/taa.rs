@@ -14,9 +14,9 @@ use crate::pipelines::taa;
 ///
 /// Carries the colours of former frames along the motion, holds them to the colours that the new frame has around each
 /// pixel, and blends. For frames without noise to speak of, with samples that differ in place from frame to frame; what
-/// noise there is makes neighbourhoods wide and histories doubtful. No surface is told from another, so that edges are
-/// antialiased, and all buffers but colour may be absent: without motion, it is computed from the cameras if both frames
-/// have one and depth or position is known, and otherwise history stays in place.
+/// noise there is makes neighbourhoods wide and histories doubtful. No surface is told from another unless tests are
+/// switched on, so that edges are antialiased, and all buffers but colour may be absent: without motion, it is computed
+/// from the cameras if both frames have one and depth or position is known, and otherwise history stays in place.
 ///
 /// Parameters
 /// ----------
@@ -38,6 +38,17 @@ use crate::pipelines::taa;
 ///     As in `clip_history`.
 /// weighting, flicker : optional
 ///     As in `blend`.
+/// relative_depth, plane_distance, normal_angle : float or (float, float), optional
+///     Tests that history must pass, with thresholds as in `reproject`; by default none. With `plane_distance`, frames
+///     with camera, depth, normals and motion of 3 channels are tested by it, others by `relative_depth` if that is given.
+///     A test drops out where one of two frames lacks its buffers. Along edges the tests refuse the history that would
+///     antialias them.
+/// ids : bool, default False
+///     Whether history must be of the same id.
+/// gradient : bool, default False
+///     Whether changes of light, as far as aliasing and noise let see, shorten history (`temporal_gradient`).
+/// anti_lag : float, default 0.0
+///     How much clipping shortens history: the `strength` of `anti_lag`; from 0, which leaves it out.
 ///
 /// Raises
 /// ------
@@ -47,8 +58,10 @@ use crate::pipelines::taa;
 /// Notes
 /// -----
 /// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
-/// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without tests or fallback,
-/// `blend_factor`, `exposure`, `clip_history`, `blend`. The share of the N-th sample of a pixel is at least 1/N.
+/// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without fallback, `blend_factor`,
+/// `exposure`, `clip_history`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The share of
+/// the N-th sample of a pixel is at least 1/N. With a gradient λ, N becomes N (1 - λ)¹⁰ before, and the share a
+/// ``lerp(a, 1, λ)``, as in `accumulate`.
 #[pyclass(module = "yester")]
 pub struct TAA {
     inner: taa::Taa,
@@ -58,7 +71,8 @@ pub struct TAA {
 impl TAA {
     #[new]
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, filter=None, r#box=None,
-        gamma=None, window=None, space=None, response=None, weighting=None, flicker=None))]
+        gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
+        plane_distance=None, normal_angle=None, ids=false, gradient=false, anti_lag=0.0))]
     fn new(
         preset: &str,
         alpha: Option<f32>,
@@ -73,6 +87,12 @@ impl TAA {
         response: Option<&str>,
         weighting: Option<&str>,
         flicker: Option<f32>,
+        relative_depth: Option<Bounds>,
+        plane_distance: Option<Bounds>,
+        normal_angle: Option<Bounds>,
+        ids: bool,
+        gradient: bool,
+        anti_lag: f32,
     ) -> PyResult<Self> {
         /// The mode that is named, or the preset's.
         fn or<T: Copy>(
@@ -109,6 +129,14 @@ impl TAA {
         let weightings = &blend::Params::WEIGHTINGS;
         params.blend.weighting = or(weighting, "weighting", weightings, params.blend.weighting)?;
         params.blend.flicker = flicker.unwrap_or(params.blend.flicker);
+        params.limits = taa::Limits {
+            relative_depth: relative_depth.map(Bounds::into),
+            plane_distance: plane_distance.map(Bounds::into),
+            normal_angle: normal_angle.map(Bounds::into),
+            ids,
+        };
+        params.gradient = gradient;
+        params.anti_lag = anti_lag;
         Ok(Self {
             inner: taa::Taa::new(params)?,
         })

@@ -24,8 +24,8 @@ struct AntiLag<'a> {
 }
 
 /// A strength from 0; 1.
-pub fn check(strength: f32) -> Result<()> {
-    in_range("strength", strength, "a finite number from 0", |v| {
+pub fn check(name: &str, strength: f32) -> Result<()> {
+    in_range(name, strength, "a finite number from 0", |v| {
         v >= 0.0 && v.is_finite()
     })
 }
@@ -59,20 +59,29 @@ impl<'a> Kernel for AntiLag<'a> {
                 .read(run, history.each_mut().map(Row::as_mut_slice));
             self.clipped
                 .read(run, clipped.each_mut().map(Row::as_mut_slice));
-            let lengths = &self.length.row(0, run.y)[run.x..][..run.len];
-            let ([hr, hg, hb], [kr, kg, kb]) = (&history, &clipped);
-            for (x, &length) in lengths.iter().enumerate() {
-                let (h, k) = (
-                    luminance(hr[x], hg[x], hb[x]),
-                    luminance(kr[x], kg[x], kb[x]),
-                );
-                let distance = (h - k).abs() / larger(h.abs(), k.abs());
-                // NaN where both are black, or one is missing. The quotient is right for lengths without end, too.
-                let shortened = 1.0 / (1.0 / length + self.strength * distance);
-                let moved = distance.is_finite() & (self.strength * distance > 0.0);
-                out[x] = if moved { shortened } else { length };
-            }
-            shortened.write(run, [&out[..]]);
+            let out = &mut out[..run.len];
+            out.copy_from_slice(&self.length.row(0, run.y)[run.x..][..run.len]);
+            shorten(out, &history, &clipped, self.strength);
+            shortened.write(run, [&*out]);
         }
+    }
+}
+
+/// Shortens the lengths of a run.
+#[inline(always)]
+pub fn shorten(lengths: &mut [f32], history: &[Row; 3], clipped: &[Row; 3], strength: f32) {
+    let n = lengths.len().min(SEGMENT);
+    let [hr, hg, hb] = history.each_ref().map(|row| &row[..n]);
+    let [kr, kg, kb] = clipped.each_ref().map(|row| &row[..n]);
+    for x in 0..n {
+        let (h, k) = (
+            luminance(hr[x], hg[x], hb[x]),
+            luminance(kr[x], kg[x], kb[x]),
+        );
+        let distance = (h - k).abs() / larger(h.abs(), k.abs());
+        // NaN where both are black, or one is missing. The quotient is right for lengths without end, too.
+        let shortened = 1.0 / (1.0 / lengths[x] + strength * distance);
+        let moved = distance.is_finite() & (strength * distance > 0.0);
+        lengths[x] = if moved { shortened } else { lengths[x] };
     }
 }

@@ -374,6 +374,26 @@ impl<'a> Tests<'a> {
         }
     }
 
+    /// No test at all.
+    pub fn none() -> Self {
+        let nothing = Surface::default();
+        Self::new(nothing, nothing, None, &Params::default())
+    }
+
+    /// The buffers that decide.
+    pub fn used(&self) -> Vec<&'static str> {
+        [
+            ("depth", self.depth.is_some()),
+            ("plane", self.rays.is_some()),
+            ("normal", self.normal.is_some()),
+            ("object_normal", !self.normal_is_direction),
+            ("ids", self.ids.is_some()),
+        ]
+        .into_iter()
+        .filter_map(|(name, used)| used.then_some(name))
+        .collect()
+    }
+
     /// Whether nothing is tested.
     pub fn accept_all(&self) -> bool {
         let untested = self.depth.is_none() && self.direction.is_none() && self.ids.is_none();

@@ -147,7 +147,7 @@ impl<'a, const PARTS: usize> Kernel for Accumulate<'a, PARTS> {
 
 /// Of a run, held to [0, 1].
 #[inline(always)]
-fn load_shares(image: View, run: Run, shares: &mut Row) {
+pub fn load_shares(image: View, run: Run, shares: &mut Row) {
     let values = &image.row(0, run.y)[run.x..][..run.len];
     for (share, &value) in shares.iter_mut().zip(values) {
         *share = saturate(value);
@@ -165,7 +165,7 @@ pub fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
 }
 
 #[inline(always)]
-fn tenth_power(x: f32) -> f32 {
+pub fn tenth_power(x: f32) -> f32 {
     let square = x * x;
     let fourth = square * square;
     fourth * fourth * square
