@@ -6,6 +6,7 @@
 use std::marker::PhantomData;
 use std::ops::Range;
 
+use crate::error::{Error, Result};
 pub use crate::memory::Value;
 use crate::memory::{Memory, prefetch};
 use crate::rows::{self, BAND, Kernel};
@@ -18,8 +19,29 @@ pub struct Size {
 }
 
 impl Size {
+    /// Coordinates of pixel centres, at +0.5, are exact in single precision below 2²³.
+    pub const LONGEST: usize = (1 << 23) - 1;
+    /// Pixels and their neighbours are counted in 32 bits.
+    const MOST: usize = 1 << 31;
+
     pub fn pixels(self) -> usize {
         self.height * self.width
+    }
+
+    /// Whether images of this size can be worked on.
+    pub fn check(self, argument: &str) -> Result<()> {
+        let Self { height, width } = self;
+        let fits =
+            (height.max(width) <= Self::LONGEST) && (1..=Self::MOST).contains(&self.pixels());
+        if fits {
+            return Ok(());
+        }
+        let expected = match height.min(width) {
+            0 => "at least 1 × 1 pixels",
+            _ => "sides below 2²³ and at most 2³¹ pixels",
+        };
+        let got = format!("height {height} and width {width}");
+        Err(Error::value(argument, expected, got))
     }
 }
 
@@ -89,16 +111,6 @@ impl<T: Value> Image<T> {
             image.bands(),
         );
         image
-    }
-
-    /// The data of a single-channel image, or interleaved (height, width, channels) data.
-    pub fn into_interleaved(self) -> Vec<T> {
-        if self.channels == 1 {
-            return self.data.to_vec();
-        }
-        let mut interleaved = vec![T::default(); self.data.len()];
-        self.view().interleave(&mut interleaved);
-        interleaved
     }
 
     /// The image's bands of rows, to be written by different threads.
@@ -864,7 +876,9 @@ mod tests {
                 let data: Vec<f32> = (0..height * width * channels).map(|i| i as f32).collect();
                 let image = Image::from_interleaved(Size { height, width }, channels, &data);
                 assert_eq!(image.plane(channels - 1)[0], (channels - 1) as f32);
-                assert_eq!(image.into_interleaved(), data);
+                let mut back = vec![0.0; data.len()];
+                image.view().interleave(&mut back);
+                assert_eq!(back, data);
             }
         }
     }

@@ -6,6 +6,7 @@
 
 use std::any::Any;
 use std::cell::RefCell;
+use std::fmt::{self, Display};
 use std::ops::{Deref, DerefMut};
 
 use bytemuck::Pod;
@@ -22,11 +23,19 @@ pub struct Reserve {
 }
 
 impl Reserve {
-    /// Does some work whose images are made of this memory, and leave theirs behind.
+    /// Does some work whose images are made of this memory, and leave theirs behind. If it panics, this memory is freed.
     pub fn serve<R>(&mut self, work: impl FnOnce() -> R) -> R {
+        struct Served;
+        impl Drop for Served {
+            fn drop(&mut self) {
+                SERVING.take();
+            }
+        }
+        let served = Served;
         SERVING.set(Some(std::mem::take(self)));
         let result = work();
         *self = SERVING.take().unwrap_or_default();
+        drop(served);
         result
     }
 
@@ -45,6 +54,34 @@ impl Reserve {
         let piece = self.free.swap_remove(place).downcast();
         Some(*piece.expect("of this type, as it fits"))
     }
+}
+
+/// The panic of memory that cannot be had.
+#[derive(Debug)]
+pub struct OutOfMemory {
+    bytes: usize,
+}
+
+impl OutOfMemory {
+    fn unwind(bytes: usize) -> ! {
+        std::panic::resume_unwind(Box::new(Self { bytes }))
+    }
+}
+
+impl Display for OutOfMemory {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "an image of {} bytes cannot be allocated", self.bytes)
+    }
+}
+
+/// So many numbers, all zero.
+fn zeroed<T: Value>(len: usize) -> Vec<T> {
+    let mut numbers = vec![];
+    if numbers.try_reserve_exact(len).is_err() {
+        OutOfMemory::unwind(len.saturating_mul(size_of::<T>()));
+    }
+    numbers.resize(len, T::default());
+    numbers
 }
 
 /// Asks for up to `len` numbers from `start` on, to be read or written soon, so that they come while others are worked on.
@@ -83,17 +120,18 @@ impl<T: Value> Room<T> {
     /// For so many numbers, all zero, and some more for images that are hardly larger: memory that nobody has written to
     /// costs none.
     fn new(len: usize) -> Self {
-        let wanted = len * size_of::<T>();
-        let len = len + len / 8;
-        if wanted >= LARGE
-            && let Ok(pages) = MmapMut::map_anon(len * size_of::<T>())
-        {
-            // Where large pages cannot be had, small ones do, and as well where the end of the last would be for nothing.
-            #[cfg(target_os = "linux")]
-            let _ = pages.advise_range(memmap2::Advice::HugePage, 0, wanted - wanted % LARGE_PAGE);
-            return Self::Large(pages);
+        let wanted = len.saturating_mul(size_of::<T>());
+        let len = len.saturating_add(len / 8);
+        if wanted < LARGE {
+            return Self::Small(zeroed(len));
         }
-        Self::Small(vec![T::default(); len])
+        let Ok(pages) = MmapMut::map_anon(len.saturating_mul(size_of::<T>())) else {
+            OutOfMemory::unwind(wanted);
+        };
+        // Where large pages cannot be had, small ones do, and as well where the end of the last would be for nothing.
+        #[cfg(target_os = "linux")]
+        let _ = pages.advise_range(memmap2::Advice::HugePage, 0, wanted - wanted % LARGE_PAGE);
+        Self::Large(pages)
     }
 }
 
@@ -244,6 +282,20 @@ mod tests {
             });
         }
         assert_eq!(reserve.free.len(), 2);
+    }
+
+    #[test]
+    fn a_panic_leaves_nothing_behind() {
+        let mut reserve = Reserve::default();
+        reserve.serve(|| drop(Memory::<f32>::zeroed(10)));
+        let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            reserve.serve(|| {
+                let _image = Memory::<f32>::zeroed(10);
+                Memory::<f32>::zeroed(usize::MAX)
+            });
+        }));
+        assert!(panic.unwrap_err().is::<OutOfMemory>());
+        assert!(reserve.free.is_empty() && SERVING.with_borrow(Option::is_none));
     }
 
     #[test]

@@ -282,7 +282,8 @@ fn variable(name: &str) -> Option<String> {
 /// could copy in its locked state; the parent's pool is never dropped, since nobody is left to join.
 struct Pool {
     process: u32,
-    pool: rayon::ThreadPool,
+    /// None where the system started no threads: the caller's does all.
+    pool: Option<rayon::ThreadPool>,
     next: OnceLock<Box<Pool>>,
 }
 
@@ -299,16 +300,15 @@ fn pool() -> Option<&'static rayon::ThreadPool> {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .thread_name(|i| format!("yester-{i}"))
-                .build()
-                .expect("threads can be started");
+                .build();
             Box::new(Pool {
                 process,
-                pool,
+                pool: pool.ok(),
                 next: OnceLock::new(),
             })
         });
         if entry.process == process {
-            return Some(&entry.pool);
+            return entry.pool.as_ref();
         }
         slot = &entry.next;
     }

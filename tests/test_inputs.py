@@ -1,5 +1,7 @@
 """What the array functions accept, and how they refuse the rest: one valid call each, varied in one argument."""
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -162,6 +164,36 @@ def test_channels_first_motion_is_explained():
             function(**change, motion=motion)
         assert "(2, 6, 9)" in str(error.value)
         assert "(H, W, 2)" in str(error.value)
+
+
+ADVICE = {
+    "channels first": (lambda c: np.moveaxis(c, -1, 0), ValueError, "numpy.moveaxis(x, 0, -1)"),
+    "alpha": (lambda c: np.concatenate([c, c[..., :1]], -1), ValueError, "x[..., :3]"),
+    "alpha first": (lambda c: np.moveaxis(np.concatenate([c, c[..., :1]], -1), -1, 0), ValueError, "moveaxis(x[:3],"),
+    "gradients": (lambda c: torch.from_numpy(c).requires_grad_(), TypeError, "x.detach()"),
+    "bfloat16": (lambda c: torch.from_numpy(c).bfloat16(), TypeError, "x.float()"),
+    "8 bits": (lambda c: c.astype(np.uint8), TypeError, "(x / 255) ** 2.2"),
+    "16 bits": (lambda c: c.astype(np.uint16), TypeError, "(x / 65535) ** 2.2"),
+}
+
+
+@pytest.mark.parametrize("mistake", ADVICE)
+def test_common_mistakes_are_explained(mistake):
+    """One sentence that says what to do, from kernels and frames alike."""
+    change, error, advice = ADVICE[mistake]
+    color = np.ones((6, 9, 3), np.float32)
+    for function in (yester.suppress_fireflies, yester.Frame):
+        with pytest.raises(error, match="^color: expected .*" + re.escape(advice)):
+            function(change(color))
+
+
+def test_a_channel_axis_too_many_is_explained():
+    color, depth = np.ones((6, 9, 3), np.float32), np.ones((6, 9), np.float32)
+    for wrong, advice in ((depth[None], "x[0]"), (depth[..., None], "x[..., 0]")):
+        with pytest.raises(ValueError, match="^depth: expected .*" + re.escape(advice)):
+            yester.Frame(color, depth=wrong)
+    with pytest.raises(ValueError, match=r"^history: expected .*moveaxis\(x, 0, -1\)"):
+        yester.reproject(np.ones((3, 6, 9), np.float32), np.zeros((6, 9, 2), np.float32))
 
 
 @pytest.mark.parametrize("pair", ["depth", "normal", "ids"])

@@ -34,7 +34,7 @@ class Frame:
         Previous minus current position in pixels, x right, y down, jitter removed. The third channel, if given, is
         previous minus current depth, which makes the depth tests exact under motion.
     ids : (H, W) array_like of int, optional
-        Object, mesh or material; 0 where nothing was hit.
+        Object, mesh or material; 0 where nothing was hit, and only there if 2³² - 1 is an object as well.
     position : (H, W, 3) array_like of float, optional
         World space; not finite where nothing was hit.
     emission : (H, W, 3) array_like of float, optional

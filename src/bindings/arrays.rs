@@ -1,15 +1,20 @@
 //! numpy in, numpy out: the checks that every argument passes once, and the copies at the door.
 
+use std::cell::RefCell;
+use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+
 use numpy::{
-    Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
+    Element, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
     PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::{Error, Kind};
 use crate::image::{Image, Pixels, Size, Value, View};
+use crate::memory::OutOfMemory;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -17,6 +22,64 @@ impl From<Error> for PyErr {
             Kind::Value => PyValueError::new_err(error.to_string()),
             Kind::Type => PyTypeError::new_err(error.to_string()),
         }
+    }
+}
+
+/// Does work without the interpreter; memory that cannot be had is a `MemoryError`.
+pub fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    let done = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
+    done.map_err(|panic| match panic.downcast::<OutOfMemory>() {
+        Ok(error) => PyMemoryError::new_err(error.to_string()),
+        Err(panic) => resume_unwind(panic),
+    })
+}
+
+thread_local! {
+    static HELD: RefCell<Vec<(Range<usize>, Access)>> = const { RefCell::new(vec![]) };
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Access {
+    Read,
+    Write,
+}
+
+/// The addresses of an array that a call on this thread reads or writes, as long as this lives. Arrays can share memory
+/// without a common base (`numpy.frombuffer`, `numpy.memmap`), so addresses are compared.
+struct Held(Range<usize>, Access);
+
+impl Held {
+    fn new<T: Element>(array: &Bound<'_, PyArrayDyn<T>>, access: Access) -> Self {
+        let start = array.data().addr();
+        let range = start..start + array.len() * size_of::<T>();
+        HELD.with_borrow_mut(|all| all.push((range.clone(), access)));
+        Self(range, access)
+    }
+
+    /// Whether another array, used in this way, lies at some of the same addresses.
+    fn overlaps(&self, access: Access) -> bool {
+        let own = (self.0.clone(), self.1);
+        let mut itself = true;
+        HELD.with_borrow(|all| {
+            all.iter().any(|other| {
+                if *other == own && std::mem::take(&mut itself) {
+                    return false;
+                }
+                let (range, used) = other;
+                *used == access && range.start < self.0.end && self.0.start < range.end
+            })
+        })
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        HELD.with_borrow_mut(|all| {
+            let own = all
+                .iter()
+                .rposition(|(range, access)| (range, access) == (&self.0, &self.1));
+            all.swap_remove(own.expect("was added"));
+        });
     }
 }
 
@@ -52,7 +115,19 @@ impl Number for f32 {
         kind: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
         if kind != "f" {
-            return Err(Error::wrong_type(name, Self::NAME, array.getattr("dtype")?).into());
+            let dtype = array.getattr("dtype")?.to_string();
+            let encoded = |most| {
+                format!(
+                    ": colours of whole numbers are gamma-encoded; (x / {most}) ** 2.2 is linear"
+                )
+            };
+            let advice = match &*dtype {
+                "uint8" => encoded(255),
+                "uint16" => encoded(65535),
+                "bfloat16" => ": pass x.astype(numpy.float32)".into(),
+                _ => String::new(),
+            };
+            return Err(Error::wrong_type(name, Self::NAME, dtype + &advice).into());
         }
         as_contiguous(array, "float32")
     }
@@ -114,13 +189,33 @@ pub fn array<'py, T: Number>(
     let array = value
         .py()
         .import("numpy")?
-        .call_method1("asarray", (value,))?;
+        .call_method1("asarray", (value,))
+        .map_err(|error| unreadable(value, name, error))?;
     let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
     let array = T::convert(&array, name, &kind)?;
     Ok(array
         .cast::<PyArrayDyn<T>>()
         .map_err(PyErr::from)?
         .try_readonly()?)
+}
+
+/// Why numpy does not read an argument: tensors that it has no access to, or no type for.
+fn unreadable(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
+    let text = |attribute| {
+        value
+            .getattr(attribute)
+            .map_or(String::new(), |v| v.to_string())
+    };
+    let got = if text("requires_grad") == "True" {
+        "a tensor that needs gradients: pass x.detach()"
+    } else if text("dtype").ends_with("bfloat16") {
+        "bfloat16, which numpy does not have: pass x.float()"
+    } else if text("is_cuda") == "True" {
+        "a tensor on a GPU: pass x.cpu()"
+    } else {
+        return error;
+    };
+    Error::wrong_type(name, "an array", got).into()
 }
 
 /// The shapes that a buffer may have.
@@ -147,6 +242,21 @@ impl Channels {
         }
     }
 
+    /// What to do about a shape that does not fit.
+    fn advice(self, shape: &[usize]) -> &'static str {
+        let fits = |shape: &[usize]| self.count(shape).is_some();
+        match *shape {
+            [c, h, w] if fits(&[h, w, c]) => ": channels come last; pass numpy.moveaxis(x, 0, -1)",
+            [4, h, w] if fits(&[h, w, 3]) => {
+                ": channels come last, without alpha; pass numpy.moveaxis(x[:3], 0, -1)"
+            }
+            [h, w, 4] if fits(&[h, w, 3]) => ": pass three channels, without alpha: x[..., :3]",
+            [h, w, 1] if fits(&[h, w]) => ": pass x[..., 0]",
+            [1, h, w] if fits(&[h, w]) => ": pass x[0]",
+            _ => "",
+        }
+    }
+
     fn shapes(self) -> String {
         match self {
             Self::One => "(H, W)".into(),
@@ -166,6 +276,7 @@ pub struct Input<'py, T: Number = f32> {
     array: PyReadonlyArrayDyn<'py, T>,
     size: Size,
     channels: usize,
+    _held: Held,
 }
 
 impl<'py, T: Number> Input<'py, T> {
@@ -176,7 +287,7 @@ impl<'py, T: Number> Input<'py, T> {
             return Err(Error::value(
                 name,
                 format!("shape {}", channels.shapes()),
-                shape_text(shape),
+                shape_text(shape) + channels.advice(shape),
             )
             .into());
         };
@@ -184,12 +295,11 @@ impl<'py, T: Number> Input<'py, T> {
             height: shape[0],
             width: shape[1],
         };
-        if size.pixels() == 0 {
-            return Err(Error::value(name, "at least 1 × 1 pixels", shape_text(shape)).into());
-        }
+        size.check(name)?;
         Ok(Self {
             size,
             channels: count,
+            _held: Held::new(&array, Access::Read),
             array,
         })
     }
@@ -210,8 +320,15 @@ impl<'py, T: Number> Input<'py, T> {
         if self.size == size {
             return Ok(self);
         }
-        let expected = format!("height {} and width {}", size.height, size.width);
-        Err(Error::value(name, expected, shape_text(self.array.shape())).into())
+        let Size { height, width } = size;
+        let advice = match *self.array.shape() {
+            [_, h, w] if (h, w) == (height, width) => {
+                ": channels come last; pass numpy.moveaxis(x, 0, -1)"
+            }
+            _ => "",
+        };
+        let expected = format!("height {height} and width {width}");
+        Err(Error::value(name, expected, shape_text(self.array.shape()) + advice).into())
     }
 
     pub fn size(&self) -> Size {
@@ -327,14 +444,8 @@ impl<T: Element + Value> Outgoing<T> {
         py: Python<'py>,
         out: Out<'py, T>,
     ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
-        let Some(out) = out.0 else {
-            let data = py.detach(|| self.image.into_interleaved());
-            return data.into_pyarray(py).reshape(self.shape);
-        };
-        let mut array = out.try_readwrite()?;
-        let slice = array.as_slice_mut()?;
-        py.detach(|| self.image.view().interleave(slice));
-        Ok(out)
+        out.fill(py, &self.shape, |data| self.image.view().interleave(data))?
+            .array()
     }
 }
 
@@ -375,17 +486,17 @@ impl<'py, T: Element> Out<'py, T> {
     }
 }
 
-impl<'py> Out<'py> {
+impl<'py, T: Element + Value> Out<'py, T> {
     /// Has `write` fill the caller's array, or a new one of this shape, while the inputs are borrowed.
     pub fn fill(
         self,
         py: Python<'py>,
         shape: &[usize],
-        write: impl FnOnce(&mut [f32]) + Send,
-    ) -> PyResult<Direct<'py>> {
+        write: impl FnOnce(&mut [T]) + Send,
+    ) -> PyResult<Direct<'py, T>> {
         let mut out = Direct::new(py, self, shape)?;
         let data = out.data()?;
-        py.detach(|| write(data));
+        detached(py, || write(data))?;
         Ok(out)
     }
 }
@@ -393,47 +504,51 @@ impl<'py> Out<'py> {
 /// Where a kernel writes a result as numpy has it, without a copy unless the memory is an input's as well.
 pub struct Direct<'py, T: Element + Value = f32> {
     array: Bound<'py, PyArrayDyn<T>>,
-    memory: Memory<'py, T>,
-}
-
-enum Memory<'py, T: Element> {
-    Own(PyReadwriteArrayDyn<'py, T>),
-    /// The array is written last.
-    Shared(Vec<T>),
+    /// The array itself, or another one if it is written last.
+    written: PyReadwriteArrayDyn<'py, T>,
+    last: bool,
+    _held: Held,
 }
 
 impl<'py, T: Element + Value> Direct<'py, T> {
-    /// To be asked for while the inputs are borrowed.
+    /// To be asked for while the inputs are borrowed, and those asked for before.
     pub fn new(py: Python<'py>, out: Out<'py, T>, shape: &[usize]) -> PyResult<Self> {
-        let array = match out.0 {
-            Some(array) => array,
-            // Of numpy's own memory, which comes in large pages.
-            None => py
-                .import("numpy")?
-                .call_method1("empty", (shape.to_vec(), T::get_dtype(py)))?
-                .cast_into()?,
+        // Of numpy's own memory, which comes in large pages.
+        let empty = || -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+            let empty =
+                (py.import("numpy")?).call_method1("empty", (shape.to_vec(), T::get_dtype(py)))?;
+            Ok(empty.cast_into()?)
         };
-        let memory = match array.try_readwrite() {
-            Ok(own) => Memory::Own(own),
-            Err(_) => Memory::Shared(vec![T::default(); array.len()]),
+        let array = out.0.map_or_else(empty, Ok)?;
+        let held = Held::new(&array, Access::Write);
+        if held.overlaps(Access::Write) {
+            let expected = "arrays that share no memory with each other";
+            return Err(Error::value("out", expected, "two that do").into());
+        }
+        let own = array.try_readwrite().ok();
+        let (written, last) = match own.filter(|_| !held.overlaps(Access::Read)) {
+            Some(own) => (own, false),
+            None => (empty()?.try_readwrite()?, true),
         };
-        Ok(Self { array, memory })
+        Ok(Self {
+            array,
+            written,
+            last,
+            _held: held,
+        })
     }
 
     pub fn data(&mut self) -> PyResult<&mut [T]> {
-        Ok(match &mut self.memory {
-            Memory::Own(own) => own.as_slice_mut()?,
-            Memory::Shared(data) => data,
-        })
+        Ok(self.written.as_slice_mut()?)
     }
 
     /// To be called when the inputs are no longer borrowed.
     pub fn array(self) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
-        if let Memory::Shared(data) = self.memory {
-            self.array
-                .try_readwrite()?
+        if self.last {
+            let mut array = self.array.try_readwrite()?;
+            array
                 .as_slice_mut()?
-                .copy_from_slice(&data);
+                .copy_from_slice(self.written.as_slice()?);
         }
         Ok(self.array)
     }

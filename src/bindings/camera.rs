@@ -6,7 +6,9 @@ use glam::{DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::arrays::{self, Channels, Input, MOTION, Out, choice, matrix4, points, vector};
+use super::arrays::{
+    self, Channels, Direct, Input, MOTION, Out, choice, detached, matrix4, points, vector,
+};
 use crate::error::{Error, whole};
 use crate::image::Size;
 use crate::kernels::camera::dilate::{self, Choice, Window};
@@ -25,12 +27,12 @@ use crate::pixels::PixelsMut;
 ///     front of the camera, as OpenGL, Vulkan (y flipped) and Direct3D agree on but for the z row, which is not used.
 ///     Its scale does not matter. Off-axis principal points are part of it.
 /// width, height : int
-///     The image's size in pixels, at least 1.
+///     The image's size in pixels: 1 to 2²³ - 1 each, 2³¹ pixels at most.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     If the matrix has NaN or infinity, is singular or orthographic, or the image has no pixels.
+///     If the matrix has NaN or infinity, is singular or orthographic, or the image has no pixels or too many.
 ///
 /// Notes
 /// -----
@@ -262,20 +264,26 @@ impl Camera {
         py: Python<'py>,
         pixels: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
-        let (pixels, outer) = match pixels {
-            Some(pixels) => points::<2>(pixels, "pixels")?,
-            None => {
-                let Size { height, width } = self.inner.size;
-                let centres = (0..height * width)
-                    .map(|i| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]);
-                (centres.collect(), vec![height, width])
+        let Size { height, width } = self.inner.size;
+        let given = pixels.map(|pixels| points::<2>(pixels, "pixels"));
+        let (pixels, outer) = given
+            .transpose()?
+            .map_or((None, vec![height, width]), |given| {
+                (Some(given.0), given.1)
+            });
+        let centre = |i: usize| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
+        let shape: Vec<_> = outer.into_iter().chain([3]).collect();
+        let mut rays = Direct::new(py, Out::<f64>::fresh(), &shape)?;
+        let directions = rays.data()?.as_chunks_mut::<3>().0;
+        detached(py, || {
+            for (i, direction) in directions.iter_mut().enumerate() {
+                let pixel = pixels
+                    .as_ref()
+                    .map_or_else(|| centre(i), |pixels| pixels[i]);
+                *direction = self.inner.ray(DVec2::from(pixel)).normalize().to_array();
             }
-        };
-        let rays = pixels
-            .into_iter()
-            .flat_map(|p| self.inner.ray(DVec2::from(p)).normalize().to_array())
-            .collect();
-        Ok((self.position(py), shaped(py, rays, &outer, Some(3))?))
+        })?;
+        Ok((self.position(py), rays.array()?))
     }
 
     /// This camera with its image shifted by part of a pixel.
@@ -374,7 +382,8 @@ pub fn jitter_<'py>(
     let sequence = choice("sequence", sequence, &Sequence::NAMES)?;
     let range = |&n: &usize| (1..=65536).contains(&n);
     let count = whole("count", count, "1 to 65536 phases", range)?;
-    let offsets = py.detach(|| jitter::jitter(count, sequence));
+    let go_on = || Python::attach(|py| py.check_signals());
+    let offsets = detached(py, || jitter::jitter(count, sequence, go_on))??;
     offsets
         .as_flattened()
         .to_vec()
@@ -590,7 +599,10 @@ pub fn dilate_motion<'py>(
 }
 
 fn size(width: i64, height: i64) -> crate::error::Result<Size> {
-    let side = |name, value| whole(name, value, "a number of pixels, 1 or more", |&n| n >= 1);
+    let side = |name, value| {
+        let expected = "a number of pixels, 1 to 2²³ - 1";
+        whole(name, value, expected, |n| (1..=Size::LONGEST).contains(n))
+    };
     Ok(Size {
         width: side("width", width)?,
         height: side("height", height)?,

@@ -4,7 +4,7 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 
-use super::arrays::{Channels, Direct, Input, Interleaved, MOTION, Out, choice, parts};
+use super::arrays::{Channels, Direct, Input, Interleaved, MOTION, Out, choice, detached, parts};
 use super::camera::Camera;
 use super::judge::{Bounds, SurfaceArgs};
 use crate::error::Error;
@@ -180,7 +180,7 @@ pub fn reproject_<'py>(
             let values = values.iter_mut().map(Direct::data);
             let values = values.collect::<PyResult<Vec<_>>>()?;
             let coverage = coverage.data()?;
-            py.detach(|| {
+            detached(py, || {
                 let history: Vec<_> = data.into_iter().map(Interleaved::pixels).collect();
                 let params = reproject::Params {
                     filter,
@@ -190,7 +190,7 @@ pub fn reproject_<'py>(
                 let motion = motion.pixels();
                 let tests = surface.tests();
                 reproject_records(&history, motion, tests, params, values, coverage);
-            });
+            })?;
         }
         (values, coverage)
     };

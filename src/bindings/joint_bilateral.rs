@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, vector};
+use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, detached, vector};
 use super::camera::Camera;
 use super::smooth::{GuideArgs, GuideData};
 use crate::error::Error;
@@ -88,10 +88,10 @@ pub fn reconstruct_<'py>(
         let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
         let out = Out::given(out, color.shape())?;
         let (color, guide) = (color.data().pixels(), guide.data());
-        let filled = py.detach(|| {
+        let filled = detached(py, || {
             let guide = guide.guide(size, params.radius);
             Outgoing::new(reconstruct(color, &guide, params))
-        });
+        })?;
         (filled, out)
     };
     filled.array(py, out)
@@ -227,13 +227,13 @@ pub fn joint_bilateral_upsample_<'py>(
             ids: ids.as_ref().map(Input::data),
             rays: None,
         };
-        let upsampled = py.detach(|| {
+        let upsampled = detached(py, || {
             let reach = params.radius * scale;
             let shown = low.shown(guide, grid, reach);
             let guide = guide.guide(full, reach);
             let guides = [&guide, shown.as_ref().unwrap_or(&guide)];
             Outgoing::new(joint_bilateral_upsample(color, grid, guides, params))
-        });
+        })?;
         (upsampled, out)
     };
     upsampled.array(py, out)

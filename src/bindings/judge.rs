@@ -5,7 +5,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, choice, parts,
+    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, choice, detached, parts,
 };
 use super::camera::{Camera, check_size};
 use super::merge::AlphaArg;
@@ -275,10 +275,10 @@ pub fn consistency_<'py>(
         let mut confidence = Direct::new(py, out.1, &shape)?;
         {
             let (rejection, confidence) = (rejection.data()?, confidence.data()?);
-            py.detach(|| {
+            detached(py, || {
                 let outs = bands_of(rejection, size).zip(bands_of(confidence, size));
                 consistency::consistency(motion, tests, outs);
-            });
+            })?;
         }
         (rejection, confidence)
     };
@@ -401,7 +401,7 @@ pub fn clip_history_<'py>(
 pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
     let color = Input::<f32>::new(color, "color", COLOR)?;
     let color = color.data();
-    Ok(py.detach(|| exposure::exposure(color.pixels())))
+    detached(py, || exposure::exposure(color.pixels()))
 }
 
 /// The share of the new sample, from the confidence in history and from speed.

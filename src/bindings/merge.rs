@@ -3,7 +3,9 @@
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, choice, parts, points};
+use super::arrays::{
+    COLOR, Channels, Direct, Input, Interleaved, Out, choice, detached, parts, points,
+};
 use crate::error::{Error, in_range};
 use crate::image::Size;
 use crate::kernels::merge::{accumulate, blend, resolve};
@@ -140,13 +142,13 @@ pub fn accumulate_<'py>(
         ];
         let [colors, moments, lengths] = merged.each_mut().map(Direct::data);
         let (colors, moments, lengths) = (colors?, moments?, lengths?);
-        let missing = py.detach(|| {
+        let missing = detached(py, || {
             let merged = PixelsMut::bands(size, 3, colors)
                 .zip(PixelsMut::bands(size, 2, moments))
                 .zip(PixelsMut::bands(size, 1, lengths))
                 .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
             accumulate::accumulate(color, weight, history, gradient, params, merged)
-        });
+        })?;
         (merged, missing)
     };
     Ok(Accumulated {

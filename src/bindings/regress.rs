@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, choice, parts};
+use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, choice, detached, parts};
 use super::camera::{Camera, check_size, place};
 use crate::error::Error;
 use crate::image::Size;
@@ -114,7 +114,9 @@ pub fn regress_<'py>(
         let mut fitted = Direct::new(py, out.0, &[height, width, 3])?;
         let mut used = Direct::new(py, out.1, &[height, width])?;
         let (colors, counts) = (fitted.data()?, used.data()?);
-        py.detach(|| regress::regress(color, given, weight, params, colors, counts));
+        detached(py, || {
+            regress::regress(color, given, weight, params, colors, counts)
+        })?;
         (fitted, used)
     };
     Ok((fitted.array()?, used.array()?))

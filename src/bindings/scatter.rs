@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, parts};
+use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, detached, parts};
 use super::camera::{Camera, check_size};
 use crate::image::Size;
 use crate::kernels::fetch::pull_push::{self, pull_push};
@@ -123,7 +123,7 @@ pub fn splat_<'py>(
             quality: quality?,
         };
         let cameras = [&camera.inner, &previous_camera.inner];
-        py.detach(|| splat(points, cameras, params, splats));
+        detached(py, || splat(points, cameras, params, splats))?;
         results
     };
     Ok((
@@ -193,7 +193,7 @@ pub fn pull_push_<'py>(
         let (filled, known) = (filled?, known?);
         let color = color.data().pixels();
         let quality = quality.as_ref().map(|quality| quality.data().pixels());
-        py.detach(|| pull_push(color, quality, params, filled, known));
+        detached(py, || pull_push(color, quality, params, filled, known))?;
         results
     };
     Ok((color.array()?, quality.array()?))
@@ -293,11 +293,11 @@ pub fn recirculate_<'py>(
             quality: quality.data().pixels(),
         });
         let motion = motion.data().pixels();
-        py.detach(|| {
+        detached(py, || {
             let color = PixelsMut::bands(size, 3, color);
             let quality = PixelsMut::bands(size, 1, quality);
             recirculate(new, old, motion, params, color, quality);
-        });
+        })?;
         results
     };
     Ok((color.array()?, quality.array()?))

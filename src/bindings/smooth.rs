@@ -3,7 +3,9 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, parts};
+use super::arrays::{
+    COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, parts,
+};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
 use crate::image::{Pixels, Size};
@@ -274,12 +276,12 @@ pub fn atrous_<'py>(
         );
         let (data, guide) = ([color.data(), variance.data()], guide.data());
         let (filtered, filtered_variance) = (out.0.data()?, out.1.data()?);
-        py.detach(|| {
+        detached(py, || {
             let [color, variance] = data.map(Interleaved::pixels);
             let guide = guide.guide(size, params.reach());
             let filtered = PixelsMut::bands(size, 3, filtered);
             atrous::atrous(color, variance, &guide, params, filtered, filtered_variance);
-        });
+        })?;
         out
     };
     Ok((color.array()?, variance.array()?))
@@ -373,13 +375,13 @@ pub fn suppress_fireflies_<'py>(
         let (color, guide) = (color.data().pixels(), guide.data());
         let expected = expected.as_ref().map(Input::data);
         let bands = held.data()?;
-        let removed = py.detach(|| {
+        let removed = detached(py, || {
             let guide = guide.guide(size, params.radius);
             let bands = PixelsMut::bands(size, 3, bands);
             let expected = expected.map(Interleaved::pixels);
             let removed = fireflies::suppress_fireflies(color, expected, &guide, params, bands);
             Outgoing::new(removed)
-        });
+        })?;
         (held, removed, out.1)
     };
     Ok((held.array()?, removed.array(py, out)?))
@@ -462,12 +464,12 @@ pub fn fix_history_<'py>(
         let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
         let out = Out::given(out, color.shape())?;
         let (data, guide) = ([color.data(), length.data()], guide.data());
-        let fixed = py.detach(|| {
+        let fixed = detached(py, || {
             let planes = data.map(Interleaved::planes);
             let [color, length] = planes.each_ref().map(Planes::view);
             let guide = guide.guide(size, params.reach());
             Outgoing::new(history_fix::fix_history(color, length, &guide, params))
-        });
+        })?;
         (fixed, out)
     };
     fixed.array(py, out)
@@ -638,10 +640,10 @@ pub fn morphological_aa_<'py>(
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let out = Out::given(out, color.shape())?;
         let data = color.data();
-        let smooth = py.detach(|| {
+        let smooth = detached(py, || {
             let color = data.planes();
             Outgoing::new(morphological::morphological_aa(color.view(), params))
-        });
+        })?;
         (smooth, out)
     };
     smooth.array(py, out)

@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, choice, parts, vector};
+use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, choice, detached, parts, vector};
 use crate::error::{Error, whole};
 use crate::image::Size;
 use crate::kernels::judge::{disocclusion, thin_features};
@@ -74,6 +74,7 @@ pub fn resample_<'py>(
         height: side(height)?,
         width: side(width)?,
     };
+    size.check("size")?;
     let offset = match offset {
         Some(offset) => vector::<2>(offset, "offset")?,
         None => [0.0; 2],
@@ -95,11 +96,11 @@ pub fn resample_<'py>(
         let [resampled, weight] = results.each_mut().map(Direct::data);
         let (resampled, weight) = (resampled?, weight?);
         let pixels = image.data().pixels();
-        py.detach(|| {
+        detached(py, || {
             let resampled = PixelsMut::bands(size, pixels.channels, resampled);
             let weight = PixelsMut::bands(size, 1, weight);
             resample::resample(pixels, size, offset, filter, dering, resampled, weight);
-        });
+        })?;
         results
     };
     Ok((resampled.array()?, weight.array()?))

@@ -11,7 +11,9 @@ use numpy::{Element, PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use crate::bindings::arrays::{COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out};
+use crate::bindings::arrays::{
+    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, detached,
+};
 use crate::bindings::camera::Camera;
 use crate::error::Error;
 use crate::image::{Size, Value};
@@ -74,6 +76,7 @@ impl<'py> Room<'py> {
             let given = given.map(|array| array.bind(py).clone().into_any());
             Direct::new(py, Out::given(given, shape)?, shape)
         }
+        size.check("frame")?;
         let out = out.map(Bound::get);
         if out.is_some_and(|out| out.variance.is_some() != estimates_variance) {
             let expected = ["one of a pipeline without variance", "one with variance"];
@@ -257,7 +260,7 @@ impl<'py> FrameArgs<'py> {
             camera: self.camera,
             jitter: self.jitter,
         };
-        let summary = py.detach(|| step(&frame, output))?;
+        let summary = detached(py, || step(&frame, output))??;
         // Its buffers may be those that were written to.
         drop(self);
         room.output(py, summary)

@@ -29,21 +29,26 @@ impl Sequence {
 
 type Point = [f64; 2];
 
-/// The first `count` offsets, of which the last two sequences have no more.
-pub fn jitter(count: usize, sequence: Sequence) -> Vec<Point> {
-    let points = match sequence {
+/// The first `count` offsets, of which the last two sequences have no more. `go_on` is asked at times, and ends long work
+/// with its error.
+pub fn jitter<E>(
+    count: usize,
+    sequence: Sequence,
+    mut go_on: impl FnMut() -> Result<(), E>,
+) -> Result<Vec<Point>, E> {
+    let points: Vec<Point> = match sequence {
         Sequence::Halton => (1..=count)
             .map(|n| [radical_inverse(n, 2), radical_inverse(n, 3)])
             .collect(),
         Sequence::R2 => (1..=count).map(r2).collect(),
-        Sequence::RotatedGrid => rotated_grid(count),
-        Sequence::BlueNoise => spread(rotated_grid(count)),
+        Sequence::RotatedGrid => rotated_grid(count, &mut go_on)?,
+        Sequence::BlueNoise => spread(rotated_grid(count, &mut go_on)?, &mut go_on)?,
     };
-    points
-        .into_iter()
-        .map(|p: Point| p.map(|v| v - 0.5))
-        .collect()
+    Ok(points.into_iter().map(|p| p.map(|v| v - 0.5)).collect())
 }
+
+/// Steps, of one look at every point each, between two questions whether to go on.
+const STEPS: usize = 256;
 
 fn radical_inverse(mut n: usize, base: usize) -> f64 {
     let (mut inverse, mut place) = (0.0, 1.0);
@@ -60,43 +65,52 @@ fn r2(n: usize) -> Point {
     [RHO, RHO * RHO].map(|step| (0.5 + n as f64 / step).fract())
 }
 
-fn rotated_grid(count: usize) -> Vec<Point> {
+fn rotated_grid<E>(
+    count: usize,
+    go_on: &mut impl FnMut() -> Result<(), E>,
+) -> Result<Vec<Point>, E> {
     let rows: Vec<usize> = match count {
         4 => vec![2, 0, 3, 1],
-        _ => lattice(count),
+        _ => lattice(count, go_on)?,
     };
     let place = |i: usize| (i as f64 + 0.5) / count as f64;
-    rows.into_iter()
+    Ok(rows
+        .into_iter()
         .enumerate()
         .map(|(column, row)| [place(column), place(row)])
-        .collect()
+        .collect())
 }
 
 /// The row of each column's point.
-fn lattice(count: usize) -> Vec<usize> {
+fn lattice<E>(count: usize, go_on: &mut impl FnMut() -> Result<(), E>) -> Result<Vec<usize>, E> {
     let rows = |a: usize| (0..count).map(move |column| a * column % count);
     // A lattice looks the same from each of its points: the nearest to the first is the nearest to any.
-    let nearest = |a: usize| {
+    let distances = |a: usize| {
         let apart = |d: usize| d.min(count - d).pow(2);
-        rows(a)
-            .enumerate()
-            .skip(1)
-            .map(|(column, row)| apart(column) + apart(row))
-            .min()
+        (rows(a).enumerate().skip(1)).map(move |(column, row)| apart(column) + apart(row))
     };
     // Every row is taken once when a and the count have no common divisor.
-    let coprime = |&a: &usize| (2..=a).all(|d| !(a.is_multiple_of(d) && count.is_multiple_of(d)));
-    // The smallest of equals; `max_by_key` alone would take the last.
-    let best = (1..=count / 2)
-        .rev()
-        .filter(coprime)
-        .max_by_key(|&a| nearest(a))
-        .unwrap_or(0);
-    rows(best).collect()
+    fn divisor(a: usize, b: usize) -> usize {
+        if b == 0 { a } else { divisor(b, a % b) }
+    }
+    let (mut best, mut nearest) = (0, 0);
+    for a in 1..=count / 2 {
+        if a % STEPS == 0 {
+            go_on()?;
+        }
+        // The smallest of equals.
+        if divisor(a, count) == 1 && distances(a).all(|distance| distance > nearest) {
+            (best, nearest) = (a, distances(a).min().unwrap_or_default());
+        }
+    }
+    Ok(rows(best).collect())
 }
 
 /// Orders points so that each is as far as can be from all before it, the pixel being repeated.
-fn spread(mut points: Vec<Point>) -> Vec<Point> {
+fn spread<E>(
+    mut points: Vec<Point>,
+    go_on: &mut impl FnMut() -> Result<(), E>,
+) -> Result<Vec<Point>, E> {
     let distance = |a: Point, b: Point| -> f64 {
         [0, 1]
             .map(|c| (a[c] - b[c]).abs())
@@ -104,35 +118,52 @@ fn spread(mut points: Vec<Point>) -> Vec<Point> {
             .iter()
             .sum()
     };
+    // From each point to the nearest of those before `next`.
+    let mut nearest = vec![f64::MAX; points.len()];
     for next in 1..points.len() {
-        let nearest = |i: usize| {
-            points[..next]
-                .iter()
-                .map(|&p| distance(p, points[i]))
-                .fold(f64::MAX, f64::min)
-        };
+        if next % STEPS == 0 {
+            go_on()?;
+        }
+        let last = points[next - 1];
+        for (nearest, &point) in nearest.iter_mut().zip(&points).skip(next) {
+            *nearest = nearest.min(distance(last, point));
+        }
         // Equal but for rounding counts as equal, of which the first is taken.
         let best = (next + 1..points.len()).fold(next, |best, i| {
-            if nearest(i) > nearest(best) + 1e-9 {
+            if nearest[i] > nearest[best] + 1e-9 {
                 i
             } else {
                 best
             }
         });
         points[next..=best].rotate_right(1);
+        nearest[next..=best].rotate_right(1);
     }
-    points
+    Ok(points)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::convert::Infallible;
+
     use super::*;
+
+    fn lattice(count: usize) -> Vec<usize> {
+        super::lattice(count, &mut || Ok::<_, Infallible>(())).unwrap()
+    }
+
+    #[test]
+    fn long_work_can_be_ended() {
+        for sequence in [Sequence::RotatedGrid, Sequence::BlueNoise] {
+            assert_eq!(jitter(4096, sequence, || Err("enough")), Err("enough"));
+        }
+    }
 
     #[test]
     fn grids_have_one_point_in_each_row_and_column() {
         for count in 1..200 {
             for sequence in [Sequence::RotatedGrid, Sequence::BlueNoise] {
-                let points = jitter(count, sequence);
+                let points = jitter(count, sequence, || Ok::<_, Infallible>(())).unwrap();
                 for axis in 0..2 {
                     let mut cells: Vec<_> = points
                         .iter()

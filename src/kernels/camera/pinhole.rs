@@ -34,10 +34,7 @@ pub enum FovAxis {
 
 impl Camera {
     pub fn new(world_to_clip: Rows4, size: Size) -> Result<Self> {
-        if size.pixels() == 0 {
-            let got = format!("{} × {}", size.width, size.height);
-            return Err(Error::value("width, height", "at least 1 × 1 pixels", got));
-        }
+        size.check("width, height")?;
         if !world_to_clip.iter().flatten().all(|v| v.is_finite()) {
             return Err(Error::value(
                 "world_to_clip",

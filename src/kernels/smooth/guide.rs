@@ -326,7 +326,7 @@ impl<'a> Kernel for Fill<'a> {
                     Run::row(y, normal.size.width),
                     out.each_mut().map(|row| &mut **row),
                 );
-                normals(class, out);
+                normals(depth.map(|_| &*class), out);
             }
             if let Some((image, out)) = self.depth.zip(out.depth.as_mut()) {
                 if out.channels() == 1 {
@@ -349,30 +349,36 @@ impl<'a> Kernel for Fill<'a> {
 #[inline(always)]
 fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
     match ids {
-        // Background is 0, and an object may be as well.
         Some(ids) => {
             for (class, &id) in class.iter_mut().zip(ids) {
-                *class = id.saturating_add(1);
+                *class = id.wrapping_add(1);
             }
         }
         None => class.fill(1),
     }
     if let Some(depth) = depth {
         for (class, &z) in class.iter_mut().zip(depth) {
-            *class = if is_surface(z) { *class } else { 0 };
+            // Background is 0: the last id, which would be as well, joins the first, "nothing was hit".
+            *class = if is_surface(z) { (*class).max(1) } else { 0 };
         }
     }
 }
 
-/// Normals as they came, to zero where there is no surface.
+/// Normals as they came, to zero where there is no surface; by depth's classes, if there is depth.
 #[inline(always)]
-fn normals(class: &[u32], [nx, ny, nz]: [&mut [f32]; 3]) {
-    let len = class.len();
+fn normals(class: Option<&[u32]>, [nx, ny, nz]: [&mut [f32]; 3]) {
+    let len = nx.len();
     let (nx, ny, nz) = (&mut nx[..len], &mut ny[..len], &mut nz[..len]);
     for x in 0..len {
-        let kept = is_present([nx[x], ny[x], nz[x]]) & (class[x] != 0);
+        let kept = is_present([nx[x], ny[x], nz[x]]);
         let keep = |n: f32| if kept { n } else { 0.0 };
         (nx[x], ny[x], nz[x]) = (keep(nx[x]), keep(ny[x]), keep(nz[x]));
+    }
+    if let Some(class) = class {
+        for (x, &class) in class.iter().enumerate() {
+            let keep = |n: f32| if class != 0 { n } else { 0.0 };
+            (nx[x], ny[x], nz[x]) = (keep(nx[x]), keep(ny[x]), keep(nz[x]));
+        }
     }
 }
 
