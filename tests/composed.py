@@ -7,7 +7,7 @@ import numpy as np
 import scene
 import yester
 from numpy.typing import NDArray
-from reference.taa import PRESETS, same_surface
+from reference.taa import PRESETS, same_surface, tells_depth
 
 TILE, PERIOD = 16, 8
 
@@ -67,13 +67,18 @@ def supersampled(camera: yester.Camera, side: int = 8) -> NDArray[np.float64]:
 
 
 def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.float32]:
-    """What came with the frame, or what the cameras tell, or none."""
+    """What came with the frame, its change of depth completed from the cameras; or what these tell; or none."""
     geometry = frame.depth if frame.position is None else frame.position
-    if frame.motion is not None:
-        return frame.motion
+    motion, still = frame.motion, None
     if geometry is not None and before is not None and None not in (frame.camera, before.camera):
-        return yester.motion_vectors(geometry, frame.camera, before.camera)
-    return np.zeros((*frame.color.shape[:2], 2), np.float32)
+        still = yester.motion_vectors(geometry, frame.camera, before.camera)
+    if motion is not None and still is not None and motion.shape[-1] == 2:
+        dx, dy = np.moveaxis(motion - still[..., :2], -1, 0)
+        change = np.where(dx * dx + dy * dy <= 0.25, still[..., 2], np.float32(0))
+        return np.dstack([motion, change])
+    if motion is None:
+        motion = np.zeros((*frame.color.shape[:2], 2), np.float32) if still is None else still
+    return motion
 
 
 def blacken(color: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -180,6 +185,7 @@ class SVGF:
         normal_angle=25.0,
         min_length=3.5,
         feedback=False,
+        by_confidence=False,
         gradient=True,
         fireflies=False,
         reflections=(0.5, 2.0),
@@ -195,6 +201,7 @@ class SVGF:
         self.filter = {"radius": radius, "sigma_luminance": sigma_luminance}
         self.iterations, self.min_length = iterations, min_length
         self.feedback, self.gradient, self.fireflies = feedback, gradient, fireflies
+        self.by_confidence = by_confidence
         self.distances, self.antialias = reflections, antialias
         self.passes, self.stage = 3, PRESETS["denoised"]
         self.before = self.antialiased = self.mirrored = None
@@ -239,7 +246,8 @@ class SVGF:
         if frame.depth is not None and frame.normal is not None:
             alike["camera"] = frame.camera
         filled, weight = self.fill(held, history[2], alike)
-        merged = yester.accumulate(filled, *history, weight=weight, gradient=gradient, **self.alpha)
+        trust = confidence if self.by_confidence else None
+        merged = yester.accumulate(filled, *history, weight=weight, gradient=gradient, confidence=trust, **self.alpha)
         color, moments, length = merged.color, merged.moments, merged.history_length
         variance = yester.estimate_variance(moments, length, min_length=self.min_length, **alike)
 
@@ -280,7 +288,7 @@ class SVGF:
             now, before = getattr(frame, name), getattr(self.before, name)
             if now is not None and before is not None:
                 tests |= {name: now, f"previous_{name}": before}
-        if {"depth", "normal"} <= set(tests) and motion.shape[-1] == 3:
+        if {"depth", "normal"} <= set(tests) and tells_depth(frame, motion):
             tests["previous_camera"] = self.before.camera
         return tests
 
@@ -357,6 +365,7 @@ class BMFR:
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
+        by_confidence=False,
         gradient=True,
         fireflies=False,
         antialias=True,
@@ -369,6 +378,7 @@ class BMFR:
             "normal_angle": normal_angle,
         }
         self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
+        self.by_confidence = by_confidence
         self.before = self.antialiased = None
         self.age = 0
 
@@ -398,7 +408,8 @@ class BMFR:
             elif self.gradient:
                 known = np.where((confidence > 0)[..., None], history[0], np.float32(np.nan))
                 gradient = yester.temporal_gradient(sample, known, noise=2.2, widest=5)
-        merged = yester.accumulate(sample, *history[:3], gradient=gradient, alpha=self.alpha)
+        trust = confidence if self.by_confidence else None
+        merged = yester.accumulate(sample, *history[:3], gradient=gradient, confidence=trust, alpha=self.alpha)
         color, moments, length = merged.color, merged.moments, merged.history_length
         geometry = frame.depth if frame.position is None else frame.position
         if frame.position is None and frame.camera is None:

@@ -61,6 +61,8 @@ impl Accumulated {
 ///     missing. By default all are 1.
 /// gradient : (H, W) array_like of float, optional
 ///     How much the light has changed, 0 to 1, as `temporal_gradient` returns it; NaN counts as 0.
+/// confidence : (H, W) array_like of float, optional
+///     How far the history is trusted, 0 to 1, as the coverage of `reproject`; NaN counts as 0. By default all of it.
 /// alpha : float, default 0.05
 ///     Least share of the new sample, 0 to 1. 0 averages without end.
 /// moments_alpha : float, default 0.2
@@ -90,10 +92,10 @@ impl Accumulated {
 /// Filtering*, section 4.2; the equal start as in Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing
 /// Techniques*. A `gradient` g first shortens the history to ``N (1 - g)**10`` and then moves both shares towards 1:
 /// ``a + g (1 - a)`` (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal
-/// Filtering*; the exponent as in Q2RTX).
+/// Filtering*; the exponent as in Q2RTX). A `confidence` c moves both on: ``a + w (1 - c) (1 - a)``.
 #[pyfunction]
-#[pyo3(signature = (color, history, history_moments, history_length, *, weight=None, gradient=None, alpha=0.05,
-    moments_alpha=0.2, warmup=true, out=None))]
+#[pyo3(signature = (color, history, history_moments, history_length, *, weight=None, gradient=None, confidence=None,
+    alpha=0.05, moments_alpha=0.2, warmup=true, out=None))]
 #[pyo3(name = "accumulate")]
 pub fn accumulate_<'py>(
     py: Python<'py>,
@@ -103,6 +105,7 @@ pub fn accumulate_<'py>(
     history_length: &Bound<'py, PyAny>,
     weight: Option<&Bound<'py, PyAny>>,
     gradient: Option<&Bound<'py, PyAny>>,
+    confidence: Option<&Bound<'py, PyAny>>,
     alpha: f32,
     moments_alpha: f32,
     warmup: bool,
@@ -124,10 +127,11 @@ pub fn accumulate_<'py>(
             .sized("history_length", size)?;
         let weight = Input::<f32>::optional(weight, "weight", Channels::One, size)?;
         let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
+        let confidence = Input::<f32>::optional(confidence, "confidence", Channels::One, size)?;
         let data = [color.data(), history.data(), moments.data(), length.data()];
         let [color, history @ ..] = data.map(Interleaved::pixels);
-        let [weight, gradient] =
-            [&weight, &gradient].map(|image| image.as_ref().map(|image| image.data().flat()));
+        let [weight, gradient, confidence] = [&weight, &gradient, &confidence]
+            .map(|image| image.as_ref().map(|image| image.data().flat()));
         let Size { height, width } = size;
         let [first, second, third] = parts(out.as_ref())?;
         let out = (
@@ -147,7 +151,7 @@ pub fn accumulate_<'py>(
                 .zip(PixelsMut::bands(size, 2, moments))
                 .zip(PixelsMut::bands(size, 1, lengths))
                 .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
-            accumulate::accumulate(color, weight, history, gradient, params, merged)
+            accumulate::accumulate(color, weight, history, gradient, confidence, params, merged)
         })?;
         (merged, missing)
     };

@@ -137,7 +137,7 @@ impl Bmfr {
             ..
         } = match &memory {
             Some(memory) => {
-                let (params, motion) = (&params.history, motion.pixels());
+                let (params, motion) = (&params.history, &motion);
                 recall(params, memory, frame, motion, &sample, hold, &mut output)
             }
             None => Recalled::nothing(size, CHANNELS, hold, &mut output),
@@ -156,6 +156,7 @@ impl Bmfr {
             None,
             [light, moments, lengths],
             change,
+            (params.history.by_confidence).then(|| View::new(size, 1, output.confidence)),
             params.history.accumulate,
             merged,
         );

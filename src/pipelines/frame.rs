@@ -1,11 +1,14 @@
 //! What goes into a pipeline and what comes out, one frame at a time.
 
 use crate::error::{Error, Result};
-use crate::image::{Image, Pixels, Records, Size};
+use std::ops::Range;
+
+use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, segments};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
-use crate::pixels::PixelsMut;
+use crate::pixels::{PixelsMut, Row};
+use crate::rows::{self, Kernel};
 
 /// One frame's buffers.
 pub struct Frame<'a> {
@@ -27,13 +30,23 @@ impl<'a> Frame<'a> {
         (self.position.map(Geometry::Position)).or(self.surface.depth.map(Geometry::Depth))
     }
 
-    /// The motion that came with the frame; or, if both cameras are known and where surfaces are, computed; or none.
+    /// The motion that came with the frame; or, if both cameras are known and where surfaces are, computed; or none. Where
+    /// it came without change of depth, that is completed from the cameras, as far as they tell the same motion.
     pub fn motion(&self, previous: Option<&Camera>, used: &mut Vec<&'static str>) -> Motion<'a> {
         let cameras = self.camera.as_ref().zip(previous);
         match self.motion {
             Some(motion) => {
                 used.push("motion");
-                Motion::Given(motion)
+                match cameras
+                    .zip(self.geometry())
+                    .filter(|_| motion.channels == 2)
+                {
+                    Some((cameras, geometry)) => {
+                        let still = find_motion(motion.size, Some(cameras), Some(geometry), used);
+                        Motion::Completed(complete(motion, still))
+                    }
+                    None => Motion::Given(motion),
+                }
             }
             None => {
                 let size = self.color.size;
@@ -92,17 +105,60 @@ impl SurfaceRecords {
     }
 }
 
+/// Pixels in which a motion may differ from that of the cameras and still be theirs.
+const SAME_MOTION: f32 = 0.5;
+
+/// A motion without change of depth gets that of what stands still where it moves like it, and none elsewhere: objects that
+/// move by themselves are expected at the depth that they have.
+fn complete(motion: Pixels, mut still: Image) -> Image {
+    let height = motion.size.height;
+    rows::run(&Complete(motion), height, still.bands());
+    still
+}
+
+struct Complete<'a>(Pixels<'a>);
+
+impl<'a> Kernel for Complete<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut still: BandMut<'a>) {
+        let mut given = [[0.0; SEGMENT]; 2];
+        for y in rows {
+            let [sx, sy, change] = still.rows(y);
+            for run in segments(y, self.0.size.width) {
+                self.0.read(run, given.each_mut().map(Row::as_mut_slice));
+                for i in 0..run.len {
+                    let (x, [gx, gy]) = (run.x + i, [given[0][i], given[1][i]]);
+                    let (dx, dy) = (gx - sx[x], gy - sy[x]);
+                    let same = dx * dx + dy * dy <= SAME_MOTION * SAME_MOTION;
+                    (sx[x], sy[x]) = (gx, gy);
+                    change[x] = if same { change[x] } else { 0.0 };
+                }
+            }
+        }
+    }
+}
+
 pub enum Motion<'a> {
     Given(Pixels<'a>),
+    /// From the cameras, of what stands still.
     Computed(Image),
+    /// Given, with the change of depth that cameras tell.
+    Completed(Image),
 }
 
 impl Motion<'_> {
     pub fn pixels(&self) -> Pixels<'_> {
         match self {
             Self::Given(pixels) => *pixels,
-            Self::Computed(image) => image.pixels(),
+            Self::Computed(image) | Self::Completed(image) => image.pixels(),
         }
+    }
+
+    /// Whether the change of depth is that of the pixel's own surface, as the test against planes needs it.
+    pub fn tells_depth(&self) -> bool {
+        self.pixels().channels == 3 && !matches!(self, Self::Completed(_))
     }
 }
 

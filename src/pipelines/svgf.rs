@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use pulp::Simd;
 
-use super::frame::{Frame, Output, Summary, check_size};
+use super::frame::{Frame, Motion, Output, Summary, SurfaceRecords, check_size};
 use super::half_res;
 use super::reflections::{self, Own};
 use super::taa::{self, Stage, blacken_missing};
@@ -22,7 +22,7 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, MotionLanes};
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
-use crate::kernels::judge::surface::{self, Surface, Tests};
+use crate::kernels::judge::surface::{self, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate, count_missing};
 use crate::kernels::smooth::atrous::{self, Filtered};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
@@ -41,6 +41,8 @@ pub struct Params {
     pub atrous: atrous::Params,
     /// Whether the first pass of the filter, instead of its input, is the next frame's history.
     pub feedback: bool,
+    /// Whether the new sample's share rises where the history is not wholly trusted.
+    pub by_confidence: bool,
     /// Whether changes of light shorten history: known from the frames' replays, estimated where they have none.
     pub gradient: bool,
     pub fireflies: Option<fireflies::Params>,
@@ -100,10 +102,7 @@ pub(super) struct Memory {
     /// As it came, where the next frame's replay is expected.
     color: Option<Records>,
     reflections: Option<reflections::Memory>,
-    depth: Option<Records>,
-    normal: Option<Records>,
-    object_normal: Option<Records>,
-    ids: Option<Records<u32>>,
+    surface: SurfaceRecords,
     pub camera: Option<Camera>,
     demodulated: bool,
 }
@@ -112,16 +111,12 @@ impl Memory {
     /// Of a frame that has become this history; without reflections. Its colour is kept where the next frame's replay is
     /// wanted and to be expected: after a first frame, and after a frame with a replay.
     pub fn new(frame: &Frame, history: Records, wants_replay: bool, first: bool) -> Self {
-        let surface = &frame.surface;
         let keeps_color = wants_replay && (first || frame.replay.is_some());
         Self {
             history,
             color: keeps_color.then(|| frame.color.to_records()),
             reflections: None,
-            depth: surface.depth.map(Pixels::to_records),
-            normal: surface.normal.map(Pixels::to_records),
-            object_normal: surface.object_normal.map(Pixels::to_records),
-            ids: surface.ids.map(Pixels::to_records),
+            surface: SurfaceRecords::of(&frame.surface),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
         }
@@ -132,20 +127,10 @@ impl Memory {
     }
 
     /// What tells whether a pixel shows what one of this frame's does.
-    fn tests<'a>(&'a self, frame: &Frame<'a>, motion: Pixels, params: &Params) -> Tests<'a> {
-        let camera = self.camera.as_ref().filter(|_| motion.channels == 3);
+    fn tests<'a>(&'a self, frame: &Frame<'a>, motion: &Motion, params: &Params) -> Tests<'a> {
+        let camera = self.camera.as_ref().filter(|_| motion.tells_depth());
         let rays = camera.map(Camera::rays);
-        Tests::new(frame.surface, self.surface(), rays, &params.surface)
-    }
-
-    fn surface(&self) -> Surface<'_> {
-        Surface {
-            depth: self.depth.as_ref().map(Records::pixels),
-            normal: self.normal.as_ref().map(Records::pixels),
-            ids: self.ids.as_ref().map(Records::pixels),
-            object_normal: self.object_normal.as_ref().map(Records::pixels),
-            color: None,
-        }
+        Tests::new(frame.surface, self.surface.surface(), rays, &params.surface)
     }
 }
 
@@ -233,7 +218,7 @@ impl Svgf {
             params,
             frame,
             texture,
-            motion: motion.pixels(),
+            motion: &motion,
         };
         let Merged {
             mut history,
@@ -385,7 +370,7 @@ struct Light<'a> {
     params: &'a Params,
     frame: &'a Frame<'a>,
     texture: Option<Texture<'a>>,
-    motion: Pixels<'a>,
+    motion: &'a Motion<'a>,
 }
 
 impl Light<'_> {
@@ -437,6 +422,7 @@ impl Light<'_> {
             lent.as_ref().map(|lent| lent.weight.view()),
             before,
             gradient.as_ref().map(Image::view),
+            (params.by_confidence).then(|| View::new(size, 1, output.confidence)),
             params.accumulate,
             merged,
         );
@@ -464,9 +450,10 @@ impl Light<'_> {
         let kernel = Merge {
             color: frame.color,
             texture,
-            motion,
+            motion: motion.pixels(),
             fetch,
             params: params.accumulate,
+            by_confidence: params.by_confidence,
         };
         let mut history = Records::blank(size, accumulate::CHANNELS);
         let mut missing = vec![0; rows::bands(size.height).count()];
@@ -501,6 +488,7 @@ struct Merge<'a> {
     /// None for a first frame.
     fetch: Option<Fetch<'a>>,
     params: accumulate::Params,
+    by_confidence: bool,
 }
 
 struct MergedBand<'a> {
@@ -542,7 +530,10 @@ impl<'a> Kernel for Merge<'a> {
                     out.rejection.put(run, &[0; SEGMENT][..run.len], 1);
                 }
             }
-            self.params.merge(&color, &whole, &unchanged, &mut history);
+            let confidence = (fetched.as_ref()).filter(|_| self.by_confidence);
+            let confidence = confidence.map_or(&whole, |fetched| &fetched.coverage);
+            let how = [&whole, &unchanged, confidence];
+            self.params.merge(&color, how, &mut history);
             let rows = history.each_ref().map(Row::as_slice);
             out.history.write(run, rows);
             out.length.put(run, &rows[5][..run.len], 1);
@@ -650,12 +641,13 @@ pub(super) fn recall(
     params: &Params,
     memory: &Memory,
     frame: &Frame,
-    motion: Pixels,
+    motion: &Motion,
     sample: &Image,
     hold: impl FnOnce(Option<Pixels>) -> Option<Image>,
     output: &mut Output,
 ) -> Recalled {
     let tests = memory.tests(frame, motion, params);
+    let motion = motion.pixels();
     let before = memory.color.as_ref();
     let replayed = frame.replay.zip(before).map(|(replay, before)| {
         // The same random numbers make the same noise.
@@ -708,7 +700,7 @@ pub(super) fn recall(
                 &params.reflections,
                 frame,
                 [now, then],
-                memory.surface(),
+                memory.surface.surface(),
                 own,
                 sample.view(),
                 &mut history,

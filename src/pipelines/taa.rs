@@ -584,7 +584,7 @@ impl Taa {
             .camera
             .as_ref()
             .filter(|_| limits.plane_distance.is_some());
-        let camera = camera.filter(|_| motion.pixels().channels == 3);
+        let camera = camera.filter(|_| motion.tells_depth());
         let both = |surface: Surface| surface.depth.is_some() && surface.normal.is_some();
         let rays = camera.map(Camera::rays);
         let rays = rays.filter(|_| both(frame.surface) && before.is_some_and(both));

@@ -24,6 +24,7 @@ def accumulate(
     *,
     weight: Tensor | None = None,
     gradient: Tensor | None = None,
+    confidence: Tensor | None = None,
     alpha=0.05,
     moments_alpha=0.2,
     warmup=True,
@@ -31,7 +32,7 @@ def accumulate(
     """Blend a sample into its history: N' = min(N + w, 1/alpha), h + w (c - h)/N', and the moments likewise.
 
     w is 1, or the weight of what is less than a sample. A gradient λ first shortens N to N (1 - λ)^10, and then moves
-    both shares a of the sample to a + λ (1 - a). Sources: Schied et al. 2017, section 4.2; the warm-up is Falcor's
+    both shares a of the sample to a + λ (1 - a); a confidence c then to a + w (1 - c)(1 - a). Sources: Schied et al. 2017, section 4.2; the warm-up is Falcor's
     alpha = max(alpha, 1/N); Schied et al. 2018.
 
     Parameters
@@ -40,7 +41,7 @@ def accumulate(
     history_moments : (H, W, 2), means of luminance and of its square
     history_length : (H, W), number of samples
     weight : (H, W), 0 to 1, where 0 is no sample
-    gradient : (H, W), 0 to 1
+    gradient, confidence : (H, W), 0 to 1
 
     Returns
     -------
@@ -63,6 +64,9 @@ def accumulate(
     a = w / n if warmup else w * alpha  # (H, W)
     am = w * (1 / n).clamp(min=moments_alpha) if warmup else w * moments_alpha  # (H, W)
     a, am = (share + changed * (1 - share) for share in (a, am))  # (H, W), (H, W)
+    if confidence is not None:
+        doubt = w * (1 - confidence.nan_to_num(0).clamp(0, 1))  # (H, W)
+        a, am = (share + doubt * (1 - share) for share in (a, am))  # (H, W), (H, W)
     blended = history + a[..., None] * (color - history)  # (H, W, 3)
     blended_moments = history_moments + am[..., None] * (moments - history_moments)  # (H, W, 2)
 

@@ -48,7 +48,8 @@ class BMFR(SVGF):
             elif self.gradient:
                 known = history[0].where((confidence > 0)[..., None], torch.nan)  # (H, W, 3)
                 gradient = temporal_gradient(light, known, noise=2.2, widest=5)  # (H, W)
-        merged = accumulate(light, *history[:3], gradient=gradient, **self.blend)
+        trust = confidence if self.by_confidence else None  # (H, W)
+        merged = accumulate(light, *history[:3], gradient=gradient, confidence=trust, **self.blend)
         color, moments, length, missing = merged  # (H, W, 3), (H, W, 2), (H, W)
 
         geometry = frame.position  # (H, W, 3)

@@ -10,7 +10,7 @@ from .demodulate import demodulate, remodulate
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .reproject import reproject
-from .taa import PRESETS, antialias, find_motion
+from .taa import PRESETS, antialias, find_motion, tells_depth
 from .variance import estimate_variance
 
 
@@ -45,6 +45,7 @@ class SVGF:
         normal_angle=25.0,
         min_length=3.5,
         feedback=False,
+        by_confidence=False,
         gradient=True,
         fireflies=False,
         antialias=True,
@@ -59,6 +60,7 @@ class SVGF:
         }
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
+        self.by_confidence = by_confidence
         self.passes, self.stage = 3, PRESETS["denoised"]
         self.reset()
 
@@ -99,7 +101,8 @@ class SVGF:
 
         missing = int((~light.isfinite().all(-1)).sum())
         light, weight = self.fill(light, history[2], similarity)  # (H, W, 3), (H, W)
-        merged = accumulate(light, *history, weight=weight, gradient=gradient, **self.blend)
+        trust = confidence if self.by_confidence else None  # (H, W)
+        merged = accumulate(light, *history, weight=weight, gradient=gradient, confidence=trust, **self.blend)
         color, moments, length, _ = merged  # (H, W, 3), (H, W, 2), (H, W)
         variance = estimate_variance(moments, length, min_length=self.min_length, **similarity)  # (H, W)
         smooth, smooth_variance = atrous(color, variance, iterations=self.iterations, **self.filter, **similarity)
@@ -134,6 +137,6 @@ class SVGF:
             now, before = getattr(frame, name), getattr(self.previous, name)
             if now is not None and before is not None:
                 tests |= {name: now, f"previous_{name}": before}
-        if "depth" in tests and "normal" in tests and motion.shape[-1] == 3:
+        if "depth" in tests and "normal" in tests and tells_depth(frame, motion):
             tests["previous_camera"] = self.previous.camera
         return tests

@@ -138,7 +138,7 @@ def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:
     pairs = {name: (getattr(frame, name), getattr(before, name)) for name in names}
     known = {name for name, pair in pairs.items() if pair[0] is not None and pair[1] is not None}
     plane = "plane_distance" in limits and before.camera is not None and {"depth", "normal"} <= known
-    plane = plane and motion.shape[-1] == 3
+    plane = plane and tells_depth(frame, motion)
     asked = {"depth"} if plane or "relative_depth" in limits else set()
     asked |= {"normal"} if plane or "normal_angle" in limits else set()
     asked |= {"object_normal"} if "normal_angle" in limits else set()
@@ -150,13 +150,22 @@ def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:
 
 
 def find_motion(frame, before) -> Tensor:
-    """The frame's motion; or what both cameras tell; or none."""
-    if frame.motion is not None:
-        return frame.motion  # (H, W, 2|3)
+    """The frame's motion; or what both cameras tell; or none. Change of depth is completed where both are alike."""
+    motion, still = frame.motion, None  # (H, W, 2|3)
     geometry = frame.position if frame.position is not None else frame.depth  # (H, W, 3) or (H, W)
     if geometry is not None and before is not None and frame.camera is not None and before.camera is not None:
-        return motion_vectors(geometry, frame.camera, before.camera)  # (H, W, 3)
-    return torch.zeros_like(frame.color[..., :2])  # (H, W, 2)
+        still = motion_vectors(geometry, frame.camera, before.camera)  # (H, W, 3)
+    if motion is not None and still is not None and motion.shape[-1] == 2:
+        alike = (motion - still[..., :2]).square().sum(-1) <= 0.25  # (H, W)
+        return torch.cat([motion, still[..., 2:].where(alike[..., None], 0)], -1)  # (H, W, 3)
+    if motion is None:
+        motion = torch.zeros_like(frame.color[..., :2]) if still is None else still  # (H, W, 2|3)
+    return motion
+
+
+def tells_depth(frame, motion: Tensor) -> bool:
+    """Whether the motion has the surface's own change of depth, and not one completed from the cameras."""
+    return motion.shape[-1] == 3 and (frame.motion is None or frame.motion.shape[-1] == 3)
 
 
 class TAA:

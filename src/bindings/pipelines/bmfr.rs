@@ -29,6 +29,8 @@ use crate::pipelines::{bmfr, svgf, taa};
 ///     As in `regress`.
 /// relative_depth, plane_distance, normal_angle : float or (float, float)
 ///     As in `SVGF`.
+/// by_confidence : bool, default False
+///     Whether the new sample's share rises where the history is not wholly trusted: ``alpha + (1 - confidence) (1 - alpha)``.
 /// gradient : bool, default True
 ///     Whether changes of light shorten history, as in `SVGF`.
 /// fireflies : bool, default False
@@ -59,11 +61,11 @@ pub struct BMFR {
 impl BMFR {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Bounds::Hard(0.1),
-        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), gradient=true, fireflies=false,
+        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), by_confidence=false, gradient=true, fireflies=false,
         antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=16, features='fewest', relative_depth=0.1, \
-        plane_distance=0.01, normal_angle=25.0, gradient=True, fireflies=False, antialias=True)"
+        plane_distance=0.01, normal_angle=25.0, by_confidence=False, gradient=True, fireflies=False, antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -73,6 +75,7 @@ impl BMFR {
         relative_depth: Bounds,
         plane_distance: Bounds,
         normal_angle: Bounds,
+        by_confidence: bool,
         gradient: bool,
         fireflies: bool,
         antialias: bool,
@@ -89,6 +92,7 @@ impl BMFR {
                     alpha,
                     ..Default::default()
                 },
+                by_confidence,
                 gradient,
                 fireflies: fireflies.then(fireflies::Params::default),
                 ..Default::default()

@@ -28,7 +28,7 @@ use crate::pipelines::{half_res, svgf};
 ///     Passes of the spatial filter, 0 to 16.
 /// sigma_luminance : float, default 4.0
 ///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
-/// fireflies : bool, default False
+/// by_confidence, fireflies : bool, default False
 /// reflections : sequence of float, default (0.5, 2.0)
 ///     As in `SVGF`.
 /// antialias : bool, default True
@@ -66,10 +66,10 @@ pub struct HalfRes {
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0,
-        fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
+        by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, \
-        fireflies=False, reflections=(0.5, 2.0), antialias=True)"
+        by_confidence=False, fireflies=False, reflections=(0.5, 2.0), antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -77,6 +77,7 @@ impl HalfRes {
         radius: i64,
         iterations: i64,
         sigma_luminance: f32,
+        by_confidence: bool,
         fireflies: bool,
         reflections: Vec<f32>,
         antialias: bool,
@@ -96,6 +97,7 @@ impl HalfRes {
                 sigma_luminance,
                 ..whole.atrous
             },
+            by_confidence,
             fireflies: fireflies.then(fireflies::Params::default),
             reflections,
             antialias: whole.antialias.filter(|_| antialias),

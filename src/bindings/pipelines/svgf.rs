@@ -50,6 +50,8 @@ use crate::pipelines::{svgf, taa};
 /// feedback : bool, default False
 ///     Whether the filter's first pass, instead of its input, is the next frame's history: less noise in motion, more
 ///     bias.
+/// by_confidence : bool, default False
+///     Whether the new sample's share rises where the history is not wholly trusted: ``alpha + (1 - confidence) (1 - alpha)``.
 /// gradient : bool, default True
 ///     Whether changes of light shorten history. They are known exactly from frames that have a `replay`, if the frame
 ///     before had one or was the first, and for others estimated from the new samples and history, as far as noise lets
@@ -89,11 +91,11 @@ impl SVGF {
     #[pyo3(signature = (*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0,
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false,
-        gradient=true, fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
+        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0, \
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
-        normal_angle=25.0, min_length=3.5, feedback=False, gradient=True, fireflies=False, \
+        normal_angle=25.0, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
         reflections=(0.5, 2.0), antialias=True)"
     )]
     fn new(
@@ -110,6 +112,7 @@ impl SVGF {
         normal_angle: Bounds,
         min_length: f32,
         feedback: bool,
+        by_confidence: bool,
         gradient: bool,
         fireflies: bool,
         reflections: Vec<f32>,
@@ -144,6 +147,7 @@ impl SVGF {
                 sigmas,
             },
             feedback,
+            by_confidence,
             gradient,
             fireflies: fireflies.then(fireflies::Params::default),
             reflections,

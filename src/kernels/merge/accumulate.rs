@@ -7,13 +7,13 @@
 //! Where a temporal gradient λ says that the light has changed, history is shortened before and its share falls:
 //!   N ← N (1 − λ)¹⁰,  a ← lerp(a, 1, λ)
 //! (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*; the exponent
-//! as in Q2RTX). A colour that is less than a sample, such as one lent by neighbours, has a weight w below 1:
+//! as in Q2RTX). Where the history is confident by c only, the sample's share rises: a ← lerp(a, 1, 1 − c). A colour that is less than a sample, such as one lent by neighbours, has a weight w below 1:
 //!   N ← min(N + w, 1/α),  a = w/N,  and max(w αₘ, w/N) for the moments,
 //! so that what is reconstructed helps where little is known, and hardly shows among samples. A pixel without history
 //! starts at N = w. A sample with NaN or infinity, or without weight, is missing: history is kept as it is, and where there is
 //! none, colour and moments are NaN and N = 0, the mark of a pixel that nobody has seen.
 //!
-//! Inputs: colour (3), w (1) in [0, 1], optional; history: colour (3), moments (2), length (1); λ (1) in [0, 1], optional.
+//! Inputs: colour (3), w (1) in [0, 1], optional; history: colour (3), moments (2), length (1); λ and c (1) in [0, 1], optional.
 //! Outputs: the history, and the number of missing samples.
 
 use std::ops::Range;
@@ -74,6 +74,7 @@ struct Accumulate<'a, const PARTS: usize> {
     weight: Option<View<'a>>,
     history: [Pixels<'a>; 3],
     gradient: Option<View<'a>>,
+    confidence: Option<View<'a>>,
     params: Params,
 }
 
@@ -87,6 +88,7 @@ pub fn accumulate<'a, const PARTS: usize>(
     weight: Option<View<'a>>,
     history: [Pixels<'a>; 3],
     gradient: Option<View<'a>>,
+    confidence: Option<View<'a>>,
     params: Params,
     merged: impl Iterator<Item = [Part<'a>; PARTS]>,
 ) -> usize {
@@ -97,6 +99,7 @@ pub fn accumulate<'a, const PARTS: usize>(
         weight,
         history,
         gradient,
+        confidence,
         params,
     };
     let outs = merged
@@ -118,7 +121,8 @@ impl<'a, const PARTS: usize> Kernel for Accumulate<'a, PARTS> {
     fn rows(&self, rows: Range<usize>, mut out: Self::Out) {
         let mut colors = [[0.0; SEGMENT]; 3];
         let mut history = [[0.0; SEGMENT]; CHANNELS];
-        let (mut weights, mut changes) = ([1.0; SEGMENT], [0.0; SEGMENT]);
+        let (mut weights, mut changes, mut confidences) =
+            ([1.0; SEGMENT], [0.0; SEGMENT], [1.0; SEGMENT]);
         for run in rows.flat_map(|y| segments(y, self.color.size.width)) {
             self.color
                 .read(run, colors.each_mut().map(Row::as_mut_slice));
@@ -137,7 +141,11 @@ impl<'a, const PARTS: usize> Kernel for Accumulate<'a, PARTS> {
             if let Some(gradient) = self.gradient {
                 load_shares(gradient, run, &mut changes);
             }
-            self.params.merge(&colors, &weights, &changes, &mut history);
+            if let Some(confidence) = self.confidence {
+                load_shares(confidence, run, &mut confidences);
+            }
+            let how = [&weights, &changes, &confidences];
+            self.params.merge(&colors, how, &mut history);
             for (channels, part) in &mut out.merged {
                 part.write(run, history[channels.clone()].iter().map(Row::as_slice));
             }
@@ -172,14 +180,13 @@ pub fn tenth_power(x: f32) -> f32 {
 }
 
 impl Params {
-    /// Merges new colours into the channels of a history, by how much of a sample each is, above 0 to 1, and by how much
-    /// the light has changed, 0 to 1.
+    /// Merges new colours into the channels of a history, by how much of a sample each is, above 0 to 1, by how much the
+    /// light has changed, and by the confidence in the history, both 0 to 1.
     #[inline(always)]
     pub fn merge(
         self,
         colors: &[Row; 3],
-        weights: &Row,
-        changes: &Row,
+        [weights, changes, confidences]: [&Row; 3],
         history: &mut [Row; CHANNELS],
     ) {
         let longest = 1.0 / self.alpha;
@@ -206,6 +213,8 @@ impl Params {
                 (alpha, moments_alpha)
             };
             let (a, am) = (a + change * (1.0 - a), am + change * (1.0 - am));
+            let doubt = weight * (1.0 - confidences[x]);
+            let (a, am) = (a + doubt * (1.0 - a), am + doubt * (1.0 - am));
             let l = luminance(c[0], c[1], c[2]);
             let mixed = |history: f32, new: f32, share: f32| {
                 let merged = if remembered {
