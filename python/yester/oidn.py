@@ -8,13 +8,13 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, Output, settings
+from ._core import SVGF, TAA, Output, Pipeline, settings
 from .frame import Frame, present
 
 __all__ = ["OIDN", "Network"]
 
 
-class OIDN:
+class OIDN(Pipeline):
     """Intel's Open Image Denoise, with albedo and normals where frames have them; alone, or between temporal stages.
 
     The network sees one image at a time: what it makes of noise differs from frame to frame. Between temporal stages it
@@ -42,6 +42,7 @@ class OIDN:
     """
 
     def __init__(self, quality: Literal["high", "balanced", "fast"] = "high", *, temporal: bool = False) -> None:
+        super().__init__(quality, temporal=temporal)
         self._network = Network(quality)
         self._stages = (SVGF(iterations=0, antialias=False), TAA("denoised")) if temporal else None
 

@@ -9,7 +9,7 @@
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Summary, check_size};
+use super::frame::{Frame, Output, Pipeline, Summary, Upkeep, check_size};
 use crate::error::Result;
 use crate::image::{Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window};
@@ -24,7 +24,6 @@ use crate::kernels::merge::accumulate::count_missing;
 use crate::kernels::merge::blend::{self, Weighting, calm, mix};
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::math::is_present;
-use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel};
 
@@ -412,7 +411,7 @@ pub fn blacken_missing(row: &mut [f32]) {
 
 pub struct Taa {
     stage: Stage,
-    reserve: Reserve,
+    upkeep: Upkeep,
     camera: Option<Camera>,
 }
 
@@ -421,23 +420,20 @@ impl Taa {
         params.check()?;
         Ok(Self {
             stage: Stage::new(params),
-            reserve: Reserve::default(),
+            upkeep: Upkeep::default(),
             camera: None,
         })
     }
+}
 
-    /// Forgets the sequence.
-    pub fn reset(&mut self) {
-        self.stage.reset();
-        self.reserve = Reserve::default();
-        self.camera = None;
+impl Pipeline for Taa {
+    fn upkeep(&mut self) -> &mut Upkeep {
+        &mut self.upkeep
     }
 
-    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
-        let mut reserve = std::mem::take(&mut self.reserve);
-        let summary = reserve.serve(|| self.next(frame, output));
-        self.reserve = reserve;
-        summary
+    fn forget(&mut self) {
+        self.stage.reset();
+        self.camera = None;
     }
 
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {

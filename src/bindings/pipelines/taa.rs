@@ -2,12 +2,13 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Pipeline, Room};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::judge::neighborhood;
 use crate::kernels::merge::blend;
+use crate::pipelines::frame::Pipeline as _;
 use crate::pipelines::taa;
 
 /// Temporal antialiasing of a sequence of frames.
@@ -49,7 +50,7 @@ use crate::pipelines::taa;
 /// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
 /// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without tests or fallback,
 /// `blend_factor`, `exposure`, `clip_history`, `blend`. The share of the N-th sample of a pixel is at least 1/N.
-#[pyclass(module = "yester")]
+#[pyclass(extends = Pipeline, module = "yester")]
 pub struct TAA {
     inner: taa::Taa,
 }
@@ -73,7 +74,7 @@ impl TAA {
         response: Option<&str>,
         weighting: Option<&str>,
         flicker: Option<f32>,
-    ) -> PyResult<Self> {
+    ) -> PyResult<PyClassInitializer<Self>> {
         /// The mode that is named, or the preset's.
         fn or<T: Copy>(
             name: Option<&str>,
@@ -109,9 +110,8 @@ impl TAA {
         let weightings = &blend::Params::WEIGHTINGS;
         params.blend.weighting = or(weighting, "weighting", weightings, params.blend.weighting)?;
         params.blend.flicker = flicker.unwrap_or(params.blend.flicker);
-        Ok(Self {
-            inner: taa::Taa::new(params)?,
-        })
+        let inner = taa::Taa::new(params)?;
+        Ok(Pipeline::made(Self { inner }))
     }
 
     /// Antialiases the next frame of the sequence.
@@ -142,7 +142,7 @@ impl TAA {
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
         let room = Room::new(py, out, frame.size(), false)?;
-        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+        frame.step(py, room, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.
