@@ -59,8 +59,6 @@ mod _core {
     #[pymodule_export]
     use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};
     #[pymodule_export]
-    use bindings::pipelines::Output;
-    #[pymodule_export]
     use bindings::pipelines::bmfr::BMFR;
     #[pymodule_export]
     use bindings::pipelines::half_res::HalfRes;
@@ -72,6 +70,8 @@ mod _core {
     use bindings::pipelines::taa::TAA;
     #[pymodule_export]
     use bindings::pipelines::upscaler::Upscaler;
+    #[pymodule_export]
+    use bindings::pipelines::{Output, Pipeline};
     #[pymodule_export]
     use bindings::regress::regress_;
     #[pymodule_export]

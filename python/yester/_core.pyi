@@ -5,6 +5,7 @@ from typing import Any, Literal, Self, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import disjoint_base
 
 from .frame import Frame
 
@@ -25,6 +26,7 @@ __all__ = [
     "Camera",
     "HalfRes",
     "Output",
+    "Pipeline",
     "Recirculation",
     "Upscaler",
     "__version__",
@@ -142,9 +144,16 @@ class Output:
     def used(self) -> tuple[str, ...]: ...
     @property
     def missing(self) -> int: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[NDArray[Any], ...], dict[str, Any]]: ...
+
+@disjoint_base
+class Pipeline:
+    def __new__(cls, *_args: Any, **_kwargs: Any) -> Self: ...
+    def __init__(self, *args: Any, **kwargs: Any) -> None: ...
+    def __reduce__(self) -> tuple[Any, tuple[()]]: ...
 
 @final
-class SVGF:
+class SVGF(Pipeline):
     def __new__(
         cls,
         *,
@@ -171,7 +180,7 @@ class SVGF:
     def reset(self) -> None: ...
 
 @final
-class HalfRes:
+class HalfRes(Pipeline):
     def __new__(
         cls,
         *,
@@ -191,7 +200,7 @@ class HalfRes:
     def offset(number: int) -> tuple[int, int]: ...
 
 @final
-class BMFR:
+class BMFR(Pipeline):
     def __new__(
         cls,
         *,
@@ -211,7 +220,7 @@ class BMFR:
     def reset(self) -> None: ...
 
 @final
-class TAA:
+class TAA(Pipeline):
     def __new__(
         cls,
         preset: Literal["best", "denoised", "seed", "karis", "filament"] = "best",
@@ -239,7 +248,7 @@ class TAA:
     def reset(self) -> None: ...
 
 @final
-class Recirculation:
+class Recirculation(Pipeline):
     def __new__(
         cls,
         *,
@@ -255,7 +264,7 @@ class Recirculation:
     def reset(self) -> None: ...
 
 @final
-class Upscaler:
+class Upscaler(Pipeline):
     def __new__(
         cls,
         scale: float = 2.0,

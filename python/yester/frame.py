@@ -62,6 +62,13 @@ class Frame:
     ValueError
         If an array or the camera has another shape than the above, or another size than `color`; if `jitter` leaves the
         pixel.
+
+    Notes
+    -----
+    At a sequence's second frame, pipelines compare `motion` with that of the cameras where these and depth or position
+    are known, and otherwise look up the first frame's albedo and normals (or else its colour) along it. Where y up, the
+    opposite direction, normalised device coordinates (-1 to 1) or shares of the image's sides (0 to 1) would agree
+    plainly better, they warn, with a `UserWarning` that says by what to multiply.
     """
 
     __slots__ = (*BUFFERS, "camera", "jitter")

@@ -8,13 +8,13 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, Output, settings
+from ._core import SVGF, TAA, Output, Pipeline, settings
 from .frame import Frame, present
 
 __all__ = ["OIDN", "Network"]
 
 
-class OIDN:
+class OIDN(Pipeline):
     """Intel's Open Image Denoise, with albedo and normals where frames have them; alone, or between temporal stages.
 
     The network sees one image at a time: what it makes of noise differs from frame to frame. Between temporal stages it
@@ -50,6 +50,7 @@ class OIDN:
         temporal: bool = False,
         fireflies: bool = False,
     ) -> None:
+        super().__init__(quality, temporal=temporal, fireflies=fireflies)
         self._network = Network(quality)
         if fireflies and not temporal:
             raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")

@@ -8,7 +8,7 @@
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Summary};
+use super::frame::{Frame, Output, Pipeline, Summary, Upkeep};
 use super::svgf::{
     self, Memory, Recalled, check_continues, illumination, recall, without_fireflies,
 };
@@ -21,7 +21,6 @@ use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::regress::{self, Features, Place, regress};
-use crate::memory::Reserve;
 use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel};
 
@@ -69,7 +68,7 @@ const CHANNELS: usize = accumulate::CHANNELS + 3;
 
 pub struct Bmfr {
     params: Params,
-    reserve: Reserve,
+    upkeep: Upkeep,
     memory: Option<Memory>,
     /// Frames since the sequence began.
     age: usize,
@@ -82,25 +81,22 @@ impl Bmfr {
         Ok(Self {
             antialias: params.antialias.map(Stage::new),
             params,
-            reserve: Reserve::default(),
+            upkeep: Upkeep::default(),
             memory: None,
             age: 0,
         })
     }
+}
 
-    /// Forgets the sequence.
-    pub fn reset(&mut self) {
-        self.memory = None;
-        self.reserve = Reserve::default();
-        self.age = 0;
-        self.antialias.iter_mut().for_each(Stage::reset);
+impl Pipeline for Bmfr {
+    fn upkeep(&mut self) -> &mut Upkeep {
+        &mut self.upkeep
     }
 
-    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
-        let mut reserve = std::mem::take(&mut self.reserve);
-        let summary = reserve.serve(|| self.next(frame, output));
-        self.reserve = reserve;
-        summary
+    fn forget(&mut self) {
+        self.memory = None;
+        self.age = 0;
+        self.antialias.iter_mut().for_each(Stage::reset);
     }
 
     fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {

@@ -1,12 +1,15 @@
 //! What goes into a pipeline and what comes out, one frame at a time.
 
-use crate::error::{Error, Result};
 use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
+use super::motion_check::{Check, Mistake};
+use crate::error::{Error, Result};
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, segments};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
+use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
@@ -178,6 +181,43 @@ pub struct Summary {
     pub used: Vec<&'static str>,
     /// Samples that were not finite.
     pub missing: usize,
+}
+
+/// What every pipeline keeps from frame to frame beside its history.
+#[derive(Default)]
+pub struct Upkeep {
+    reserve: Reserve,
+    check: Check,
+}
+
+/// A method that works on a sequence frame by frame.
+pub trait Pipeline {
+    fn upkeep(&mut self) -> &mut Upkeep;
+
+    /// Forgets the history.
+    fn forget(&mut self);
+
+    /// Works on the next frame; after an error, everything is as before.
+    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary>;
+
+    /// Forgets the sequence; the next frame is a first one.
+    fn reset(&mut self) {
+        *self.upkeep() = Upkeep::default();
+        self.forget();
+    }
+
+    /// Works on the next frame, in memory that earlier ones have left, and looks at its motion. A panic resets the pipeline.
+    fn step(&mut self, frame: &Frame, output: Output) -> Result<(Summary, Option<Mistake>)> {
+        let mut upkeep = std::mem::take(self.upkeep());
+        let next = AssertUnwindSafe(|| upkeep.reserve.serve(|| self.next(frame, output)));
+        let summary = catch_unwind(next).unwrap_or_else(|panic| {
+            self.reset();
+            resume_unwind(panic)
+        });
+        let mistake = summary.as_ref().ok().and_then(|_| upkeep.check.see(frame));
+        *self.upkeep() = upkeep;
+        Ok((summary?, mistake))
+    }
 }
 
 /// Frames of a sequence have one size.

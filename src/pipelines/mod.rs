@@ -3,6 +3,7 @@
 pub mod bmfr;
 pub mod frame;
 pub mod half_res;
+pub mod motion_check;
 pub mod recirculation;
 pub mod reflections;
 pub mod svgf;

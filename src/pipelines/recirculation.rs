@@ -12,7 +12,7 @@
 use std::marker::PhantomData;
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Summary, check_size};
+use super::frame::{Frame, Output, Pipeline, Summary, Upkeep, check_size};
 use super::taa::blacken_missing;
 use crate::error::{Error, Result};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
@@ -23,7 +23,6 @@ use crate::kernels::fetch::splat::{self, Points, Splats, splat};
 use crate::kernels::judge::surface::rejection;
 use crate::kernels::merge::recirculate::{self, Known, recirculate};
 use crate::math::is_present;
-use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel};
 
@@ -64,7 +63,7 @@ const CHANNELS: usize = 6;
 
 pub struct Recirculation {
     params: Params,
-    reserve: Reserve,
+    upkeep: Upkeep,
     memory: Option<Memory>,
 }
 
@@ -73,22 +72,19 @@ impl Recirculation {
         params.check()?;
         Ok(Self {
             params,
-            reserve: Reserve::default(),
+            upkeep: Upkeep::default(),
             memory: None,
         })
     }
+}
 
-    /// Forgets the sequence.
-    pub fn reset(&mut self) {
-        self.memory = None;
-        self.reserve = Reserve::default();
+impl Pipeline for Recirculation {
+    fn upkeep(&mut self) -> &mut Upkeep {
+        &mut self.upkeep
     }
 
-    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
-        let mut reserve = std::mem::take(&mut self.reserve);
-        let summary = reserve.serve(|| self.next(frame, output));
-        self.reserve = reserve;
-        summary
+    fn forget(&mut self) {
+        self.memory = None;
     }
 
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use pulp::Simd;
 
-use super::frame::{Frame, Motion, Output, Summary, SurfaceRecords, check_size};
+use super::frame::{Frame, Motion, Output, Pipeline, Summary, SurfaceRecords, Upkeep, check_size};
 use super::half_res;
 use super::reflections::{self, Own};
 use super::taa::{self, Stage, blacken_missing};
@@ -29,7 +29,6 @@ use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate};
-use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
@@ -165,7 +164,7 @@ impl Recalled {
 
 pub struct Svgf {
     params: Params,
-    reserve: Reserve,
+    upkeep: Upkeep,
     memory: Option<Memory>,
     antialias: Option<Stage>,
 }
@@ -176,23 +175,20 @@ impl Svgf {
         Ok(Self {
             antialias: params.antialias.map(Stage::new),
             params,
-            reserve: Reserve::default(),
+            upkeep: Upkeep::default(),
             memory: None,
         })
     }
+}
 
-    /// Forgets the sequence.
-    pub fn reset(&mut self) {
-        self.memory = None;
-        self.reserve = Reserve::default();
-        self.antialias.iter_mut().for_each(Stage::reset);
+impl Pipeline for Svgf {
+    fn upkeep(&mut self) -> &mut Upkeep {
+        &mut self.upkeep
     }
 
-    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
-        let mut reserve = std::mem::take(&mut self.reserve);
-        let summary = reserve.serve(|| self.next(frame, output));
-        self.reserve = reserve;
-        summary
+    fn forget(&mut self) {
+        self.memory = None;
+        self.antialias.iter_mut().for_each(Stage::reset);
     }
 
     fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {

@@ -12,7 +12,7 @@
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Summary, SurfaceRecords, check_size};
+use super::frame::{Frame, Output, Pipeline, Summary, SurfaceRecords, Upkeep, check_size};
 use crate::error::Result;
 use crate::image::{Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window, dilate_motion};
@@ -28,7 +28,6 @@ use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power}
 use crate::kernels::merge::blend::{self, Weighting, calm, mix};
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::math::is_present;
-use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel};
 
@@ -525,7 +524,7 @@ pub fn blacken_missing(row: &mut [f32]) {
 
 pub struct Taa {
     stage: Stage,
-    reserve: Reserve,
+    upkeep: Upkeep,
     camera: Option<Camera>,
     /// The last frame's, where history is tested.
     surface: Option<SurfaceRecords>,
@@ -536,25 +535,22 @@ impl Taa {
         params.check()?;
         Ok(Self {
             stage: Stage::new(params),
-            reserve: Reserve::default(),
+            upkeep: Upkeep::default(),
             camera: None,
             surface: None,
         })
     }
+}
 
-    /// Forgets the sequence.
-    pub fn reset(&mut self) {
-        self.stage.reset();
-        self.reserve = Reserve::default();
-        self.camera = None;
-        self.surface = None;
+impl Pipeline for Taa {
+    fn upkeep(&mut self) -> &mut Upkeep {
+        &mut self.upkeep
     }
 
-    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
-        let mut reserve = std::mem::take(&mut self.reserve);
-        let summary = reserve.serve(|| self.next(frame, output));
-        self.reserve = reserve;
-        summary
+    fn forget(&mut self) {
+        self.stage.reset();
+        self.camera = None;
+        self.surface = None;
     }
 
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {

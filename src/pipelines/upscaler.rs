@@ -11,7 +11,7 @@
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Summary, check_size};
+use super::frame::{Frame, Output, Pipeline, Summary, Upkeep, check_size};
 use crate::error::{Error, Result, in_range};
 use crate::image::{Image, Pixels, Records, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{Choice, Window, dilate_motion};
@@ -30,7 +30,6 @@ use crate::kernels::merge::blend::{Weighting, mix};
 use crate::kernels::merge::resample::{nearest, resample};
 use crate::kernels::smooth::sharpen::{self, check_strength, sharpen};
 use crate::math::{is_present, saturate};
-use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel};
 
@@ -99,7 +98,7 @@ const LOCK: usize = 4;
 
 pub struct Upscaler {
     params: Params,
-    reserve: Reserve,
+    upkeep: Upkeep,
     before: Option<Before>,
 }
 
@@ -115,27 +114,24 @@ impl Upscaler {
         params.check()?;
         Ok(Self {
             params,
-            reserve: Reserve::default(),
+            upkeep: Upkeep::default(),
             before: None,
         })
-    }
-
-    /// Forgets the sequence.
-    pub fn reset(&mut self) {
-        self.before = None;
-        self.reserve = Reserve::default();
     }
 
     /// The size of what comes out for frames of a size.
     pub fn scaled(&self, size: Size) -> Size {
         self.params.scaled(size)
     }
+}
 
-    pub fn step(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
-        let mut reserve = std::mem::take(&mut self.reserve);
-        let summary = reserve.serve(|| self.next(frame, output));
-        self.reserve = reserve;
-        summary
+impl Pipeline for Upscaler {
+    fn upkeep(&mut self) -> &mut Upkeep {
+        &mut self.upkeep
+    }
+
+    fn forget(&mut self) {
+        self.before = None;
     }
 
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {

@@ -2,12 +2,13 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Pipeline, Room};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
 use crate::kernels::judge::surface;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{fireflies, regress};
+use crate::pipelines::frame::Pipeline as _;
 use crate::pipelines::{bmfr, svgf, taa};
 
 /// Block-wise multi-order feature regression of a sequence of frames.
@@ -52,7 +53,7 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// `TAA`. From frame to frame the blocks begin at (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
 /// eighths of their side. Pixels whose albedo is black are not fitted: they shine, or show nothing. The share of the
 /// N-th fit is at least 1/N.
-#[pyclass(module = "yester")]
+#[pyclass(extends = Pipeline, module = "yester")]
 pub struct BMFR {
     inner: bmfr::Bmfr,
 }
@@ -79,7 +80,7 @@ impl BMFR {
         gradient: bool,
         fireflies: bool,
         antialias: bool,
-    ) -> PyResult<Self> {
+    ) -> PyResult<PyClassInitializer<Self>> {
         let params = bmfr::Params {
             history: svgf::Params {
                 surface: surface::Params {
@@ -105,9 +106,8 @@ impl BMFR {
             fitted_alpha,
             antialias: antialias.then_some(taa::Params::DENOISED),
         };
-        Ok(Self {
-            inner: bmfr::Bmfr::new(params)?,
-        })
+        let inner = bmfr::Bmfr::new(params)?;
+        Ok(Pipeline::made(Self { inner }))
     }
 
     /// Denoises the next frame of the sequence.
@@ -137,7 +137,7 @@ impl BMFR {
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
         let room = Room::new(py, out, frame.size(), false)?;
-        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+        frame.step(py, room, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

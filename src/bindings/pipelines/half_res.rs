@@ -2,10 +2,11 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Pipeline, Room};
 use crate::error::whole;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{atrous, fireflies, joint_bilateral};
+use crate::pipelines::frame::Pipeline as _;
 use crate::pipelines::{half_res, svgf};
 
 /// Denoising of frames of which only a part is traced: one pixel of each 2×2, another one in each frame.
@@ -57,7 +58,7 @@ use crate::pipelines::{half_res, svgf};
 /// ...     color = np.full((height, width, 3), np.nan, np.float32)
 /// ...     color[y::2, x::2] = trace(pixels[y::2, x::2])
 /// ...     output = half_res.step(yester.Frame(color, **buffers))
-#[pyclass(module = "yester")]
+#[pyclass(extends = Pipeline, module = "yester")]
 pub struct HalfRes {
     inner: svgf::Svgf,
 }
@@ -81,7 +82,7 @@ impl HalfRes {
         fireflies: bool,
         reflections: Vec<f32>,
         antialias: bool,
-    ) -> PyResult<Self> {
+    ) -> PyResult<PyClassInitializer<Self>> {
         let window = joint_bilateral::Params {
             radius: joint_bilateral::Params::radius(radius)?,
             ..Default::default()
@@ -103,9 +104,8 @@ impl HalfRes {
             antialias: whole.antialias.filter(|_| antialias),
             ..whole
         };
-        Ok(Self {
-            inner: svgf::Svgf::new(params)?,
-        })
+        let inner = svgf::Svgf::new(params)?;
+        Ok(Pipeline::made(Self { inner }))
     }
 
     /// Denoises the next frame of the sequence.
@@ -136,7 +136,7 @@ impl HalfRes {
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
         let room = Room::new(py, out, frame.size(), true)?;
-        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+        frame.step(py, room, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

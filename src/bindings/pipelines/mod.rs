@@ -7,9 +7,13 @@ pub mod svgf;
 pub mod taa;
 pub mod upscaler;
 
+use std::ffi::CString;
+use std::sync::OnceLock;
+
 use numpy::{Element, PyArrayDyn, PyUntypedArrayMethods};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyTuple};
 
 use crate::bindings::arrays::{
     COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, detached,
@@ -20,6 +24,87 @@ use crate::image::{Size, Value};
 use crate::kernels::camera::pinhole;
 use crate::kernels::judge::surface::Surface;
 use crate::pipelines::frame;
+
+/// A method that works on a sequence frame by frame.
+///
+/// Its `repr` is the call that makes another one, with the parameters that were given. A copy, deep or not, and what comes
+/// out of a pickle are made by this call: they have the parameters, no history, and begin a sequence of their own.
+///
+/// Parameters
+/// ----------
+/// *args, **kwargs
+///     Those of the method.
+#[pyclass(frozen, subclass, module = "yester")]
+#[derive(Default)]
+pub struct Pipeline {
+    call: OnceLock<(Py<PyTuple>, Py<PyDict>)>,
+}
+
+#[pymethods]
+impl Pipeline {
+    /// For methods that are written in Python.
+    #[new]
+    #[pyo3(signature = (*_args, **_kwargs))]
+    fn new(_args: &Bound<'_, PyTuple>, _kwargs: Option<&Bound<'_, PyDict>>) -> Self {
+        Self::default()
+    }
+
+    /// Keeps the parameters, as they are now.
+    #[pyo3(signature = (*args, **kwargs))]
+    fn __init__(
+        &self,
+        args: &Bound<'_, PyTuple>,
+        kwargs: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<()> {
+        let py = args.py();
+        let kwargs = kwargs.map_or_else(|| PyDict::new(py), Clone::clone);
+        let copies = py
+            .import("copy")?
+            .call_method1("deepcopy", ((args, kwargs),))?;
+        // A second call would change nothing else.
+        let _ = self.call.set(copies.extract()?);
+        Ok(())
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, ())> {
+        let py = slf.py();
+        let partial = py.import("functools")?.getattr("partial")?;
+        let class = PyTuple::new(py, [slf.get_type()])?.into_sequence();
+        let (args, kwargs) = slf.get().call(py);
+        let args = class.concat(args.as_sequence())?.to_tuple()?;
+        Ok((partial.call(args, Some(&kwargs))?, ()))
+    }
+
+    fn __repr__(slf: &Bound<'_, Self>) -> PyResult<String> {
+        let (args, kwargs) = slf.get().call(slf.py());
+        let mut parameters = vec![];
+        for value in args {
+            parameters.push(value.repr()?.to_string());
+        }
+        for (name, value) in kwargs {
+            parameters.push(format!("{name}={}", value.repr()?));
+        }
+        Ok(format!(
+            "{}({})",
+            slf.get_type().name()?,
+            parameters.join(", ")
+        ))
+    }
+}
+
+impl Pipeline {
+    /// A method that is about to learn its parameters.
+    fn made<M: pyo3::PyClass<BaseType = Self>>(method: M) -> PyClassInitializer<M> {
+        PyClassInitializer::from(Self::default()).add_subclass(method)
+    }
+
+    fn call<'py>(&self, py: Python<'py>) -> (Bound<'py, PyTuple>, Bound<'py, PyDict>) {
+        match self.call.get() {
+            Some((args, kwargs)) => (args.bind(py).clone(), kwargs.bind(py).clone()),
+            None => (PyTuple::empty(py), PyDict::new(py)),
+        }
+    }
+}
 
 /// One denoised frame and what the denoiser knows of it.
 ///
@@ -168,6 +253,26 @@ impl Output {
         })
     }
 
+    /// Pickles and copies: a shallow copy has the same arrays.
+    fn __getnewargs_ex__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
+        let Self {
+            color,
+            history_length,
+            confidence,
+            rejection,
+            ..
+        } = self;
+        let args = (color, history_length, confidence, rejection).into_pyobject(py)?;
+        let kwargs = PyDict::new(py);
+        kwargs.set_item("variance", &self.variance)?;
+        kwargs.set_item("used", &self.used)?;
+        kwargs.set_item("missing", self.missing)?;
+        Ok((args, kwargs))
+    }
+
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let shape = self.color.bind(py).shape().to_vec();
         let used = self.used.bind(py).repr()?;
@@ -231,12 +336,12 @@ impl<'py> FrameArgs<'py> {
         color.pixels().size
     }
 
-    /// Calls `step` without the interpreter.
+    /// Works on the frame without the interpreter.
     fn step(
         self,
         py: Python<'py>,
         mut room: Room<'py>,
-        step: impl FnOnce(&frame::Frame, frame::Output) -> crate::error::Result<frame::Summary> + Send,
+        pipeline: &mut (impl frame::Pipeline + Send),
     ) -> PyResult<Output> {
         let output = room.data()?;
         let buffer = |name| self.buffer(name).map(Interleaved::pixels);
@@ -260,10 +365,15 @@ impl<'py> FrameArgs<'py> {
             camera: self.camera,
             jitter: self.jitter,
         };
-        let summary = detached(py, || step(&frame, output))??;
+        let (summary, mistake) = detached(py, || pipeline.step(&frame, output))??;
         // Its buffers may be those that were written to.
         drop(self);
-        room.output(py, summary)
+        let output = room.output(py, summary)?;
+        if let Some(mistake) = mistake {
+            let category = py.get_type::<PyUserWarning>();
+            PyErr::warn(py, &category, &CString::new(mistake.to_string())?, 1)?;
+        }
+        Ok(output)
     }
 }
 

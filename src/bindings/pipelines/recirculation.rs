@@ -2,9 +2,10 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Pipeline, Room};
 use crate::kernels::fetch::{pull_push, splat};
 use crate::kernels::merge::recirculate;
+use crate::pipelines::frame::Pipeline as _;
 use crate::pipelines::recirculation;
 
 /// Whole pictures from frames of which a part of the pixels is traced.
@@ -44,7 +45,7 @@ use crate::pipelines::recirculation;
 /// would never be as sharp as its samples. With `Frame.motion` where a pixel is traced, what moves by itself is taken
 /// to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it, as does light that
 /// changes.
-#[pyclass(module = "yester")]
+#[pyclass(extends = Pipeline, module = "yester")]
 pub struct Recirculation {
     inner: recirculation::Recirculation,
 }
@@ -64,7 +65,7 @@ impl Recirculation {
         fade: f32,
         limit: f32,
         tolerance: f32,
-    ) -> PyResult<Self> {
+    ) -> PyResult<PyClassInitializer<Self>> {
         let params = recirculation::Params {
             splat: splat::Params {
                 tolerance,
@@ -78,9 +79,8 @@ impl Recirculation {
                 limit,
             },
         };
-        Ok(Self {
-            inner: recirculation::Recirculation::new(params)?,
-        })
+        let inner = recirculation::Recirculation::new(params)?;
+        Ok(Pipeline::made(Self { inner }))
     }
 
     /// Completes the next frame of the sequence.
@@ -114,7 +114,7 @@ impl Recirculation {
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
         let room = Room::new(py, out, frame.size(), false)?;
-        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+        frame.step(py, room, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

@@ -2,12 +2,13 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Pipeline, Room};
 use crate::bindings::judge::Bounds;
 use crate::kernels::judge::surface;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
+use crate::pipelines::frame::Pipeline as _;
 use crate::pipelines::{svgf, taa};
 
 /// Spatiotemporal variance-guided filtering of a sequence of frames.
@@ -80,7 +81,7 @@ use crate::pipelines::{svgf, taa};
 /// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
 /// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
 /// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `remodulate`, and those of `TAA`.
-#[pyclass(module = "yester")]
+#[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {
     inner: svgf::Svgf,
 }
@@ -117,7 +118,7 @@ impl SVGF {
         fireflies: bool,
         reflections: Vec<f32>,
         antialias: bool,
-    ) -> PyResult<Self> {
+    ) -> PyResult<PyClassInitializer<Self>> {
         let sigmas = Sigmas {
             normal: sigma_normal,
             depth: sigma_depth,
@@ -154,9 +155,8 @@ impl SVGF {
             antialias: antialias.then_some(taa::Params::DENOISED),
             half_res: None,
         };
-        Ok(Self {
-            inner: svgf::Svgf::new(params)?,
-        })
+        let inner = svgf::Svgf::new(params)?;
+        Ok(Pipeline::made(Self { inner }))
     }
 
     /// Denoises the next frame of the sequence.
@@ -186,7 +186,7 @@ impl SVGF {
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
         let room = Room::new(py, out, frame.size(), true)?;
-        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+        frame.step(py, room, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

@@ -2,12 +2,13 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Pipeline, Room};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::judge::neighborhood;
 use crate::kernels::merge::blend;
+use crate::pipelines::frame::Pipeline as _;
 use crate::pipelines::taa;
 
 /// Temporal antialiasing of a sequence of frames.
@@ -62,7 +63,7 @@ use crate::pipelines::taa;
 /// `exposure`, `clip_history`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The share of
 /// the N-th sample of a pixel is at least 1/N. With a gradient λ, N becomes N (1 - λ)¹⁰ before, and the share a
 /// ``lerp(a, 1, λ)``, as in `accumulate`.
-#[pyclass(module = "yester")]
+#[pyclass(extends = Pipeline, module = "yester")]
 pub struct TAA {
     inner: taa::Taa,
 }
@@ -93,7 +94,7 @@ impl TAA {
         ids: bool,
         gradient: bool,
         anti_lag: f32,
-    ) -> PyResult<Self> {
+    ) -> PyResult<PyClassInitializer<Self>> {
         /// The mode that is named, or the preset's.
         fn or<T: Copy>(
             name: Option<&str>,
@@ -137,9 +138,8 @@ impl TAA {
         };
         params.gradient = gradient;
         params.anti_lag = anti_lag;
-        Ok(Self {
-            inner: taa::Taa::new(params)?,
-        })
+        let inner = taa::Taa::new(params)?;
+        Ok(Pipeline::made(Self { inner }))
     }
 
     /// Antialiases the next frame of the sequence.
@@ -170,7 +170,7 @@ impl TAA {
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
         let room = Room::new(py, out, frame.size(), false)?;
-        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+        frame.step(py, room, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

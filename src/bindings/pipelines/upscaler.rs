@@ -2,9 +2,10 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Room};
+use super::{FrameArgs, Output, Pipeline, Room};
 use crate::bindings::judge::Bounds;
 use crate::kernels::judge::blend_factor;
+use crate::pipelines::frame::Pipeline as _;
 use crate::pipelines::upscaler;
 
 /// Temporal upscaling of a sequence of frames.
@@ -46,7 +47,7 @@ use crate::pipelines::upscaler;
 /// `clip_history`, `blend_factor`, `blend` and `sharpen`. A history of N samples per pixel meets a new frame of weight w with
 /// a share of w/(N + w); clipping is undone where all stands still, as far as the gradient sees no change, and where a thin
 /// feature is locked. `Output.history_length` counts samples per pixel of the output.
-#[pyclass(module = "yester")]
+#[pyclass(extends = Pipeline, module = "yester")]
 pub struct Upscaler {
     inner: upscaler::Upscaler,
 }
@@ -68,7 +69,7 @@ impl Upscaler {
         separation: f32,
         lifetime: f32,
         sharpness: f32,
-    ) -> PyResult<Self> {
+    ) -> PyResult<PyClassInitializer<Self>> {
         let params = upscaler::Params {
             scale,
             blend_factor: blend_factor::Params {
@@ -80,9 +81,8 @@ impl Upscaler {
             lifetime,
             sharpness,
         };
-        Ok(Self {
-            inner: upscaler::Upscaler::new(params)?,
-        })
+        let inner = upscaler::Upscaler::new(params)?;
+        Ok(Pipeline::made(Self { inner }))
     }
 
     /// Upscales the next frame of the sequence.
@@ -112,7 +112,7 @@ impl Upscaler {
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
         let room = Room::new(py, out, self.inner.scaled(frame.size()), false)?;
-        frame.step(py, room, |frame, output| self.inner.step(frame, output))
+        frame.step(py, room, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

@@ -205,17 +205,20 @@ pub fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
     }
 }
 
-/// Puts a run's colour in place.
+/// 2¹²⁰, with which sums of all taps stay finite.
+const MOST: f32 = f32::from_bits((120 + 127) << 23);
+
+/// Puts a run's colour in place, held to what can be summed.
 #[inline(always)]
 fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
     let rows = out.rows::<IN_PLACE>(run.y);
     let [or, og, ob, ol] = rows.map(|row| &mut row[run.x..][..run.len]);
     for x in 0..r.len() {
         let present = is_present([r[x], g[x], b[x]]);
-        let keep = |c: f32| if present { c } else { 0.0 };
+        let keep = |c: f32| if present { c.clamp(-MOST, MOST) } else { 0.0 };
         (or[x], og[x], ob[x]) = (keep(r[x]), keep(g[x]), keep(b[x]));
         ol[x] = if present {
-            luminance(r[x], g[x], b[x])
+            luminance(or[x], og[x], ob[x])
         } else {
             f32::NAN
         };

@@ -1,0 +1,238 @@
+//! Whether motion has the directions and units that this library expects, asked once, at a sequence's second frame.
+//!
+//! Mistakes are factors of motion: −1 where it points the other way, or up; half the image's sides where it comes in
+//! normalised device coordinates, its sides where it comes in shares of the image. For each mistake, motion as it came is
+//! weighed against motion with that mistake undone, on a sparse grid of pixels:
+//!
+//! - **cameras**: where both are known, and depth or position, the motion of what stands still is known as well. A mistake
+//!   is found where the median of |motion − expected| / |expected| is above ½, and with the mistake undone below ⅒.
+//! - **warp**: otherwise the first frame (its albedo and normals, or else its colour) is looked up along both motions. A pixel agrees if its values lie in the ranges of the 2×2 pixels there. A mistake is found where most
+//!   pixels agree once it is undone, and many more disagree before than after. Cuts, disocclusion and what moves without
+//!   motion disagree both ways.
+
+use std::fmt::{self, Display};
+
+use super::frame::{Frame, find_motion};
+use crate::image::{Pixels, Records, Size};
+use crate::kernels::camera::pinhole::Camera;
+
+/// Pixels of the grid, along each side at most.
+const GRID: usize = 128;
+/// Pixels that have to speak for a mistake at least.
+const VOTES: usize = 32;
+
+/// What motion has to be multiplied by, to be what it should be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mistake {
+    factors: [f64; 2],
+    looks: [&'static str; 2],
+    against: &'static str,
+}
+
+impl Mistake {
+    /// None at all, and then all, in the order in which equals are preferred.
+    fn all(size: Size, against: &'static str) -> impl Iterator<Item = Self> {
+        let (width, height) = (size.width as f64, size.height as f64);
+        let units = [
+            (1.0, 1.0, "pixels"),
+            (width / 2.0, height / 2.0, "normalised device coordinates"),
+            (width, height, "shares of the image's sides"),
+        ];
+        let signs = [
+            (1.0, 1.0, "the right direction"),
+            (1.0, -1.0, "y up"),
+            (
+                -1.0,
+                -1.0,
+                "the direction from previous to current position",
+            ),
+            (
+                -1.0,
+                1.0,
+                "the direction from previous to current position, y up",
+            ),
+        ];
+        units.into_iter().flat_map(move |(x, y, unit)| {
+            signs.map(|(right, down, direction)| Self {
+                factors: [right * x, down * y],
+                looks: [unit, direction],
+                against,
+            })
+        })
+    }
+
+    fn undone(&self, motion: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|c| self.factors[c] * motion[c])
+    }
+}
+
+impl Display for Mistake {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let ([x, y], [unit, direction]) = (self.factors, self.looks);
+        write!(
+            f,
+            "motion: expected previous minus current position in pixels, x right, y down; {} would agree better \
+             with {unit} and {direction}: multiply x by {x} and y by {y}",
+            self.against
+        )
+    }
+}
+
+/// What is known of the sequence's beginning.
+#[derive(Default)]
+pub enum Check {
+    #[default]
+    Begin,
+    Second {
+        size: Size,
+        camera: Option<Camera>,
+        seen: Vec<Records>,
+    },
+    Done,
+}
+
+impl Check {
+    /// Looks at the next frame of a sequence.
+    pub fn see(&mut self, frame: &Frame) -> Option<Mistake> {
+        let camera = frame.camera.filter(|_| frame.geometry().is_some());
+        match std::mem::replace(self, Self::Done) {
+            Self::Begin => {
+                // What cameras tell needs no copy.
+                let seen = buffers(frame).into_iter().filter(|_| camera.is_none());
+                *self = Self::Second {
+                    size: frame.color.size,
+                    camera: frame.camera,
+                    seen: seen.map(Pixels::to_records).collect(),
+                };
+                None
+            }
+            Self::Second {
+                size,
+                camera: previous,
+                seen,
+            } if size == frame.color.size => {
+                let motion = frame.motion?;
+                match camera.zip(previous) {
+                    Some((camera, previous)) => by_cameras(frame, motion, &camera, &previous),
+                    None => by_warp(motion, &seen, &buffers(frame)),
+                }
+            }
+            _ => None,
+        }
+    }
+}
+
+/// What moves with surfaces.
+fn buffers<'a>(frame: &Frame<'a>) -> Vec<Pixels<'a>> {
+    let surface = [frame.albedo, frame.surface.normal];
+    let surface: Vec<_> = surface.into_iter().flatten().collect();
+    match surface.is_empty() {
+        true => vec![frame.color],
+        false => surface,
+    }
+}
+
+/// A pixel every so many, and its motion, where there is any.
+fn moved(motion: Pixels) -> impl Iterator<Item = ([usize; 2], usize, [f64; 2])> {
+    let Size { height, width } = motion.size;
+    let rows = (0..height).step_by(height.div_ceil(GRID));
+    let pixels = rows.flat_map(move |y| {
+        (0..width)
+            .step_by(width.div_ceil(GRID))
+            .map(move |x| ([x, y], y * width + x))
+    });
+    pixels.filter_map(move |(place, pixel)| {
+        let motion = [0, 1].map(|channel| f64::from(motion.at(pixel, channel)));
+        let known = motion.iter().all(|v| v.is_finite());
+        known.then_some((place, pixel, motion))
+    })
+}
+
+fn by_cameras(
+    frame: &Frame,
+    motion: Pixels,
+    camera: &Camera,
+    previous: &Camera,
+) -> Option<Mistake> {
+    let cameras = Some((camera, previous));
+    let expected = find_motion(frame.color.size, cameras, frame.geometry(), &mut vec![]);
+    let expected = expected.pixels();
+    let pairs: Vec<_> = moved(motion)
+        .map(|(_, pixel, motion)| (motion, [0, 1].map(|c| f64::from(expected.at(pixel, c)))))
+        .filter(|(_, [x, y])| x.hypot(*y) > 0.25)
+        .collect();
+    if pairs.len() < VOTES {
+        return None;
+    }
+    let error = |mistake: &Mistake| {
+        let errors = pairs.iter().map(|&(motion, [x, y])| {
+            let [u, v] = mistake.undone(motion);
+            (u - x).hypot(v - y) / x.hypot(y)
+        });
+        let mut errors: Vec<_> = errors.collect();
+        let half = errors.len() / 2;
+        *errors.select_nth_unstable_by(half, f64::total_cmp).1
+    };
+    let mut all = Mistake::all(frame.color.size, "the cameras");
+    if all.next().is_none_or(|given| error(&given) <= 0.5) {
+        return None;
+    }
+    all.map(|mistake| (error(&mistake), mistake))
+        .filter(|(error, _)| *error < 0.1)
+        .min_by(|(a, _), (b, _)| a.total_cmp(b))
+        .map(|(_, mistake)| mistake)
+}
+
+fn by_warp(motion: Pixels, before: &[Records], now: &[Pixels]) -> Option<Mistake> {
+    let size = motion.size;
+    let before: Vec<_> = before.iter().map(Records::pixels).collect();
+    let channels = |images: &[Pixels]| images.iter().map(|image| image.channels).collect();
+    let [known, shown]: [Vec<_>; 2] = [channels(&before), channels(now)];
+    if known != shown {
+        return None;
+    }
+    let agrees = |[x, y]: [usize; 2], pixel: usize, [u, v]: [f64; 2]| -> Option<bool> {
+        let (x, y) = ((x as f64 + u).floor(), (y as f64 + v).floor());
+        let inside = |at: f64, side: usize| (0.0..side as f64 - 1.0).contains(&at);
+        if !(inside(x, size.width) && inside(y, size.height)) {
+            return None;
+        }
+        let first = y as usize * size.width + x as usize;
+        let taps = [0, 1, size.width, size.width + 1].map(|step| first + step);
+        let near = |before: &Pixels, now: &Pixels, channel: usize| {
+            let value = now.at(pixel, channel);
+            let there = taps.map(|tap| before.at(tap, channel));
+            let low = there.into_iter().fold(f32::INFINITY, f32::min);
+            let high = there.into_iter().fold(f32::NEG_INFINITY, f32::max);
+            let margin = 0.02 * value.abs() + 0.01;
+            let near = (low - margin..=high + margin).contains(&value);
+            near & value.is_finite() || value == low || value == high
+        };
+        let mut images = before.iter().zip(now);
+        Some(images.all(|(before, now)| (0..now.channels).all(|c| near(before, now, c))))
+    };
+    // Of pixels, how many agree once the mistake is undone, if that is plain.
+    let share = |mistake: &Mistake| {
+        let (mut all, mut inside, mut agreeing, mut gained, mut lost) = (0, 0, 0, 0, 0);
+        for (place, pixel, motion) in moved(motion) {
+            let undone = mistake.undone(motion);
+            let answers = [motion, undone].map(|motion| agrees(place, pixel, motion));
+            all += 1;
+            if let [Some(given), Some(then)] = answers {
+                inside += 1;
+                agreeing += usize::from(then);
+                let apart = (undone[0] - motion[0]).hypot(undone[1] - motion[1]) >= 1.0;
+                gained += usize::from(apart & then & !given);
+                lost += usize::from(apart & given & !then);
+            }
+        }
+        let plain = gained >= VOTES && gained > 4 * lost;
+        let most = 2 * inside > all && 4 * agreeing > 3 * inside;
+        (plain && most).then_some(agreeing as f64 / inside as f64)
+    };
+    let mistakes = Mistake::all(size, "the first frame").skip(1);
+    mistakes
+        .filter_map(|mistake| Some((share(&mistake)?, mistake)))
+        .min_by(|(a, _), (b, _)| b.total_cmp(a))
+        .map(|(_, mistake)| mistake)
+}

@@ -1,0 +1,138 @@
+"""Motion in other directions or units is noticed at the second frame, and no other motion is."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+import scene
+import yester
+
+HEIGHT, WIDTH = 120, 160
+PIPELINES = [yester.SVGF, yester.TAA, yester.BMFR, yester.HalfRes, yester.Upscaler, yester.Recirculation]
+#: What motion is multiplied by, and the advice.
+MISTAKES = {
+    "y up": ((1, -1), "y up: multiply x by 1 and y by -1"),
+    "negated": ((-1, -1), "from previous to current position: multiply x by -1 and y by -1"),
+    "ndc": ((2 / WIDTH, 2 / HEIGHT), f"normalised device coordinates and .* x by {WIDTH // 2} and y by {HEIGHT // 2}$"),
+    "ndc, y up": ((2 / WIDTH, -2 / HEIGHT), f"y up: multiply x by {WIDTH // 2} and y by -{HEIGHT // 2}"),
+    "shares": ((1 / WIDTH, 1 / HEIGHT), f"shares of the image's sides and .* x by {WIDTH} and y by {HEIGHT}$"),
+}
+
+
+def texture(shot):
+    """Albedo with some detail on the ground and the box, as textures have."""
+    x, y, z = np.moveaxis(np.nan_to_num(shot.position), -1, 0)
+    pattern = 0.75 + 0.25 * np.sin(9 * x) * np.cos(7 * z + 5 * y)
+    return (shot.albedo * pattern[..., None]).astype(np.float32)
+
+
+def sequence(buffers, factors=(1.0, 1.0), numbers=(0, 1), *, moving=True):
+    """Frames of the scene with some buffers and motion that is multiplied by factors."""
+    rng, before = np.random.default_rng(0), None
+    for number in numbers:
+        shot = scene.shoot(number, WIDTH, HEIGHT, moving=moving)
+        if not moving:  # but for the ball
+            position, normal, ids = scene.cast(number, shot.camera, scene.centres(shot.camera))
+            shot.position, shot.ids, shot.normal = position.astype(np.float32), ids, normal.astype(np.float32)
+            shot.albedo = scene.ALBEDO[ids].astype(np.float32)
+            depth = shot.camera.project(position)[1]
+            shot.depth = np.where(ids > 0, depth, np.inf).astype(np.float32)
+        motion = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+        if before is not None:
+            last, camera = before
+            back = {scene.MOVER: scene.mover(last) @ np.linalg.inv(scene.mover(number))}
+            motion = yester.motion_vectors(shot.position, shot.camera, camera, ids=shot.ids, transforms=back)
+        motion[..., :2] *= np.float32(factors)
+        before = number, shot.camera
+        known = {**shot.buffers(), "albedo": texture(shot)}
+        yield yester.Frame(scene.noisy(shot, rng), motion=motion, **{name: known[name] for name in buffers})
+
+
+CAMERAS, SURFACES = ("depth", "camera"), ("albedo", "normal")
+
+
+@pytest.mark.parametrize(
+    ("buffers", "mistake"),
+    [
+        *((buffers, mistake) for buffers in (CAMERAS, SURFACES) for mistake in MISTAKES),
+        *((("albedo",), mistake) for mistake in ("y up", "negated", "ndc, y up")),
+    ],
+)
+def test_mistakes_are_named(buffers, mistake):
+    factors, advice = MISTAKES[mistake]
+    steps = yester.TAA()
+    first, second = sequence(buffers, factors)
+    steps.step(first)
+    with pytest.warns(UserWarning, match=f"^motion: expected previous minus current .*{advice}"):
+        steps.step(second)
+    # Once a sequence.
+    steps.step(second)
+    steps.reset()
+    steps.step(first)
+    with pytest.warns(UserWarning, match="^motion: expected"):
+        steps.step(second)
+
+
+@pytest.mark.parametrize("pipeline", PIPELINES)
+def test_every_pipeline_looks_and_computes_the_same(pipeline):
+    steps = pipeline()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        outputs = [steps.step(frame) for frame in sequence(CAMERAS, (1, -1), (0, 1, 2))]
+    assert [str(warning.message)[:7] for warning in caught] == ["motion:"]
+    # Without cameras to compare with, and one buffer of the surface only, nothing is plain.
+    quiet = pipeline()
+    if pipeline is not yester.Recirculation:  # which needs cameras
+        for frame, output in zip(sequence(("depth",), (1, -1), (0, 1, 2)), outputs, strict=True):
+            assert quiet.step(frame).color.shape == output.color.shape
+
+
+@pytest.mark.parametrize("buffers", [CAMERAS, SURFACES, ("albedo",), ("depth",), ()])
+@pytest.mark.parametrize("numbers", [(0, 1), (3, 4), (0, 4), (8, 2), (0, 40)], ids=str)
+def test_no_false_alarms(buffers, numbers):
+    """The suite turns warnings into errors: slow and fast flights, there and back, and a far jump."""
+    steps = yester.TAA()
+    for frame in sequence(buffers, numbers=numbers):
+        steps.step(frame)
+
+
+@pytest.mark.parametrize("buffers", [CAMERAS, SURFACES, ("albedo",), ()])
+@pytest.mark.parametrize("factors", [(1, 1), (0, 0), (1e-3, 1e-3)])
+def test_no_false_alarms_when_only_the_ball_moves(buffers, factors):
+    steps = yester.TAA()
+    for frame in sequence(buffers, factors, (0, 3), moving=False):
+        steps.step(frame)
+
+
+@pytest.mark.parametrize("buffers", [CAMERAS, SURFACES, ("albedo",), ()])
+@pytest.mark.parametrize("factors", [(1, 1), (0.5, 0.5), (0, 0)])
+def test_no_false_alarms_at_a_cut(buffers, factors):
+    """Another view with the motion of an unbroken flight, or none."""
+    first, second = sequence(buffers, factors)
+    cut = {name: np.roll(buffer[:, ::-1], 31, 0) for name, buffer in first.buffers().items() if name != "motion"}
+    steps = yester.TAA()
+    steps.step(yester.Frame(**cut, camera=first.camera))
+    steps.step(second)
+
+
+def test_no_false_alarms_from_noise():
+    rng = np.random.default_rng(0)
+    for scale in (0.01, 1, 5):
+        steps = yester.TAA()
+        for _ in range(2):
+            color = rng.random((HEIGHT, WIDTH, 3), np.float32)
+            motion = rng.normal(0, scale, (HEIGHT, WIDTH, 2)).astype(np.float32)
+            steps.step(yester.Frame(color, motion=motion, albedo=color, depth=color[..., 0]))
+
+
+def test_the_advice_is_right():
+    """Multiplied as the warning says, motion is as it should be."""
+    (_, second), (_, right) = sequence(CAMERAS, (2 / WIDTH, -2 / HEIGHT)), sequence(CAMERAS)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        steps = yester.SVGF()
+        for frame in sequence(CAMERAS, (2 / WIDTH, -2 / HEIGHT)):
+            steps.step(frame)
+    factors = re.findall(r"by (-?[\d.]+)", str(caught[0].message))
+    np.testing.assert_allclose(second.motion[..., :2] * np.float32(factors), right.motion[..., :2], rtol=1e-5)

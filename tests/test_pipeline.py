@@ -1,0 +1,103 @@
+"""What all pipelines have in common: they say their parameters, can be copied and pickled, and start anew."""
+
+import copy
+import inspect
+import pickle
+
+import numpy as np
+import pytest
+import yester
+
+CALLS = {
+    "SVGF()": yester.SVGF,
+    "SVGF(alpha=0.1, reflections=(1.0,), normal_angle=(10, 40))": lambda: yester.SVGF(
+        alpha=0.1, reflections=(1.0,), normal_angle=(10, 40)
+    ),
+    "BMFR(block=8)": lambda: yester.BMFR(block=8),
+    "HalfRes(weight=0.2)": lambda: yester.HalfRes(weight=0.2),
+    "TAA('karis', alpha=0.2)": lambda: yester.TAA("karis", alpha=0.2),
+    "Recirculation(levels=3)": lambda: yester.Recirculation(levels=3),
+    "Upscaler(1.5, sharpness=0.5)": lambda: yester.Upscaler(1.5, sharpness=0.5),
+    "OIDN('fast', temporal=True)": lambda: yester.OIDN("fast", temporal=True),
+}
+COPIES = {
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda value: pickle.loads(pickle.dumps(value)),
+    "repr": lambda value: eval(f"yester.{value!r}"),
+}
+NAMES = ("color", "variance", "history_length", "confidence", "rejection")
+
+
+def frames(count=3):
+    rng = np.random.default_rng(0)
+    camera = yester.Camera.from_look_at([0, 0, 3], [0, 0, 0], [0, 1, 0], 50, 20, 16)
+    depth = np.ones((16, 20), np.float32)
+    return [yester.Frame(rng.random((16, 20, 3), np.float32), depth=depth, camera=camera) for _ in range(count)]
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_says_its_parameters(call):
+    assert repr(CALLS[call]()) == call
+
+
+@pytest.mark.parametrize("way", COPIES)
+@pytest.mark.parametrize("call", CALLS)
+def test_copies_begin_a_sequence_of_their_own(call, way):
+    pipeline = CALLS[call]()
+    first, *rest = frames()
+    want = pipeline.step(first)
+    other = COPIES[way](pipeline)
+    assert type(other) is type(pipeline)
+    assert repr(other) == call
+    got = other.step(first)
+    for name in NAMES:
+        np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
+    # And the original goes on with its history.
+    again = CALLS[call]()
+    again.step(first)
+    for frame in rest:
+        np.testing.assert_array_equal(pipeline.step(frame).color, again.step(frame).color)
+
+
+def test_parameters_are_those_of_the_call():
+    distances = [0.5, 1.0]
+    pipeline = yester.SVGF(reflections=distances)
+    distances.append(2.0)
+    assert repr(pipeline) == "SVGF(reflections=[0.5, 1.0])"
+    assert "alpha=0.05" in str(inspect.signature(yester.SVGF))
+    with pytest.raises(TypeError, match="beta"):
+        yester.SVGF(beta=1)
+
+
+@pytest.mark.parametrize("pipeline", [yester.SVGF, yester.TAA])
+@pytest.mark.parametrize("way", ["copy", "deepcopy", "pickle"])
+def test_outputs(pipeline, way):
+    output = pipeline().step(frames(1)[0])
+    other = COPIES[way](output)
+    assert (other.used, other.missing, repr(other)) == (output.used, output.missing, repr(output))
+    for name in NAMES:
+        mine, its = getattr(output, name), getattr(other, name)
+        np.testing.assert_array_equal(its, mine)
+        assert mine is None or (its is mine) == (way == "copy")
+
+
+@pytest.mark.parametrize("way", ["copy", "deepcopy", "pickle"])
+def test_frames_and_cameras(way):
+    (frame,) = frames(1)
+    other = COPIES[way](frame)
+    assert other.camera == frame.camera
+    assert COPIES[way](frame.camera) == frame.camera
+    for name, buffer in frame.buffers().items():
+        np.testing.assert_array_equal(getattr(other, name), buffer)
+
+
+@pytest.mark.parametrize("pipeline", [yester.SVGF, yester.TAA])
+def test_the_largest_numbers_do_not_turn_black(pipeline):
+    """Sums of many large colours stay finite."""
+    frame = yester.Frame(np.full((16, 20, 3), 1e38, np.float32))
+    steps = pipeline()
+    for _ in range(3):
+        color = steps.step(frame).color
+        assert np.isfinite(color).all()
+        assert color.min() > 1e36
