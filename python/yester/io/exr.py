@@ -8,16 +8,12 @@ frame's samples is in an attribute of ours, ``jitter``: two numbers, in pixels, 
 from __future__ import annotations
 
 import glob
-import mmap
 import os
 import re
-import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._core import Camera
 from ..frame import Frame
+from . import layout
 from .channels import CANONICAL, find, missing
 from .files import beside
+from .stdout import kept_output
 
 Source = str | os.PathLike[str]
 
-_MAGIC = b"\x76\x2f\x31\x01"
 _HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
 _HALF_MAX = float(np.finfo(np.float16).max)
 #: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
@@ -336,58 +333,21 @@ def _openexr() -> Any:
 
 def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
     """The parts of a file, all of them: OpenEXR prints why it cannot decode a part, and leaves it out."""
-    with path.open("rb") as file:
-        magic = file.read(len(_MAGIC))
-    if magic != _MAGIC:
-        raise ValueError(f"{path}: {'not an EXR file' if magic else 'an empty file'}")
-    if not _is_whole(path):
-        raise ValueError(f"{path}: truncated or corrupt: pixels are missing")
+    layout.check(path)
     exr = _openexr()
-    said = StringIO()
     try:
         parts: list[Any] = exr.File(str(path), header_only=True).parts
         if not header_only:
             expected = len(parts)
-            with redirect_stdout(said):
+            with kept_output() as said:
                 parts = exr.File(str(path), separate_channels=True).parts
             if len(parts) < expected:
-                raise ValueError(said.getvalue().strip())
+                raise ValueError(" ".join("".join(said).split()))
     except Exception as error:
-        raise ValueError(f"{path}: truncated or corrupt: {error}") from None
+        raise ValueError(f"{path}: truncated or corrupt: {' '.join(str(error).split())}") from None
     if not parts:
         raise ValueError(f"{path}: truncated or corrupt: no part")
     return parts
-
-
-def _is_whole(path: Path) -> bool:
-    """Whether every chunk that a file announces is in it, from its header and its table of offsets alone.
-
-    OpenEXR reads a header without noticing that the pixels behind it are missing. The layout is that of "OpenEXR File
-    Layout", openexr.com; the table ends where the first chunk begins.
-    """
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        try:
-            tiled, several = bool(data[5] & 0x02), bool(data[5] & 0x10)
-            at = 8
-            while data[at]:  # a header
-                while data[at]:  # an attribute: name, type, size, value
-                    for _ in range(2):
-                        at = data.find(b"\0", at) + 1 or len(data)
-                    at += 4 + struct.unpack_from("<I", data, at)[0]
-                at += 1
-                if not several:
-                    break
-            at += several
-            first, last = len(data), 0
-            while at < first:
-                (chunk,) = struct.unpack_from("<Q", data, at)
-                first, last, at = min(first, chunk), max(last, chunk), at + 8
-            # A chunk is: the number of its part, if there are several; its coordinates; its size; its data. Where
-            # parts differ in kind, that the last chunk begins is all that is looked at.
-            size = 0 if several else 4 + struct.unpack_from("<I", data, last + (16 if tiled else 4))[0]
-            return first > 0 and last + (16 if tiled else 4) + size <= len(data)
-        except (IndexError, struct.error):
-            return False
 
 
 def _merge(parts: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -456,8 +416,10 @@ def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
     """The camera that the header tells of, unless it is orthographic."""
     if "worldToNDC" not in header:
         return None
-    stored = [np.asarray(header[name], np.float64) for name in ("worldToNDC", "worldToCamera") if name in header]
-    if any(matrix.shape != (4, 4) or not np.isfinite(matrix).all() for matrix in stored):
+    given = [header[name] for name in ("worldToNDC", "worldToCamera") if name in header]
+    with np.errstate(invalid="ignore"):  # of signalling NaN
+        stored = [np.asarray(matrix, np.float64) for matrix in given if isinstance(matrix, np.ndarray)]
+    if len(stored) < len(given) or any(one.shape != (4, 4) or not np.isfinite(one).all() for one in stored):
         raise ValueError(f"{path}: worldToNDC, worldToCamera: expected finite (4, 4) matrices")
     if any(not row[:3].any() and row[3] for row in (stored[0][3], stored[0].T[3])):
         return None
