@@ -30,6 +30,8 @@ from .stdout import kept_output
 Source = str | os.PathLike[str]
 
 _HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
+#: Attributes that tell how pixels are stored, which is not kept.
+_STORAGE = {"channels", "chunkCount", "compression", "lineOrder", "tiles", "type", "version"}
 _HALF_MAX = float(np.finfo(np.float16).max)
 #: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
 _MIXED = 2**32 - 1
@@ -73,6 +75,31 @@ class Description:
     notes: dict[str, str]
 
 
+@dataclass(frozen=True)
+class Plate:
+    """A frame and everything else that its file holds: `write_exr` keeps it beside another colour.
+
+    Attributes
+    ----------
+    frame : Frame
+        As `read_exr` gives it.
+    main : OpenEXR.Part
+        The part that has the colour.
+    others : tuple of OpenEXR.Part
+        The other parts of the file, whatever their windows.
+    """
+
+    frame: Frame
+    main: Any
+    others: tuple[Any, ...]
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """The channels of all parts but R, G and B of the main part."""
+        rest = [name for name in self.main.channels if name not in CANONICAL["color"]]
+        return (*rest, *(f"{part.name()}.{name}" for part in self.others for name in part.channels))
+
+
 def read_exr(path: Source) -> Frame:
     """Read one frame.
 
@@ -97,8 +124,30 @@ def read_exr(path: Source) -> Frame:
     ImportError
         If the OpenEXR package is not installed.
     """
+    return read_plate(path).frame
+
+
+def read_plate(path: Source) -> Plate:
+    """Read one frame with everything else that its file holds.
+
+    Parameters
+    ----------
+    path : path-like
+        As for `read_exr`.
+
+    Returns
+    -------
+    Plate
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        As `read_exr`.
+    """
     path = Path(path)
-    header, planes = _merge(_parts(path))
+    parts = _parts(path)
+    main, planes = _merge(parts)
+    header = main.header
     found = find(planes)
     if "color" not in found:
         raise ValueError(f"{path}: no colour: expected channels R, G and B, got {', '.join(planes) or 'none'}")
@@ -111,12 +160,13 @@ def read_exr(path: Source) -> Frame:
             buffers["ids"] = _whole(buffers["ids"])
         if _by_mitsuba(header, found):
             _mark_misses(buffers, camera, along_ray=_along_ray(found))
-        return Frame(**buffers, camera=camera, jitter=jitter)
+        frame = Frame(**buffers, camera=camera, jitter=jitter)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
+    return Plate(frame, main, tuple(part for part in parts if part is not main))
 
 
-def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> None:
+def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, like: Plate | None = None) -> None:
     """Write one frame, with camera and jitter in the header.
 
     The file appears when it is complete: it is written beside and then renamed.
@@ -130,6 +180,11 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> 
     half : bool, default False
         Store colours (albedo, emission and replay among them) and normals as float16, clipped to its largest value,
         65504. The others always have 32 bits.
+    like : Plate, optional
+        Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
+        layers), windows, the remaining attributes of the header, and all other parts. If `frame` has another size, the
+        windows are scaled to it, and the other channels, the other parts and the jitter are left out. Pixels are stored
+        as ZIP-compressed scanlines, whatever the source used.
 
     Raises
     ------
@@ -141,23 +196,32 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> 
     path = Path(path)
     frame = frame if isinstance(frame, Frame) else Frame(frame)
     exr = _openexr()
-    header: dict[str, Any] = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    header: dict[str, Any] = {} if like is None else _attributes(like.main)
+    channels: dict[str, Any] = {}
+    others: list[Any] = []
+    if like is not None and like.frame.shape == frame.shape:
+        channels |= like.main.channels
+        others = [exr.Part(_attributes(part) | _storage(exr), dict(part.channels), part.name()) for part in like.others]
+    elif like is not None:
+        header |= _scaled_windows(header, frame)
+        header.pop("jitter", None)
     if frame.camera is not None:
-        to_ndc = np.linalg.inv(_NDC_TO_CLIP) @ frame.camera.world_to_clip
+        crop = _crop(header) if like is not None else np.eye(4)
+        to_ndc = np.linalg.inv(_NDC_TO_CLIP @ crop) @ frame.camera.world_to_clip
         header["worldToCamera"] = frame.camera.world_to_camera.T.astype(np.float32)
         header["worldToNDC"] = to_ndc.T.astype(np.float32)
     if frame.jitter is not None:
         header["jitter"] = np.array(frame.jitter)
-    channels = {}
     for buffer, values in frame.buffers().items():
         array: NDArray[Any] = values
         if half and buffer in _HALVED:
             array = np.where(np.isfinite(array), np.clip(array, -_HALF_MAX, _HALF_MAX), array).astype(np.float16)
         for name, plane in zip(CANONICAL[buffer], np.moveaxis(np.atleast_3d(array), -1, 0), strict=False):
             channels[name] = np.ascontiguousarray(plane)
+    main = exr.Part(header | _storage(exr), channels, header.get("name", ""))
     with beside(path) as temporary:
         try:
-            exr.File(header, channels).write(str(temporary))
+            exr.File([main, *others]).write(str(temporary))
         except RuntimeError as error:
             raise OSError(f"{path}: cannot be written: {error}") from None
 
@@ -297,7 +361,8 @@ def describe(path: Source) -> Description:
         As `read_exr`, except that pixels are not looked at and colour may be absent.
     """
     path = Path(path)
-    header, planes = _merge(_parts(path, header_only=True))
+    main, planes = _merge(_parts(path, header_only=True))
+    header = main.header
     found = find(planes)
     camera = _camera(path, header)
     known = {name for names in found.values() for name in names}
@@ -350,8 +415,35 @@ def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
     return parts
 
 
-def _merge(parts: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The header of the first part with colour, and the channels of all parts that cover the same window."""
+def _storage(exr: Any) -> dict[str, Any]:
+    """How all files are stored."""
+    return {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+
+
+def _attributes(part: Any) -> dict[str, Any]:
+    """The attributes of a part's header, but those that tell how it is stored; OpenEXR cannot write empty lists."""
+    return {name: value for name, value in part.header.items() if name not in _STORAGE and not _is_empty(value)}
+
+
+def _is_empty(value: Any) -> bool:
+    return isinstance(value, list) and not value
+
+
+def _scaled_windows(header: dict[str, Any], frame: Frame) -> dict[str, Any]:
+    """Both windows, scaled so that the data window has the size of a frame."""
+    low, size = _window(header, "dataWindow")
+    scale = np.array([frame.width, frame.height]) / size
+    first = np.rint(low * scale)
+    display, display_size = _window(header, "displayWindow")
+    corners = {
+        "dataWindow": (first, first + size * scale - 1),
+        "displayWindow": (np.rint(display * scale), np.rint((display + display_size) * scale) - 1),
+    }
+    return {name: tuple(np.rint(corner).astype(np.int32) for corner in both) for name, both in corners.items()}
+
+
+def _merge(parts: list[Any]) -> tuple[Any, dict[str, Any]]:
+    """The first part with colour, and the channels of all parts that cover the same window."""
     coloured = (part for part in parts if "color" in find(channel.name for channel in part.header["channels"]))
     main = next(coloured, parts[0])
     planes: dict[str, Any] = {}
@@ -361,7 +453,7 @@ def _merge(parts: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
             for channel in part.channels.values() or part.header["channels"]:
                 name = channel.name if channel.name not in planes else f"{part.name()}.{channel.name}"
                 planes[name] = channel
-    return main.header, planes
+    return main, planes
 
 
 def _window(header: dict[str, Any], name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -379,7 +471,8 @@ def _whole(ids: NDArray[Any]) -> NDArray[Any]:
     """Ids from whatever type they were stored in."""
     if ids.dtype.kind == "u":
         return ids
-    ids = ids.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of signalling NaN
+        ids = ids.astype(np.float64)
     whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= _MIXED)
     return np.where(whole, ids, _MIXED).astype(np.uint32)
 
@@ -425,15 +518,19 @@ def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
         return None
     # Imath has row vectors; pbrt writes its matrices for column vectors into the same attributes.
     to_ndc, *_ = min(([matrix.T for matrix in stored], stored), key=_implausibility)
-    # NDC spans the display window, the image is the data window.
+    height, width = _size(header)
+    try:
+        return Camera(_NDC_TO_CLIP @ _crop(header) @ to_ndc, width, height)
+    except ValueError as error:
+        raise ValueError(f"{path}: worldToNDC: {error}") from None
+
+
+def _crop(header: dict[str, Any]) -> NDArray[np.float64]:
+    """NDC spans the display window, the image is the data window: from the share of one to that of the other."""
     (display, display_size), (data, data_size) = _window(header, "displayWindow"), _window(header, "dataWindow")
     crop = np.eye(4)
     crop[[0, 1], [0, 1]], crop[:2, 3] = display_size / data_size, (display - data) / data_size
-    height, width = _size(header)
-    try:
-        return Camera(_NDC_TO_CLIP @ crop @ to_ndc, width, height)
-    except ValueError as error:
-        raise ValueError(f"{path}: worldToNDC: {error}") from None
+    return crop
 
 
 def _jitter(path: Path, header: dict[str, Any]) -> tuple[float, float] | None:
