@@ -78,6 +78,20 @@ def test_demo(tmp_path):
         assert Path(path).exists()
 
 
+@pytest.mark.parametrize("name", ["noisy/frame_0000.exr", "denoised/mine.exr", "side_by_side.webp"])
+def test_demo_touches_nothing_of_others(tmp_path, name):
+    """It neither overwrites nor removes what is there, and writes beside what has other names."""
+    mine = tmp_path / name
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_text("mine")
+    (tmp_path / "notes.txt").write_text("mine as well")
+    there = sorted(tmp_path.rglob("*"))
+    line = refused("demo", "-o", tmp_path, "--frames", 1, "--size", "16x12")
+    assert f"{tmp_path / Path(name).parts[0]}: exists already" in line
+    assert sorted(tmp_path.rglob("*")) == there
+    assert mine.read_text() == "mine"
+
+
 def test_demo_refuses_before_work_starts(tmp_path):
     (tmp_path / "file").write_text("in the way")
     assert "cannot be written" in refused("demo", "-o", tmp_path / "file" / "demo")

@@ -65,6 +65,18 @@ def cut(count):
     return damage
 
 
+def many_channels(data):
+    """Five thousand channels where there were few, and offsets that still point to the chunks."""
+    (header, *_), table = layout.headers(bytes(data))
+    (first,) = struct.unpack_from("<Q", data, table)
+    new = b"".join(b"c%d\0" % i + struct.pack("<4i", 2, 0, 1, 1) for i in range(5000))
+    for at in range(table, first, 8):
+        struct.pack_into("<Q", data, at, struct.unpack_from("<Q", data, at)[0] + len(new))
+    start = header["channels"].start
+    struct.pack_into("<i", data, start - 4, header["channels"].size + len(new))
+    data[start:start] = new
+
+
 MOST = 2**31 - 1
 DAMAGES = {
     "offset beyond 63 bits": ("ZIP", offset(2**64 - 1), "pixels are missing"),
@@ -93,6 +105,7 @@ DAMAGES = {
     "attribute's negative size": ("ZIP", size("channels", -4), "channels"),
     "short window": ("ZIP", size("dataWindow", 12), "truncated or corrupt"),
     "type of sample": ("ZIP", put("channels", 77, at=2), "type of sample"),
+    "five thousand channels": ("ZIP", many_channels, "truncated or corrupt"),
     "subsampled": ("ZIP", put("channels", 2, 2, at=10), "subsampled, 2 x 2"),
     "subsampled by 0": ("ZIP", put("channels", 0, 0, at=10), "subsampled, 0 x 0"),
     "unending channels": ("ZIP", size("channels", 900), "truncated or corrupt"),

@@ -178,7 +178,7 @@ def _demo(options: argparse.Namespace) -> None:
     folder = _writable(options.output)
     width, height = options.size
     print(demo.run(folder, frames=options.frames, width=width, height=height))
-    for name in ("contact_sheet.png", "side_by_side.webp", "noisy", "denoised", "reference"):
+    for name in demo.WRITTEN:
         print(folder / name)
 
 
@@ -301,7 +301,7 @@ def _targets(paths: list[Path], output: Path) -> list[Path]:
     if output.suffix.lower() != ".exr" or output.is_dir():
         return [output / path.name for path in paths]
     if len(paths) > 1:
-        raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got the name of one file")
+        raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got the name of one")
     return [output]
 
 

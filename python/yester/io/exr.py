@@ -83,21 +83,15 @@ class Plate:
     ----------
     frame : Frame
         As `read_exr` gives it.
+    parts : tuple of OpenEXR.Part
+        All parts of the file in their order, whatever their windows.
     main : OpenEXR.Part
-        The part that has the colour.
-    others : tuple of OpenEXR.Part
-        The other parts of the file, whatever their windows.
+        The one that has the colour.
     """
 
     frame: Frame
+    parts: tuple[Any, ...]
     main: Any
-    others: tuple[Any, ...]
-
-    @property
-    def layers(self) -> tuple[str, ...]:
-        """The channels of all parts but R, G and B of the main part."""
-        rest = [name for name in self.main.channels if name not in CANONICAL["color"]]
-        return (*rest, *(f"{part.name()}.{name}" for part in self.others for name in part.channels))
 
 
 def read_exr(path: Source) -> Frame:
@@ -163,7 +157,7 @@ def read_plate(path: Source) -> Plate:
         frame = Frame(**buffers, camera=camera, jitter=jitter)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
-    return Plate(frame, main, tuple(part for part in parts if part is not main))
+    return Plate(frame, tuple(parts), main)
 
 
 def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, like: Plate | None = None) -> None:
@@ -198,10 +192,8 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, lik
     exr = _openexr()
     header: dict[str, Any] = {} if like is None else _attributes(like.main)
     channels: dict[str, Any] = {}
-    others: list[Any] = []
     if like is not None and like.frame.shape == frame.shape:
         channels |= like.main.channels
-        others = [exr.Part(_attributes(part) | _storage(exr), dict(part.channels), part.name()) for part in like.others]
     elif like is not None:
         header |= _scaled_windows(header, frame)
         header.pop("jitter", None)
@@ -219,9 +211,12 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, lik
         for name, plane in zip(CANONICAL[buffer], np.moveaxis(np.atleast_3d(array), -1, 0), strict=False):
             channels[name] = np.ascontiguousarray(plane)
     main = exr.Part(header | _storage(exr), channels, header.get("name", ""))
+    parts = [main]
+    if like is not None and like.frame.shape == frame.shape:
+        parts = [main if part is like.main else _copy(exr, part) for part in like.parts]
     with beside(path) as temporary:
         try:
-            exr.File([main, *others]).write(str(temporary))
+            exr.File(parts).write(str(temporary))
         except RuntimeError as error:
             raise OSError(f"{path}: cannot be written: {error}") from None
 
@@ -420,6 +415,10 @@ def _storage(exr: Any) -> dict[str, Any]:
     return {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
 
 
+def _copy(exr: Any, part: Any) -> Any:
+    return exr.Part(_attributes(part) | _storage(exr), dict(part.channels), part.name())
+
+
 def _attributes(part: Any) -> dict[str, Any]:
     """The attributes of a part's header, but those that tell how it is stored; OpenEXR cannot write empty lists."""
     return {name: value for name, value in part.header.items() if name not in _STORAGE and not _is_empty(value)}
@@ -473,7 +472,7 @@ def _whole(ids: NDArray[Any]) -> NDArray[Any]:
         return ids
     with np.errstate(invalid="ignore"):  # of signalling NaN
         ids = ids.astype(np.float64)
-    whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= _MIXED)
+        whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= _MIXED)
     return np.where(whole, ids, _MIXED).astype(np.uint32)
 
 
