@@ -226,6 +226,10 @@ def test_what_is_used_and_missing_is_said(tmp_path, capsys):
     assert said[-1] == f"used: {', '.join(dict.fromkeys(name for names in used for name in names))}"
     assert "albedo" in said[-1]
 
+    run("denoise", tmp_path / "bare", "-o", tmp_path / "out", "--method", "oidn", "--quality", "fast")
+    said = capsys.readouterr().err.splitlines()
+    assert [line.split(": ")[:2] for line in said] == [["missing", "normal"], ["used", "albedo"]]
+
     moving = {"motion": np.zeros((24, 32, 2)), "depth": np.ones((24, 32))}
     run("denoise", frames(tmp_path / "moving", **moving), "-o", tmp_path / "out")
     said = capsys.readouterr().err

@@ -206,7 +206,9 @@ def _denoise(options: argparse.Namespace) -> None:
         for known in files if options.method == "recirculation" else ():
             if not known.camera or not known.channels.keys() & {"depth", "position"}:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
-        return [] if options.method == "oidn" else _in_place(files)
+        if options.method == "oidn":  # which has no history
+            return _missing(files, ("albedo", "normal"))
+        return [*_in_place(files), *_missing(files)]
 
     # The header's camera and jitter stay as they are.
     _convert(options, "denoise", [pipeline], lambda output, _: Frame(output.color), look)
@@ -223,7 +225,7 @@ def _upscale(options: argparse.Namespace) -> None:
         return Frame(output.color, camera=frame.camera and Camera(frame.camera.world_to_clip, width, height))
 
     def look(files: list[Description]) -> list[str]:
-        notes = _in_place(files)
+        notes = [*_in_place(files), *_missing(files)]
         if not any(known.jitter for known in files):
             notes += ["no file tells its jitter: counted as none, which shows no detail beyond theirs"]
         if dropped := list(dict.fromkeys(name for known in files for name in _layers(known))):
@@ -248,6 +250,12 @@ def _in_place(files: list[Description]) -> list[str]:
     return []
 
 
+def _missing(files: list[Description], names: Iterable[str] | None = None) -> list[str]:
+    """What any file lacks, all or of some names, and what that costs."""
+    costs = {name: cost for known in files for name, cost in known.missing.items()}
+    return [f"missing: {name}: {cost}" for name, cost in costs.items() if names is None or name in names]
+
+
 def _convert(
     options: argparse.Namespace,
     what: str,
@@ -266,8 +274,7 @@ def _convert(
     targets = _targets(paths, options.output)
     files = _check(paths, targets)
     anew = breaks(paths)
-    costs = {name: cost for known in files for name, cost in known.missing.items()}
-    notes = [*look(files), *(f"missing: {name}: {cost}" for name, cost in costs.items())]
+    notes = look(files)
     for folder in {target.parent for target in targets}:
         _writable(folder)
     for note in [*notes, *(f"warning: {about}" for about in anew.values())]:

@@ -217,7 +217,7 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, lik
     with beside(path) as temporary:
         try:
             exr.File(parts).write(str(temporary))
-        except RuntimeError as error:
+        except (RuntimeError, TypeError, ValueError) as error:
             raise OSError(f"{path}: cannot be written: {error}") from None
 
 
