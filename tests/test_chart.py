@@ -7,7 +7,7 @@ from compare import assert_same_bits
 from yester.io import read_exr, write_exr
 from yester.study import ablation, metrics
 from yester.study.ablation import ABLATIONS, ablate
-from yester.study.chart import chart, measure
+from yester.study.chart import _flow, chart, measure
 from yester.study.methods import METHODS, PIPELINES, QUARTERS, Method, Result, pipeline, quarter
 from yester.study.points import ALL
 from yester.study.recording import Recording, record
@@ -218,3 +218,32 @@ def test_effects(recording, tmp_path, monkeypatch):
     assert lines[1].startswith("SVGF - antialiasing")
     assert lines[2].startswith("SVGF + pass 5")
     assert len((tmp_path / "ablation.csv").read_text().splitlines()) == 7
+
+
+@pytest.mark.parametrize("channels", [0, 2, 3])
+@pytest.mark.parametrize("names", [(), ("depth",), ("position",), ("depth", "normal"), ("normal", "ids")])
+@pytest.mark.parametrize("cameras", [False, True])
+def test_flow_of_whatever_files_hold(channels, names, cameras):
+    """With cameras or without, whatever motion and surfaces are given: all that the frames show is followed."""
+    height, width = 12, 16
+    shared = {
+        "depth": np.full((height, width), 2.0),
+        "normal": np.full((height, width, 3), (0.0, 0.0, -1.0)),
+        "ids": np.ones((height, width), int),
+    }
+    frames = []
+    for i in range(2):
+        camera = yester.Camera.from_look_at((0.01 * i, 0, 0), (0.01 * i, 0, 1), (0, 1, 0), 60, width, height)
+        y, x = np.mgrid[:height, :width] + 0.5
+        given = shared | {"position": camera.unproject(np.stack([x, y], -1), shared["depth"])}
+        buffers = {name: given[name] for name in names}
+        if channels:
+            buffers["motion"] = np.zeros((height, width, channels))
+        frames.append(yester.Frame(np.ones((height, width, 3)), **buffers, camera=camera if cameras else None))
+    found = _flow(*frames)
+    if channels or (cameras and {"depth", "position"} & set(names)):
+        motion, valid = found
+        assert motion.shape[:2] == valid.shape == (height, width)
+        assert valid[:, 2:-2].all()
+    else:
+        assert found is None

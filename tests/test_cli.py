@@ -78,6 +78,20 @@ def test_demo(tmp_path):
         assert Path(path).exists()
 
 
+@pytest.mark.parametrize("name", ["noisy/frame_0000.exr", "denoised/mine.exr", "side_by_side.webp"])
+def test_demo_touches_nothing_of_others(tmp_path, name):
+    """It neither overwrites nor removes what is there, and writes beside what has other names."""
+    mine = tmp_path / name
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_text("mine")
+    (tmp_path / "notes.txt").write_text("mine as well")
+    there = sorted(tmp_path.rglob("*"))
+    line = refused("demo", "-o", tmp_path, "--frames", 1, "--size", "16x12")
+    assert f"{tmp_path / Path(name).parts[0]}: exists already" in line
+    assert sorted(tmp_path.rglob("*")) == there
+    assert mine.read_text() == "mine"
+
+
 def test_demo_refuses_before_work_starts(tmp_path):
     (tmp_path / "file").write_text("in the way")
     assert "cannot be written" in refused("demo", "-o", tmp_path / "file" / "demo")
@@ -198,7 +212,9 @@ def test_denoise_stops_at_a_corrupt_frame(sequence, tmp_path):
 def test_denoise_stops_at_a_file_that_cannot_be_written(sequence, tmp_path):
     out = tmp_path / "out"
     (out / "shot3.exr").mkdir(parents=True)
-    assert "shot3.exr" in refused("denoise", sequence, "-o", out)
+    said = run("denoise", sequence, "-o", out, code=2).stderr.splitlines()
+    assert said[-1].startswith("yester: error: ")
+    assert "shot3.exr" in said[-1]
     assert {path.name for path in out.iterdir() if path.is_file()} == {"shot1.exr", "shot2.exr"}
     for name in ("shot1.exr", "shot2.exr"):
         assert read_exr(out / name).shape == (24, 32)

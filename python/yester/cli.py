@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from .io import Description
+
 
 #: The methods of `yester denoise`: what makes each, and the options that this takes.
 _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
@@ -87,9 +89,10 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--frames", metavar="N", type=_count, default=24, help="%(default)s")
     demo.add_argument("--size", metavar="WxH", type=_size, default=(320, 240), help="320x240")
 
+    out = "folder for the same names; for one file, also a name that ends in .exr"
     denoise = command(_denoise, "denoise", "denoise a sequence of EXR frames")
     denoise.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-    denoise.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help="folder for the same names")
+    denoise.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
     denoise.add_argument("--half", action="store_true", help="write float16")
     denoise.add_argument("--method", choices=_METHODS, default="svgf", help="one of %(choices)s; %(default)s")
     options = denoise.add_argument_group("options", "of some methods; see their classes for defaults, and for more")
@@ -110,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
 
     upscale = command(_upscale, "upscale", "upscale a sequence of EXR frames in time, by what their jitter shows")
     upscale.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-    upscale.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help="folder for the same names")
+    upscale.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
     upscale.add_argument("--half", action="store_true", help="write float16")
     upscale.add_argument("--scale", type=float, default=2.0, help="along each side, 1 to 4; %(default)s")
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
@@ -177,7 +180,7 @@ def _demo(options: argparse.Namespace) -> None:
     folder = _writable(options.output)
     width, height = options.size
     print(demo.run(folder, frames=options.frames, width=width, height=height))
-    for name in ("contact_sheet.png", "side_by_side.webp", "noisy", "denoised", "reference"):
+    for name in demo.WRITTEN:
         print(folder / name)
 
 
@@ -199,62 +202,116 @@ def _pipeline(options: argparse.Namespace) -> Any:
 
 def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
-    from .io import describe
+    pipeline = _pipeline(options)
 
-    def look(paths: list[Path]) -> None:
-        for known in map(describe, paths if options.method == "recirculation" else ()):
+    def look(files: list[Description]) -> list[str]:
+        for known in files if options.method == "recirculation" else ():
             if not known.camera or not known.channels.keys() & {"depth", "position"}:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
+        if options.method == "oidn":  # which has no history
+            return _missing(files, ("albedo", "normal"))
+        return [*_in_place(files), *_missing(files)]
 
-    pipeline = _pipeline(options)
-    _convert(options, "denoise", lambda frame: Frame(pipeline.step(frame).color, camera=frame.camera), look)
+    # The header's camera and jitter stay as they are.
+    _convert(options, "denoise", [pipeline], lambda output, _: Frame(output.color), look)
 
 
 def _upscale(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
-    from .io import describe
-
     upscaler = Upscaler(options.scale, sharpness=options.sharpness)
     # Its last stage would average over what the jitter tells apart.
-    svgf = SVGF(antialias=False) if options.denoise else None
+    stages = [SVGF(antialias=False), upscaler] if options.denoise else [upscaler]
 
-    def step(frame: Frame) -> Frame:
-        if svgf:
-            buffers = {name: buffer for name, buffer in frame.buffers().items() if name != "color"}
-            frame = Frame(svgf.step(frame).color, **buffers, camera=frame.camera, jitter=frame.jitter)
-        color = upscaler.step(frame).color
-        height, width, _ = color.shape
-        return Frame(color, camera=frame.camera and Camera(frame.camera.world_to_clip, width, height))
+    def result(output: Any, frame: Frame) -> Frame:
+        height, width, _ = output.color.shape
+        return Frame(output.color, camera=frame.camera and Camera(frame.camera.world_to_clip, width, height))
 
-    def look(paths: list[Path]) -> None:
-        if not any(describe(path).jitter for path in paths):
-            print("no file tells its jitter: counted as none, which shows no detail beyond theirs", file=sys.stderr)
+    def look(files: list[Description]) -> list[str]:
+        notes = [*_in_place(files), *_missing(files)]
+        if not any(known.jitter for known in files):
+            notes += ["no file tells its jitter: counted as none, which shows no detail beyond theirs"]
+        if dropped := list(dict.fromkeys(name for known in files for name in _layers(known))):
+            notes += [f"only colour is upscaled; left out: {' '.join(dropped)}"]
+        return notes
 
-    _convert(options, "upscale", step, look)
+    _convert(options, "upscale", stages, result, look)
+
+
+def _layers(known: Description) -> list[str]:
+    """The channels of a file other than its colour."""
+    recognised = [name for buffer, names in known.channels.items() if buffer != "color" for name in names]
+    return [*recognised, *known.unrecognised]
+
+
+def _in_place(files: list[Description]) -> list[str]:
+    """A warning if history cannot follow what moves."""
+    for known in files:
+        if "motion" not in known.channels and not (known.camera and known.channels.keys() & {"depth", "position"}):
+            why = "no motion, and no camera with depth or position to compute it from"
+            return [f"warning: {known.path}: {why}: {known.missing['motion']}"]
+    return []
+
+
+def _missing(files: list[Description], names: Iterable[str] | None = None) -> list[str]:
+    """What any file lacks, all or of some names, and what that costs."""
+    costs = {name: cost for known in files for name, cost in known.missing.items()}
+    return [f"missing: {name}: {cost}" for name, cost in costs.items() if names is None or name in names]
 
 
 def _convert(
     options: argparse.Namespace,
     what: str,
-    step: Callable[[Frame], Frame],
-    look: Callable[[list[Path]], None],
+    stages: list[Any],
+    result: Callable[[Any, Frame], Frame],
+    look: Callable[[list[Description]], list[str]],
 ) -> None:
-    """Files in, files of the same names out."""
+    """Files in, files of the same names out, through one pipeline or several in turn."""
     from tqdm import tqdm
 
-    from .io import read_sequence, sequence_paths, write_sequence
+    from .io import Plate, read_plate, sequence_paths, write_exr
     from .io.ahead import ahead
+    from .io.shots import breaks
 
     paths = sequence_paths(options.inputs)
-    _check(paths, options.output)
-    look(paths)
-    _writable(options.output)
+    targets = _targets(paths, options.output)
+    files = _check(paths, targets)
+    anew = breaks(paths)
+    notes = look(files)
+    for folder in {target.parent for target in targets}:
+        _writable(folder)
+    for note in [*notes, *(f"warning: {about}" for about in anew.values())]:
+        print(note, file=sys.stderr)
+    used: dict[str, None] = {}
+
+    def step(index: int, plate: Plate) -> tuple[Frame, Plate]:
+        frame = plate.frame
+        for stage in stages:
+            if index in anew:
+                stage.reset()
+            output = stage.step(frame)
+            used.update(dict.fromkeys(output.used))
+            if stage is not stages[-1]:
+                buffers = {name: buffer for name, buffer in frame.buffers().items() if name != "color"}
+                frame = Frame(output.color, **buffers, camera=frame.camera, jitter=frame.jitter)
+        return result(output, frame), plate
+
     # One frame is read and the one before it denoised, each by its thread, while a third is written by this one, which
     # an interrupt reaches. Threads do, as OpenEXR and step() let go of the interpreter's lock.
-    read = ahead(read_sequence(paths))
-    made = ahead(step(frame) for frame in read)
+    read = ahead(read_plate(path) for path in paths)
+    made = ahead(step(index, plate) for index, plate in enumerate(read))
     with closing(read), closing(made), tqdm(made, what, len(paths), unit="frame", disable=None) as frames:
-        write_sequence(options.output, frames, names=[path.name for path in paths], half=options.half)
+        for target, (frame, plate) in zip(targets, frames, strict=True):
+            write_exr(target, frame, half=options.half, like=plate)
+    print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
+
+
+def _targets(paths: list[Path], output: Path) -> list[Path]:
+    """Where each file goes: into a folder under its name, or one file to where the output's name says."""
+    if output.suffix.lower() != ".exr" or output.is_dir():
+        return [output / path.name for path in paths]
+    if len(paths) > 1:
+        raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got the name of one")
+    return [output]
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -384,15 +441,16 @@ def _need(extra: str, *modules: str) -> None:
         raise ImportError(f"{', '.join(absent)} not installed: pip install 'yester[{extra}]'")
 
 
-def _check(paths: list[Path], output: Path) -> None:
+def _check(paths: list[Path], targets: list[Path]) -> list[Description]:
     """Find out from the headers what would stop the work half-way."""
     from .io import describe
 
-    first = None
+    files: list[Description] = []
     seen: dict[str, Path] = {}
-    for path in paths:
+    for path, target in zip(paths, targets, strict=True):
         known = describe(path)
-        first = first or known
+        files.append(known)
+        first = files[0]
         if "color" not in known.channels:
             raise ValueError(f"{path}: no colour: expected channels R, G and B, got {' '.join(known.unrecognised)}")
         if (known.width, known.height) != (first.width, first.height):
@@ -405,8 +463,9 @@ def _check(paths: list[Path], output: Path) -> None:
         if path.name in seen:
             raise ValueError(f"{path}: the output of {seen[path.name]} would have the same name")
         seen[path.name] = path
-        if (output / path.name).resolve() == path.resolve():
+        if target.resolve() == path.resolve():
             raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
+    return files
 
 
 def _writable(folder: Path) -> Path:

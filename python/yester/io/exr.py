@@ -8,16 +8,12 @@ frame's samples is in an attribute of ours, ``jitter``: two numbers, in pixels, 
 from __future__ import annotations
 
 import glob
-import mmap
 import os
 import re
-import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +22,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._core import Camera
 from ..frame import Frame
+from . import layout
 from .channels import CANONICAL, find, missing
 from .files import beside
+from .stdout import kept_output
 
 Source = str | os.PathLike[str]
 
-_MAGIC = b"\x76\x2f\x31\x01"
 _HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
+#: Attributes that tell how pixels are stored, which is not kept.
+_STORAGE = {"channels", "chunkCount", "compression", "lineOrder", "tiles", "type", "version"}
 _HALF_MAX = float(np.finfo(np.float16).max)
 #: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
 _MIXED = 2**32 - 1
@@ -76,6 +75,25 @@ class Description:
     notes: dict[str, str]
 
 
+@dataclass(frozen=True)
+class Plate:
+    """A frame and everything else that its file holds: `write_exr` keeps it beside another colour.
+
+    Attributes
+    ----------
+    frame : Frame
+        As `read_exr` gives it.
+    parts : tuple of OpenEXR.Part
+        All parts of the file in their order, whatever their windows.
+    main : OpenEXR.Part
+        The one that has the colour.
+    """
+
+    frame: Frame
+    parts: tuple[Any, ...]
+    main: Any
+
+
 def read_exr(path: Source) -> Frame:
     """Read one frame.
 
@@ -100,8 +118,30 @@ def read_exr(path: Source) -> Frame:
     ImportError
         If the OpenEXR package is not installed.
     """
+    return read_plate(path).frame
+
+
+def read_plate(path: Source) -> Plate:
+    """Read one frame with everything else that its file holds.
+
+    Parameters
+    ----------
+    path : path-like
+        As for `read_exr`.
+
+    Returns
+    -------
+    Plate
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        As `read_exr`.
+    """
     path = Path(path)
-    header, planes = _merge(_parts(path))
+    parts = _parts(path)
+    main, planes = _merge(parts)
+    header = main.header
     found = find(planes)
     if "color" not in found:
         raise ValueError(f"{path}: no colour: expected channels R, G and B, got {', '.join(planes) or 'none'}")
@@ -114,12 +154,13 @@ def read_exr(path: Source) -> Frame:
             buffers["ids"] = _whole(buffers["ids"])
         if _by_mitsuba(header, found):
             _mark_misses(buffers, camera, along_ray=_along_ray(found))
-        return Frame(**buffers, camera=camera, jitter=jitter)
+        frame = Frame(**buffers, camera=camera, jitter=jitter)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
+    return Plate(frame, tuple(parts), main)
 
 
-def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> None:
+def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, like: Plate | None = None) -> None:
     """Write one frame, with camera and jitter in the header.
 
     The file appears when it is complete: it is written beside and then renamed.
@@ -133,6 +174,11 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> 
     half : bool, default False
         Store colours (albedo, emission and replay among them) and normals as float16, clipped to its largest value,
         65504. The others always have 32 bits.
+    like : Plate, optional
+        Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
+        layers), windows, the remaining attributes of the header, and all other parts. If `frame` has another size, the
+        windows are scaled to it, and the other channels, the other parts and the jitter are left out. Pixels are stored
+        as ZIP-compressed scanlines, whatever the source used.
 
     Raises
     ------
@@ -144,24 +190,34 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False) -> 
     path = Path(path)
     frame = frame if isinstance(frame, Frame) else Frame(frame)
     exr = _openexr()
-    header: dict[str, Any] = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    header: dict[str, Any] = {} if like is None else _attributes(like.main)
+    channels: dict[str, Any] = {}
+    if like is not None and like.frame.shape == frame.shape:
+        channels |= like.main.channels
+    elif like is not None:
+        header |= _scaled_windows(header, frame)
+        header.pop("jitter", None)
     if frame.camera is not None:
-        to_ndc = np.linalg.inv(_NDC_TO_CLIP) @ frame.camera.world_to_clip
+        crop = _crop(header) if like is not None else np.eye(4)
+        to_ndc = np.linalg.inv(_NDC_TO_CLIP @ crop) @ frame.camera.world_to_clip
         header["worldToCamera"] = frame.camera.world_to_camera.T.astype(np.float32)
         header["worldToNDC"] = to_ndc.T.astype(np.float32)
     if frame.jitter is not None:
         header["jitter"] = np.array(frame.jitter)
-    channels = {}
     for buffer, values in frame.buffers().items():
         array: NDArray[Any] = values
         if half and buffer in _HALVED:
             array = np.where(np.isfinite(array), np.clip(array, -_HALF_MAX, _HALF_MAX), array).astype(np.float16)
         for name, plane in zip(CANONICAL[buffer], np.moveaxis(np.atleast_3d(array), -1, 0), strict=False):
             channels[name] = np.ascontiguousarray(plane)
+    main = exr.Part(header | _storage(exr), channels, header.get("name", ""))
+    parts = [main]
+    if like is not None and like.frame.shape == frame.shape:
+        parts = [main if part is like.main else _copy(exr, part) for part in like.parts]
     with beside(path) as temporary:
         try:
-            exr.File(header, channels).write(str(temporary))
-        except RuntimeError as error:
+            exr.File(parts).write(str(temporary))
+        except (RuntimeError, TypeError, ValueError) as error:
             raise OSError(f"{path}: cannot be written: {error}") from None
 
 
@@ -300,7 +356,8 @@ def describe(path: Source) -> Description:
         As `read_exr`, except that pixels are not looked at and colour may be absent.
     """
     path = Path(path)
-    header, planes = _merge(_parts(path, header_only=True))
+    main, planes = _merge(_parts(path, header_only=True))
+    header = main.header
     found = find(planes)
     camera = _camera(path, header)
     known = {name for names in found.values() for name in names}
@@ -336,62 +393,56 @@ def _openexr() -> Any:
 
 def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
     """The parts of a file, all of them: OpenEXR prints why it cannot decode a part, and leaves it out."""
-    with path.open("rb") as file:
-        magic = file.read(len(_MAGIC))
-    if magic != _MAGIC:
-        raise ValueError(f"{path}: {'not an EXR file' if magic else 'an empty file'}")
-    if not _is_whole(path):
-        raise ValueError(f"{path}: truncated or corrupt: pixels are missing")
+    layout.check(path)
     exr = _openexr()
-    said = StringIO()
     try:
         parts: list[Any] = exr.File(str(path), header_only=True).parts
         if not header_only:
             expected = len(parts)
-            with redirect_stdout(said):
+            with kept_output() as said:
                 parts = exr.File(str(path), separate_channels=True).parts
             if len(parts) < expected:
-                raise ValueError(said.getvalue().strip())
+                raise ValueError(" ".join("".join(said).split()))
     except Exception as error:
-        raise ValueError(f"{path}: truncated or corrupt: {error}") from None
+        raise ValueError(f"{path}: truncated or corrupt: {' '.join(str(error).split())}") from None
     if not parts:
         raise ValueError(f"{path}: truncated or corrupt: no part")
     return parts
 
 
-def _is_whole(path: Path) -> bool:
-    """Whether every chunk that a file announces is in it, from its header and its table of offsets alone.
-
-    OpenEXR reads a header without noticing that the pixels behind it are missing. The layout is that of "OpenEXR File
-    Layout", openexr.com; the table ends where the first chunk begins.
-    """
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        try:
-            tiled, several = bool(data[5] & 0x02), bool(data[5] & 0x10)
-            at = 8
-            while data[at]:  # a header
-                while data[at]:  # an attribute: name, type, size, value
-                    for _ in range(2):
-                        at = data.find(b"\0", at) + 1 or len(data)
-                    at += 4 + struct.unpack_from("<I", data, at)[0]
-                at += 1
-                if not several:
-                    break
-            at += several
-            first, last = len(data), 0
-            while at < first:
-                (chunk,) = struct.unpack_from("<Q", data, at)
-                first, last, at = min(first, chunk), max(last, chunk), at + 8
-            # A chunk is: the number of its part, if there are several; its coordinates; its size; its data. Where
-            # parts differ in kind, that the last chunk begins is all that is looked at.
-            size = 0 if several else 4 + struct.unpack_from("<I", data, last + (16 if tiled else 4))[0]
-            return first > 0 and last + (16 if tiled else 4) + size <= len(data)
-        except (IndexError, struct.error):
-            return False
+def _storage(exr: Any) -> dict[str, Any]:
+    """How all files are stored."""
+    return {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
 
 
-def _merge(parts: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The header of the first part with colour, and the channels of all parts that cover the same window."""
+def _copy(exr: Any, part: Any) -> Any:
+    return exr.Part(_attributes(part) | _storage(exr), dict(part.channels), part.name())
+
+
+def _attributes(part: Any) -> dict[str, Any]:
+    """The attributes of a part's header, but those that tell how it is stored; OpenEXR cannot write empty lists."""
+    return {name: value for name, value in part.header.items() if name not in _STORAGE and not _is_empty(value)}
+
+
+def _is_empty(value: Any) -> bool:
+    return isinstance(value, list) and not value
+
+
+def _scaled_windows(header: dict[str, Any], frame: Frame) -> dict[str, Any]:
+    """Both windows, scaled so that the data window has the size of a frame."""
+    low, size = _window(header, "dataWindow")
+    scale = np.array([frame.width, frame.height]) / size
+    first = np.rint(low * scale)
+    display, display_size = _window(header, "displayWindow")
+    corners = {
+        "dataWindow": (first, first + size * scale - 1),
+        "displayWindow": (np.rint(display * scale), np.rint((display + display_size) * scale) - 1),
+    }
+    return {name: tuple(np.rint(corner).astype(np.int32) for corner in both) for name, both in corners.items()}
+
+
+def _merge(parts: list[Any]) -> tuple[Any, dict[str, Any]]:
+    """The first part with colour, and the channels of all parts that cover the same window."""
     coloured = (part for part in parts if "color" in find(channel.name for channel in part.header["channels"]))
     main = next(coloured, parts[0])
     planes: dict[str, Any] = {}
@@ -401,7 +452,7 @@ def _merge(parts: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
             for channel in part.channels.values() or part.header["channels"]:
                 name = channel.name if channel.name not in planes else f"{part.name()}.{channel.name}"
                 planes[name] = channel
-    return main.header, planes
+    return main, planes
 
 
 def _window(header: dict[str, Any], name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -419,8 +470,9 @@ def _whole(ids: NDArray[Any]) -> NDArray[Any]:
     """Ids from whatever type they were stored in."""
     if ids.dtype.kind == "u":
         return ids
-    ids = ids.astype(np.float64)
-    whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= _MIXED)
+    with np.errstate(invalid="ignore"):  # of signalling NaN
+        ids = ids.astype(np.float64)
+        whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= _MIXED)
     return np.where(whole, ids, _MIXED).astype(np.uint32)
 
 
@@ -456,22 +508,28 @@ def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
     """The camera that the header tells of, unless it is orthographic."""
     if "worldToNDC" not in header:
         return None
-    stored = [np.asarray(header[name], np.float64) for name in ("worldToNDC", "worldToCamera") if name in header]
-    if any(matrix.shape != (4, 4) or not np.isfinite(matrix).all() for matrix in stored):
+    given = [header[name] for name in ("worldToNDC", "worldToCamera") if name in header]
+    with np.errstate(invalid="ignore"):  # of signalling NaN
+        stored = [np.asarray(matrix, np.float64) for matrix in given if isinstance(matrix, np.ndarray)]
+    if len(stored) < len(given) or any(one.shape != (4, 4) or not np.isfinite(one).all() for one in stored):
         raise ValueError(f"{path}: worldToNDC, worldToCamera: expected finite (4, 4) matrices")
     if any(not row[:3].any() and row[3] for row in (stored[0][3], stored[0].T[3])):
         return None
     # Imath has row vectors; pbrt writes its matrices for column vectors into the same attributes.
     to_ndc, *_ = min(([matrix.T for matrix in stored], stored), key=_implausibility)
-    # NDC spans the display window, the image is the data window.
+    height, width = _size(header)
+    try:
+        return Camera(_NDC_TO_CLIP @ _crop(header) @ to_ndc, width, height)
+    except ValueError as error:
+        raise ValueError(f"{path}: worldToNDC: {error}") from None
+
+
+def _crop(header: dict[str, Any]) -> NDArray[np.float64]:
+    """NDC spans the display window, the image is the data window: from the share of one to that of the other."""
     (display, display_size), (data, data_size) = _window(header, "displayWindow"), _window(header, "dataWindow")
     crop = np.eye(4)
     crop[[0, 1], [0, 1]], crop[:2, 3] = display_size / data_size, (display - data) / data_size
-    height, width = _size(header)
-    try:
-        return Camera(_NDC_TO_CLIP @ crop @ to_ndc, width, height)
-    except ValueError as error:
-        raise ValueError(f"{path}: worldToNDC: {error}") from None
+    return crop
 
 
 def _jitter(path: Path, header: dict[str, Any]) -> tuple[float, float] | None:

@@ -221,7 +221,9 @@ def _flow(before: Frame | None, frame: Frame) -> tuple[NDArray[np.float32], NDAr
     pairs = {name: (getattr(frame, name), getattr(before, name)) for name in ("depth", "normal", "ids")}
     known = {name: pair for name, pair in pairs.items() if pair[0] is not None and pair[1] is not None}
     tests = {name: pair[0] for name, pair in known.items()} | {f"previous_{n}": pair[1] for n, pair in known.items()}
-    rejection, _ = consistency(motion, **tests, previous_camera=before.camera)
+    # The plane test wants all of these; without it depths are compared.
+    by_plane = known.keys() >= {"depth", "normal"} and motion.shape[-1] == 3
+    rejection, _ = consistency(motion, **tests, previous_camera=before.camera if by_plane else None)
     valid = (rejection == 0) & np.isfinite(motion).all(-1)
     return (motion, valid) if valid.any() else None
 

@@ -26,11 +26,14 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-__all__ = ["REFERENCES", "REFERENCE_SPP", "Report", "Score", "run"]
+__all__ = ["REFERENCES", "REFERENCE_SPP", "WRITTEN", "Report", "Score", "run"]
 
 #: Samples per pixel of the reference frames, and how many frames get one: what three minutes on two cores allow.
 REFERENCE_SPP = 128
 REFERENCES = 8
+
+#: The files and folders that a run leaves.
+WRITTEN = ("contact_sheet.png", "side_by_side.webp", "noisy", "denoised", "reference")
 
 #: Points of the scene that the contact sheet looks at closely, and the colours that mark them: the ball; the cube is
 #: the other.
@@ -91,8 +94,8 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
     """Render, denoise, measure and show `scenes.cornell_box`.
 
     Writes `noisy/`, `denoised/` and `reference/` with one EXR per frame (references for `REFERENCES` frames spread over
-    the sequence, the first and the last among them), `contact_sheet.png` and `side_by_side.webp`. Frames that an
-    earlier run left in these folders are removed first.
+    the sequence, the first and the last among them), `contact_sheet.png` and `side_by_side.webp`. Nothing is
+    overwritten or removed.
 
     Parameters
     ----------
@@ -105,12 +108,18 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
     -------
     Report
         As text, a table.
+
+    Raises
+    ------
+    FileExistsError
+        If any of these files or folders is there already.
     """
     folder = Path(folder)
+    for name in WRITTEN:
+        if (folder / name).exists():
+            raise FileExistsError(f"{folder / name}: exists already; choose another folder, or remove it")
     for name in ("noisy", "denoised", "reference"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-        for old in (folder / name).glob("frame_*.exr"):
-            old.unlink()
+        (folder / name).mkdir(parents=True)
 
     sequence = cornell_box(frames, width, height)
     measured = sorted({round(i) for i in np.linspace(0, frames - 1, min(frames, REFERENCES))})

@@ -1,0 +1,186 @@
+"""The layout of EXR files, checked before OpenEXR decodes them.
+
+OpenEXR reads a header without noticing that the pixels behind it are missing, and its Python module places the pixels
+of deep and of subsampled channels at addresses that a damaged header decides. The layout is that of "OpenEXR File
+Layout", openexr.com: a magic number and a version, a header per part, a table of chunk offsets per part, chunks.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+_MAGIC = b"\x76\x2f\x31\x01"
+_TILED, _LONG_NAMES, _DEEP, _SEVERAL = 0x200, 0x400, 0x800, 0x1000
+#: Attributes that every header must have: type and, where it is fixed, size in bytes.
+_REQUIRED = {
+    "channels": ("chlist", None),
+    "compression": ("compression", 1),
+    "dataWindow": ("box2i", 16),
+    "displayWindow": ("box2i", 16),
+    "lineOrder": ("lineOrder", 1),
+    "pixelAspectRatio": ("float", 4),
+    "screenWindowCenter": ("v2f", 8),
+    "screenWindowWidth": ("float", 4),
+}
+#: Compressions that are known to OpenEXR 3.5, which takes others for ZIP.
+_COMPRESSIONS = 14
+#: Windows beyond these cannot be images: corners are added and multiplied in 32 bits.
+_CORNER_MAX = 2**30
+_PIXELS_MAX = 2**31
+#: Pixels of a tile that is larger than its image: OpenEXR decodes tiles as a whole.
+_TILE_MAX = 2**22
+#: Types of samples: unsigned integer, half, float.
+_SAMPLES = 3
+
+
+@dataclass(frozen=True)
+class Attribute:
+    """An attribute of a header: its type, and where its value lies in the file."""
+
+    type: str
+    start: int
+    size: int
+
+
+def check(path: Path) -> None:
+    """Raise ValueError, naming the file, unless it is laid out as an EXR file of flat images and has all its chunks.
+
+    Chunks are not decoded. OSError if the file cannot be opened.
+    """
+    with path.open("rb") as file:
+        magic = file.read(len(_MAGIC))
+        if magic != _MAGIC:
+            raise ValueError(f"{path}: {'not an EXR file' if magic else 'an empty file'}")
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            try:
+                _check(data)
+            except _UnsupportedError as error:
+                raise ValueError(f"{path}: {error}") from None
+            except (IndexError, struct.error):
+                raise ValueError(f"{path}: truncated or corrupt: the header ends early") from None
+            except ValueError as error:
+                raise ValueError(f"{path}: truncated or corrupt: {error}") from None
+
+
+def headers(data: bytes | mmap.mmap) -> tuple[list[dict[str, Attribute]], int]:
+    """The headers of all parts, and where the tables of offsets begin.
+
+    Raises ValueError, IndexError or struct.error if they do not end within the data.
+    """
+    at = 8
+    found: list[dict[str, Attribute]] = []
+    several = bool(struct.unpack_from("<I", data, 4)[0] & _SEVERAL)
+    while True:
+        header: dict[str, Attribute] = {}
+        while data[at]:
+            name, at = _text(data, at)
+            kind, at = _text(data, at)
+            (size,) = struct.unpack_from("<i", data, at)
+            if not 0 <= size <= len(data) - at - 4:
+                raise ValueError(f"attribute {name!r}: a size of {size} bytes")
+            header[name] = Attribute(kind, at + 4, size)
+            at += 4 + size
+        at += 1
+        found.append(header)
+        if not several:
+            return found, at
+        if not data[at]:
+            return found, at + 1
+
+
+class _UnsupportedError(ValueError):
+    """Of a file that is whole, but of a kind that cannot be read."""
+
+
+def _check(data: mmap.mmap) -> None:
+    (version,) = struct.unpack_from("<I", data, 4)
+    if version & 0xFF != 2 or version & ~0xFF & ~(_TILED | _LONG_NAMES | _DEEP | _SEVERAL):
+        raise ValueError(f"an unknown version or flags: {version:#x}")
+    parts, at = headers(data)
+    several = bool(version & _SEVERAL)
+    if several and version & _TILED:
+        raise ValueError("flags of one part and of several")
+    for header in parts:
+        for name, (kind, size) in _REQUIRED.items():
+            if name not in header:
+                raise ValueError(f"no attribute {name}")
+            if header[name].type != kind or size not in (None, header[name].size):
+                got = f"{header[name].size} bytes of {header[name].type!r}"
+                raise ValueError(f"attribute {name!r}: expected {kind}, got {got}")
+        if several and not header.keys() >= {"name", "type", "chunkCount"}:
+            raise ValueError("a part without name, type or chunkCount")
+        _check_image(data, header, deep=bool(version & _DEEP))
+    for header in parts:
+        tiled = _value(data, header["type"]).startswith(b"tiled") if several else bool(version & _TILED)
+        count = struct.unpack("<i", _value(data, header["chunkCount"]))[0] if several else None
+        # The number of the part, if there are several; the coordinates.
+        at = _check_chunks(data, at, count, 4 * several + (16 if tiled else 4))
+
+
+def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -> None:
+    kind = header.get("type")
+    if deep or (kind and _value(data, kind).startswith(b"deep")):
+        raise _UnsupportedError("a deep image, which cannot be read: flatten it")
+    if _value(data, header["compression"])[0] >= _COMPRESSIONS:
+        raise ValueError(f"an unknown compression {_value(data, header['compression'])[0]}")
+    for name in ("displayWindow", "dataWindow"):
+        x0, y0, x1, y1 = struct.unpack_from("<4i", data, header[name].start)
+        inside = all(abs(corner) <= _CORNER_MAX for corner in (x0, y0, x1, y1))
+        if not (inside and x0 <= x1 and y0 <= y1 and (x1 - x0 + 1) * (y1 - y0 + 1) < _PIXELS_MAX):
+            raise ValueError(f"{name}: no image has corners ({x0}, {y0}) and ({x1}, {y1})")
+    if "tiles" in header:
+        x, y = struct.unpack("<2I", _value(data, header["tiles"])[:8])
+        if not 0 < x * y <= max((x1 - x0 + 1) * (y1 - y0 + 1), _TILE_MAX):
+            raise ValueError(f"tiles: no tile has {x} x {y} pixels")
+    for name in ("pixelAspectRatio", "screenWindowWidth"):
+        (value,) = struct.unpack_from("<f", data, header[name].start)
+        if not math.isfinite(value):
+            raise ValueError(f"{name}: {value}")
+    at, end = header["channels"].start, header["channels"].start + header["channels"].size
+    while at < end - 1:
+        name, at = _text(data, at)
+        sample, _, *sampling = struct.unpack_from("<4i", data, at)
+        if not 0 <= sample < _SAMPLES:
+            raise ValueError(f"channel {name!r}: an unknown type of sample, {sample}")
+        if sampling != [1, 1]:
+            raise _UnsupportedError(
+                f"channel {name!r}: subsampled, {sampling[0]} x {sampling[1]}, which cannot be read"
+            )
+        at += 16
+    if at != end - 1 or data[at]:
+        raise ValueError("channels: the list does not end where its size says")
+
+
+def _check_chunks(data: mmap.mmap, start: int, count: int | None, head: int) -> int:
+    """Check that all chunks of a part's table lie in the file, each with `head` bytes before its size; the table's end.
+
+    Without a count, the table ends where the first chunk begins.
+    """
+    at, first = start, len(data)
+    while at < first if count is None else at < start + 8 * count:
+        (chunk,) = struct.unpack_from("<Q", data, at)
+        if not start < chunk <= len(data) - head - 4:
+            raise ValueError("pixels are missing")
+        (size,) = struct.unpack_from("<i", data, chunk + head)
+        if not 0 <= size <= len(data) - head - 4 - chunk:
+            raise ValueError("pixels are missing")
+        at, first = at + 8, min(first, chunk)
+    if at == start:
+        raise ValueError("pixels are missing")
+    return at
+
+
+def _text(data: bytes | mmap.mmap, at: int) -> tuple[str, int]:
+    """A name that ends with a zero, and what follows it."""
+    end = data.find(b"\0", at, at + 256)
+    if end <= at:
+        raise ValueError("a name is empty or does not end")
+    return data[at:end].decode(), end + 1
+
+
+def _value(data: bytes | mmap.mmap, attribute: Attribute) -> bytes:
+    return data[attribute.start : attribute.start + attribute.size]

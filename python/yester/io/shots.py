@@ -1,0 +1,48 @@
+"""Detects shot boundaries and missing frames from the numbers in file names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+
+def breaks(paths: Sequence[Path]) -> dict[int, str]:
+    """Where history must not be carried over: at the start of another shot, and after missing frames.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The files in their order.
+
+    Returns
+    -------
+    dict of int to str
+        By index of the first file after the break, from 1: a sentence that names both files.
+
+    Notes
+    -----
+    Consecutive files belong to one shot if their names differ in exactly one number, and always the same one. That
+    number counts frames and must increase by one.
+    """
+    found: dict[int, str] = {}
+    counter = None
+    for index, (former, path) in enumerate(pairwise(paths), 1):
+        before, here = _pieces(former), _pieces(path)
+        differ = [i for i, pair in enumerate(zip(before, here, strict=False)) if pair[0] != pair[1]]
+        if len(before) != len(here) or len(differ) != 1 or differ[0] % 2 == 0 or counter not in (None, differ[0]):
+            found[index] = f"{path}: not the same shot as {former}: processed as a separate sequence"
+            counter = None
+            continue
+        (counter,) = differ
+        low, high = int(before[counter]), int(here[counter])
+        if high != low + 1:
+            found[index] = f"{path}: frame numbers jump after {former}: history starts anew"
+    return found
+
+
+def _pieces(path: Path) -> list[str]:
+    """Text and numbers in turn. A number with more zeros in front is the same."""
+    pieces = re.split(r"(\d+)", str(path))
+    return [piece.lstrip("0") or "0" if i % 2 else piece for i, piece in enumerate(pieces)]
