@@ -166,3 +166,7 @@ def test_what_is_told():
         "SVGF, cut: every buffer is worse than no ids: relmse -11.1 %",
         "SVGF, cut: raw albedo is worse than no albedo: psnr -1.00 dB",
     ]
+    assert doors.harmful(found, {"psnr": 0.9, "relmse": 0.2}) == [
+        "SVGF, cut: raw albedo is worse than no albedo: psnr -1.00 dB",
+    ]
+    assert doors.harmful(found, {"psnr": 1.1}) == []

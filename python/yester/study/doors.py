@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
@@ -245,13 +245,13 @@ def table(found: Sequence[Worth]) -> str:
     return harm.table(rows)
 
 
-def harmful(found: Sequence[Worth]) -> list[str]:
-    """Say where a door is worse than one that gives one thing less, by more than `harm.LIMITS`."""
+def harmful(found: Sequence[Worth], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
+    """Say where a door is worse than one that gives one thing less, by more than the limits of its metrics."""
     one_more = {(door.name, richer) for door in DOORS for richer in door.richer}
     lines = []
     for each in found:
         gained = harm.gains(each.rich, each.poor)
-        if (each.door, each.richer) in one_more and (bad := harm.harms(gained)):
+        if (each.door, each.richer) in one_more and (bad := harm.harms(gained, limits)):
             losses = ", ".join(f"{key} {harm.amount(key, gained[key])}" for key in bad)
             lines.append(f"{each.method}, {each.scene}: {each.richer} is worse than {each.door}: {losses}")
     return lines
