@@ -172,7 +172,7 @@ class SVGF:
     def __init__(
         self,
         *,
-        alpha=0.05,
+        alpha=0.2,
         moments_alpha=0.2,
         iterations=4,
         radius=1,

@@ -1,3 +1,4 @@
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -5,12 +6,14 @@ import pytest
 import yester
 from compare import assert_same_bits
 from yester.io import read_exr, write_exr
-from yester.study import ablation, metrics
-from yester.study.ablation import ABLATIONS, ablate
+from yester.study import ablation, harm, metrics
+from yester.study.ablation import ABLATIONS, Effect, ablate
 from yester.study.chart import _flow, chart, measure
+from yester.study.doors import DOORS, FULL
 from yester.study.methods import METHODS, PIPELINES, QUARTERS, Method, Result, pipeline, quarter
 from yester.study.points import ALL
 from yester.study.recording import Recording, record
+from yester.study.sequences import NAMES
 
 QUICK = ("psnr", "relmse", "temporal_error", "warped_error")
 SVGF = PIPELINES[0]
@@ -196,13 +199,22 @@ def test_the_stage_of_the_ablation_is_svgfs(recording):
         assert_same_bits(whole(frame).color, parts(frame).color)
 
 
-def test_effects(recording, tmp_path, monkeypatch):
+def test_switches_follow_the_default():
+    """What SVGF has by default is taken away, and what it has not is added."""
+    defaults = inspect.signature(yester.SVGF).parameters
+    names = {"fireflies": "fireflies", "gradient": "gradient", "antialias": "antialiasing", "feedback": "feedback"}
+    for keyword, component in names.items():
+        (each,) = (e for e in ABLATIONS if (e.whole.name, e.component) == ("SVGF", component))
+        assert each.added == (not defaults[keyword].default)
+        assert each.method.name == f"SVGF {'+' if each.added else '-'} {component}"
+
+
+def test_effects(recording, tmp_path):
     """Gains are those of having the component, whether the default has it or not."""
     known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
     some = (known["antialiasing"], known["pass 5"])
-    monkeypatch.setattr(ablation, "ABLATIONS", some)
     recordings = [recording, replace(recording, name="second")]
-    effects = ablate(recordings, tmp_path, metrics=["psnr", "relmse"])
+    effects = ablate(recordings, tmp_path, metrics=["psnr", "relmse"], ablations=some)
     assert [(e.scene, e.component) for e in effects] == [
         (scene, component) for scene in ("cornell_box", "second", ALL) for component in ("antialiasing", "pass 5")
     ]
@@ -213,10 +225,10 @@ def test_effects(recording, tmp_path, monkeypatch):
     assert first.gains["relmse"] == pytest.approx(1 - whole.values["relmse"] / without.values["relmse"])
     assert second.gains["psnr"] == pytest.approx(more.values["psnr"] - whole.values["psnr"])
     assert effects[-2].gains["psnr"] == pytest.approx(first.gains["psnr"])
-    assert effects[-2].better["psnr"] == 2 * (first.gains["psnr"] > 0)
-    lines = ablation.table(effects[-2:]).splitlines()
+    lines = ablation.table(effects).splitlines()
     assert lines[1].startswith("SVGF - antialiasing")
     assert lines[2].startswith("SVGF + pass 5")
+    assert f"{first.gains['psnr']:+.2f} dB ( 2) {first.gains['psnr']:+.2f} dB cornell_box" in lines[1]
     assert len((tmp_path / "ablation.csv").read_text().splitlines()) == 7
 
 
@@ -247,3 +259,80 @@ def test_flow_of_whatever_files_hold(channels, names, cameras):
         assert valid[:, 2:-2].all()
     else:
         assert found is None
+
+
+def test_effects_through_doors(recording, tmp_path):
+    """The same pipelines on the frames that come through; what is off by default is not looked at."""
+    known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
+    some = (known["antialiasing"], known["pass 5"])
+    chosen = [door for door in DOORS if door.name in (FULL, "raw albedo", "no normals")]
+    effects = ablate([recording], tmp_path, metrics=["psnr"], doors=chosen, ablations=some)
+    assert [(e.door, e.component) for e in effects] == [
+        (FULL, "antialiasing"),
+        (FULL, "pass 5"),
+        ("no normals", "antialiasing"),
+    ]
+    states = yester.SVGF(), yester.SVGF(antialias=False)
+    values = [[], []]
+    for i in range(6):
+        frame = recording.frame(i)
+        kept = {name: array for name, array in frame.buffers().items() if "normal" not in name}
+        for state, found in zip(states, values, strict=True):
+            color = state.step(yester.Frame(**kept, camera=frame.camera)).color
+            if i in recording.references:
+                found.append(metrics.psnr(color, recording.reference(i)))
+    assert effects[-1].gains["psnr"] == pytest.approx(np.mean(values[0]) - np.mean(values[1]))
+    assert effects[-1].case == "cornell_box, no normals"
+    rows = (tmp_path / "ablation.csv").read_text().splitlines()
+    assert rows[0] == "scene,pipeline,component,added,ms,psnr,door"
+    assert [row.split(",")[-1] for row in rows[1:]] == [FULL, FULL, "no normals"]
+
+
+def test_harmful_components(monkeypatch):
+    """A loss is one beyond the limit, of a component that is on by default, unless it is made good and listed."""
+
+    def effect(component="clip", scene="grass", added=False, default=True, **gained):
+        return Effect(scene, "SVGF", component, added, gained, 0.0, default=default)
+
+    assert ablation.harmful([effect(psnr=-0.09, relmse=-0.019, flip=0, temporal_error=-0.02)]) == []
+    assert ablation.harmful([effect(ssim=-1)]) == []
+    worse = effect(psnr=0.1, flip=-0.05, relmse=-0.021)
+    worst = effect("dilation", psnr=-0.4)
+    assert ablation.harmful([worse, worst]) == [
+        "SVGF - dilation, grass: psnr -0.40 dB",
+        "SVGF - clip, grass: relmse -2.1 %, flip -5.0 %",
+    ]
+    assert ablation.harmful([replace(worse, **other) for other in ({"added": True}, {"default": False})]) == []
+    assert ablation.harmful([replace(worse, scene=ALL)]) == []
+    assert len(ablation.harmful([worse], {"flip": 0.04})) == 1
+    assert ablation.harmful([worse], {"flip": 0.06}) == []
+    good = replace(worse, gains=worse.gains | {"psnr": 1.3})
+    assert "made good" in ablation.harmful([good])[0]
+    monkeypatch.setitem(harm.EXCEPTIONS, ("SVGF - clip", "grass"), "it sharpens")
+    assert ablation.harmful([good, worse]) == ["SVGF - clip, grass: relmse -2.1 %, flip -5.0 %"]
+    assert ablation.harmful([replace(good, gains=good.gains | {"psnr": 1.2})]) == [
+        "SVGF - clip, grass: relmse -2.1 %, flip -5.0 %"
+    ]
+    assert len(ablation.harmful([replace(good, scene="thicket")])) == 1
+
+
+def test_exceptions_are_about_what_there_is():
+    components = {each.method.name for each in ABLATIONS if each.whole.default and not each.added}
+    for (component, scene), reason in harm.EXCEPTIONS.items():
+        assert component in components
+        assert scene in NAMES
+        assert reason
+
+
+def test_table_of_gains():
+    """Mean, number of gains, and the worst case with its name; columns are as wide as they must be."""
+    rows = {
+        "long name of a component": {"grass": {"psnr": 0.5, "flip": -0.013}, "cut": {"psnr": -0.25, "flip": 0.02}},
+        "short": {"grass": {"psnr": 0.1}},
+    }
+    lines = harm.table(rows, {"long name of a component": 1.25, "short": -0.5}).splitlines()
+    assert lines[0].split() == ["psnr", "flip", "costs", "ms"]
+    text = "long name of a component +0.12 dB ( 1) -0.25 dB cut +0.4 % ( 1) -1.3 % grass 1.2"
+    assert " ".join(lines[1].split()) == text
+    assert " ".join(lines[2].split()) == "short +0.10 dB ( 1) -0.5"
+    assert len({len(line) for line in lines}) == 1

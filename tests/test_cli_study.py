@@ -1,5 +1,6 @@
 """The commands that chart and stress, run as people run them."""
 
+import argparse
 import csv
 import json
 import os
@@ -14,11 +15,14 @@ import scene
 import yester
 from PIL import Image
 from test_cli import noise, refused, run
+from yester import cli
 from yester.io import read_exr, write_exr
 from yester.study.ablation import ABLATIONS
+from yester.study.doors import DOORS
 from yester.study.failures import SCENARIOS
 from yester.study.methods import METHODS, PIPELINES
 from yester.study.metrics import METRICS
+from yester.study.sequences import GROUPS
 
 #: As on a machine where some modules are not installed.
 BARE = """
@@ -161,16 +165,78 @@ def test_ablation(own, tmp_path, bare):
     result = run("chart", own / "shot", *given, "--ablate", "-o", tmp_path)
     keys = ["warped_error"] if bare else ["psnr", "relmse"]
     assert result.stderr.splitlines() == [ALONE] * bare
-    head, *lines, written = result.stdout.splitlines()
+    head, *lines = result.stdout.splitlines()
     assert head.split() == [*keys, "costs", "ms"]
-    assert [line[:32].rstrip() for line in lines] == [each.method.name for each in ABLATIONS]
+    names = [each.method.name for each in ABLATIONS]
+    assert all(line.startswith(name) for line, name in zip(lines, names, strict=False))
+    blank, *judged, written = lines[len(names) :] if not bare else ["", *lines[len(names) :]]
+    assert blank == ""
+    if bare:
+        assert judged == []
+    else:
+        # As harm is found in the file.
+        defaults = {(each.whole.name, each.component) for each in ABLATIONS if each.whole.default and not each.added}
+        bad = [
+            (row["pipeline"], row["component"])
+            for row in table(tmp_path / "ablation.csv")
+            if float(row["psnr"]) < -0.1 or float(row["relmse"]) < -0.02
+        ]
+        assert judged[0] == f"cases of harm: {len(defaults.intersection(bad))}"
+        assert len(judged) == 1 + len(defaults.intersection(bad))
     assert written == str(tmp_path / "ablation.csv")
     rows = table(tmp_path / "ablation.csv")
-    assert list(rows[0])[4:] == ["ms", *keys]
+    assert list(rows[0])[4:] == ["ms", *keys, "door"]
     assert [row["component"] for row in rows] == [each.component for each in ABLATIONS]
     assert all(row[key] for row in rows for key in keys)
     assert {path.name for path in tmp_path.iterdir()} == {"ablation", "ablation.csv"}
     files(tmp_path)
+
+
+def test_doors(tmp_path):
+    """The default pipelines through all doors; with names, through these; with --ablate, all components."""
+    given = ("--sequences", "grass", "cut", *LITTLE, "--cache", tmp_path / "cache", "--no-peers", "--metrics", "psnr")
+    result = run("chart", *given, "--doors", "-o", tmp_path / "all")
+    assert result.stderr == ""
+    head, *lines = result.stdout.splitlines()
+    assert head.split() == ["psnr"]
+    poor = [door.name for door in DOORS[1:]]
+    names = [f"{method}, {door}" for method in ("SVGF", "BMFR", "TAA best") for door in poor]
+    assert all(line.startswith(name) for line, name in zip(lines, names, strict=False))
+    blank, count, *cases, written = lines[len(names) :]
+    assert (blank, count, written) == ("", f"cases of harm: {len(cases)}", str(tmp_path / "all" / "doors.csv"))
+    rows = table(tmp_path / "all" / "doors.csv")
+    assert len(rows) == 2 * 3 * len(DOORS)
+    assert {row["scene"] for row in rows} == {"grass", "cut"}
+    assert all(row["psnr"] for row in rows)
+    files(tmp_path)
+
+    result = run("chart", *given, "--doors", "no ids", "--methods", "TAA seed, alpha 0.1", "-o", tmp_path / "one")
+    assert result.stdout.splitlines()[1].startswith("TAA seed, alpha 0.1, no ids")
+    assert len(table(tmp_path / "one" / "doors.csv")) == 2 * 2
+
+    result = run("chart", *given, "--ablate", "--doors", "no ids", "-o", tmp_path / "ablated")
+    rows = table(tmp_path / "ablated" / "ablation.csv")
+    assert {row["door"] for row in rows} == {"no ids"}
+    assert {row["added"] for row in rows} == {"0"}
+    (line,) = [line for line in result.stdout.splitlines() if line.startswith("SVGF - id test and weight")]
+    assert "+0.00 dB ( 0) +0.00 dB grass" in line
+    line = refused("chart", *given, "--doors", "no idols", "-o", tmp_path / "bad")
+    assert all(name in line for name in ("--doors", "no idols", *poor))
+    assert not (tmp_path / "bad").exists()
+
+
+def test_groups(tmp_path):
+    """Each group of sequences by its name."""
+    line = refused("chart", "--sequences", "unkind", "-o", tmp_path / "out")
+    assert all(f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "all"))
+    assert all(name in line for name in GROUPS["all"])
+    options = argparse.Namespace(frames=[], sequences=["unkind-tuning", "cut", "grass"], cache=None)
+    vars(options).update(size=(8, 6), length=1, reference_spp=1, doors=None)
+    asked = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("yester.study.recording.record", lambda name, *_, **__: asked.append(name))
+        list(cli._recordings(options))
+    assert asked == [*GROUPS["unkind-tuning"], "cut"]
 
 
 @pytest.mark.parametrize(

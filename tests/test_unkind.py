@@ -1,10 +1,13 @@
 import inspect
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from compare import assert_same_bits
 from test_scenes import ids, render
-from yester.study import recording, scenes, sequences, unkind
+from yester.io import read_exr
+from yester.study import recording, scenes, sequences, unkind, unseen
+from yester.study.recording import record
 from yester.study.sequences import GROUPS, NAMES
 
 
@@ -27,11 +30,12 @@ def test_recordings_outlive_other_sequences(monkeypatch):
 
     def digests(changed):
         monkeypatch.setattr(inspect, "getsource", lambda module: source(module) + "#" * (module is changed))
-        return {name: recording._digest(sequences.find(name)) for name in ("cornell_box", "grass")}
+        return {name: recording._digest(sequences.find(name)) for name in ("cornell_box", "grass", "cut")}
 
     before = digests(None)
-    assert digests(unkind)["cornell_box"] == before["cornell_box"]
-    assert digests(unkind)["grass"] != before["grass"]
+    for module, name in ((unkind, "grass"), (unseen, "cut")):
+        after = digests(module)
+        assert {n for n in before if before[n] != after[n]} == {name}
     for module in (scenes, recording.renderer):
         assert not set(digests(module).values()) & set(before.values())
 
@@ -98,3 +102,119 @@ def test_fast_dolly(frames):
     distance = np.array([np.linalg.norm(camera.position) for camera in cameras])
     np.testing.assert_allclose(distance[1:16] / distance[:15][: len(distance[1:16])], 0.88)
     np.testing.assert_allclose(distance[17:] / distance[16:-1], 1 / 0.88)
+
+
+# Held out
+
+
+def test_brushed_metal():
+    """Roughness and normals vary where no buffer shows it: the reference has detail within one surface."""
+    sequence = unseen.brushed_metal(1, 64, 48)
+    number = ids(sequence)
+    (guide,) = render(sequence)
+    (clean,) = render(sequence, spp=64, buffers=False)
+    sheet = guide.ids == number["sheet"]
+    rows = [clean.color[y][sheet[y]].mean() for y in range(48) if sheet[y].sum() > 8]
+    assert np.std(rows) > 0.15 * np.mean(rows)
+    assert np.ptp(guide.albedo[sheet]) == 0
+
+
+def test_mist():
+    """The guides show the box of the mist, and its light is scattered."""
+    sequence = unseen.mist(1, 48, 36)
+    (frame,) = render(sequence)
+    bank = frame.ids == ids(sequence)["bank"]
+    assert 0.2 < bank.mean() < 0.7
+    assert (frame.albedo[bank] == 1).all()
+    assert frame.emission is None
+    assert frame.color[bank].std() > 0.1
+
+
+def test_caustics():
+    """On the table, one sample in thousands is many times brighter than nearly all others, and the mean is bright."""
+    sequence = unseen.caustics(1, 48, 36)
+    frames, (clean,) = [render(sequence, seed=seed)[0] for seed in range(6)], render(sequence, spp=128, buffers=False)
+    table = frames[0].ids == ids(sequence)["table"]
+    light = np.stack([frame.color[table].mean(-1) for frame in frames])
+    assert light.max() > 20 * np.percentile(light, 90)
+    assert clean.color[table].mean(-1).max() > 4 * np.percentile(clean.color[table].mean(-1), 90)
+
+
+def test_passer_by():
+    """It covers a fifth of the image and more, much faster than anything else moves."""
+    frames = render(unseen.passer_by(8, 48, 36))
+    ball = ids(unseen.passer_by(1))["ball"]
+    assert max((frame.ids == ball).mean() for frame in frames) > 0.2
+    speed = np.linalg.norm(frames[4].motion[..., :2], axis=-1)
+    assert np.median(speed[frames[4].ids == ball]) > 5 * np.median(speed[frames[4].ids != ball])
+
+
+@pytest.mark.parametrize("frames", [2, 7, 16])
+def test_cut(frames):
+    """The camera jumps once, in the middle."""
+    cameras = unseen.cut(frames, 24, 18).cameras
+    steps = [np.linalg.norm(b.position - a.position) for a, b in pairwise(cameras)]
+    assert [i + 1 for i, step in enumerate(steps) if step > 2] == [frames // 2]
+    assert sum(step > 1 for step in steps) == 1
+
+
+def test_shallow_focus(tmp_path):
+    """Samples of one pixel meet different surfaces at different instants, whose mean is the reference."""
+    sequence = unseen.shallow_focus(4, 48, 36)
+    options = {"frames": 4, "width": 48, "height": 36, "references": [2], "reference_spp": 192}
+    one, other = (record("shallow_focus", tmp_path, seed=seed, **options) for seed in (0, 10))
+    near = ids(sequence)["near post"]
+    seen = [shot.frame(2).ids == near for shot in (one, other)]
+    assert (seen[0] != seen[1]).mean() > 0.03
+    instants = [camera.position for camera, _ in sequence.instants[2]]
+    assert len({tuple(position) for position in instants}) == 6
+    assert_same_bits(instants[0], sequence.cameras[2].position)
+    # What the cube passes over while the shutter is open is neither all cube nor all background.
+    masks = []
+    for instant in (0, 5):
+        camera, poses = sequence.instants[2][instant]
+        (frame,) = render(scenes.Sequence(sequence.scene, [camera], [poses], [{}]))
+        masks.append(frame.ids == ids(sequence)["cube"])
+    mixed = one.frame(2).ids == ids(sequence)["cube"]
+    only = masks[1] & ~masks[0]
+    assert 0.05 < mixed[only].mean() < 0.95
+    # Noise is all that frames and the reference differ by.
+    frames = [next(recording._noisy(sequence, range(2, 3), seed)).color for seed in range(20, 32)]
+    reference = one.reference(2)
+    assert abs(np.mean(frames, 0) - reference).mean() < 0.5 * abs(frames[0] - reference).mean()
+    assert np.mean(frames) == pytest.approx(reference.mean(), rel=0.03)
+
+
+def test_exposures_come_back_as_they_were(tmp_path):
+    """Any file, with the same bits; the first frame stands still, and motion leads to the frame before."""
+    options = {"frames": 3, "width": 24, "height": 18, "reference_spp": 6, "seed": 3, "raw_albedo": True}
+    recording = record("shallow_focus", tmp_path, **options)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.exr")}
+    assert len(before) == 3 + 2 + 3
+    for path in (recording.frames[2], recording.references[1], recording.raw_albedo[0]):
+        path.unlink()
+    assert record("shallow_focus", tmp_path, **options) == recording
+    assert {path: path.read_bytes() for path in before} == before
+    assert not recording.frame(0).motion[recording.frame(0).motion[..., 2] == 0].any()
+    frame, sequence = recording.frame(2), unseen.shallow_focus(3, 24, 18)
+    still = (frame.ids > 0) & (frame.ids != ids(sequence)["cube"])
+    there, _ = sequence.cameras[1].project(frame.position)
+    here = np.stack(np.meshgrid(np.arange(24), np.arange(18)), -1) + 0.5
+    apart = (there - here - frame.motion[..., :2])[still]
+    assert np.abs(apart).max() < 3
+
+
+@pytest.mark.parametrize("name", ["black_plastic", "glassware", "shallow_focus"])
+def test_raw_albedo(tmp_path, name):
+    """It is the albedo of the frame's own samples, except on surfaces without a diffuse part."""
+    options = {"frames": 2, "width": 48, "height": 36, "references": ()}
+    recording = record(name, tmp_path, **options, raw_albedo=True)
+    assert record(name, tmp_path, **options).raw_albedo == {}
+    for i in range(2):
+        albedo, raw = recording.frame(i).albedo, read_exr(recording.raw_albedo[i]).color
+        specular = (albedo == 1).all(-1)
+        assert_same_bits(albedo[~specular], raw[~specular])
+        if name == "glassware":
+            assert (raw[specular] == 0).all(-1).mean() > 0.5
+        elif name == "black_plastic":
+            assert np.ptp(raw[specular]) > 0.5

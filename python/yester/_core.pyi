@@ -157,7 +157,7 @@ class SVGF(Pipeline):
     def __new__(
         cls,
         *,
-        alpha: float = 0.05,
+        alpha: float = 0.2,
         moments_alpha: float = 0.2,
         iterations: int = 4,
         radius: int = 1,

@@ -130,6 +130,8 @@ def _parser() -> argparse.ArgumentParser:
     chart.add_argument("--methods", metavar="METHOD", nargs="+", help="beginnings of names; by default, all")
     chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
     chart.add_argument("--ablate", action="store_true", help="instead, switch off each component in turn")
+    doors = "instead, give the frames with fewer or worse buffers: in these ways, by default all; also with --ablate"
+    chart.add_argument("--doors", metavar="DOOR", nargs="*", help=doors)
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
     groups = "names, tuning, held-out, unkind-tuning, unkind-held-out, or all (default)"
     render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
@@ -339,7 +341,7 @@ def _info(options: argparse.Namespace) -> None:
 
 def _chart(options: argparse.Namespace) -> None:
     _need("study", "OpenEXR", "PIL", "flip_evaluator", "matplotlib", "skimage", "tqdm")
-    from .study import ablation, points
+    from .study import ablation, doors, harm, points
     from .study.chart import chart
     from .study.methods import METHODS
     from .study.metrics import METRICS
@@ -355,6 +357,10 @@ def _chart(options: argparse.Namespace) -> None:
         metrics = [key for key in metrics or METRICS if METRICS[key].needs == "none"]
         if not metrics:
             raise ValueError(f"--metrics: expected some that do without --references, got {', '.join(options.metrics)}")
+    entered = [*doors.DOORS[: 1 if options.doors is None else None]]
+    if options.doors:
+        names = _known("--doors", options.doors, [door.name for door in doors.DOORS])
+        entered = [door for door in doors.DOORS if door.name in names]
     found, absent = ([], {}) if options.no_peers or options.ablate else peers()
     every = [*METHODS, *found]
     for one in options.methods or ():
@@ -369,11 +375,22 @@ def _chart(options: argparse.Namespace) -> None:
     if bare:
         print("no references: speed, and steadiness along motion alone, are measured", file=sys.stderr)
     recordings = list(given)
+    few = metrics or [*harm.LIMITS]
+
+    def tell(table: str, harmful: list[str], path: Path) -> None:
+        print(table)
+        if harm.LIMITS.keys() & few:
+            print("", f"cases of harm: {len(harmful)}", *harmful, sep="\n")
+        print(path)
+
     if options.ablate:
-        chosen = {"metrics": metrics} if metrics else {}
-        effects = ablation.ablate(recordings, folder, **chosen)
-        print(ablation.table([e for e in effects if e.scene == effects[-1].scene]))
-        print(folder / "ablation.csv")
+        effects = ablation.ablate(recordings, folder, metrics=few, doors=entered)
+        tell(ablation.table(effects), ablation.harmful(effects), folder / "ablation.csv")
+        return
+    if options.doors is not None:
+        chosen = methods if options.methods else doors.METHODS
+        worth = doors.measure_doors(recordings, chosen, folder, metrics=few, doors=entered)
+        tell(doors.table(worth), doors.harmful(worth), folder / "doors.csv")
         return
     threads, instructions = settings()
     about = f"yester {__version__}, {threads} threads, {instructions}"
@@ -397,6 +414,7 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
         _writable(options.cache)
     width, height = options.size
     shape = {"frames": options.length, "width": width, "height": height, "reference_spp": options.reference_spp}
+    shape["raw_albedo"] = options.doors is not None
     names = dict.fromkeys(name for one in asked for name in GROUPS.get(one, (one,)))
     return (record(name, options.cache, **shape) for name in names)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import inspect
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,13 +14,15 @@ import numpy as np
 from yester import SVGF, TAA, Frame
 from yester.io.files import beside
 
+from . import harm
 from .chart import measure
+from .doors import DOORS, FULL, Door, known_doors, through
 from .methods import Method, Result, Step, pipeline
-from .metrics import METRICS, Metric, metric
+from .metrics import metric
 from .points import ALL, Point
 from .recording import Recording
 
-__all__ = ["ABLATIONS", "Ablation", "Effect", "ablate", "table"]
+__all__ = ["ABLATIONS", "Ablation", "Effect", "ablate", "harmful", "table"]
 
 #: A threshold that nothing exceeds.
 _ENDLESS = 1e30
@@ -94,8 +97,24 @@ def _ablation(whole: Method, component: str, start: Callable[[], Step], *, added
     return Ablation(component, Method(f"{whole.name} {sign} {component}", whole.family, start), whole, added)
 
 
+def _switch(name: str) -> Ablation:
+    """SVGF with one of its switches the other way: without the component if the default has it, else with it."""
+    default = bool(inspect.signature(SVGF).parameters[name].default)
+    return _ablation(_SVGF, _SWITCHES[name], pipeline(SVGF, **{name: not default}), added=not default)
+
+
+#: By keyword of `SVGF`, the components that are on or off.
+_SWITCHES = {
+    "fireflies": "fireflies",
+    "gradient": "gradient",
+    "antialias": "antialiasing",
+    "feedback": "feedback",
+    "by_confidence": "shares by confidence",
+}
+
 #: Every component of `SVGF` and `TAA`.
 ABLATIONS = (
+    *map(_switch, _SWITCHES),
     *(
         _ablation(_SVGF, component, start)
         for component, start in {
@@ -104,7 +123,6 @@ ABLATIONS = (
             "id test and weight": _without("ids"),
             "normals": _without("normal", "object_normal"),
             "demodulation": _without("albedo", "emission"),
-            "gradient": pipeline(SVGF, gradient=False),
             "reflections": pipeline(SVGF, reflections=()),
             # Above the longest history.
             "temporal variance": pipeline(SVGF, min_length=21),
@@ -112,12 +130,10 @@ ABLATIONS = (
             "luminance weight": pipeline(SVGF, sigma_luminance=_ENDLESS),
             "normal weight": pipeline(SVGF, sigma_normal=0),
             "plane weight": pipeline(SVGF, sigma_plane=_ENDLESS, sigma_depth=_ENDLESS),
-            "long memory": pipeline(SVGF, alpha=0.2),
             "all passes": pipeline(SVGF, iterations=0),
             "passes after 1": pipeline(SVGF, iterations=1),
             "passes after 2": pipeline(SVGF, iterations=2),
             "passes after 3": pipeline(SVGF, iterations=3),
-            "antialiasing": pipeline(SVGF, antialias=False),
             "dilation": _antialiased(dilate="none"),
             "clip": _antialiased(gamma=_ENDLESS),
             "cubic history": _antialiased(filter="bilinear"),
@@ -127,12 +143,11 @@ ABLATIONS = (
     *(
         _ablation(_SVGF, component, start, added=True)
         for component, start in {
-            "fireflies": pipeline(SVGF, fireflies=True),
+            "long memory": pipeline(SVGF, alpha=0.05),
             "pass 5": pipeline(SVGF, iterations=5),
             "5×5 taps": pipeline(SVGF, radius=2),
             "tolerance of 4 sigma": pipeline(SVGF, sigma_luminance=4),
             "6 distances": pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf)),
-            "feedback": pipeline(SVGF, feedback=True),
             "soft thresholds": pipeline(
                 SVGF, relative_depth=(0.05, 0.15), plane_distance=(0.005, 0.015), normal_angle=(15, 35)
             ),
@@ -165,12 +180,14 @@ class Effect:
     added : bool
         Whether the default is without it.
     gains : dict of str to float
-        By metric, how much better the result is with the component than without: in dB for metrics in dB, otherwise as
-        a share of the value without. Negative where it harms.
-    better : dict of str to int
-        By metric, on how many sequences it gains.
+        By metric, how much better the result is with the component than without, as `harm.gains` has it. Negative where
+        it harms.
     ms : float
         What it costs in a frame.
+    door : str, default FULL
+        Name of the door through which the frames came.
+    default : bool, default True
+        Whether the pipeline is one as it comes.
     """
 
     scene: str
@@ -178,15 +195,28 @@ class Effect:
     component: str
     added: bool
     gains: dict[str, float]
-    better: dict[str, int]
     ms: float
+    door: str = FULL
+    default: bool = True
+
+    @property
+    def name(self) -> str:
+        """Of the component in its pipeline."""
+        return f"{self.pipeline} {'+' if self.added else '-'} {self.component}"
+
+    @property
+    def case(self) -> str:
+        """Of the sequence, and of the door if it is a poor one."""
+        return self.scene if self.door == FULL else f"{self.scene}, {self.door}"
 
 
 def ablate(
     recordings: Sequence[Recording],
     folder: Path,
     *,
-    metrics: Iterable[str] = ("psnr", "relmse", "flip", "temporal_error"),
+    metrics: Iterable[str] = tuple(harm.LIMITS),
+    doors: Sequence[Door] = DOORS[:1],
+    ablations: Sequence[Ablation] = ABLATIONS,
 ) -> list[Effect]:
     """Switch off every component in turn, on every sequence.
 
@@ -200,11 +230,16 @@ def ablate(
         Made if it does not exist.
     metrics : iterable of str
         Keys of `yester.study.metrics.METRICS`.
+    doors : sequence of Door, default the full one
+        Through which the frames come. Through poor ones, only components that are on by default are looked at. Doors
+        that want raw albedo are left out for recordings without.
+    ablations : sequence of Ablation, default ABLATIONS
+        Which components are switched.
 
     Returns
     -------
     list of Effect
-        Of each scene, and if there are several, their means.
+        Of each scene and door, and if there are several scenes, their means by door.
 
     Raises
     ------
@@ -212,57 +247,86 @@ def ablate(
         If a metric is unknown.
     """
     keys = [metric(key).key for key in metrics]
-    wholes = dict.fromkeys(ablation.whole for ablation in ABLATIONS)
-    methods = [*wholes, *(ablation.method for ablation in ABLATIONS)]
     effects = []
     for recording in recordings:
-        points = measure(recording, methods, folder / "ablation", metrics=keys, images=0)
-        found = {point.method: point for point in points}
-        effects += [_effect(ablation, found) for ablation in ABLATIONS]
+        for door in known_doors(recording, doors):
+            poor = door.name != FULL
+            chosen = [each for each in ablations if not (poor and each.added)]
+            methods = [*dict.fromkeys(each.whole for each in chosen), *(each.method for each in chosen)]
+            place = folder / "ablation" / door.name if poor else folder / "ablation"
+            passed = [through(door, method, recording) for method in methods]
+            _, *points = measure(recording, passed, place, metrics=keys, images=0)
+            found = {method.name: point for method, point in zip(methods, points, strict=True)}
+            effects += [_effect(each, found, door.name) for each in chosen]
     if len(recordings) > 1:
         effects += [_mean([e for e in effects if _key(e) == key]) for key in dict.fromkeys(map(_key, effects))]
     with beside(folder / "ablation.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["scene", "pipeline", "component", "added", "ms", *keys])
+        writer.writerow(["scene", "pipeline", "component", "added", "ms", *keys, "door"])
         for e in effects:
-            writer.writerow([e.scene, e.pipeline, e.component, int(e.added), e.ms, *(e.gains.get(k, "") for k in keys)])
+            row = [e.scene, e.pipeline, e.component, int(e.added), e.ms, *(e.gains.get(k, "") for k in keys), e.door]
+            writer.writerow(row)
     return effects
 
 
 def table(effects: Sequence[Effect]) -> str:
-    """Write the effects of one scene, or their means, as text: gains, and on how many sequences there is one."""
-    keys = list(dict.fromkeys(key for effect in effects for key in effect.gains))
-    rows = [f"{'':<32}" + "".join(f"{key:>20}" for key in keys) + f"{'costs ms':>12}"]
+    """Write the effects as text: mean gains, in how many cases there is one, and the worst case with its name."""
+    rows: dict[str, dict[str, Effect]] = {}
+    for effect in effects:
+        if effect.scene != ALL:
+            rows.setdefault(effect.name, {})[effect.case] = effect
+    return harm.table(
+        {name: {case: e.gains for case, e in cases.items()} for name, cases in rows.items()},
+        {name: float(np.mean([e.ms for e in cases.values()])) for name, cases in rows.items()},
+    )
+
+
+def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
+    """Say which components that are on by default harm which sequences.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        What `ablate` gives.
+    limits : mapping of str to float, default `harm.LIMITS`
+        By metric, the largest loss that is no harm.
+
+    Returns
+    -------
+    list of str
+        One for each component and case, worst loss by its limit first. Not those that `harm.EXCEPTIONS` has, if the
+        component gains enough there in another metric.
+    """
+    found = []
     for e in effects:
-        name = f"{e.pipeline} {'+' if e.added else '-'} {e.component}"
-        cells = [_cell(METRICS[key], e.gains[key], e.better[key]) if key in e.gains else "" for key in keys]
-        rows.append(f"{name:<32}" + "".join(f"{cell:>20}" for cell in cells) + f"{e.ms:>12.1f}")
-    return "\n".join(rows)
+        if e.scene == ALL or e.added or not e.default:
+            continue
+        bad = harm.harms(e.gains, limits)
+        left = harm.harms(e.gains, limits, excused=True)
+        if bad and (left or (e.name, e.scene) not in harm.EXCEPTIONS):
+            losses = ", ".join(f"{key} {harm.amount(key, e.gains[key])}" for key in bad)
+            gained = "" if left else " (made good in another metric, but no listed exception)"
+            found.append((min(e.gains[key] / limits[key] for key in bad), f"{e.name}, {e.case}: {losses}{gained}"))
+    return [text for _, text in sorted(found)]
 
 
-def _cell(each: Metric, gain: float, better: int) -> str:
-    return f"{gain:+.2f} dB ({better:2})" if _in_db(each) else f"{100 * gain:+.1f} % ({better:2})"
+def _key(effect: Effect) -> tuple[str, str]:
+    return effect.name, effect.door
 
 
-def _in_db(each: Metric) -> bool:
-    return "dB" in each.label
-
-
-def _key(effect: Effect) -> tuple[str, str, bool]:
-    return effect.pipeline, effect.component, effect.added
-
-
-def _effect(ablation: Ablation, points: dict[str, Point]) -> Effect:
+def _effect(ablation: Ablation, points: dict[str, Point], door: str) -> Effect:
     whole, switched = points[ablation.whole.name], points[ablation.method.name]
     having, lacking = (switched, whole) if ablation.added else (whole, switched)
-    gains = {}
-    for key, without in lacking.values.items():
-        each = METRICS[key]
-        better = (having.values[key] - without) * (1 if each.higher_is_better else -1)
-        gains[key] = better if _in_db(each) else better / max(abs(without), 1e-9)
-    counts = {key: int(gain > 0) for key, gain in gains.items()}
-    pipeline, cost = ablation.whole.name, having.ms - lacking.ms
-    return Effect(whole.scene, pipeline, ablation.component, ablation.added, gains, counts, cost)
+    return Effect(
+        whole.scene,
+        ablation.whole.name,
+        ablation.component,
+        ablation.added,
+        harm.gains(having.values, lacking.values),
+        having.ms - lacking.ms,
+        door,
+        ablation.whole.default,
+    )
 
 
 def _mean(effects: Sequence[Effect]) -> Effect:
@@ -272,6 +336,5 @@ def _mean(effects: Sequence[Effect]) -> Effect:
         first,
         scene=ALL,
         gains={key: float(np.mean([effect.gains[key] for effect in effects])) for key in keys},
-        better={key: sum(effect.better[key] for effect in effects) for key in keys},
         ms=float(np.mean([effect.ms for effect in effects])),
     )

@@ -6,22 +6,25 @@ import hashlib
 import inspect
 import os
 import sys
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import metadata
+from itertools import islice
 from operator import index
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from yester import Frame
+from yester import Camera, Frame
 from yester.io import describe, read_exr, sequence_paths, write_exr
 from yester.io import mitsuba as renderer
 
 from . import scenes, sequences
+from .unseen import Exposure
 
 __all__ = ["Recording", "open_recording", "record"]
 
@@ -33,7 +36,7 @@ _REFERENCE_SEEDS = 100_000
 
 
 #: Sequences whose references need more samples than others.
-_HARD = ("many_lights", "switched_light")
+_HARD = ("many_lights", "switched_light", "naked_lamps", "caustics", "mist")
 
 
 @dataclass(frozen=True)
@@ -48,11 +51,15 @@ class Recording:
         EXR files in order, of one size, all of them with colour.
     references : dict of int to Path
         By index of the frame, the EXR file of what it would be without noise. May be empty.
+    raw_albedo : dict of int to Path
+        By index of the frame, the EXR file whose colour is the albedo as the renderer's own buffer has it. Empty unless
+        asked for.
     """
 
     name: str
     frames: list[Path]
     references: dict[int, Path]
+    raw_albedo: dict[int, Path] = field(default_factory=dict)
 
     def frame(self, index: int) -> Frame:
         """Read a noisy frame."""
@@ -82,6 +89,7 @@ def record(
     seed: int = 0,
     references: Iterable[int] | None = None,
     reference_spp: int | None = None,
+    raw_albedo: bool = False,
 ) -> Recording:
     """Render a sequence of `scenes`, or what is not yet in the cache.
 
@@ -105,7 +113,11 @@ def record(
         Which frames get one: by default the second half, in which methods with memory have warmed up. Measures of
         change need pairs in a row.
     reference_spp : int, optional
-        Samples per pixel of references: by default 256, or 512 where small lights make more noise.
+        Samples per pixel of references: by default 256, or 512 where small lights make more noise. With motion blur,
+        rounded up to a multiple of the instants.
+    raw_albedo : bool, default False
+        Also record the albedo of every noisy frame as Mitsuba's ``aov`` integrator gives it: 0 on glass and mirrors,
+        anything from 0 to above 1 on rough metals, where `render_sequence` has 1.
 
     Returns
     -------
@@ -136,9 +148,11 @@ def record(
     folder = (Path(cache) if cache else _cache()) / f"{name}-{frames}x{width}x{height}-{_digest(make)}"
     noisy = {i: folder / f"noisy-{seed}" / f"frame_{i:04}.exr" for i in range(frames)}
     clean = {i: folder / f"reference-{reference_spp}" / f"frame_{i:04}.exr" for i in chosen}
-    _fill(noisy, f"{name}, frames", sequence, spp=1, seed=seed, buffers=True)
-    _fill(clean, f"{name}, references", sequence, spp=reference_spp, seed=_REFERENCE_SEEDS, buffers=False)
-    return Recording(name, [*noisy.values()], clean)
+    raw = {i: folder / f"albedo-{seed}" / f"frame_{i:04}.exr" for i in range(frames if raw_albedo else 0)}
+    _fill(noisy, f"{name}, frames", lambda part: _noisy(sequence, part, seed))
+    _fill(clean, f"{name}, references", lambda part: _clean(sequence, part, reference_spp))
+    _fill(raw, f"{name}, albedo", lambda part: _raw_albedo(sequence, part, seed))
+    return Recording(name, [*noisy.values()], clean, raw)
 
 
 def open_recording(
@@ -224,7 +238,7 @@ def _digest(make: sequences.Make) -> str:
     return made.hexdigest()[:12]
 
 
-def _fill(paths: dict[int, Path], what: str, sequence: scenes.Sequence, *, spp: int, seed: int, buffers: bool) -> None:
+def _fill(paths: dict[int, Path], what: str, render: Callable[[range], Iterable[Frame]]) -> None:
     """Render the frames whose files are not there, each with the bits that it would have among all."""
     absent = [i for i, path in paths.items() if not path.exists()]
     if not absent:
@@ -235,18 +249,97 @@ def _fill(paths: dict[int, Path], what: str, sequence: scenes.Sequence, *, spp: 
     stops = [i + 1 for i in absent if i + 1 not in absent]
     with tqdm(total=len(absent), desc=what, unit="frame", disable=None) as progress:
         for start, stop in zip(starts, stops, strict=True):
-            # Motion wants the frame before; it is rendered for that and dropped.
-            part = slice(max(start - buffers, 0), stop)
-            rendered = renderer.render_sequence(
-                sequence.scene,
-                sequence.cameras[part],
-                spp=spp,
-                seed=seed + part.start,
-                transforms=sequence.transforms[part],
-                parameters=sequence.parameters[part],
-                buffers=buffers,
-            )
-            for i, frame in enumerate(rendered, part.start):
-                if i >= start:
-                    write_exr(paths[i], frame)
-                    progress.update()
+            part = range(start, stop)
+            for i, frame in zip(part, render(part), strict=True):
+                write_exr(paths[i], frame)
+                progress.update()
+
+
+def _noisy(sequence: scenes.Sequence, part: range, seed: int) -> Iterator[Frame]:
+    """Frames of one sample per pixel, with all buffers."""
+    if isinstance(sequence, Exposure):
+        scene = renderer._Stage(sequence.scene).scene
+        for i in part:
+            # With the frame before, to which motion leads; that has another seed and is dropped.
+            before = [(sequence.cameras[i - 1], sequence.transforms[i - 1])] if i else []
+            shots = [
+                [*_shots(scene, [*before, instant], sequence.parameters[i], seed + i - len(before))][-1]
+                for instant in sequence.instants[i]
+            ]
+            which = _instants(sequence, i, seed, shots[0].shape)
+            buffers = {name: _picked([shot.buffers()[name] for shot in shots], which) for name in shots[0].buffers()}
+            yield Frame(**buffers, camera=sequence.cameras[i])
+        return
+    # Motion wants the frame before; it is rendered for that and dropped.
+    lead = min(part.start, 1)
+    span = slice(part.start - lead, part.stop)
+    rendered = renderer.render_sequence(
+        sequence.scene,
+        sequence.cameras[span],
+        seed=seed + span.start,
+        transforms=sequence.transforms[span],
+        parameters=sequence.parameters[span],
+    )
+    yield from islice(rendered, lead, None)
+
+
+def _clean(sequence: scenes.Sequence, part: range, spp: int) -> Iterator[Frame]:
+    """Frames of many samples per pixel, colour alone."""
+    if isinstance(sequence, Exposure):
+        for i in part:
+            instants = sequence.instants[i]
+            count = len(instants)
+            options = {"spp": -(-spp // count), "buffers": False}
+            shots = _shots(sequence.scene, instants, sequence.parameters[i], _REFERENCE_SEEDS + i * count, **options)
+            yield Frame(np.mean([shot.color for shot in shots], 0), camera=sequence.cameras[i])
+        return
+    span = slice(part.start, part.stop)
+    yield from renderer.render_sequence(
+        sequence.scene,
+        sequence.cameras[span],
+        spp=spp,
+        seed=_REFERENCE_SEEDS + span.start,
+        transforms=sequence.transforms[span],
+        parameters=sequence.parameters[span],
+        buffers=False,
+    )
+
+
+def _raw_albedo(sequence: scenes.Sequence, part: range, seed: int) -> Iterator[Frame]:
+    """What the renderer's own buffer of albedo has for the samples of `_noisy`."""
+    stage = renderer._Stage(sequence.scene)
+    poses = [stage.poses(named) for named in sequence.transforms]
+    values = [stage.values(named) for named in sequence.parameters]
+
+    def albedo(i: int, camera: Camera, pose: dict[str, Any]) -> NDArray[Any]:
+        stage.arrange(pose, values[i])
+        return stage.hit(stage.mi.load_dict(stage.sensor(camera)), seed + i)["albedo"]
+
+    for i in part:
+        if isinstance(sequence, Exposure):
+            layers = [albedo(i, *instant) for instant in sequence.instants[i]]
+            raw = _picked(layers, _instants(sequence, i, seed, layers[0].shape[:2]))
+        else:
+            raw = albedo(i, sequence.cameras[i], poses[i])
+        yield Frame(raw, camera=sequence.cameras[i])
+
+
+def _shots(
+    scene: Any, instants: list[tuple[Camera, Any]], parameters: dict[str, Any], seed: int, **options: Any
+) -> Iterator[Frame]:
+    """The instants of one frame."""
+    cameras, transforms = zip(*instants, strict=True)
+    same = [parameters] * len(cameras)
+    return renderer.render_sequence(scene, cameras, seed=seed, transforms=transforms, parameters=same, **options)
+
+
+def _instants(sequence: Exposure, frame: int, seed: int, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """At which instant each pixel of a noisy frame has its sample."""
+    return np.random.default_rng([seed, frame]).integers(len(sequence.instants[frame]), size=shape)
+
+
+def _picked(layers: list[NDArray[Any]], which: NDArray[np.int64]) -> NDArray[Any]:
+    """For each pixel, the value of the layer whose number it has."""
+    rows, columns = np.indices(which.shape)
+    picked: NDArray[Any] = np.stack(layers)[which, rows, columns]
+    return picked

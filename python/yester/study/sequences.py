@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeAlias
 
-from . import scenes, unkind
+from . import scenes, unkind, unseen
 
 __all__ = ["GROUPS", "NAMES", "Make", "find"]
 
@@ -18,6 +18,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "tuning": scenes.TUNING,
     "held-out": scenes.HELD_OUT,
     "unkind-tuning": unkind.NAMES,
+    "unkind-held-out": unseen.NAMES,
 }
 NAMES = tuple(name for group in GROUPS.values() for name in group)
 GROUPS["all"] = NAMES
@@ -25,7 +26,7 @@ GROUPS["all"] = NAMES
 
 def find(name: str) -> Make:
     """Look a sequence up by its name; ValueError if there is none."""
-    for module in (scenes, unkind):
+    for module in (scenes, unkind, unseen):
         if name in NAMES and hasattr(module, name):
             make: Make = getattr(module, name)
             return make

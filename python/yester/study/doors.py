@@ -1,0 +1,257 @@
+"""Poor doors: frames that come with fewer, worse or differently coded buffers, and what that costs each method."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yester import Frame
+from yester.io import read_exr
+from yester.io.files import beside
+
+from . import harm
+from .chart import measure
+from .methods import PIPELINES, Method, Result, Step
+from .metrics import metric
+from .recording import Recording
+
+__all__ = ["DOORS", "FULL", "METHODS", "Door", "Worth", "harmful", "known_doors", "measure_doors", "table", "through"]
+
+#: The name of the door through which frames come as they were recorded.
+FULL = "every buffer"
+
+
+@dataclass(frozen=True)
+class Door:
+    """One way in which frames arrive.
+
+    Attributes
+    ----------
+    name : str
+        What is missing or different.
+    take : callable
+        Makes the frame that arrives of a recorded one; also given the albedo as the renderer's own buffer has it.
+    richer : tuple of str
+        Names of the doors that give everything that this one gives, and one thing more: what comes through them should
+        not be worse.
+    raw : bool
+        Whether `take` wants the renderer's albedo; otherwise it is given None.
+    """
+
+    name: str
+    take: Callable[[Frame, NDArray[np.float32] | None], Frame]
+    richer: tuple[str, ...] = (FULL,)
+    raw: bool = False
+
+
+def _changed(frame: Frame, **changes: Any) -> Frame:
+    """The frame with other buffers or another camera; None leaves one out."""
+    return Frame(**{**frame.buffers(), "camera": frame.camera, "jitter": frame.jitter, **changes})
+
+
+def _lacking(*names: str) -> Callable[[Frame, object], Frame]:
+    return lambda frame, _: _changed(frame, **dict.fromkeys(names))
+
+
+def _only(*names: str) -> Callable[[Frame, object], Frame]:
+    return lambda frame, _: _changed(Frame(frame.color), **{name: getattr(frame, name) for name in names})
+
+
+def _flat_motion(frame: Frame, _: object, **changes: Any) -> Frame:
+    return _changed(frame, motion=None if frame.motion is None else frame.motion[..., :2], **changes)
+
+
+def _raw_albedo(frame: Frame, raw: NDArray[np.float32] | None, **changes: Any) -> Frame:
+    return _changed(frame, albedo=raw, **changes)
+
+
+def _misses(frame: Frame, _: object, *, depth: float) -> Frame:
+    """As renderers write that do not mark by infinity where nothing was hit."""
+    coded: dict[str, Any] = {}
+    if frame.depth is not None:
+        coded["depth"] = np.where(np.isfinite(frame.depth), frame.depth, np.float32(depth))
+    if frame.position is not None:
+        coded["position"] = np.where(np.isfinite(frame.position), frame.position, np.float32(0))
+    return _changed(frame, **coded)
+
+
+#: All of them, the full one first.
+DOORS = (
+    Door(FULL, lambda frame, _: frame, richer=()),
+    Door("no emission", _lacking("emission")),
+    Door("raw albedo", _raw_albedo, raw=True),
+    Door(
+        "raw albedo, no emission", partial(_raw_albedo, emission=None), richer=("no emission", "raw albedo"), raw=True
+    ),
+    Door(
+        "no albedo",
+        _lacking("albedo", "emission"),
+        richer=(FULL, "no emission", "raw albedo", "raw albedo, no emission"),
+    ),
+    Door("2-channel motion", _flat_motion),
+    Door("no camera", _lacking("camera")),
+    Door("2-channel motion, no camera", partial(_flat_motion, camera=None), richer=("2-channel motion", "no camera")),
+    Door("no motion", _lacking("motion"), richer=(FULL, "2-channel motion")),
+    Door("no ids", _lacking("ids")),
+    Door("no normals", _lacking("normal", "object_normal")),
+    Door("misses have depth 0", partial(_misses, depth=0)),
+    Door("misses have depth 1e10", partial(_misses, depth=1e10)),
+    Door(
+        "no depth",
+        _lacking("depth", "position"),
+        richer=(FULL, "misses have depth 0", "misses have depth 1e10"),
+    ),
+    Door("depth alone", _only("depth", "motion")),
+    Door("motion alone", _only("motion"), richer=(FULL, "depth alone")),
+)
+
+
+#: The pipelines that are run through all doors by default.
+METHODS = tuple(method for method in PIPELINES if method.name in ("SVGF", "BMFR", "TAA best"))
+
+
+def through(door: Door, method: Method, recording: Recording) -> Method:
+    """A method on the frames of a recording as they come through a door.
+
+    Parameters
+    ----------
+    door : Door
+        One of `DOORS`.
+    method : Method
+        What to run.
+    recording : Recording
+        The one whose frames the method will get, in order; with raw albedo if the door wants it.
+
+    Returns
+    -------
+    Method
+        Named after both.
+    """
+
+    def start() -> Step:
+        step, numbers = method.start(), count()
+
+        def step_through(frame: Frame, /) -> Result:
+            number = next(numbers)
+            raw = read_exr(recording.raw_albedo[number]).color if door.raw else None
+            return step(door.take(frame, raw))
+
+        return step_through
+
+    return (
+        method if door.name == FULL else replace(method, name=f"{method.name}, {door.name}", start=start, default=False)
+    )
+
+
+def known_doors(recording: Recording, doors: Iterable[Door]) -> list[Door]:
+    """The doors that a recording has: without its raw albedo, those that want it are left out."""
+    return [door for door in doors if recording.raw_albedo or not door.raw]
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a method makes of one sequence through two doors, of which one is richer.
+
+    Attributes
+    ----------
+    scene, method : str
+        Names of the recording and of the method.
+    door, richer : str
+        Names of the doors that are compared.
+    poor, rich : dict of str to float
+        By metric, the values through each.
+    """
+
+    scene: str
+    method: str
+    door: str
+    richer: str
+    poor: dict[str, float]
+    rich: dict[str, float]
+
+
+def measure_doors(
+    recordings: Sequence[Recording],
+    methods: Sequence[Method],
+    folder: Path,
+    *,
+    doors: Sequence[Door] = DOORS,
+    metrics: Iterable[str] = tuple(harm.LIMITS),
+) -> list[Worth]:
+    """Run methods through all doors on every sequence.
+
+    Writes `doors.csv`; what is measured is kept below `doors/`, from which an interrupted run goes on.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        With different names. Doors that want raw albedo are left out for those without.
+    methods : sequence of Method
+        With different names.
+    folder : Path
+        Made if it does not exist.
+    doors : sequence of Door, default DOORS
+        The full one is always among them.
+    metrics : iterable of str
+        Keys of `yester.study.metrics.METRICS`.
+
+    Returns
+    -------
+    list of Worth
+        Of each sequence, method and door, against each richer door among `doors`, the full one first.
+
+    Raises
+    ------
+    ValueError
+        If a metric is unknown.
+    """
+    keys = [metric(key).key for key in metrics]
+    chosen = [DOORS[0], *(door for door in doors if door.name != FULL)]
+    rows, found = [], []
+    for recording in recordings:
+        here = known_doors(recording, chosen)
+        pairs = [(method, door) for method in methods for door in here]
+        passed = [through(door, method, recording) for method, door in pairs]
+        _, *points = measure(recording, passed, folder / "doors", metrics=keys, images=0)
+        values = {(method.name, door.name): point.values for (method, door), point in zip(pairs, points, strict=True)}
+        for names, value in values.items():
+            rows.append([recording.name, *names, *(value.get(key, "") for key in keys)])
+        for method, door in pairs:
+            for richer in dict.fromkeys((FULL, *door.richer)):
+                if richer != door.name and (method.name, richer) in values:
+                    both = values[method.name, door.name], values[method.name, richer]
+                    found.append(Worth(recording.name, method.name, door.name, richer, *both))
+    with beside(folder / "doors.csv") as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["scene", "method", "door", *keys])
+        writer.writerows(rows)
+    return found
+
+
+def table(found: Sequence[Worth]) -> str:
+    """Write how much better each door is than the full one: its losses are negative, on average and at worst."""
+    rows: dict[str, dict[str, dict[str, float]]] = {}
+    for each in found:
+        if each.richer == FULL:
+            rows.setdefault(f"{each.method}, {each.door}", {})[each.scene] = harm.gains(each.poor, each.rich)
+    return harm.table(rows)
+
+
+def harmful(found: Sequence[Worth], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
+    """Say where a door is worse than one that gives one thing less, by more than the limits of its metrics."""
+    one_more = {(door.name, richer) for door in DOORS for richer in door.richer}
+    lines = []
+    for each in found:
+        gained = harm.gains(each.rich, each.poor)
+        if (each.door, each.richer) in one_more and (bad := harm.harms(gained, limits)):
+            losses = ", ".join(f"{key} {harm.amount(key, gained[key])}" for key in bad)
+            lines.append(f"{each.method}, {each.scene}: {each.richer} is worse than {each.door}: {losses}")
+    return lines
