@@ -445,11 +445,40 @@ class BMFR:
 
 
 class Recirculation:
-    def __init__(self, *, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1):
-        self.pyramid = {"factor": factor, "levels": levels}
-        self.blend = {"share": share, "fade": fade, "limit": limit}
-        self.blur, self.tolerance = blur, np.float32(tolerance)
+    BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat"}  # noqa: RUF012
+    BEST |= {"blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
+    SEED = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}  # noqa: RUF012
+
+    def __init__(self, preset="best", **given):
+        params = self.BEST | (self.SEED if preset == "seed" else {}) | given
+        self.pyramid = {name: params[name] for name in ("factor", "levels")}
+        self.blend = {name: params[name] for name in ("share", "fade", "limit")}
+        self.blur, self.tolerance = params["blur"], np.float32(params["tolerance"])
+        self.nearness, self.fetches = params["nearness"], params["history"] == "fetch"
         self.points = self.camera = None
+
+    def weight(self, inverse: np.ndarray) -> np.ndarray:
+        power = np.ones_like(inverse)
+        for _ in range(self.nearness):
+            power = power * inverse
+        return np.maximum(power, np.float32(1e-24))
+
+    def fetched(self, filled, fresh, frame) -> tuple:
+        """Colour, quality and confidence, by the image that was shown last."""
+        height, width = fresh.shape
+        before = self.camera or frame.camera
+        nothing = np.zeros_like(frame.color), np.zeros_like(fresh)
+        old, known = self.points or nothing
+        with np.errstate(divide="ignore"):
+            motion = yester.motion_vectors(1 / filled[..., 3], frame.camera, before) + filled[..., 4:]
+        images = filled[..., :3], fresh, old, known, motion
+        shown, quality = yester.recirculate(*images, blur=self.blur, fetch=True, **self.blend)
+        inside, (x, y) = np.isfinite(motion[..., :2]).all(-1), np.indices((width, height)).transpose(0, 2, 1)
+        step = np.where(inside[..., None], motion[..., :2], np.float32(0))
+        x, y = (np.floor(np.float32(at) + np.float32(0.5) + step[..., c]) for c, at in enumerate((x, y)))
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        found = inside & (known[y.clip(0, height - 1).astype(int), x.clip(0, width - 1).astype(int)] > 0)
+        return shown, quality, found
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
         height, width = frame.shape
@@ -472,6 +501,24 @@ class Recirculation:
                 drift[..., :channels] = frame.motion - still[..., :channels]
             drift = np.where(np.isfinite(drift), drift, np.float32(0))
 
+        with np.errstate(divide="ignore", invalid="ignore"):
+            samples = np.where(traced[..., None], np.dstack([frame.color, 1 / depth, drift]), np.float32(np.nan))
+            weights = self.weight(samples[..., 3]) if self.nearness else None
+            filled, fresh = yester.pull_push(samples, weights, **self.pyramid)
+            if self.nearness:
+                fresh = np.where(fresh > 0, fresh / self.weight(filled[..., 3]), np.float32(0))
+        if self.fetches:
+            shown, quality, kept = self.fetched(filled, fresh, frame)
+            rejection = (~kept if self.points else np.zeros_like(kept)).astype(np.uint8)
+            self.points, self.camera = (shown, quality), frame.camera
+            return SimpleNamespace(
+                color=blacken(shown),
+                history_length=quality,
+                confidence=kept.astype(np.float32),
+                rejection=rejection,
+                missing=int((~traced).sum()),
+            )
+
         if self.points is None:
             color, place, quality = (
                 np.zeros((height, width, 6), np.float32),
@@ -492,8 +539,6 @@ class Recirculation:
             gone = known & traced & ~((np.abs(place - depth) <= self.tolerance * depth) | (place == depth))
             quality = np.where(gone, np.float32(0), quality)
             kept = quality > 0
-            samples = np.where(traced[..., None], np.dstack([frame.color, 1 / depth, drift]), np.float32(np.nan))
-            filled, fresh = yester.pull_push(samples, **self.pyramid)
             fresh = np.where(~traced & (quality > 8 * fresh), np.float32(0), fresh)
             place = np.where(traced, depth, np.where(kept, place, 1 / filled[..., 3]))
         offset = np.where(traced[..., None], own, np.where(kept[..., None], offset, np.float32(0)))

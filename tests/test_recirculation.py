@@ -34,8 +34,15 @@ def check(given: tuple, **named) -> tuple:
     got = yester.recirculate(*given, **named)
     want = reference.recirculate(*tensor(given), **named)
     assert all(image.dtype == np.float32 for image in got)
+    clear = None
+    if named.get("fetch"):
+        # Means by next to no weight are not precise.
+        known = (given[3] > 0).astype(np.float32)
+        whole = {"fetch": True, "fade": np.inf, "limit": np.inf}
+        weight = yester.recirculate(given[0], 0 * known, given[2], known, given[4], **whole)[1]
+        clear = (weight == 0) | (weight > 0.05)
     # Where a place lies on the border of what is known, a weight of almost nothing decides whether it is.
-    assert_close("recirculate color", got[0], want[0], rtol=2e-5, flips=got[1].size // 500)
+    assert_close("recirculate color", got[0], want[0], rtol=2e-5, where=clear, flips=got[1].size // 500)
     assert_close("recirculate quality", got[1], want[1])
     return got
 
@@ -48,14 +55,16 @@ def check(given: tuple, **named) -> tuple:
     share=st.sampled_from([(0.0, 1.0), (0.1, 0.5), (0.3, 0.3)]),
     fade=st.sampled_from([0.5, 64.0, np.inf]),
     limit=st.sampled_from([0.5, 8.0, np.inf]),
+    fetch=st.booleans(),
 )
 def test_reference(seed, size, **named):
     check(images(np.random.default_rng(seed), *size), **named)
 
 
 @pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::4])
-def test_sizes(height, width):
-    check(images(np.random.default_rng(width), height, width))
+@pytest.mark.parametrize("fetch", [False, True])
+def test_sizes(height, width, fetch):
+    check(images(np.random.default_rng(width), height, width), fetch=fetch)
 
 
 def test_shares_and_what_is_carried():
@@ -92,11 +101,27 @@ def test_three_places_along_the_motion():
     assert (np.delete(color[4], 15, 0) == 2).all()
 
 
-def test_constant_stays_constant():
+def test_the_old_image_is_fetched_from_where_motion_leads():
+    """With its quality; not from outside; in place where motion is not known."""
+    image = np.arange(30, dtype=np.float32)[:, None] * np.ones((9, 30, 3), np.float32)
+    nothing, known = np.zeros((9, 30), np.float32), np.float32(1 + np.arange(30)) * np.ones((9, 1), np.float32)
+    motion = np.full((9, 30, 2), np.float32([4.5, 0]))
+    motion[0] = np.nan
+    color, quality = yester.recirculate(image, nothing, image, known, motion, fade=np.inf, limit=np.inf, fetch=True)
+    np.testing.assert_allclose(color[1:, :23, 0], image[1:, :23, 0] + 4.5, rtol=1e-6)
+    np.testing.assert_allclose(quality[1:, :23], known[1:, :23] + 4.5, rtol=1e-6)
+    assert not quality[1:, 26:].any()
+    assert np.isnan(color[1:, 26:]).all()
+    assert_same_bits(color[0], image[0])
+    assert_same_bits(quality[0], known[0])
+
+
+@pytest.mark.parametrize("fetch", [False, True])
+def test_constant_stays_constant(fetch):
     rng = np.random.default_rng(0)
     _, new, _, old, motion = images(rng, 30, 41)
     color = np.full((30, 41, 3), np.float32([0.7, 0.1, 3]))
-    got, quality = yester.recirculate(color, new, color, old, motion)
+    got, quality = yester.recirculate(color, new, color, old, motion, fetch=fetch)
     seen = quality > 0
     assert 0.8 < seen.mean() < 1
     np.testing.assert_allclose(got[seen], color[seen], rtol=1e-6)
@@ -127,7 +152,19 @@ def test_out_of_range(argument, values):
         yester.Recirculation(**{argument: "much"})
 
 
-@pytest.mark.parametrize(("argument", "value"), [("factor", 1), ("factor", 17), ("levels", 0), ("tolerance", 0)])
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("factor", 1),
+        ("factor", 17),
+        ("levels", 0),
+        ("tolerance", 0),
+        ("nearness", -1),
+        ("nearness", 5),
+        ("history", "gather"),
+        ("preset", "textbook"),
+    ],
+)
 def test_pipelines_refuse_it_too(argument, value):
     with pytest.raises(ValueError, match=argument):
         yester.Recirculation(**{argument: value})
@@ -164,7 +201,9 @@ def frames_of(names, side=2, count=6) -> list[yester.Frame]:
 CHOICES = [
     {},
     {"factor": 4, "levels": 2, "blur": 0.0, "tolerance": 0.01},
-    {"blur": 1.0, "share": (0.1, 0.8), "fade": 2.0, "limit": 3.0},
+    {"blur": 1.0, "share": (0.1, 0.8), "fade": 2.0, "limit": 3.0, "nearness": 3},
+    {"preset": "seed"},
+    {"history": "fetch", "blur": 0.0, "nearness": 0},
 ]
 
 
@@ -187,9 +226,10 @@ def test_bits_are_those_of_the_functions(names, options):
     assert set(got.used) == used
 
 
-def test_reference_pipeline():
+@pytest.mark.parametrize("options", [{}, {"nearness": 2}, {"preset": "seed"}])
+def test_reference_pipeline(options):
     """As the references give it, but for points on borders of pixels, of which each frame passes on a few."""
-    pipeline, other = yester.Recirculation(), reference.Recirculation()
+    pipeline, other = yester.Recirculation(**options), reference.Recirculation(**options)
     for frame in frames_of(("depth", "motion"), count=4):
         got = pipeline.step(frame)
         buffers = {name: tensor(getattr(frame, name)) for name in ("color", "depth", "motion", "position")}
@@ -198,6 +238,63 @@ def test_reference_pipeline():
             image, like = getattr(got, name), np.asarray(getattr(want, name))
             assert (np.abs(image - like) > 1e-4 * (1 + np.abs(like))).mean() < 0.02
         assert got.missing == want.missing
+
+
+def test_the_preset_is_what_it_says():
+    given = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}
+    pipeline, other, plain = yester.Recirculation("seed"), yester.Recirculation(**given), yester.Recirculation()
+    for frame in frames_of(("depth", "motion"), count=3):
+        seed, best = pipeline.step(frame).color, plain.step(frame).color
+        assert_same_bits(seed, other.step(frame).color)
+    assert np.abs(seed - best).max() > 0.1
+
+
+def test_near_samples_override_distant_ones():
+    """Where holes between them are filled, in any unit of depth; the background yields to all."""
+    camera = scene.camera(0.0, 8, 4)
+    color, depth = (np.full((4, 8, *channels), np.nan, np.float32) for channels in ((3,), ()))
+    color[1, 2], color[1, 5] = 1, 0
+
+    def filled(nearness, near, far):
+        depth[1, 2], depth[1, 5] = near, far
+        output = yester.Recirculation(nearness=nearness).step(yester.Frame(color, depth=depth, camera=camera))
+        assert (output.history_length[[1, 1], [2, 5]] == 1).all()
+        return output.color[..., 0], output.history_length
+
+    even, counted = filled(0, 1, 4)
+    for unit in (1e-3, 1, 1e5):
+        means = [filled(nearness, unit, 4 * unit)[0][3, 4] for nearness in (0, 1, 2)]
+        odds = even[3, 4] / (1 - even[3, 4])
+        np.testing.assert_allclose(means, [odds * 4**k / (1 + odds * 4**k) for k in (0, 1, 2)], rtol=1e-4)
+    image, counts = filled(4, 3, np.inf)
+    both = (even > 0) & (even < 1)
+    assert both.mean() > 0.25
+    np.testing.assert_allclose(image[both], 1, rtol=1e-6)
+    assert (counts <= 2 * counted).all()
+    # Of one depth, all weigh alike, and count as ever.
+    image, counts = filled(2, 3, 3)
+    np.testing.assert_allclose(image, even, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(counts, counted, rtol=1e-5)
+
+
+def test_fetched_history_comes_from_where_motion_leads():
+    """A camera that moves past a plane finds all of it again that was in the image."""
+    rng, pipeline = np.random.default_rng(0), yester.Recirculation(history="fetch", blur=0)
+    cameras = [scene.camera(0.0, 61, 43), scene.camera(5.0, 61, 43)]
+    depth, picture = np.full((43, 61), 4, np.float32), rng.random((43, 61, 3), np.float32)
+    pipeline.step(yester.Frame(picture, depth=depth, camera=cameras[0]))
+    motion = yester.motion_vectors(depth, *cameras[::-1])
+    nothing = np.full_like(picture, np.nan)
+    one = np.arange(43 * 61).reshape(43, 61) == 900
+    frame = yester.Frame(np.where(one[..., None], 0, nothing), depth=np.where(one, depth, np.nan), camera=cameras[1])
+    output = pipeline.step(frame)
+    want, found = yester.reproject(picture, motion, filter="bilinear", fallback=False)
+    inside = output.confidence > 0
+    assert 0.5 < inside.mean() < 1
+    assert (inside == (found > 0.5 - 1e-6)).mean() > 0.97
+    well = (found > 0.999) & (output.history_length > 0.5)
+    assert np.abs(output.color - want)[well].mean() < 0.05
+    assert ((output.rejection == yester.Rejection.OUTSIDE) == ~inside).all()
 
 
 def still_frames(count, side, color=None):

@@ -251,14 +251,17 @@ class TAA(Pipeline):
 class Recirculation(Pipeline):
     def __new__(
         cls,
+        preset: Literal["best", "seed"] = "best",
         *,
-        factor: int = 2,
+        factor: int | None = None,
         levels: int | None = None,
-        blur: float = 0.25,
-        share: tuple[float, float] = (0.0, 1.0),
-        fade: float = 64.0,
-        limit: float = 8.0,
-        tolerance: float = 0.1,
+        nearness: int | None = None,
+        history: Literal["splat", "fetch"] | None = None,
+        blur: float | None = None,
+        share: tuple[float, float] | None = None,
+        fade: float | None = None,
+        limit: float | None = None,
+        tolerance: float | None = None,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
@@ -550,6 +553,7 @@ def recirculate(
     share: tuple[float, float] = (0.0, 1.0),
     fade: float = 64.0,
     limit: float = 8.0,
+    fetch: bool = False,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 def suppress_fireflies(

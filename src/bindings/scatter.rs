@@ -178,7 +178,10 @@ pub fn pull_push_<'py>(
     levels: Option<i64>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let params = pull_push::Params::new(factor, levels)?;
+    let params = pull_push::Params {
+        factor: pull_push::Params::factor(factor)?,
+        levels: levels.map_or(Ok(usize::MAX), pull_push::Params::levels)?,
+    };
     let [color, quality] = {
         let mut color = Input::<f32>::new(color, "color", Channels::Any)?;
         let quality = quality.map(|quality| Input::<f32>::new(quality, "quality", Channels::One));
@@ -208,7 +211,7 @@ pub fn pull_push_<'py>(
 /// filled_quality : (H, W) array_like of float
 ///     Its quality; what is not above 0 and finite is a hole, as is colour that is not finite.
 /// reprojected : (H, W, 3) array_like of float
-///     What was known before, where it appears now: as `splat` returns it.
+///     What was known before, where it appears now: as `splat` returns it. With `fetch`, the previous frame's image.
 /// reprojected_quality : (H, W) array_like of float
 ///     Its quality.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
@@ -222,6 +225,9 @@ pub fn pull_push_<'py>(
 ///     Length of motion in pixels by which the quality of the old image falls to a half; above 0.
 /// limit : float, default 8.0
 ///     Highest quality that is carried on; above 0.
+/// fetch : bool, default False
+///     Whether `reprojected` and its quality are those of the previous frame, and are read where `motion` leads to
+///     instead of in place; there is none outside the image.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -240,16 +246,17 @@ pub fn pull_push_<'py>(
 /// Notes
 /// -----
 /// Each image is the mean of three bilinear look-ups at ``-blur``, 0 and ``blur`` times the motion, among
-/// pixels that are known. With ``q = reprojected_quality / (1 + |motion| / fade)`` the share of the new one is
+/// pixels that are known. With `fetch` those of the old image lie around the position plus the motion, and its quality
+/// is read there once, bilinearly. With ``q = reprojected_quality / (1 + |motion| / fade)`` the share of the new one is
 /// ``filled_quality / (filled_quality + q)``, and ``filled_quality + q`` is carried on: as more samples come to be
 /// known, each counts for less. After "Reprojection 2", a developer's diary of 2008; how quality falls and adds up is
 /// our choice.
 #[pyfunction]
 #[pyo3(name = "recirculate", signature = (filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25,
-    share=(0.0, 1.0), fade=64.0, limit=8.0, out=None))]
+    share=(0.0, 1.0), fade=64.0, limit=8.0, fetch=false, out=None))]
 #[pyo3(
     text_signature = "(filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25, share=(0.0, 1.0), \
-    fade=64.0, limit=8.0, out=None)"
+    fade=64.0, limit=8.0, fetch=False, out=None)"
 )]
 pub fn recirculate_<'py>(
     py: Python<'py>,
@@ -262,6 +269,7 @@ pub fn recirculate_<'py>(
     share: (f32, f32),
     fade: f32,
     limit: f32,
+    fetch: bool,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let params = recirculate::Params {
@@ -269,6 +277,7 @@ pub fn recirculate_<'py>(
         share: share.into(),
         fade,
         limit,
+        fetch,
     };
     params.check()?;
     let [color, quality] = {

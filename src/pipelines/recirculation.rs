@@ -1,20 +1,30 @@
 //! Recirculation: whole pictures of frames of which a part of the pixels is traced, as a list of this library's
 //! kernels:
 //!
-//!   splat → (motion of what stands still) → pull-push → motion → recirculate
+//!   (motion of what stands still) → pull-push → splat → motion → recirculate     history is splatted, or
+//!   (motion of what stands still) → pull-push → motion → recirculate             history is fetched
 //!
-//! What is known of the past is a set of points, one for each pixel: colour, depth, place, drift and quality. They are
+//! Splatted, history is a set of points, one for each pixel: colour, depth, place, drift and quality. They are
 //! scattered to where they appear now; the new samples, whose holes are filled, join them by quality; the result is
-//! what the next frame knows. The motion blur is seen, not carried on.
+//! the history of the next frame. The motion blur is shown, but not carried on.
 //!
-//! After "Reprojection 2", a developer's diary of 2008.
+//! Fetched, history is the image that was shown last, with its quality. The motion of each pixel follows from the new
+//! samples, whose holes are filled, and says where that image is read; nothing tests whether the surface is the same.
+//!
+//! Where holes are filled, a sample of depth z weighs
+//!   w = max(z⁻ᵏ, 10⁻²⁴),
+//! k being the nearness: near samples override distant ones, and all override the background. The quality of a filled
+//! pixel is divided by the weight at its filled depth, so that it counts samples at any k and in any unit of depth.
+//!
+//! After "Reprojection 2", a developer's diary of 2008: it fetches history and weighs samples by depth and size. All new
+//! samples are of one pixel's size here; points that have grown lose quality in `splat`, filled pixels in `pull_push`.
 
 use std::marker::PhantomData;
 use std::ops::Range;
 
 use super::frame::{Frame, Output, Pipeline, Summary, Upkeep, check_size};
 use super::taa::blacken_missing;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, whole};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
 use crate::kernels::camera::motion::{Geometry, Shown, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
@@ -26,31 +36,78 @@ use crate::math::is_present;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel};
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Params {
     pub splat: splat::Params,
     pub pull_push: pull_push::Params,
+    /// Its `fetch` says how history comes to where it appears now.
     pub recirculate: recirculate::Params,
+    /// Power of the inverse of depth by which samples weigh where holes are filled, k; 0 to 4; 0.
+    pub nearness: u32,
 }
 
 impl Params {
+    pub const PRESETS: [(&str, Self); 2] = [("best", Self::BEST), ("seed", Self::SEED)];
+
+    /// Whether history is fetched.
+    pub const HISTORIES: [(&str, bool); 2] = [("splat", false), ("fetch", true)];
+
+    /// By our own measurements.
+    pub const BEST: Self = Self {
+        splat: splat::Params {
+            tolerance: 0.1,
+            reach: 0.5,
+        },
+        pull_push: pull_push::Params {
+            factor: 2,
+            levels: usize::MAX,
+        },
+        recirculate: recirculate::Params {
+            blur: 0.25,
+            share: [0.0, 1.0],
+            fade: 64.0,
+            limit: 8.0,
+            fetch: false,
+        },
+        nearness: 0,
+    };
+
+    /// As the diary has it; it gives neither the range of the shares nor the weight of depth.
+    pub const SEED: Self = Self {
+        pull_push: pull_push::Params {
+            factor: 4,
+            levels: 2,
+        },
+        recirculate: recirculate::Params {
+            share: [0.1, 0.5],
+            fetch: true,
+            ..Self::BEST.recirculate
+        },
+        nearness: 1,
+        ..Self::BEST
+    };
+
+    pub fn nearness(nearness: i64) -> Result<u32> {
+        whole("nearness", nearness, "0 to 4", |n| (0..=4).contains(n))
+    }
+
     pub fn check(&self) -> Result<()> {
         self.splat.check()?;
         self.recirculate.check()
     }
 }
 
-/// What one frame leaves to the next: a point for every pixel.
+/// What one frame leaves to the next.
 struct Memory {
-    /// And drift.
+    /// And drift, if history is splatted.
     color: Image,
-    depth: Records,
-    offset: Records,
     quality: Records,
+    /// Depth, and the offset from the pixel's centre, if history is splatted.
+    place: Option<[Records; 2]>,
     camera: Camera,
 }
 
-/// The same where they appear now.
+/// The same where it appears now, splatted.
 struct Recalled {
     /// And drift.
     color: Records,
@@ -87,7 +144,7 @@ impl Pipeline for Recirculation {
         self.memory = None;
     }
 
-    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+    fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
         let size = frame.color.size;
         let needs = |what| Error::value("frame", what, "one without");
         let camera = frame.camera.ok_or_else(|| needs("one with a camera"))?;
@@ -96,17 +153,8 @@ impl Pipeline for Recirculation {
         if let Some(memory) = &self.memory {
             check_size(memory.color.size, size)?;
         }
-        let Params {
-            splat,
-            pull_push: holes,
-            recirculate: blend,
-        } = self.params;
         let continues = self.memory.is_some();
         let previous = self.memory.as_ref().map_or(camera, |memory| memory.camera);
-        let mut known = match self.memory.take() {
-            Some(memory) => memory.recall(&camera, splat),
-            None => Recalled::nothing(size),
-        };
         let moves = frame.motion.filter(|_| continues).map(|motion| {
             let mut still = Image::blank(size, 3);
             let out = still.bands().map(PixelsMut::Planar);
@@ -136,80 +184,18 @@ impl Pipeline for Recirculation {
             });
         rows::run(&sort, size.height, outs);
         drop(moves);
-        let mut filled = Records::blank(size, SAMPLES);
-        let mut fresh = Records::blank(size, 1);
-        let (colors, qualities) = (filled.data_mut(), fresh.data_mut());
-        pull_push(samples.color.pixels(), None, holes, colors, qualities);
-
-        let mut color = Image::blank(size, CHANNELS);
-        let (colors, drifts) = color.data_mut().split_at_mut(3 * size.pixels());
-        let settle = Settle {
-            samples: samples.place.pixels(),
-            filled: filled.pixels(),
-            drift: known.color.pixels().part(3..6),
-            tolerance: splat.tolerance,
-            continues,
+        let new = Fresh::new(samples, self.params);
+        let cameras = [&camera, &previous];
+        let memory = self.memory.take();
+        let join = if self.params.recirculate.fetch {
+            fetched
+        } else {
+            splatted
         };
+        self.memory = Some(join(memory, new, cameras, self.params, &mut output));
         let band = BAND * size.width;
-        let outs = (known.depth.data_mut().chunks_mut(band))
-            .zip(known.offset.data_mut().chunks_mut(2 * band))
-            .zip(known.quality.data_mut().chunks_mut(band))
-            .zip(bands_of(drifts, size))
-            .zip(fresh.data_mut().chunks_mut(band))
-            .zip(output.confidence.chunks_mut(band))
-            .zip(output.rejection.chunks_mut(band))
-            .map(
-                |((((((depth, offset), quality), drift), fresh), confidence), rejection)| Settled {
-                    depth,
-                    offset,
-                    quality,
-                    drift,
-                    fresh,
-                    confidence,
-                    rejection,
-                },
-            );
-        rows::run(&settle, size.height, outs);
-        drop(samples);
-
-        let mut motion = Image::blank(size, 3);
-        let out = motion.bands().map(PixelsMut::Planar);
-        let (depth, still) = (Geometry::Depth(known.depth.pixels()), Transforms::default());
-        motion_vectors(depth, &camera, &previous, None, &still, out);
-        let drift = View::new(size, 3, drifts);
-        rows::run(&AddDrift { drift }, size.height, motion.bands());
-        let new = Known {
-            color: filled.pixels().part(0..3),
-            quality: fresh.pixels(),
-        };
-        let mut quality = Records::blank(size, 1);
-        let old = known.known();
-        let sharp = recirculate::Params { blur: 0.0, ..blend };
-        recirculate(
-            new,
-            old,
-            motion.pixels(),
-            sharp,
-            PixelsMut::planar(size, colors),
-            PixelsMut::bands(size, 1, quality.data_mut()),
-        );
-        recirculate(
-            new,
-            old,
-            motion.pixels(),
-            blend,
-            PixelsMut::bands(size, 3, output.color),
-            PixelsMut::bands(size, 1, output.history_length),
-        );
         let rows = output.color.chunks_mut(3 * band);
         rows::run(&Blacken(PhantomData), size.height, rows);
-        self.memory = Some(Memory {
-            color,
-            depth: known.depth,
-            offset: known.offset,
-            quality,
-            camera,
-        });
         let from = match geometry {
             Geometry::Position(_) => "position",
             Geometry::Depth(_) => "depth",
@@ -222,6 +208,292 @@ impl Pipeline for Recirculation {
                 .collect(),
             missing: counts.iter().sum(),
         })
+    }
+}
+
+/// New samples with their holes filled.
+struct Fresh {
+    /// Where they were taken, as in [`Samples`].
+    place: Records,
+    /// As in [`Samples`].
+    filled: Records,
+    quality: Records,
+}
+
+impl Fresh {
+    fn new(samples: Samples, params: Params) -> Self {
+        let Samples { color, place } = samples;
+        let size = color.pixels().size;
+        let (mut filled, mut quality) = (Records::blank(size, SAMPLES), Records::blank(size, 1));
+        let weigh = |samples: &Records, weights: &mut Records, divide| {
+            let kernel = Weigh {
+                inverse: samples.pixels().part(3..4),
+                nearness: params.nearness,
+                divide,
+            };
+            let outs = weights.data_mut().chunks_mut(BAND * size.width);
+            rows::run(&kernel, size.height, outs);
+        };
+        let weights = (params.nearness > 0).then(|| {
+            let mut weights = Records::blank(size, 1);
+            weigh(&color, &mut weights, false);
+            weights
+        });
+        let weighted = weights.as_ref().map(Records::pixels);
+        let (colors, qualities) = (filled.data_mut(), quality.data_mut());
+        pull_push(
+            color.pixels(),
+            weighted,
+            params.pull_push,
+            colors,
+            qualities,
+        );
+        if weights.is_some() {
+            weigh(&filled, &mut quality, true);
+        }
+        Self {
+            place,
+            filled,
+            quality,
+        }
+    }
+
+    fn known(&self) -> Known<'_> {
+        Known {
+            color: self.filled.pixels().part(0..3),
+            quality: self.quality.pixels(),
+        }
+    }
+}
+
+/// The least weight of a sample: the background's.
+const LEAST: f32 = 1e-24;
+
+/// Writes the weights that samples have by depth, or divides by them.
+struct Weigh<'a> {
+    /// Of depth.
+    inverse: Pixels<'a>,
+    nearness: u32,
+    divide: bool,
+}
+
+impl<'a> Kernel for Weigh<'a> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, weights: &'a mut [f32]) {
+        let first = rows.start * self.inverse.size.width;
+        for (i, weight) in weights.iter_mut().enumerate() {
+            let inverse = self.inverse.at(first + i, 0);
+            let power = (0..self.nearness).fold(1.0, |power, _| power * inverse);
+            // NaN stays: there is no sample.
+            let heavy = if power < LEAST { LEAST } else { power };
+            *weight = match self.divide {
+                true if *weight > 0.0 => *weight / heavy,
+                true => 0.0,
+                false => heavy,
+            };
+        }
+    }
+}
+
+/// Joins new samples and points of the past, scattered to where they appear now.
+fn splatted(
+    memory: Option<Memory>,
+    new: Fresh,
+    cameras: [&Camera; 2],
+    params: Params,
+    output: &mut Output,
+) -> Memory {
+    let Params {
+        splat,
+        recirculate: blend,
+        ..
+    } = params;
+    let [camera, previous] = cameras;
+    let size = new.filled.pixels().size;
+    let continues = memory.is_some();
+    let mut known = match memory {
+        Some(memory) => memory.recall(camera, splat),
+        None => Recalled::nothing(size),
+    };
+    let Fresh {
+        place,
+        filled,
+        quality: mut fresh,
+    } = new;
+    let mut color = Image::blank(size, CHANNELS);
+    let (colors, drifts) = color.data_mut().split_at_mut(3 * size.pixels());
+    let settle = Settle {
+        samples: place.pixels(),
+        filled: filled.pixels(),
+        drift: known.color.pixels().part(3..6),
+        tolerance: splat.tolerance,
+        continues,
+    };
+    let band = BAND * size.width;
+    let outs = (known.depth.data_mut().chunks_mut(band))
+        .zip(known.offset.data_mut().chunks_mut(2 * band))
+        .zip(known.quality.data_mut().chunks_mut(band))
+        .zip(bands_of(drifts, size))
+        .zip(fresh.data_mut().chunks_mut(band))
+        .zip(output.confidence.chunks_mut(band))
+        .zip(output.rejection.chunks_mut(band))
+        .map(
+            |((((((depth, offset), quality), drift), fresh), confidence), rejection)| Settled {
+                depth,
+                offset,
+                quality,
+                drift,
+                fresh,
+                confidence,
+                rejection,
+            },
+        );
+    rows::run(&settle, size.height, outs);
+    drop(place);
+
+    let mut motion = Image::blank(size, 3);
+    let out = motion.bands().map(PixelsMut::Planar);
+    let (depth, still) = (Geometry::Depth(known.depth.pixels()), Transforms::default());
+    motion_vectors(depth, camera, previous, None, &still, out);
+    let drift = View::new(size, 3, drifts).into();
+    rows::run(&AddDrift { drift }, size.height, motion.bands());
+    let new = Known {
+        color: filled.pixels().part(0..3),
+        quality: fresh.pixels(),
+    };
+    let mut quality = Records::blank(size, 1);
+    let old = known.known();
+    let sharp = recirculate::Params { blur: 0.0, ..blend };
+    recirculate(
+        new,
+        old,
+        motion.pixels(),
+        sharp,
+        PixelsMut::planar(size, colors),
+        PixelsMut::bands(size, 1, quality.data_mut()),
+    );
+    recirculate(
+        new,
+        old,
+        motion.pixels(),
+        blend,
+        PixelsMut::bands(size, 3, output.color),
+        PixelsMut::bands(size, 1, output.history_length),
+    );
+    Memory {
+        color,
+        quality,
+        place: Some([known.depth, known.offset]),
+        camera: *camera,
+    }
+}
+
+/// Joins new samples and the image that was shown last, read where each pixel comes from.
+fn fetched(
+    memory: Option<Memory>,
+    new: Fresh,
+    [camera, previous]: [&Camera; 2],
+    params: Params,
+    output: &mut Output,
+) -> Memory {
+    let filled = new.filled.pixels();
+    let size = filled.size;
+    let continues = memory.is_some();
+    let past = memory.unwrap_or_else(|| Memory {
+        color: Image::new(size, 3),
+        quality: Records::new(size, 1),
+        place: None,
+        camera: *camera,
+    });
+    let mut depth = Records::blank(size, 1);
+    let outs = depth.data_mut().chunks_mut(BAND * size.width);
+    rows::run(&Invert(filled.part(3..4)), size.height, outs);
+    let mut motion = Image::blank(size, 3);
+    let out = motion.bands().map(PixelsMut::Planar);
+    let (depth, still) = (Geometry::Depth(depth.pixels()), Transforms::default());
+    motion_vectors(depth, camera, previous, None, &still, out);
+    let drift = filled.part(4..7);
+    rows::run(&AddDrift { drift }, size.height, motion.bands());
+    let old = Known {
+        color: past.color.pixels(),
+        quality: past.quality.pixels(),
+    };
+    let (mut color, mut quality) = (Image::blank(size, 3), Records::blank(size, 1));
+    recirculate(
+        new.known(),
+        old,
+        motion.pixels(),
+        params.recirculate,
+        PixelsMut::planar(size, color.data_mut()),
+        PixelsMut::bands(size, 1, quality.data_mut()),
+    );
+    let found = Found {
+        quality: past.quality.pixels(),
+        motion: motion.pixels(),
+        continues,
+    };
+    let band = BAND * size.width;
+    let outs = (output.confidence.chunks_mut(band)).zip(output.rejection.chunks_mut(band));
+    rows::run(&found, size.height, outs);
+    color.view().interleave(output.color);
+    output
+        .history_length
+        .copy_from_slice(quality.pixels().numbers().0);
+    Memory {
+        color,
+        quality,
+        place: None,
+        camera: *camera,
+    }
+}
+
+/// Depth from its inverse.
+struct Invert<'a>(Pixels<'a>);
+
+impl<'a> Kernel for Invert<'a> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, depth: &'a mut [f32]) {
+        let first = rows.start * self.0.size.width;
+        for (i, depth) in depth.iter_mut().enumerate() {
+            *depth = 1.0 / self.0.at(first + i, 0);
+        }
+    }
+}
+
+/// Whether the pixel that motion leads to was known in the previous frame.
+struct Found<'a> {
+    /// Of the previous frame.
+    quality: Pixels<'a>,
+    motion: Pixels<'a>,
+    continues: bool,
+}
+
+impl<'a> Kernel for Found<'a> {
+    type Out = (&'a mut [f32], &'a mut [u8]);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (confidence, rejection): Self::Out) {
+        let Size { height, width } = self.quality.size;
+        for (i, pixel) in (rows.start * width..rows.end * width).enumerate() {
+            let mut motion = [0, 1].map(|c| self.motion.at(pixel, c));
+            if !motion.iter().all(|v| v.abs() < recirculate::FARTHEST) {
+                motion = [0.0; 2];
+            }
+            let x = ((pixel % width) as f32 + 0.5 + motion[0]).floor() as i32;
+            let y = ((pixel / width) as f32 + 0.5 + motion[1]).floor() as i32;
+            let inside = (0..width as i32).contains(&x) && (0..height as i32).contains(&y);
+            let found = inside && self.quality.at(y as usize * width + x as usize, 0) > 0.0;
+            confidence[i] = f32::from(u8::from(found));
+            rejection[i] = if found || !self.continues {
+                0
+            } else {
+                rejection::OUTSIDE
+            };
+        }
     }
 }
 
@@ -246,11 +518,12 @@ impl Recalled {
 impl Memory {
     /// The points where this camera sees them.
     fn recall(self, camera: &Camera, params: splat::Params) -> Recalled {
+        let [depth, offset] = self.place.as_ref().expect("left by the same pipeline");
         let mut now = Recalled::nothing(self.color.size);
         let points = Points {
             color: self.color.pixels(),
-            depth: self.depth.pixels(),
-            offset: Some(self.offset.pixels()),
+            depth: depth.pixels(),
+            offset: Some(offset.pixels()),
             drift: Some(self.color.pixels().part(3..6)),
             quality: Some(self.quality.pixels()),
         };
@@ -448,7 +721,7 @@ impl<'a> Kernel for Settle<'a> {
 
 /// Adds to the motion of what stands still how points move by themselves.
 struct AddDrift<'a> {
-    drift: View<'a>,
+    drift: Pixels<'a>,
 }
 
 impl<'a> Kernel for AddDrift<'a> {
@@ -456,10 +729,12 @@ impl<'a> Kernel for AddDrift<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut motion: BandMut<'a>) {
-        for y in rows {
+        let mut drift = [0.0; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.drift.size.width)) {
             for channel in 0..3 {
-                let drift = self.drift.row(channel, y);
-                for (motion, drift) in motion.row(channel, y).iter_mut().zip(drift) {
+                self.drift.load(run, channel, &mut drift[..run.len]);
+                let motion = &mut motion.row(channel, run.y)[run.x..][..run.len];
+                for (motion, drift) in motion.iter_mut().zip(&drift) {
                     *motion += drift;
                 }
             }

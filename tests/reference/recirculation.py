@@ -9,6 +9,10 @@ from .pull_push import pull_push
 from .recirculate import recirculate
 from .splat import splat
 
+BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat"}
+BEST |= {"blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
+SEED = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}
+
 
 class Output(NamedTuple):
     color: Tensor
@@ -24,10 +28,12 @@ class Recirculation:
     Source: "Reprojection 2", a developer's diary of 2008.
     """
 
-    def __init__(self, *, factor=2, levels=None, blur=0.25, share=(0.0, 1.0), fade=64.0, limit=8.0, tolerance=0.1):
-        self.pyramid = {"factor": factor, "levels": levels}
-        self.blend = {"share": share, "fade": fade, "limit": limit}
-        self.blur, self.tolerance = blur, tolerance
+    def __init__(self, preset="best", **given):
+        params = BEST | (SEED if preset == "seed" else {}) | given
+        self.pyramid = {name: params[name] for name in ("factor", "levels")}
+        self.blend = {name: params[name] for name in ("share", "fade", "limit")}
+        self.blur, self.tolerance, self.nearness = params["blur"], params["tolerance"], params["nearness"]
+        self.fetches = params["history"] == "fetch"
         self.reset()
 
     def reset(self) -> None:
@@ -53,6 +59,14 @@ class Recirculation:
             channels = frame.motion.shape[-1]
             drift[..., :channels] = (frame.motion - still[..., :channels]).nan_to_num(0, 0, 0)
 
+        samples = torch.cat([frame.color, 1 / depth[..., None], drift], -1)  # (H, W, 7)
+        samples = samples.where(traced[..., None], torch.nan)  # (H, W, 7)
+        filled, fresh = pull_push(samples, self._weight(samples[..., 3]), **self.pyramid)  # (H, W, 7), (H, W)
+        fresh = (fresh / self._weight(filled[..., 3])).where(fresh > 0, 0)  # (H, W)
+        missing = int((~traced).sum())
+        if self.fetches:
+            return self._fetched(filled, fresh, frame.camera, missing)
+
         known = torch.zeros_like(depth)  # (H, W)
         color, place, offset = drift.repeat(1, 1, 2), known, own  # (H, W, 6), (H, W), (H, W, 2)
         before = frame.camera if first else self.camera
@@ -67,8 +81,6 @@ class Recirculation:
         known = known.where(~gone, 0)  # (H, W)
         kept = known > 0  # (H, W)
 
-        samples = torch.cat([frame.color, 1 / depth[..., None], drift], -1)  # (H, W, 7)
-        filled, fresh = pull_push(samples.where(traced[..., None], torch.nan), **self.pyramid)  # (H, W, 7), (H, W)
         fresh = fresh.where(traced | (known <= 8 * fresh), 0)  # (H, W)
         place = torch.where(traced, depth, torch.where(kept, place, 1 / filled[..., 3]))  # (H, W)
         offset = torch.where(traced[..., None], own, offset.where(kept[..., None], 0))  # (H, W, 2)
@@ -78,4 +90,25 @@ class Recirculation:
         carried, quality = recirculate(*images, blur=0, **self.blend)  # (H, W, 3), (H, W)
         shown, _ = recirculate(*images, blur=self.blur, **self.blend)  # (H, W, 3)
         self.points, self.camera = (carried, drift, place, offset, quality), frame.camera
-        return Output(shown.nan_to_num(0, 0, 0), quality, kept.to(known), rejection, int((~traced).sum()))
+        return Output(shown.nan_to_num(0, 0, 0), quality, kept.to(known), rejection, missing)
+
+    def _weight(self, inverse: Tensor) -> Tensor:
+        """By the inverse of depth (H, W)."""
+        return (inverse**self.nearness).clamp(min=1e-24)  # (H, W)
+
+    def _fetched(self, filled: Tensor, fresh: Tensor, camera, missing: int) -> Output:
+        height, width = fresh.shape
+        first = self.points is None
+        before, old, known = (camera, torch.zeros_like(filled[..., :3]), torch.zeros_like(fresh))
+        if not first:
+            before, (old, known) = self.camera, self.points
+        motion = motion_vectors(1 / filled[..., 3], camera, before) + filled[..., 4:]  # (H, W, 3)
+        images = filled[..., :3], fresh, old, known, motion
+        shown, quality = recirculate(*images, blur=self.blur, fetch=True, **self.blend)  # (H, W, 3), (H, W)
+        there = (pixel_centres(height, width, fresh) + motion[..., :2].nan_to_num(0)).floor().long()  # (H, W, 2)
+        x, y = there.unbind(-1)  # (H, W), (H, W)
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)  # (H, W)
+        found = inside & (known[y.clamp(0, height - 1), x.clamp(0, width - 1)] > 0)  # (H, W)
+        self.points, self.camera = (shown, quality), camera
+        rejection = (~found & (not first)).long()  # (H, W)
+        return Output(shown.nan_to_num(0, 0, 0), quality, found.to(known), rejection, missing)

@@ -38,13 +38,12 @@ impl Default for Params {
 }
 
 impl Params {
-    pub fn new(factor: i64, levels: Option<i64>) -> Result<Self> {
-        let levels = match levels {
-            Some(levels) => whole("levels", levels, "1 or more", |&n| n >= 1)?,
-            None => usize::MAX,
-        };
-        let factor = whole("factor", factor, "2 to 16", |n| (2..=16).contains(n))?;
-        Ok(Self { factor, levels })
+    pub fn factor(factor: i64) -> Result<usize> {
+        whole("factor", factor, "2 to 16", |n| (2..=16).contains(n))
+    }
+
+    pub fn levels(levels: i64) -> Result<usize> {
+        whole("levels", levels, "1 or more", |&n| n >= 1)
     }
 }
 

@@ -8,8 +8,11 @@
 //!   q' = q_r / (1 + |v|/h),  s = clamp(q_f / (q_f + q'), s₀, s₁),  c = c_r + s (c_f − c_r).
 //! Carried on is q = min(q_f + q', limit): the more is known of a pixel, the less a new sample changes it.
 //!
+//! The old image is already where it appears now, or it is that of the previous frame and is fetched: read at p + v
+//! instead of p, and its quality with it, of which pixels that are not known have none.
+//!
 //! After "Reprojection 2", a developer's diary of 2008, which gives the three offsets (b = ¼), the shares and their
-//! range, and that quality falls; how it falls and adds up is our choice.
+//! range, fetches the old image, and says that quality falls; how it falls and adds up is our choice.
 //!
 //! Inputs: colour (3) and quality (1) of both images, 0 where there is none; motion (2 or 3). Outputs: colour (3) and
 //! quality (1); NaN and 0 where neither image has any.
@@ -32,6 +35,8 @@ pub struct Params {
     pub fade: f32,
     /// Highest quality that is carried on, above 0; 8.
     pub limit: f32,
+    /// Whether the old image is that of the previous frame, read at p + v; false.
+    pub fetch: bool,
 }
 
 impl Default for Params {
@@ -41,6 +46,7 @@ impl Default for Params {
             share: [0.0, 1.0],
             fade: 64.0,
             limit: 8.0,
+            fetch: false,
         }
     }
 }
@@ -61,6 +67,9 @@ impl Params {
         in_range("limit", self.limit, "a number above 0", |v| v > 0.0)
     }
 }
+
+/// Motion that is as long is not known.
+pub const FARTHEST: f32 = 1e6;
 
 /// Colour, and its quality.
 #[derive(Clone, Copy)]
@@ -84,42 +93,43 @@ impl Known<'_> {
         }
     }
 
-    /// Colours to be read between pixels: 1 as fourth number, or zeros where there is nothing.
-    fn to_places(self) -> Records {
+    /// To be read between pixels: colours, and 1 as fourth number and quality as fifth, or zeros where there is nothing.
+    fn to_places<const N: usize>(self) -> Records {
         let size = self.color.size;
-        let mut places = Records::blank(size, 4);
-        let outs = PixelsMut::bands(size, 4, places.data_mut());
-        rows::run(&ToPlaces(self), size.height, outs);
+        let mut places = Records::blank(size, N);
+        let outs = PixelsMut::bands(size, N, places.data_mut());
+        rows::run(&ToPlaces::<N>(self), size.height, outs);
         places
     }
 }
 
-struct ToPlaces<'a>(Known<'a>);
+struct ToPlaces<'a, const N: usize>(Known<'a>);
 
-impl<'a> Kernel for ToPlaces<'a> {
+impl<'a, const N: usize> Kernel for ToPlaces<'a, N> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let (mut color, mut quality) = ([[0.0; SEGMENT]; 3], [0.0; SEGMENT]);
+        let mut present = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.0.color.size.width)) {
             self.0.read(run, &mut color, &mut quality);
             for i in 0..run.len {
                 let known = quality[i] > 0.0;
-                quality[i] = if known { 1.0 } else { 0.0 };
+                present[i] = if known { 1.0 } else { 0.0 };
                 for row in &mut color {
                     row[i] = if known { row[i] } else { 0.0 };
                 }
             }
             let [r, g, b] = color.each_ref().map(Row::as_slice);
-            out.write(run, [r, g, b, &quality]);
+            out.write(run, [r, g, b, &present, &quality].into_iter().take(N));
         }
     }
 }
 
 /// Adds the weighted sum of the four pixels around a place, in pixel centres.
 #[inline(always)]
-fn add(places: &[[f32; 4]], size: Size, [x, y]: [f32; 2], sum: &mut [f32; 4]) {
+fn add<const N: usize>(places: &[[f32; N]], size: Size, [x, y]: [f32; 2], sum: &mut [f32; N]) {
     let Size { height, width } = size;
     let (left, top) = (x.floor(), y.floor());
     let (right, down) = (x - left, y - top);
@@ -134,7 +144,7 @@ fn add(places: &[[f32; 4]], size: Size, [x, y]: [f32; 2], sum: &mut [f32; 4]) {
     if inner {
         let first = top as usize * width + left as usize;
         let (above, below) = (&places[first..][..2], &places[first + width..][..2]);
-        for c in 0..4 {
+        for c in 0..N {
             sum[c] += weights[0] * above[0][c] + weights[1] * above[1][c];
             sum[c] += weights[2] * below[0][c] + weights[3] * below[1][c];
         }
@@ -161,9 +171,14 @@ pub fn recirculate<'a>(
     quality: impl Iterator<Item = PixelsMut<'a>>,
 ) {
     let images = [filled, reprojected];
+    let blurs = params.blur > 0.0;
     let kernel = Recirculate {
         images,
-        places: (params.blur > 0.0).then(|| images.map(Known::to_places)),
+        places: [
+            blurs.then(|| filled.to_places::<4>()),
+            (blurs && !params.fetch).then(|| reprojected.to_places::<4>()),
+        ],
+        previous: params.fetch.then(|| reprojected.to_places::<5>()),
         motion,
         params,
     };
@@ -173,7 +188,10 @@ pub fn recirculate<'a>(
 struct Recirculate<'a> {
     /// The new and the old.
     images: [Known<'a>; 2],
-    places: Option<[Records; 2]>,
+    /// To be blurred in place.
+    places: [Option<Records>; 2],
+    /// The old image, to be fetched.
+    previous: Option<Records>,
     motion: Pixels<'a>,
     params: Params,
 }
@@ -207,6 +225,41 @@ impl Recirculate<'_> {
     }
 }
 
+impl Recirculate<'_> {
+    /// Replaces a run of the old image by what motion leads to, blurred.
+    #[inline(always)]
+    fn fetch(
+        &self,
+        previous: &Records,
+        run: Run,
+        motion: &[Row; 2],
+        quality: &mut Row,
+        color: &mut [Row; 3],
+    ) {
+        let size = self.motion.size;
+        let places = previous.pixels().numbers().0.as_chunks::<5>().0;
+        let blur = self.params.blur;
+        for i in 0..run.len {
+            let (mx, my) = (motion[0][i], motion[1][i]);
+            if mx == 0.0 && my == 0.0 {
+                continue;
+            }
+            let (x, y) = ((run.x + i) as f32 + mx, run.y as f32 + my);
+            let mut sum = [0.0; 5];
+            add(places, size, [x, y], &mut sum);
+            quality[i] = sum[4];
+            if blur > 0.0 {
+                let (dx, dy) = (blur * mx, blur * my);
+                add(places, size, [x - dx, y - dy], &mut sum);
+                add(places, size, [x + dx, y + dy], &mut sum);
+            }
+            for (row, value) in color.iter_mut().zip(sum) {
+                row[i] = value / sum[3];
+            }
+        }
+    }
+}
+
 impl<'a> Kernel for Recirculate<'a> {
     type Out = (PixelsMut<'a>, PixelsMut<'a>);
 
@@ -228,15 +281,18 @@ impl<'a> Kernel for Recirculate<'a> {
             let [mx, my] = motion.each_mut().map(|row| &mut row[..n]);
             for i in 0..n {
                 // Motion that is not known, or leads nowhere, blurs nothing.
-                let known = (mx[i].abs() < 1e6) & (my[i].abs() < 1e6);
+                let known = (mx[i].abs() < FARTHEST) & (my[i].abs() < FARTHEST);
                 (mx[i], my[i]) = if known { (mx[i], my[i]) } else { (0.0, 0.0) };
             }
             for (side, image) in self.images.iter().enumerate() {
                 image.read(run, &mut colors[side], &mut qualities[side]);
-                if let Some(places) = &self.places {
+                if let Some(places) = &self.places[side] {
                     let (color, quality) = (&mut colors[side], &qualities[side]);
-                    self.blur(&places[side], run, &motion, quality, color);
+                    self.blur(places, run, &motion, quality, color);
                 }
+            }
+            if let Some(previous) = &self.previous {
+                self.fetch(previous, run, &motion, &mut qualities[1], &mut colors[1]);
             }
             let [new, old] = &mut colors;
             let [fresh, known] = qualities.each_mut().map(|row| &mut row[..n]);
