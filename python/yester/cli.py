@@ -246,8 +246,8 @@ def _layers(known: Description) -> list[str]:
 
 
 def _in_place(files: list[Description]) -> list[str]:
-    """A warning if history cannot follow what moves."""
-    for known in files:
+    """A warning if history cannot follow motion. A single file has no history."""
+    for known in files if len(files) > 1 else ():
         if "motion" not in known.channels and not (known.camera and known.channels.keys() & {"depth", "position"}):
             why = "no motion, and no camera with depth or position to compute it from"
             return [f"warning: {known.path}: {why}: {known.missing['motion']}"]
