@@ -126,6 +126,16 @@ def test_no_false_alarms_from_noise():
             steps.step(yester.Frame(color, motion=motion, albedo=color, depth=color[..., 0]))
 
 
+def test_no_false_alarms_from_whole_pixels():
+    """A still image whose motion is claimed to be a pixel: wrong, but none of the mistakes that have a name."""
+    rng = np.random.default_rng(0)
+    color = rng.random((HEIGHT, WIDTH, 3), np.float32)
+    for shift in ([1, 1], [-1, -1], [2, 0], [0, -1]):
+        steps = yester.TAA()
+        for _ in range(2):
+            steps.step(yester.Frame(color, albedo=color, motion=np.full((HEIGHT, WIDTH, 2), shift, np.float32)))
+
+
 def test_the_advice_is_right():
     """Multiplied as the warning says, motion is as it should be."""
     (_, second), (_, right) = sequence(CAMERAS, (2 / WIDTH, -2 / HEIGHT)), sequence(CAMERAS)

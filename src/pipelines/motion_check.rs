@@ -6,7 +6,7 @@
 //!
 //! - **cameras**: where both are known, and depth or position, the motion of what stands still is known as well. A mistake
 //!   is found where the median of |motion − expected| / |expected| is above ½, and with the mistake undone below ⅒.
-//! - **warp**: otherwise the first frame (its albedo and normals, or else its colour) is looked up along both motions. A pixel agrees if its values lie in the ranges of the 2×2 pixels there. A mistake is found where most
+//! - **warp**: otherwise the first frame (its albedo and normals, or else its colour) is looked up along both motions. A pixel agrees if its values lie in the ranges of the pixels that a bilinear lookup there weighs. A mistake is found where most
 //!   pixels agree once it is undone, and many more disagree before than after. Cuts, disocclusion and what moves without
 //!   motion disagree both ways.
 
@@ -17,7 +17,7 @@ use crate::image::{Pixels, Records, Size};
 use crate::kernels::camera::pinhole::Camera;
 
 /// Pixels of the grid, along each side at most.
-const GRID: usize = 128;
+const GRID: usize = 96;
 /// Pixels that have to speak for a mistake at least.
 const VOTES: usize = 32;
 
@@ -85,7 +85,7 @@ pub enum Check {
     Begin,
     Second {
         size: Size,
-        camera: Option<Camera>,
+        camera: Option<Box<Camera>>,
         seen: Vec<Records>,
     },
     Done,
@@ -101,7 +101,7 @@ impl Check {
                 let seen = buffers(frame).into_iter().filter(|_| camera.is_none());
                 *self = Self::Second {
                     size: frame.color.size,
-                    camera: frame.camera,
+                    camera: frame.camera.map(Box::new),
                     seen: seen.map(Pixels::to_records).collect(),
                 };
                 None
@@ -192,13 +192,15 @@ fn by_warp(motion: Pixels, before: &[Records], now: &[Pixels]) -> Option<Mistake
         return None;
     }
     let agrees = |[x, y]: [usize; 2], pixel: usize, [u, v]: [f64; 2]| -> Option<bool> {
-        let (x, y) = ((x as f64 + u).floor(), (y as f64 + v).floor());
-        let inside = |at: f64, side: usize| (0.0..side as f64 - 1.0).contains(&at);
+        let (x, y) = (x as f64 + u, y as f64 + v);
+        let inside = |at: f64, side: usize| (0.0..=side as f64 - 1.0).contains(&at);
         if !(inside(x, size.width) && inside(y, size.height)) {
             return None;
         }
-        let first = y as usize * size.width + x as usize;
-        let taps = [0, 1, size.width, size.width + 1].map(|step| first + step);
+        let [left, right, up, down] =
+            [x.floor(), x.ceil(), y.floor(), y.ceil()].map(|at| at as usize);
+        let taps = [[left, up], [right, up], [left, down], [right, down]];
+        let taps = taps.map(|[x, y]| y * size.width + x);
         let near = |before: &Pixels, now: &Pixels, channel: usize| {
             let value = now.at(pixel, channel);
             let there = taps.map(|tap| before.at(tap, channel));
