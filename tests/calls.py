@@ -51,6 +51,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.clip_history,
             {"history": history, "color": color, "box": "hull", "response": "current"},
         ),
+        "clip_history(exact-hull)": (
+            yester.clip_history,
+            {"history": history, "color": color, "box": "exact-hull", "response": "current"},
+        ),
         "clip_history(chroma-hull)": (
             yester.clip_history,
             {"history": history, "color": color, "box": "chroma-hull", "response": "current"},

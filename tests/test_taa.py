@@ -398,7 +398,7 @@ def test_out_of_range(argument, values):
 
 
 def test_hulls_need_their_response_and_space():
-    for named in ({"box": "hull"}, {"box": "chroma-hull"}):
+    for named in ({"box": "hull"}, {"box": "exact-hull"}, {"box": "chroma-hull"}):
         with pytest.raises(ValueError, match="response"):
             yester.TAA(**named)
     with pytest.raises(ValueError, match="space"):

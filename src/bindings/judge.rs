@@ -293,11 +293,12 @@ pub fn consistency_<'py>(
 ///     Reprojected colour, linear. Missing pixels stay as they are.
 /// color : (H, W, 3) array_like of float
 ///     The current frame. Missing pixels do not count; where a neighbourhood has no others, history stays.
-/// box : {"variance", "minmax", "rounded", "intersection", "hull", "chroma-hull"}, default "variance"
+/// box : {"variance", "minmax", "rounded", "intersection", "hull", "exact-hull", "chroma-hull"}, default "variance"
 ///     What bounds the neighbourhood's colours: their mean ± `gamma` standard deviations; their range; the mean of the
 ///     ranges of the square and of the cross in it; range and variance box at once; their convex hull, as a polytope of 13
-///     slabs (a 26-DOP, which contains the exact hull); the exact convex hull of their chrominances, with the range of Y.
-///     The hulls need `response` "current", the last also a `space` with chrominances.
+///     slabs (a 26-DOP, which contains the exact hull); the exact convex hull, which takes longer, with windows of 5×5 far
+///     longer; the exact convex hull of their chrominances, with the range of Y. The hulls need `response` "current", the
+///     last also a `space` with chrominances.
 /// gamma : float, default 1.0
 ///     Half the side of the variance box in standard deviations; from 0.
 /// window : {"3x3", "5x5"}, default "3x3"
