@@ -29,6 +29,7 @@ __all__ = [
     "Upscaler",
     "__version__",
     "accumulate",
+    "alternation",
     "anti_lag",
     "atrous",
     "blend",
@@ -230,6 +231,7 @@ class TAA:
         ids: bool = False,
         gradient: bool = False,
         anti_lag: float = 0.0,
+        alternation: bool = False,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
@@ -388,6 +390,9 @@ def blend_factor(
     fast_alpha: float = 0.2,
     speed: _Threshold = (0.0, 1.0),
     out: _Floats | None = None,
+) -> _Floats: ...
+def alternation(
+    color: ArrayLike, memory: ArrayLike | None = None, *, exposure: float = 1.0, out: _Floats | None = None
 ) -> _Floats: ...
 def anti_lag(
     history_length: ArrayLike,

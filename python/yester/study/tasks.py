@@ -234,6 +234,7 @@ TASKS = (
     Task("clip_history, hull", "clip_history", _named("history", "color"), _HULL | {"box": "hull"}),
     Task("clip_history, exact hull", "clip_history", _named("history", "color"), _HULL),
     Task("exposure", "exposure", _named("color")),
+    Task("alternation", "alternation", _named("color")),
     Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
     Task("temporal_gradient", "temporal_gradient", _named("color", previous="history")),
     Task("prediction_gain", "prediction_gain", _named("color", "ids", candidate="history", base="previous_color")),

@@ -400,6 +400,38 @@ impl Window {
     }
 }
 
+/// Of the neighbourhoods of a run's pixels, in the space of the box; nothing counts where there are none.
+pub struct Around<'a> {
+    pub count: &'a Row,
+    pub mean: &'a [Row; 3],
+    pub low: &'a [Row; 3],
+    pub high: &'a [Row; 3],
+}
+
+impl Window {
+    /// Means and ranges of 3×3 pixels.
+    #[inline(always)]
+    pub fn look(&mut self, run: Run) -> Around<'_> {
+        let rows = std::array::from_fn(|i| self.converted.columns(run, i as isize - 1));
+        let boxes = &mut self.boxes;
+        boxes.find_ranges::<3>(lanes(run), rows);
+        boxes.find_deviations(lanes(run), rows, |_, _, range| range);
+        let Boxes {
+            count,
+            mean,
+            low,
+            high,
+            ..
+        } = &**boxes;
+        Around {
+            count,
+            mean,
+            low,
+            high,
+        }
+    }
+}
+
 struct ClipRun<'a> {
     window: &'a mut Window,
     run: Run,
