@@ -9,7 +9,7 @@
 //!   fetch    reproject                                          history, brought here tap by tap,
 //!            splat ► pull_push                                  or point by point, its holes filled
 //!   judge    consistency, disocclusion, thin_features,          what shows another surface or light is refused,
-//!            exposure ► clip_history ► anti_lag,
+//!            exposure ► clip_history, alternation ► anti_lag,
 //!            temporal_gradient, prediction_gain ► blend_factor  or counts for less
 //!   merge    resample ► accumulate, blend, recirculate, resolve new samples join the history that is left
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      what noise remains
@@ -53,8 +53,8 @@ mod _core {
     use bindings::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
     #[pymodule_export]
     use bindings::judge::{
-        anti_lag_, blend_factor_, clip_history_, consistency_, exposure_, prediction_gain,
-        temporal_gradient,
+        alternation_, anti_lag_, blend_factor_, clip_history_, consistency_, exposure_,
+        prediction_gain, temporal_gradient,
     };
     #[pymodule_export]
     use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};

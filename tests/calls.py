@@ -24,6 +24,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     surface = {**now, "camera": camera}
     low = {f"low_{name}": image[::2, ::2].copy() for name, image in now.items()}
     albedo = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
+    memory = rng.normal(0, 0.3, (height, width, 7)).astype(np.float32)
     emission = rng.exponential(0.1, (height, width, 3)).astype(np.float32)
     position = rng.normal(0, 2, (height, width, 3)).astype(np.float32) - np.float32([0, 0, 8])
     cameras = {"camera": camera, "previous_camera": previous_camera}
@@ -51,11 +52,16 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.clip_history,
             {"history": history, "color": color, "box": "hull", "response": "current"},
         ),
+        "clip_history(exact-hull)": (
+            yester.clip_history,
+            {"history": history, "color": color, "box": "exact-hull", "response": "current"},
+        ),
         "clip_history(chroma-hull)": (
             yester.clip_history,
             {"history": history, "color": color, "box": "chroma-hull", "response": "current"},
         ),
         "exposure": (yester.exposure, {"color": color}),
+        "alternation": (yester.alternation, {"color": color, "memory": memory}),
         "anti_lag": (yester.anti_lag, {"history_length": length, "history": history, "clipped": color}),
         "temporal_gradient": (yester.temporal_gradient, {"color": color, "previous": history}),
         "prediction_gain": (

@@ -95,7 +95,7 @@ def go_to_nearest(motion: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def antialias(settings: dict, history, color, motion, depth, tests=None) -> tuple[list, NDArray, NDArray]:
     """The history with one more colour: colour and length, the coverage of what was there, and its rejection."""
-    tests, change = tests or {}, None
+    tests, change, memory = tests or {}, None, None
     if history is None:
         old, length = np.zeros_like(color), np.zeros_like(color[..., 0])
         coverage, rejection = length, np.zeros(length.shape, np.uint8)
@@ -104,7 +104,11 @@ def antialias(settings: dict, history, color, motion, depth, tests=None) -> tupl
         if settings["dilate"] != "none":
             choose = "longest" if depth is None else "nearest"
             moved = yester.dilate_motion(motion, depth, choose=choose, window=settings["dilate"])
-        (old, length), coverage = yester.reproject(history, moved, filter=settings["filter"], fallback=False, **tests)
+        known = {"fallback": False, **tests}
+        (old, length), coverage = yester.reproject(history[:2], moved, filter=settings["filter"], **known)
+        if settings["alternation"]:
+            memory, seen = yester.reproject(history[2], moved, **known)
+            memory = np.where((seen > 0)[..., None], memory, np.float32(np.nan))
         footprint = go_to_nearest(moved) if settings["filter"] == "nearest" else moved
         rejection, _ = yester.consistency(footprint, **tests)
         if settings["gradient"]:
@@ -112,7 +116,10 @@ def antialias(settings: dict, history, color, motion, depth, tests=None) -> tupl
             change = yester.temporal_gradient(color, known, noise=2.2, passes=3, widest=5)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = yester.exposure(color)
-    clipped = yester.clip_history(old, color, exposure=bright, **among)
+    clipped, kept = yester.clip_history(old, color, exposure=bright, **among), []
+    if settings["alternation"]:
+        kept = [yester.alternation(color, memory, exposure=bright)]
+        clipped = yester.blend(old, clipped, np.clip(np.nan_to_num(kept[0][..., 6]) - 1, 0, 1))
     pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
     share = yester.blend_factor(coverage, motion, **pace)
     with np.errstate(divide="ignore"):
@@ -128,7 +135,7 @@ def antialias(settings: dict, history, color, motion, depth, tests=None) -> tupl
     weights = {name: settings[name] for name in ("weighting", "flicker")}
     blended = yester.blend(color, clipped, share, exposure=bright, **weights)
     present = np.isfinite(color).all(-1)
-    return [blended, np.where(present, counted, length)], coverage, rejection
+    return [blended, np.where(present, counted, length), *kept], coverage, rejection
 
 
 class TAA:

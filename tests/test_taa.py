@@ -31,6 +31,8 @@ DOUBTS = [
     {"gradient": True},
     {"anti_lag": 1.0},
     {"gradient": True, "anti_lag": 3.0, "ids": True, "dilate": "cross"},
+    {"alternation": True, "ids": True},
+    {"alternation": True, "gradient": True, "anti_lag": 1.0},
 ]
 
 
@@ -152,6 +154,36 @@ def test_light_that_goes_shortens_history():
         assert (without.history_length == 7).all()
         assert (out.history_length < 3).mean() > 0.95
         assert np.abs(out.color - color).mean() < 0.7 * np.abs(without.color - color).mean()
+
+
+def flicker(colors, preset, **options):
+    """How much (mean over the pixels) the last 16 images of a plain sequence vary."""
+    taa = yester.TAA(preset, **options)
+    images = [taa.step(yester.Frame(np.broadcast_to(color, (12, 17, 3)).astype(np.float32))).color for color in colors]
+    return np.std(images[-16:], 0).mean(), images
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("length", [1, 2, 3])
+def test_red_and_green_that_fill_the_neighbourhood_are_mixed(preset, length):
+    """Clipping alone gives what the newest frame shows."""
+    red, green = np.float32([0.8, 0.15, 0.1]), np.float32([0.1, 0.7, 0.15])
+    colors = ([red] * length + [green] * length) * (48 // length)
+    full, _ = flicker(colors, preset)
+    calm, images = flicker(colors, preset, alternation=True)
+    assert full > 0.12
+    assert calm < 0.25 * full
+    np.testing.assert_allclose(np.mean(images[-24:], 0)[5, 5], (red + green) / 2, rtol=0.15)
+    # Once one of them stays, so it does here, within a few frames.
+    _, images = flicker(colors + [green] * 12, preset, alternation=True)
+    np.testing.assert_allclose(images[-1][5, 5], green, atol=0.02)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_change_of_light_is_no_alternation(preset):
+    colors = [np.float32([0.8, 0.6, 0.4])] * 8 + [np.float32([0.1, 0.1, 0.2])] * 8
+    (_, plain), (_, other) = (flicker(colors, preset, alternation=on) for on in (False, True))
+    np.testing.assert_array_equal(plain, other)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -398,7 +430,7 @@ def test_out_of_range(argument, values):
 
 
 def test_hulls_need_their_response_and_space():
-    for named in ({"box": "hull"}, {"box": "chroma-hull"}):
+    for named in ({"box": "hull"}, {"box": "exact-hull"}, {"box": "chroma-hull"}):
         with pytest.raises(ValueError, match="response"):
             yester.TAA(**named)
     with pytest.raises(ValueError, match="space"):

@@ -13,7 +13,7 @@ _Floats: TypeAlias = NDArray[np.float32]
 _Doubles: TypeAlias = NDArray[np.float64]
 _Threshold: TypeAlias = float | tuple[float, float]
 _Filter: TypeAlias = Literal["bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"]
-_Box: TypeAlias = Literal["variance", "minmax", "rounded", "intersection", "hull", "chroma-hull"]
+_Box: TypeAlias = Literal["variance", "minmax", "rounded", "intersection", "hull", "exact-hull", "chroma-hull"]
 _Space: TypeAlias = Literal["ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"]
 _Response: TypeAlias = Literal["center", "clamp", "current", "ellipsoid"]
 _Weighting: TypeAlias = Literal["none", "tone", "luminance"]
@@ -31,6 +31,7 @@ __all__ = [
     "Upscaler",
     "__version__",
     "accumulate",
+    "alternation",
     "anti_lag",
     "atrous",
     "blend",
@@ -243,6 +244,7 @@ class TAA(Pipeline):
         ids: bool = False,
         gradient: bool = False,
         anti_lag: float = 0.0,
+        alternation: bool = False,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
@@ -404,6 +406,9 @@ def blend_factor(
     fast_alpha: float = 0.2,
     speed: _Threshold = (0.0, 1.0),
     out: _Floats | None = None,
+) -> _Floats: ...
+def alternation(
+    color: ArrayLike, memory: ArrayLike | None = None, *, exposure: float = 1.0, out: _Floats | None = None
 ) -> _Floats: ...
 def anti_lag(
     history_length: ArrayLike,

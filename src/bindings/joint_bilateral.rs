@@ -147,7 +147,8 @@ pub fn reconstruct_<'py>(
 /// The mean of the samples in the window, each with the weight ``exp(-d²/(2 (sigma scale)²) - en - ez)`` at a distance of d
 /// pixels, with en and ez as in `atrous` and zero between ids or between surface and background. Kopf, Cohen, Lischinski
 /// and Uyttendaele 2007, *Joint Bilateral Upsampling*; what is joint is geometry here, not colour. `reconstruct` does the
-/// same for samples that lie anywhere.
+/// same for samples that lie anywhere. No pipeline uses this function: `HalfRes` gets frames of full resolution with
+/// missing samples, and fills these by `reconstruct`.
 #[pyfunction]
 #[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, low_depth=None, low_normal=None,
     low_ids=None, scale=2, offset=None, radius=2, sigma=1.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01,

@@ -9,12 +9,12 @@ use super::arrays::{
 };
 use super::camera::{Camera, check_size};
 use super::merge::AlphaArg;
-use crate::error::{Error, whole};
+use crate::error::{Error, in_range, whole};
 use crate::image::{Pixels, bands_of};
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
 use crate::kernels::judge::{
-    anti_lag, blend_factor, consistency, exposure, gradient, neighborhood, prediction,
+    alternation, anti_lag, blend_factor, consistency, exposure, gradient, neighborhood, prediction,
 };
 use crate::pixels::PixelsMut;
 
@@ -293,11 +293,12 @@ pub fn consistency_<'py>(
 ///     Reprojected colour, linear. Missing pixels stay as they are.
 /// color : (H, W, 3) array_like of float
 ///     The current frame. Missing pixels do not count; where a neighbourhood has no others, history stays.
-/// box : {"variance", "minmax", "rounded", "intersection", "hull", "chroma-hull"}, default "variance"
+/// box : {"variance", "minmax", "rounded", "intersection", "hull", "exact-hull", "chroma-hull"}, default "variance"
 ///     What bounds the neighbourhood's colours: their mean ± `gamma` standard deviations; their range; the mean of the
 ///     ranges of the square and of the cross in it; range and variance box at once; their convex hull, as a polytope of 13
-///     slabs (a 26-DOP, which contains the exact hull); the exact convex hull of their chrominances, with the range of Y.
-///     The hulls need `response` "current", the last also a `space` with chrominances.
+///     slabs (a 26-DOP, which contains the exact hull); the exact convex hull, which takes longer, with windows of 5×5 far
+///     longer; the exact convex hull of their chrominances, with the range of Y. The hulls need `response` "current", the
+///     last also a `space` with chrominances.
 /// gamma : float, default 1.0
 ///     Half the side of the variance box in standard deviations; from 0.
 /// window : {"3x3", "5x5"}, default "3x3"
@@ -492,7 +493,8 @@ pub fn blend_factor_<'py>(
 /// Notes
 /// -----
 /// To be used with a fast history: ``clip_history(slow, fast, window="5x5")`` holds the slow average to what the last few
-/// frames have seen, and where that moved it, this lets new samples in. After NRD's ReBLUR and ReLAX.
+/// frames have seen, and where that moved it, this lets new samples in. After NRD's ReBLUR and ReLAX. `TAA` uses it, with
+/// what it clips, if `anti_lag` is above 0.
 #[pyfunction]
 #[pyo3(name = "anti_lag", signature = (history_length, history, clipped, *, strength=1.0, out=None))]
 pub fn anti_lag_<'py>(
@@ -518,6 +520,73 @@ pub fn anti_lag_<'py>(
         })?
     };
     shortened.array()
+}
+
+/// Where the colours of whole neighbourhoods alternate: what there is to remember of them.
+///
+/// Where aliasing is wider than the neighbourhood, clipping gives what the newest frame shows, and the image flickers with
+/// it. Colours that return tell that from a change of light.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     The new frame, linear. Missing pixels do not count.
+/// memory : (H, W, 7) array_like of float, optional
+///     What this gave for the frame before, reprojected; NaN where it is not known. By default nothing is.
+/// exposure : float, default 1.0
+///     The radiance that the tone curve takes for 1, above 0: as `exposure` finds it.
+/// out : (H, W, 7) float32 array, optional
+///     Written and returned instead of a new array.
+///
+/// Returns
+/// -------
+/// memory : (H, W, 7) float32
+///     In tone-mapped YCoCg the mean of the 3×3 pixels and their mean before its last jump; and a count of returns, 0 to
+///     3. ``np.clip(memory[..., 6] - 1, 0, 1)`` is the share of history that should not be clipped. NaN where nothing
+///     was ever known.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or an exposure out of range.
+///
+/// Notes
+/// -----
+/// A mean jumps if it moves by more than the range of its pixels in some channel, and by more than a fifth of the larger
+/// one's largest channel. If that brings it back, less than half as far from the mean before the last jump as from the
+/// last mean, one is counted, else the count is 0. Without a jump both fade, by an eighth with every frame: at most five
+/// frames may lie between a colour and its return. AMD's FSR 2.2 finds luminances of single pixels that return, among
+/// those of four frames.
+#[pyfunction]
+#[pyo3(name = "alternation", signature = (color, memory=None, *, exposure=1.0, out=None))]
+pub fn alternation_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    memory: Option<&Bound<'py, PyAny>>,
+    exposure: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    in_range("exposure", exposure, "a finite number above 0", |v| {
+        v > 0.0 && v.is_finite()
+    })?;
+    let next = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let channels = Channels::Of(&[alternation::CHANNELS]);
+        let memory = Input::<f32>::optional(memory, "memory", channels, size)?;
+        let shape = [size.height, size.width, alternation::CHANNELS];
+        let out = Out::given(out, &shape)?;
+        let (color, memory) = (color.data(), memory.as_ref().map(Input::data));
+        let known = memory.map(|memory| alternation::Known {
+            memory: memory.pixels(),
+            coverage: None,
+        });
+        out.fill(py, &shape, |next| {
+            let next = PixelsMut::bands(size, alternation::CHANNELS, next);
+            alternation::alternation(color.pixels(), known, exposure, next);
+        })?
+    };
+    next.array()
 }
 
 /// How far the light has changed, beyond what noise explains.

@@ -1,10 +1,11 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
-//!   (resolve the jittered sample) → (motion from cameras) → (expose) → (temporal gradient)
+//!   (resolve the jittered sample) → (motion from cameras) → (expose) → (temporal gradient) → (alternation)
 //!     → dilate → reproject → clip → (anti-lag) → blend
 //!
 //! From dilation on all is one pass: what one kernel knows of a run of pixels, the next takes from the first-level cache.
-//! The temporal gradient looks farther and has a pass of its own before, with its own reprojection.
+//! The temporal gradient looks farther, alternation has a memory of its own: both are found before, with reprojections of
+//! their own.
 //!
 //! By default colours are merged across surfaces: no test of depth, normal or id refuses history, since along an edge
 //! that would refuse what antialiases it. The neighbourhood's colours decide instead. Tests can be switched on, for
@@ -19,6 +20,7 @@ use crate::kernels::camera::dilate::{Choice, Dilation, Window, dilate_motion};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes, Wide};
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
+use crate::kernels::judge::alternation::{self, Known, alternation, hold};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
@@ -46,6 +48,8 @@ pub struct Params {
     pub gradient: bool,
     /// How much clipping shortens history; from 0; 0.
     pub anti_lag: f32,
+    /// Whether history is not clipped where the colours of whole neighbourhoods alternate.
+    pub alternation: bool,
 }
 
 /// The tests that history must pass; by default none.
@@ -146,6 +150,7 @@ impl Params {
         limits: Limits::NONE,
         gradient: false,
         anti_lag: 0.0,
+        alternation: false,
     };
 
     /// After Karis 2014, *High Quality Temporal Supersampling*; how far flicker lessens the share is our choice.
@@ -236,7 +241,8 @@ impl Params {
 
     /// Whether there are tone curves.
     fn is_exposed(&self) -> bool {
-        self.clip.space.is_tone_mapped() || self.blend.weighting != Weighting::None
+        let blends = self.blend.weighting != Weighting::None;
+        self.clip.space.is_tone_mapped() || blends || self.alternation
     }
 }
 
@@ -279,6 +285,8 @@ pub struct Stage {
     params: Params,
     /// Of the last frame.
     history: Option<Records>,
+    /// What its neighbourhoods were, where that is asked for.
+    alternation: Option<Records>,
 }
 
 impl Stage {
@@ -286,12 +294,14 @@ impl Stage {
         Self {
             params,
             history: None,
+            alternation: None,
         }
     }
 
     /// Forgets the sequence.
     pub fn reset(&mut self) {
         self.history = None;
+        self.alternation = None;
     }
 
     /// Merges the next colour, whose history came along `motion`; what is nowhere known becomes black. Returns how many
@@ -318,22 +328,24 @@ impl Stage {
         };
         let fetch = (self.history.as_ref())
             .map(|history| Fetch::new(&[history.pixels()], size, tests, fetching));
+        let looks_back = self.history.is_some() && (params.gradient || params.alternation);
+        let dilated = params.dilate.filter(|_| looks_back).map(|window| {
+            let mut dilated = Image::blank(size, motion.channels);
+            let out = dilated.bands().map(PixelsMut::Planar);
+            dilate_motion(motion, choice, window, out);
+            dilated
+        });
+        let moved = dilated.as_ref().map_or(motion, Image::pixels);
+        let recall = |records: &Records, params| {
+            let (mut coverage, mut rejection) = (Image::blank(size, 1), vec![0; size.pixels()]);
+            let (covered, rejected) = (coverage.data_mut(), &mut rejection);
+            let values = reproject(&[records.pixels()], moved, tests, params, covered, rejected);
+            (values, coverage)
+        };
         let gradient = self.history.as_ref().filter(|_| params.gradient);
         let gradient = gradient.map(|history| {
-            let mut dilated = Image::blank(size, motion.channels);
-            let moved = match params.dilate {
-                Some(window) => {
-                    let out = dilated.bands().map(PixelsMut::Planar);
-                    dilate_motion(motion, choice, window, out);
-                    dilated.pixels()
-                }
-                None => motion,
-            };
-            let (mut coverage, mut gradient) = (Image::blank(size, 1), Image::blank(size, 1));
-            let known = &[history.pixels()];
-            let mut rejection = vec![0; size.pixels()];
-            let (covered, rejected) = (coverage.data_mut(), &mut rejection);
-            let history = reproject(known, moved, tests, fetching, covered, rejected);
+            let (history, coverage) = recall(history, fetching);
+            let mut gradient = Image::blank(size, 1);
             let (before, known) = (history[0].pixels().part(0..3), Some(coverage.view()));
             temporal_gradient(color, before, known, GRADIENT, gradient.data_mut());
             gradient
@@ -344,6 +356,21 @@ impl Stage {
         } else {
             1.0
         };
+        let alternates = params.alternation.then(|| {
+            let bilinear = reproject::Params {
+                filter: Filter::Bilinear,
+                ..fetching
+            };
+            let known = (self.alternation.as_ref()).map(|memory| recall(memory, bilinear));
+            let known = known.as_ref().map(|(memory, coverage)| Known {
+                memory: memory[0].pixels(),
+                coverage: Some(coverage.view()),
+            });
+            let mut memory = Records::blank(size, alternation::CHANNELS);
+            let out = PixelsMut::bands(size, alternation::CHANNELS, memory.data_mut());
+            alternation(color, known, exposure, out);
+            memory
+        });
         let kernel = Antialias {
             params: Params {
                 clip: neighborhood::Params {
@@ -361,6 +388,11 @@ impl Stage {
             choice,
             fetch,
             gradient: gradient.as_ref().map(Image::view),
+            alternates: (alternates.as_ref()).map(|memory| {
+                memory
+                    .pixels()
+                    .part(alternation::CHANNELS - 1..alternation::CHANNELS)
+            }),
         };
         let mut missing = vec![0; size.height.div_ceil(BAND)];
         let mut details = details.map(|details| details.bands(size.width));
@@ -375,6 +407,7 @@ impl Stage {
             });
         rows::run_far(&kernel, size.height, params.clip.radius as usize, outs);
         self.history = Some(next);
+        self.alternation = alternates;
         missing.iter().sum()
     }
 }
@@ -387,6 +420,8 @@ struct Antialias<'a> {
     /// None for a first frame.
     fetch: Option<Fetch<'a>>,
     gradient: Option<View<'a>>,
+    /// How often the colours of neighbourhoods have returned.
+    alternates: Option<Pixels<'a>>,
 }
 
 struct Outs<'a> {
@@ -419,7 +454,7 @@ impl<'a> Kernel for Antialias<'a> {
         let mut history = [[0.0; SEGMENT]; 3];
         let mut merged = [[0.0; SEGMENT]; 3];
         let (mut length, mut coverage) = ([0.0; SEGMENT], [0.0; SEGMENT]);
-        let (mut shares, mut changes) = ([0.0; SEGMENT], [0.0; SEGMENT]);
+        let [mut shares, mut changes, mut holds] = [[0.0; SEGMENT]; 3];
         for y in rows.clone() {
             window.roll(self.color, y, y == rows.start);
             if let Some(dilation) = &mut dilation {
@@ -454,10 +489,16 @@ impl<'a> Kernel for Antialias<'a> {
                     history = [[0.0; SEGMENT]; 3];
                     length = [0.0; SEGMENT];
                 }
-                let unclipped = (strength > 0.0).then_some(history);
+                let unclipped = history;
                 window.clip(run, &mut history);
-                if let Some(unclipped) = &unclipped {
-                    anti_lag::shorten(&mut length[..n], unclipped, &history, strength);
+                if let Some(alternates) = &self.alternates {
+                    alternates.load(run, 0, &mut holds[..n]);
+                    holds.iter_mut().for_each(|count| *count = hold(*count));
+                    let (clipped, before) = (history, unclipped.each_ref().map(Row::as_slice));
+                    mix(before, &clipped, &holds, Weighting::None, 1.0, &mut history);
+                }
+                if strength > 0.0 {
+                    anti_lag::shorten(&mut length[..n], &unclipped, &history, strength);
                 }
                 let colors = window.colors.own(run);
                 blend_factor.shares(&coverage[..n], Some(motion), &mut shares);

@@ -5,6 +5,7 @@ over pixels. A camera is anything with ``world_to_clip``, ``width`` and ``height
 """
 
 from .accumulate import Accumulated, accumulate, luminance
+from .alternation import alternation
 from .anti_lag import anti_lag
 from .atrous import atrous
 from .blend import blend
@@ -52,6 +53,7 @@ __all__ = [
     "Recirculation",
     "Upscaler",
     "accumulate",
+    "alternation",
     "anti_lag",
     "atrous",
     "blend",

@@ -21,15 +21,17 @@ def clip_history(
 ) -> Tensor | tuple[Tensor, Tensor]:
     """Hold history to the colours of each pixel's neighbourhood.
 
-    The hulls are cut out by sides: "hull" by slabs along 13 directions (26-DOP, Klosowski et al. 1998), "chroma-hull"
-    by the range of Y and the half-planes through pairs of (Co, Cg) that have all others on one side.
+    The hulls are cut out by sides: "hull" by slabs along 13 directions (26-DOP, Klosowski et al. 1998), "exact-hull" by
+    slabs along all possible normals of its sides, "chroma-hull" by the range of Y and the half-planes through pairs of
+    (Co, Cg) that have all others on one side.
 
     Sources: Karis 2014; Salvi 2016; Playdead 2016; Lottes 2016 (tone mapping); FSR 3.1 (ellipsoid).
 
     Parameters
     ----------
     history, color : (H, W, 3)
-    box : "minmax", "rounded", "variance", "intersection", or with response "current" "hull" and "chroma-hull"
+    box : "minmax", "rounded", "variance", "intersection"; with response "current" also "hull", "exact-hull" and
+        "chroma-hull"
     gamma : half the side of the variance box in standard deviations
     window : "3x3" or "5x5"
     space : "rgb", "ycocg", "tonemapped-rgb" or "tonemapped-ycocg"
@@ -85,7 +87,8 @@ def clip_history(
     middle = (low + high) / 2  # (H, W, 3)
     if "hull" in box:
         target = torch.where(present[..., None], own, mean)  # (H, W, 3)
-        beyond = (slabs if box == "hull" else half_planes)(torch.stack([old, target]), taps, counts)  # (K, 2, H, W)
+        sides = {"hull": slabs, "exact-hull": facets, "chroma-hull": half_planes}[box]
+        beyond = sides(torch.stack([old, target]), taps, counts)  # (K, 2, H, W)
         t, grazing = enter(beyond, (target - old).norm(dim=-1))  # (H, W), (H, W)
         new = old + t[..., None] * (target - old)  # (H, W, 3)
     elif response == "clamp":
@@ -116,6 +119,30 @@ def slabs(points: Tensor, taps: Tensor, counts: Tensor) -> Tensor:
     """How far (26, N, H, W) points (N, H, W, 3) lie beyond the taps (T, H, W, 3) that count, along 13 directions."""
     directions = [d for d in itertools.product((-1, 0, 1), repeat=3) if d != (0, 0, 0)]  # and back
     return torch.stack([_beyond(points, taps, counts, taps.new_tensor(d)) for d in directions])
+
+
+def facets(points: Tensor, taps: Tensor, counts: Tensor) -> Tensor:
+    """How far (K, N, H, W) points (N, H, W, 3) lie beyond the taps (T, H, W, 3) that count, along their hull's normals.
+
+    A facet is normal to two edges; where all taps lie in a plane or in line, sides of their hull are normal to an edge
+    and to an axis, or along an axis. Any direction is as good as these, so that none has to be a facet's.
+    """
+    axes = list(torch.eye(3).to(taps))
+    there = taps.where(counts, taps.where(counts, torch.nan).nanmean(0))  # (T, H, W, 3)
+    normals = [axis.expand_as(there[0]) for axis in axes]  # (H, W, 3) each
+    for i, j in itertools.combinations(range(len(there)), 2):
+        edge = there[j] - there[i]  # (H, W, 3)
+        normals += [torch.linalg.cross(edge, axis.expand_as(edge)) for axis in axes]
+        normals += [torch.linalg.cross(edge, other - there[i]) for other in there[j + 1 :]]
+    size = there.abs().amax((0, -1))[..., None]  # (H, W, 1)
+    found = []
+    for normal in normals:
+        length = normal.norm(dim=-1, keepdim=True)  # (H, W, 1)
+        normal = (normal / length).where(length > 1e-12 * size**2, torch.nan)  # (H, W, 3)
+        along, most = (points * normal).sum(-1), (there * normal).sum(-1)  # (N, H, W), (T, H, W)
+        rounding = 1e-13 * size[..., 0]  # (H, W)
+        found += [along - most.amax(0) - rounding, most.amin(0) - along - rounding]  # (N, H, W) each
+    return torch.stack(found).nan_to_num(-torch.inf)
 
 
 def half_planes(points: Tensor, taps: Tensor, counts: Tensor) -> Tensor:
@@ -154,7 +181,12 @@ def enter(beyond: Tensor, way: Tensor) -> tuple[Tensor, Tensor]:
     start, end = beyond.unbind(1)  # (K, H, W), (K, H, W)
     descent = start - end.clamp(max=0)  # (K, H, W)
     t = torch.where(start > 0, start / descent, 0).amax(0)  # (H, W)
-    grazing = torch.where(start > -1e-6, way / descent.abs(), 0).amax(0)  # (H, W)
+    steepness = way / descent.abs()  # (K, H, W)
+    # The surest of the sides that decide, and those that would come later but for roundings.
+    surest = steepness.where((start > 0) & (start / descent >= t - 1e-9), torch.inf).amin(0)  # (H, W)
+    latest = ((start + 1e-6) / (descent - 1e-6).clamp(min=1e-300)).clamp(max=1)  # (K, H, W)
+    later = steepness.where((start > -1e-6) & (latest > t + 1e-4), 0).amax(0)  # (H, W)
+    grazing = surest.where(surest.isfinite(), 1).maximum(later)  # (H, W)
     return t.where(t.isfinite(), 0), grazing.nan_to_num(1).clamp(1, 1e6)
 
 

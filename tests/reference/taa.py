@@ -3,6 +3,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from .alternation import alternation
 from .anti_lag import anti_lag
 from .blend import blend
 from .blend_factor import blend_factor
@@ -35,6 +36,7 @@ SEED = {
     "ids": False,
     "gradient": False,
     "anti_lag": 0.0,
+    "alternation": False,
 }
 KARIS = SEED | {
     "dilate": "cross",
@@ -70,7 +72,7 @@ PRESETS = {"best": BEST, "denoised": DENOISED, "seed": SEED, "karis": KARIS, "fi
 
 
 class Antialiased(NamedTuple):
-    history: list[Tensor]  # colour (H, W, 3) and length (H, W)
+    history: list[Tensor]  # colour (H, W, 3) and length (H, W), and with "alternation" its memory (H, W, 7)
     confidence: Tensor
     rejection: Tensor
 
@@ -93,13 +95,14 @@ def antialias(
 
     Parameters
     ----------
-    history : colour (H, W, 3) and length (H, W)
+    history : colour (H, W, 3) and length (H, W), and with "alternation" its memory (H, W, 7)
     color : (H, W, 3)
     motion : (H, W, 2) or (H, W, 3)
     depth : (H, W), or None: the longest motion then is that of the neighbourhood
     tests : of surfaces, as for `reproject`
     """
     tests = tests or {}
+    memory = None
     change = torch.zeros_like(color[..., 0])  # (H, W)
     if history is None:
         old, length = torch.zeros_like(color), torch.zeros_like(color[..., 0])  # (H, W, 3), (H, W)
@@ -109,7 +112,10 @@ def antialias(
         if settings["dilate"] != "none":
             choose = "longest" if depth is None else "nearest"
             there = dilate_motion(motion, depth, choose=choose, window=settings["dilate"])  # (H, W, 2|3)
-        (old, length), coverage = reproject(history, there, filter=settings["filter"], fallback=False, **tests)
+        (old, length), coverage = reproject(history[:2], there, filter=settings["filter"], fallback=False, **tests)
+        if settings["alternation"]:
+            memory, known = reproject(history[2], there, fallback=False, **tests)  # (H, W, 7), (H, W)
+            memory = memory.where((known > 0)[..., None], torch.nan)  # (H, W, 7)
         rejection, _ = consistency(there, **tests)  # (H, W)
         if settings["gradient"]:
             known = old.where((coverage > 0)[..., None], torch.nan)  # (H, W, 3)
@@ -117,6 +123,11 @@ def antialias(
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = exposure(color)
     clipped = clip_history(old, color, exposure=bright, **among)  # (H, W, 3)
+    kept = []
+    if settings["alternation"]:
+        kept = [alternation(color, memory, exposure=bright)]  # (H, W, 7)
+        hold = (kept[0][..., 6].nan_to_num() - 1).clamp(0, 1)  # (H, W)
+        clipped = blend(old, clipped, hold)  # (H, W, 3)
     pace = {name: settings[name] for name in ("alpha", "fast_alpha", "speed")}
     length = anti_lag(length, old, clipped, strength=settings["anti_lag"]) * (1 - change) ** 10  # (H, W)
     counted = length + 1  # (H, W)
@@ -127,7 +138,7 @@ def antialias(
     weights = {name: settings[name] for name in ("weighting", "flicker")}
     new = blend(color, clipped, share, exposure=bright, **weights)  # (H, W, 3)
     length = counted.where(color.isfinite().all(-1), length)  # (H, W)
-    return Antialiased([new, length], coverage, rejection)
+    return Antialiased([new, length, *kept], coverage, rejection)
 
 
 def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:
@@ -194,6 +205,6 @@ class TAA:
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth, tests)
         self.before = frame
-        color, length = self.history  # (H, W, 3), (H, W)
+        color, length = self.history[:2]  # (H, W, 3), (H, W)
         missing = int((~frame.color.isfinite().all(-1)).sum())
         return Output(color.where(color.isfinite(), 0), length, confidence, rejection, missing)

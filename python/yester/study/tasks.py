@@ -176,6 +176,7 @@ _WINDOWS = ("OpenCV joint bilateral, 5x5", "OpenCV guided filter, 5x5")
 _NETWORKS = ("OIDN fast", "OIDN balanced", "OIDN high")
 
 _SEED: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp"}
+_HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {"radius": 2, "reflections": (), "gradient": False, "fireflies": False, "antialias": False}
 
@@ -230,8 +231,10 @@ TASKS = (
     Task("clip_history, variance", "clip_history", _named("history", "color"), {}, (_MOMENTS,), _CLIP),
     Task("clip_history, blended", "clip_history", _BLEND, {}, (_MOMENTS,), _CLIP + _MIX),
     Task("clip_history, minmax", "clip_history", _named("history", "color"), _SEED, ("OpenCV erode + dilate",)),
-    Task("clip_history, hull", "clip_history", _named("history", "color"), {"box": "hull", "response": "current"}),
+    Task("clip_history, hull", "clip_history", _named("history", "color"), _HULL | {"box": "hull"}),
+    Task("clip_history, exact hull", "clip_history", _named("history", "color"), _HULL),
     Task("exposure", "exposure", _named("color")),
+    Task("alternation", "alternation", _named("color")),
     Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
     Task("temporal_gradient", "temporal_gradient", _named("color", previous="history")),
     Task("prediction_gain", "prediction_gain", _named("color", "ids", candidate="history", base="previous_color")),

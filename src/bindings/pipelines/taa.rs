@@ -47,9 +47,15 @@ use crate::pipelines::taa;
 /// ids : bool, default False
 ///     Whether history must be of the same id.
 /// gradient : bool, default False
-///     Whether changes of light, as far as aliasing and noise let see, shorten history (`temporal_gradient`).
+///     Whether changes of light, as far as aliasing and noise let see, shorten history (`temporal_gradient`). Pays for
+///     frames without noise; fireflies and other rare bright samples are taken for changes.
 /// anti_lag : float, default 0.0
-///     How much clipping shortens history: the `strength` of `anti_lag`; from 0, which leaves it out.
+///     How much clipping shortens history: the `strength` of `anti_lag`; from 0, which leaves it out. 1 pays for frames
+///     without noise, and costs next to no time; noise is clipped as well, and is then averaged less.
+/// alternation : bool, default False
+///     Whether history is not clipped where the colours of whole neighbourhoods come and go and come again
+///     (`alternation`): against flicker where aliasing is wider than the neighbourhood. It costs most of the time that
+///     all the rest takes. `SVGF` gets it as ``SVGF(antialias=False)`` followed by ``TAA("denoised", alternation=True)``.
 ///
 /// Raises
 /// ------
@@ -60,7 +66,7 @@ use crate::pipelines::taa;
 /// -----
 /// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
 /// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without fallback, `blend_factor`,
-/// `exposure`, `clip_history`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The share of
+/// `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The share of
 /// the N-th sample of a pixel is at least 1/N. With a gradient λ, N becomes N (1 - λ)¹⁰ before, and the share a
 /// ``lerp(a, 1, λ)``, as in `accumulate`.
 #[pyclass(extends = Pipeline, module = "yester")]
@@ -73,7 +79,7 @@ impl TAA {
     #[new]
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, filter=None, r#box=None,
         gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
-        plane_distance=None, normal_angle=None, ids=false, gradient=false, anti_lag=0.0))]
+        plane_distance=None, normal_angle=None, ids=false, gradient=false, anti_lag=0.0, alternation=false))]
     fn new(
         preset: &str,
         alpha: Option<f32>,
@@ -94,6 +100,7 @@ impl TAA {
         ids: bool,
         gradient: bool,
         anti_lag: f32,
+        alternation: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
         /// The mode that is named, or the preset's.
         fn or<T: Copy>(
@@ -138,6 +145,7 @@ impl TAA {
         };
         params.gradient = gradient;
         params.anti_lag = anti_lag;
+        params.alternation = alternation;
         let inner = taa::Taa::new(params)?;
         Ok(Pipeline::made(Self { inner }))
     }

@@ -1,5 +1,6 @@
 //! How far is history trusted?
 
+pub mod alternation;
 pub mod anti_lag;
 pub mod blend_factor;
 pub mod consistency;

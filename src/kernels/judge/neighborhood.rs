@@ -5,8 +5,8 @@
 //! - **box**: the range of the neighbourhood; the mean of the ranges of the square and of the cross, which is rounder
 //!   (Karis 2014, *High Quality Temporal Supersampling*); mean ± γ standard deviations (Salvi 2016, *An Excursion in
 //!   Temporal Supersampling*); or the intersection of the first and the last. Instead of a box, the convex hull, for the
-//!   response "current" alone: exact in chrominance, with the range of Y; or of the whole colour, as a polytope of thirteen
-//!   slabs (see [`super::hull`]).
+//!   response "current" alone: exact in chrominance, with the range of Y; or of the whole colour, exact or as a polytope
+//!   of thirteen slabs (see [`super::hull`]).
 //! - **space**: RGB, YCoCg, or either after c / (e + max(r, g, b)), which keeps single bright pixels from opening the box
 //!   (Lottes 2016, *Optimized Reversible Tonemapper for Resolve*), with e the exposure. The corners of such a box may lie
 //!   beyond the range of the curve: what is clipped becomes no brighter than history and all of the neighbourhood.
@@ -26,7 +26,7 @@
 
 use std::ops::Range;
 
-use super::hull::{Polygon, enter_slabs, toward};
+use super::hull::{Polygon, enter_hulls, enter_slabs, toward};
 use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::kernels::merge::blend::{self, Alpha, Weighting};
@@ -41,7 +41,14 @@ pub enum Bounds {
     Variance,
     Intersection,
     Hull,
+    ExactHull,
     ChromaHull,
+}
+
+impl Bounds {
+    fn is_hull(self) -> bool {
+        matches!(self, Self::Hull | Self::ExactHull | Self::ChromaHull)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,12 +84,13 @@ pub struct Params {
 }
 
 impl Params {
-    pub const BOUNDS: [(&str, Bounds); 6] = [
+    pub const BOUNDS: [(&str, Bounds); 7] = [
         ("minmax", Bounds::MinMax),
         ("rounded", Bounds::Rounded),
         ("variance", Bounds::Variance),
         ("intersection", Bounds::Intersection),
         ("hull", Bounds::Hull),
+        ("exact-hull", Bounds::ExactHull),
         ("chroma-hull", Bounds::ChromaHull),
     ];
     pub const SPACES: [(&str, Space); 4] = [
@@ -112,8 +120,7 @@ impl Params {
             let expected = "\"variance\" for response \"ellipsoid\"";
             return Err(Error::value("box", expected, bounds));
         }
-        let hull = matches!(self.bounds, Bounds::Hull | Bounds::ChromaHull);
-        if hull && self.response != Response::Current {
+        if self.bounds.is_hull() && self.response != Response::Current {
             let expected = format!("\"current\" for box {bounds}");
             return Err(Error::value("response", expected, response));
         }
@@ -348,10 +355,13 @@ impl Window {
             space.convert(history, new.each_mut().map(|row| &mut row[..n]), exposure);
         }
         match bounds {
-            Bounds::Hull => {
+            Bounds::Hull | Bounds::ExactHull => {
                 let mut targets = [[0.0; SEGMENT]; 3];
                 find_targets(n, rows, &mut targets);
-                enter_slabs(n, rows, &targets, new);
+                match bounds {
+                    Bounds::Hull => enter_slabs(n, rows, &targets, new),
+                    _ => enter_hulls(n, rows, &targets, new),
+                }
             }
             Bounds::ChromaHull => enter_polygons(run.len, rows, new),
             _ => {
@@ -387,6 +397,38 @@ impl Window {
             }
         }
         space.replace(n, history, new, exposure, &most);
+    }
+}
+
+/// Of the neighbourhoods of a run's pixels, in the space of the box; nothing counts where there are none.
+pub struct Around<'a> {
+    pub count: &'a Row,
+    pub mean: &'a [Row; 3],
+    pub low: &'a [Row; 3],
+    pub high: &'a [Row; 3],
+}
+
+impl Window {
+    /// Means and ranges of 3×3 pixels.
+    #[inline(always)]
+    pub fn look(&mut self, run: Run) -> Around<'_> {
+        let rows = std::array::from_fn(|i| self.converted.columns(run, i as isize - 1));
+        let boxes = &mut self.boxes;
+        boxes.find_ranges::<3>(lanes(run), rows);
+        boxes.find_deviations(lanes(run), rows, |_, _, range| range);
+        let Boxes {
+            count,
+            mean,
+            low,
+            high,
+            ..
+        } = &**boxes;
+        Around {
+            count,
+            mean,
+            low,
+            high,
+        }
     }
 }
 

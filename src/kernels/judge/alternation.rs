@@ -1,0 +1,153 @@
+//! Alternation: a neighbourhood whose colours come and go and come again.
+//!
+//! Where aliasing is wider than the neighbourhood, all of its pixels show one thing in one frame and another in the next.
+//! Clipping then gives the one or the other, history is lost with every frame, and the image flickers. One frame alone
+//! cannot tell that from a change of light or a disocclusion; the return of what was there before can.
+//!
+//! Of every neighbourhood, 3×3 pixels in tone-mapped YCoCg, the memory holds the mean μ, the mean μ₀ from before its last
+//! jump, and a count of returns e. With the new mean m and range r (per channel):
+//! - it **jumps** if |m − μ| > r in some channel, so that the last mean lies well outside of what is there now, and the
+//!   largest |m − μ| is more than a fifth of the largest coordinate of m and μ;
+//! - a jump is a **return** if |m − μ₀| < ½ |m − μ|: then e ← min(e + 1, 3); any other jump sets e ← 0;
+//! - a jump sets μ₀ ← μ; without one, μ₀ ← μ₀ + ⅛ (m − μ₀) and e ← ⅞ e, so that what was long ago is no return.
+//!
+//! The first return might be chance: clamp(e − 1, 0, 1) is the share of history that should not be clipped. (AMD's FSR
+//! 2.2 sees luminances of single pixels return, among the last four frames.)
+//!
+//! Inputs: colour (3), memory (7: μ, μ₀, e), optional. Output: memory. Missing pixels do not count; where all are
+//! missing, memory stays as it is. Where there is no memory, μ and μ₀ are m and e is 0.
+
+use std::ops::Range;
+
+use super::neighborhood::{self, Bounds, Response, Space, Window};
+use crate::image::{Pixels, SEGMENT, View, segments};
+use crate::pixels::{PixelsMut, Row, lanes, larger};
+use crate::rows::{self, BAND, Kernel};
+
+/// Channels of the memory.
+pub const CHANNELS: usize = 7;
+/// The largest count of returns.
+const MOST: f32 = 3.0;
+/// The smallest jump, as a share of the larger mean.
+const JUMP: f32 = 0.2;
+/// How much of the way memory goes towards what does not jump.
+const PACE: f32 = 0.125;
+
+/// What is remembered, and the coverage of that, 0 where there is none.
+#[derive(Clone, Copy)]
+pub struct Known<'a> {
+    pub memory: Pixels<'a>,
+    pub coverage: Option<View<'a>>,
+}
+
+struct Alternation<'a> {
+    color: Pixels<'a>,
+    known: Option<Known<'a>>,
+    exposure: f32,
+}
+
+pub fn alternation<'a>(
+    color: Pixels<'a>,
+    known: Option<Known<'a>>,
+    exposure: f32,
+    memory: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let height = color.size.height;
+    let kernel = Alternation {
+        color,
+        known,
+        exposure,
+    };
+    rows::run_far(&kernel, height, 1, memory);
+}
+
+/// The share of history that should not be clipped.
+#[inline(always)]
+pub fn hold(count: f32) -> f32 {
+    larger(count - 1.0, 0.0).min(1.0)
+}
+
+impl<'a> Kernel for Alternation<'a> {
+    type Out = Vec<PixelsMut<'a>>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+        let size = self.color.size;
+        let around = neighborhood::Params {
+            bounds: Bounds::MinMax,
+            gamma: 1.0,
+            radius: 1,
+            space: Space::ToneMappedYCoCg,
+            response: Response::Clamp,
+            exposure: self.exposure,
+        };
+        let mut window = Window::new(size.width, around);
+        let mut memory = [[f32::NAN; SEGMENT]; CHANNELS];
+        for y in rows.clone() {
+            window.roll(self.color, y, y == rows.start);
+            let out = &mut outs[(y - rows.start) / BAND];
+            for run in segments(y, size.width) {
+                if let Some(known) = &self.known {
+                    known
+                        .memory
+                        .read(run, memory.each_mut().map(Row::as_mut_slice));
+                    if let Some(coverage) = known.coverage {
+                        let coverage = &coverage.row(0, y)[run.x..][..run.len];
+                        for (mean, &coverage) in memory[0].iter_mut().zip(coverage) {
+                            *mean = if coverage > 0.0 { *mean } else { f32::NAN };
+                        }
+                    }
+                } else {
+                    memory[0].fill(f32::NAN);
+                }
+                let around = window.look(run);
+                for i in 0..lanes(run) {
+                    let of = |rows: &[Row; 3]| [rows[0][i], rows[1][i], rows[2][i]];
+                    let (low, high) = (of(around.low), of(around.high));
+                    let reach = [high[0] - low[0], high[1] - low[1], high[2] - low[2]];
+                    let before = memory.each_ref().map(|row| row[i]);
+                    let next = remember(before, of(around.mean), reach);
+                    for (row, next) in memory.iter_mut().zip(next) {
+                        row[i] = if around.count[i] > 0.0 { next } else { row[i] };
+                    }
+                }
+                out.write(run, memory.each_ref().map(Row::as_slice));
+            }
+        }
+    }
+}
+
+/// The memory of one pixel after one more frame; none where it is not finite.
+#[inline(always)]
+fn remember(memory: [f32; CHANNELS], mean: [f32; 3], range: [f32; 3]) -> [f32; CHANNELS] {
+    let known = memory.iter().fold(true, |all, v| all & v.is_finite());
+    let [p0, p1, p2, a0, a1, a2, count] = memory;
+    let pick = |known_as: [f32; 3]| [0, 1, 2].map(|c| if known { known_as[c] } else { mean[c] });
+    let (last, other) = (pick([p0, p1, p2]), pick([a0, a1, a2]));
+    let count = if known { count } else { 0.0 };
+    let (mut beyond, mut largest, mut size) = (false, 0.0, 0.0);
+    let (mut moved, mut apart) = (0.0, 0.0);
+    for c in 0..3 {
+        let off = (mean[c] - last[c]).abs();
+        beyond |= off > range[c];
+        largest = larger(off, largest);
+        size = larger(larger(mean[c].abs(), last[c].abs()), size);
+        moved += off * off;
+        apart += (mean[c] - other[c]) * (mean[c] - other[c]);
+    }
+    let jumps = beyond & (largest > JUMP * size);
+    let returns = apart < 0.25 * moved;
+    let counted = if returns {
+        (count + 1.0).min(MOST)
+    } else {
+        0.0
+    };
+    let count = if jumps { counted } else { (1.0 - PACE) * count };
+    let other = [0, 1, 2].map(|c| {
+        let drifts = other[c] + PACE * (mean[c] - other[c]);
+        if jumps { last[c] } else { drifts }
+    });
+    [
+        mean[0], mean[1], mean[2], other[0], other[1], other[2], count,
+    ]
+}
