@@ -212,11 +212,11 @@ def test_switches_follow_the_default():
 def test_effects(recording, tmp_path):
     """Gains are those of having the component, whether the default has it or not."""
     known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
-    some = (known["antialiasing"], known["pass 5"])
+    some = (known["antialiasing"], known["pass 4"])
     recordings = [recording, replace(recording, name="second")]
     effects = ablate(recordings, tmp_path, metrics=["psnr", "relmse"], ablations=some)
     assert [(e.scene, e.component) for e in effects] == [
-        (scene, component) for scene in ("cornell_box", "second", ALL) for component in ("antialiasing", "pass 5")
+        (scene, component) for scene in ("cornell_box", "second", ALL) for component in ("antialiasing", "pass 4")
     ]
     methods = [known["antialiasing"].whole, *(each.method for each in some)]
     _, whole, without, more = measure(recording, methods, tmp_path, metrics=["psnr", "relmse"], images=0)
@@ -227,7 +227,7 @@ def test_effects(recording, tmp_path):
     assert effects[-2].gains["psnr"] == pytest.approx(first.gains["psnr"])
     lines = ablation.table(effects).splitlines()
     assert lines[1].startswith("SVGF - antialiasing")
-    assert lines[2].startswith("SVGF + pass 5")
+    assert lines[2].startswith("SVGF + pass 4")
     assert f"{first.gains['psnr']:+.2f} dB ( 2) {first.gains['psnr']:+.2f} dB cornell_box" in lines[1]
     assert len((tmp_path / "ablation.csv").read_text().splitlines()) == 7
 
@@ -264,12 +264,12 @@ def test_flow_of_whatever_files_hold(channels, names, cameras):
 def test_effects_through_doors(recording, tmp_path):
     """The same pipelines on the frames that come through; what is off by default is not looked at."""
     known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
-    some = (known["antialiasing"], known["pass 5"])
+    some = (known["antialiasing"], known["pass 4"])
     chosen = [door for door in DOORS if door.name in (FULL, "raw albedo", "no normals")]
     effects = ablate([recording], tmp_path, metrics=["psnr"], doors=chosen, ablations=some)
     assert [(e.door, e.component) for e in effects] == [
         (FULL, "antialiasing"),
-        (FULL, "pass 5"),
+        (FULL, "pass 4"),
         ("no normals", "antialiasing"),
     ]
     states = yester.SVGF(), yester.SVGF(antialias=False)

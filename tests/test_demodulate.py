@@ -19,8 +19,8 @@ def test_reference(height, width):
             got = getattr(yester, name)(color, albedo, **named)
             want = getattr(reference, name)(tensor(color), tensor(albedo), **tensor(named)).numpy()
             assert got.dtype == np.float32
-            # Differences of numbers about one, divided by as little as a 64th.
-            scale = 64 if name == "demodulate" else 1
+            # Differences of numbers about one, divided by as little as a 32nd.
+            scale = 32 if name == "demodulate" else 1
             missing = ~np.isfinite(want).all(-1)
             np.testing.assert_array_equal(~np.isfinite(got).all(-1), missing)
             assert_close(name, got, want, scale=scale, where=~missing)
@@ -59,13 +59,13 @@ def test_no_reflectance_exceeds_one():
 def test_light_never_explodes():
     albedo = np.broadcast_to(np.geomspace(1e-6, 10, 1000, dtype=np.float32)[:, None], (1000, 3))[None]
     light = yester.demodulate(np.ones_like(albedo), albedo)
-    assert light.min() >= 1
-    assert light.max() == 64
-    # Smooth: from one albedo to the next, 1.6 % higher, it changes by little.
-    assert np.abs(np.diff(np.log(light[0, :, 0]))).max() < 0.15
-    # From the bound on, texture is flattened.
-    bright = (albedo >= 1 / 64) & (albedo <= 1)
-    np.testing.assert_allclose(light[bright] * albedo[bright], 1, rtol=1e-6)
+    np.testing.assert_allclose(light, 1 / np.clip(albedo, 1 / 32, 1), rtol=1e-6)
+
+
+def test_one_channel_of_three_may_be_black():
+    """A red without green and blue is a reflectance all the same."""
+    light = yester.demodulate(np.ones((1, 1, 3), np.float32), np.float32([[[0.5, 0, 0]]]))
+    np.testing.assert_array_equal(light, [[[2, 32, 32]]])
 
 
 def test_broken_albedo_and_emission_count_as_zero():

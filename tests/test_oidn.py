@@ -31,7 +31,7 @@ def test_alone_it_is_itself():
 
 def test_between_temporal_stages_it_is_their_list():
     oidn = yester.OIDN("fast", temporal=True)
-    history, antialiasing = yester.SVGF(iterations=0, antialias=False), yester.TAA("denoised")
+    history, antialiasing = yester.SVGF(alpha=0.05, iterations=0, antialias=False), yester.TAA("denoised")
     for frame, _ in frames(4):
         out, known = oidn.step(frame), history.step(frame)
         clean = pyoidn.denoise(known.color, frame.albedo, frame.normal, hdr=True, quality="fast")

@@ -160,7 +160,7 @@ class SVGF(Pipeline):
         *,
         alpha: float = 0.2,
         moments_alpha: float = 0.2,
-        iterations: int = 4,
+        iterations: int = 3,
         radius: int = 1,
         sigma_luminance: float = 3.0,
         sigma_normal: float = 128.0,

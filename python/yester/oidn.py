@@ -38,8 +38,8 @@ class OIDN(Pipeline):
 
     Notes
     -----
-    `temporal` consists of ``SVGF(iterations=0, antialias=False)``, the network and ``TAA("denoised")``, and gives their
-    bits. Light without albedo, and a second accumulation of what the network returns, were tried and lost. As many
+    `temporal` consists of ``SVGF(alpha=0.05, iterations=0, antialias=False)``, the network and ``TAA("denoised")``, and
+    gives their bits. Light without albedo, and a second accumulation of what the network returns, were tried and lost. As many
     threads run as ``YESTER_THREADS`` allows.
     """
 
@@ -54,7 +54,7 @@ class OIDN(Pipeline):
         self._network = Network(quality)
         if fireflies and not temporal:
             raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")
-        history = SVGF(iterations=0, antialias=False, fireflies=fireflies)
+        history = SVGF(alpha=0.05, iterations=0, antialias=False, fireflies=fireflies)
         self._stages = (history, TAA("denoised")) if temporal else None
 
     def step(self, frame: Frame, out: Output | None = None) -> Output:

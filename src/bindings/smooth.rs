@@ -8,7 +8,7 @@ use super::arrays::{
 };
 use super::camera::{Camera, check_size};
 use crate::error::Error;
-use crate::image::{Pixels, Size};
+use crate::image::Size;
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
@@ -488,20 +488,18 @@ fn modulate<'py>(
         let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?.sized("albedo", image.size())?;
         let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
         let out = Out::given(out, image.shape())?;
-        // All channels alike.
-        let [values, albedo] = [&image, &albedo].map(|input| input.data().flat().into());
-        let emission = emission.as_ref().map(|input| input.data().flat().into());
+        let [values, albedo] = [&image, &albedo].map(|input| input.data().pixels());
+        let emission = emission.as_ref().map(|input| input.data().pixels());
         let texture = Texture { albedo, emission };
-        let values: Pixels = values;
         out.fill(py, image.shape(), |modulated| {
-            let modulated = PixelsMut::bands(values.size, 1, modulated);
-            demodulate::modulate::<1>(values, texture, way, modulated);
+            let modulated = PixelsMut::bands(values.size, 3, modulated);
+            demodulate::modulate(values, texture, way, modulated);
         })?
     };
     modulated.array()
 }
 
-/// Light without texture: ``(color - emission) / d``, where d is the albedo, 1/64 at least, and 1 where it is black.
+/// Light without texture: ``(color - emission) / d``, where d is the albedo, 1/32 at least, and 1 where it is black.
 ///
 /// Parameters
 /// ----------
@@ -525,10 +523,9 @@ fn modulate<'py>(
 ///
 /// Notes
 /// -----
-/// With a the albedo of a channel, ``d = m + (1 - m) * max(1 - 512 a, 0)**2`` and ``m = max(a, 1/64)``. Lamps, sky, glass,
-/// mirrors and black plastic have an albedo near 0 and shine by what it does not scale; divided by it, their light would be
-/// a thousand times too bright, and filters would hand the excess to their neighbours. So no light is multiplied by more
-/// than 64, and where albedo is black, colour is taken as it is.
+/// With a the albedo of a channel, ``d = max(a, 1/32)``; where it is 0 in all channels, ``d = 1``. Lamps, sky, glass, mirrors
+/// and black plastic have an albedo of 0 or nearly, and shine by what it does not scale; divided by it, their light would be
+/// a thousand times too bright, and filters would hand the excess to their neighbours.
 ///
 /// `remodulate` is the way back. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it is
 /// right to the last places. After Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4; Falcor

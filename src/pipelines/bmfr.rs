@@ -203,7 +203,7 @@ impl Pipeline for Bmfr {
         let textured = texture.map(|texture| {
             let mut color = Image::blank(size, 3);
             let out = color.bands().map(PixelsMut::Planar);
-            modulate::<3>(light.into(), texture, Way::Back, out);
+            modulate(light.into(), texture, Way::Back, out);
             color
         });
         let color = textured.as_ref().map_or(light, Image::view);

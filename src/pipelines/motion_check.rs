@@ -157,7 +157,11 @@ fn by_cameras(
     let cameras = Some((camera, previous));
     let expected = find_motion(frame.color.size, cameras, frame.geometry(), &mut vec![]);
     let expected = expected.pixels();
+    // A depth of 0 is a miss in some renderers' habits, and no place that moves.
+    let depth = frame.surface.depth;
+    let placed = |pixel| depth.is_none_or(|depth| depth.at(pixel, 0) > 0.0);
     let pairs: Vec<_> = moved(motion)
+        .filter(|&(_, pixel, _)| placed(pixel))
         .map(|(_, pixel, motion)| (motion, [0, 1].map(|c| f64::from(expected.at(pixel, c)))))
         .filter(|(_, [x, y])| x.hypot(*y) > 0.25)
         .collect();

@@ -320,7 +320,7 @@ pub(super) fn illumination(frame: &Frame, texture: Option<Texture>) -> Image {
 
 fn modulated(image: Pixels, texture: Texture, way: Way) -> Image {
     let mut result = Image::blank(image.size, 3);
-    modulate::<3>(image, texture, way, result.bands().map(PixelsMut::Planar));
+    modulate(image, texture, way, result.bands().map(PixelsMut::Planar));
     result
 }
 

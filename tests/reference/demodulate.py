@@ -1,14 +1,13 @@
 import torch
 from torch import Tensor
 
-LEAST, BLACK = 1 / 64, 1 / 512  # the least albedo that is divided by, and where taking colour as it is begins
+LEAST = 1 / 32  # the least albedo that is divided by
 
 
 def divisor(albedo: Tensor) -> Tensor:
-    """What light is divided by: m + (1 - m)(1 - 512 a)²₊ with m = max(a, 1/64), the albedo a in [0, 1]; 1 for black."""
+    """What light is divided by: the albedo in [0, 1], 1/32 at least; 1 where it is 0 in all channels."""
     a = albedo.where(albedo.isfinite(), 0).clamp(0, 1)  # (H, W, 3)
-    m = a.clamp(min=LEAST)  # (H, W, 3)
-    return m + (1 - m) * (1 - a / BLACK).clamp(min=0) ** 2  # (H, W, 3)
+    return a.clamp(min=LEAST).where(a.amax(-1, keepdim=True) > 0, 1)  # (H, W, 3)
 
 
 def _emitted(color: Tensor, emission: Tensor | None) -> Tensor:

@@ -34,7 +34,7 @@ class SVGF:
         *,
         alpha=0.2,
         moments_alpha=0.2,
-        iterations=4,
+        iterations=3,
         radius=1,
         sigma_luminance=3.0,
         sigma_normal=128.0,

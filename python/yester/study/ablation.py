@@ -133,7 +133,6 @@ ABLATIONS = (
             "all passes": pipeline(SVGF, iterations=0),
             "passes after 1": pipeline(SVGF, iterations=1),
             "passes after 2": pipeline(SVGF, iterations=2),
-            "passes after 3": pipeline(SVGF, iterations=3),
             "dilation": _antialiased(dilate="none"),
             "clip": _antialiased(gamma=_ENDLESS),
             "cubic history": _antialiased(filter="bilinear"),
@@ -144,7 +143,7 @@ ABLATIONS = (
         _ablation(_SVGF, component, start, added=True)
         for component, start in {
             "long memory": pipeline(SVGF, alpha=0.05),
-            "pass 5": pipeline(SVGF, iterations=5),
+            "pass 4": pipeline(SVGF, iterations=4),
             "5×5 taps": pipeline(SVGF, radius=2),
             "tolerance of 4 sigma": pipeline(SVGF, sigma_luminance=4),
             "6 distances": pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf)),

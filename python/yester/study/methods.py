@@ -133,7 +133,7 @@ QUARTERS = (
 METHODS = (
     *PIPELINES,
     *QUARTERS,
-    *(Method(f"SVGF, {n} passes", "SVGF", pipeline(SVGF, iterations=n)) for n in (0, 1, 2, 3, 5)),
+    *(Method(f"SVGF, {n} passes", "SVGF", pipeline(SVGF, iterations=n)) for n in (0, 1, 2, 4, 5)),
     *(
         Method(f"SVGF, 5×5 taps, {n} passes", "SVGF, 5×5 taps", pipeline(SVGF, iterations=n, radius=2))
         for n in (3, 4, 5)

@@ -26,7 +26,7 @@ use crate::pipelines::{svgf, taa};
 ///     moves, and behind where reflections or light do.
 /// moments_alpha : float, default 0.2
 ///     The same for the moments of luminance.
-/// iterations : int, default 4
+/// iterations : int, default 3
 ///     Passes of the spatial filter, 0 to 16.
 /// radius : int, default 1
 ///     Of a pass: 1 for 3×3 taps; 2 for the 5×5 of the paper, which reach twice as far and take twice the time.
@@ -90,12 +90,12 @@ pub struct SVGF {
 #[pymethods]
 impl SVGF {
     #[new]
-    #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0,
+    #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false,
         by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=4, radius=1, sigma_luminance=3.0, \
+        text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
         reflections=(0.5, 2.0), antialias=True)"

@@ -1,35 +1,32 @@
 //! Demodulation: light without texture, so that filters smooth the light and keep the texture.
 //!
 //!   illumination = (colour − emission) / d,  colour = illumination · d + emission,
-//!   d = m + (1 − m) (1 − a / t)²₊,  m = max(a, f),  with the channel's albedo a held to [0, 1], f = 1/64, t = 1/512.
+//!   d = max(a, f), with the channel's albedo a held to [0, 1] and f = 1/32; d = 1 where all channels of albedo are 0.
 //!
 //! From f on this divides by the albedo, as Falcor's SVGFPass does from 0.001 on. What is darker shines mostly by what albedo
 //! does not scale: black plastic by its highlights, glass by what is behind it, lamps and the sky by themselves. Divided by
 //! a thousandth, such light is a thousand times too bright, and wherever a filter has no guide to stop it, neighbours of
-//! ordinary albedo get the excess. The bound f divides by 64 at most. Towards black, where nothing of the light can be told
-//! from albedo, d passes smoothly to 1: colour is taken as it is. An albedo above 1 (gold in some renderers, a BSDF's value
-//! at one pair of directions in others) is no reflectance and counts as 1.
+//! ordinary albedo get the excess. The bound f divides by 32 at most, and where nothing is reflected, colour is taken as it
+//! is. An albedo above 1 (gold in some renderers, a BSDF's value at one pair of directions in others) is no reflectance and
+//! counts as 1.
 //!
-//! A higher f or t protects more, and flattens less of dark texture: on tiles of 0.003 and 0.75, light that is taken as it is
-//! up to 0.1 costs 5 dB.
+//! A smooth passage from f to 1 as albedo falls was tried. It blurs dark texture (tiles of 0.003 and 0.75 lose 1 to 5 dB), and
+//! where an albedo is no reflectance but changes with the view, light changes by as much from frame to frame.
 //!
 //! Where albedo is 0 or at least 1, the round trip has the colour's own bits if there is no emission; elsewhere it is right
 //! to the last place or two.
 //!
-//! Inputs: colour or illumination, albedo, emission (optional), of the same channels. NaN or infinity in albedo or emission counts
+//! Inputs: colour or illumination (3), albedo (3), emission (3, optional). NaN or infinity in albedo or emission counts
 //! as 0, in colour it stays.
 
 use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, segments};
-use crate::pixels::{PixelsMut, larger, smaller};
+use crate::pixels::{PixelsMut, Row, larger, smaller};
 use crate::rows::{self, Kernel};
 
 /// f: the least albedo that is divided by.
-const LEAST: f32 = 1.0 / 64.0;
-
-/// t: below, colour is taken more and more as it is.
-const BLACK: f32 = 1.0 / 512.0;
+const LEAST: f32 = 1.0 / 32.0;
 
 /// What light falls on.
 #[derive(Clone, Copy)]
@@ -45,14 +42,14 @@ pub enum Way {
     Back,
 }
 
-/// Illumination of colour, or colour of illumination: of images of `N` channels, texture included.
-pub fn modulate<'a, const N: usize>(
+/// Illumination of colour, or colour of illumination.
+pub fn modulate<'a>(
     image: Pixels<'a>,
     texture: Texture<'a>,
     way: Way,
     out: impl Iterator<Item = PixelsMut<'a>>,
 ) {
-    let kernel = Modulate::<N> {
+    let kernel = Modulate {
         image,
         texture,
         way,
@@ -60,18 +57,18 @@ pub fn modulate<'a, const N: usize>(
     rows::run(&kernel, image.size.height, out);
 }
 
-struct Modulate<'a, const N: usize> {
+struct Modulate<'a> {
     image: Pixels<'a>,
     texture: Texture<'a>,
     way: Way,
 }
 
-impl<'a, const N: usize> Kernel for Modulate<'a, N> {
+impl<'a> Kernel for Modulate<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
-        let mut values = [[0.0; SEGMENT]; N];
+        let mut values = [[0.0; SEGMENT]; 3];
         for run in rows.flat_map(|y| segments(y, self.image.size.width)) {
             self.image
                 .read(run, values.each_mut().map(|row| &mut row[..]));
@@ -84,40 +81,47 @@ impl<'a, const N: usize> Kernel for Modulate<'a, N> {
 impl Texture<'_> {
     /// Changes a run's values.
     #[inline(always)]
-    pub fn modulate<const N: usize>(&self, way: Way, run: Run, values: &mut [[f32; SEGMENT]; N]) {
-        let mut albedo = [[0.0; SEGMENT]; N];
+    pub fn modulate(&self, way: Way, run: Run, values: &mut [Row; 3]) {
+        let mut albedo = [[0.0; SEGMENT]; 3];
         self.albedo
             .read(run, albedo.each_mut().map(|row| &mut row[..]));
-        let mut emission = [[0.0; SEGMENT]; N];
+        divisors(&mut albedo);
+        let mut emission = [[0.0; SEGMENT]; 3];
         if let Some(image) = self.emission {
             image.read(run, emission.each_mut().map(|row| &mut row[..]));
         }
-        for ((values, albedo), emission) in values.iter_mut().zip(&albedo).zip(&emission) {
-            let (values, albedo) = (&mut values[..run.len], &albedo[..run.len]);
+        for ((values, divisors), emission) in values.iter_mut().zip(&albedo).zip(&emission) {
+            let (values, divisors) = (&mut values[..run.len], &divisors[..run.len]);
             let emission = &emission[..run.len];
             match (way, self.emission.is_some()) {
-                (Way::Off, false) => each(values, albedo, emission, |c, a, _| c / a),
-                (Way::Off, true) => each(values, albedo, emission, |c, a, e| (c - e) / a),
-                (Way::Back, false) => each(values, albedo, emission, |i, a, _| i * a),
-                (Way::Back, true) => each(values, albedo, emission, |i, a, e| i * a + e),
+                (Way::Off, false) => each(values, divisors, emission, |c, d, _| c / d),
+                (Way::Off, true) => each(values, divisors, emission, |c, d, e| (c - e) / d),
+                (Way::Back, false) => each(values, divisors, emission, |i, d, _| i * d),
+                (Way::Back, true) => each(values, divisors, emission, |i, d, e| i * d + e),
             }
         }
     }
 }
 
 #[inline(always)]
-fn each(values: &mut [f32], albedo: &[f32], emission: &[f32], f: impl Fn(f32, f32, f32) -> f32) {
-    for ((value, &a), &e) in values.iter_mut().zip(albedo).zip(emission) {
-        *value = f(*value, divisor(a), if e.is_finite() { e } else { 0.0 });
+fn each(values: &mut [f32], divisors: &[f32], emission: &[f32], f: impl Fn(f32, f32, f32) -> f32) {
+    for ((value, &d), &e) in values.iter_mut().zip(divisors).zip(emission) {
+        *value = f(*value, d, if e.is_finite() { e } else { 0.0 });
     }
 }
 
-/// d: what light is divided by, from f to 1.
+/// d: what light is divided by, in place of each channel's albedo.
 #[inline(always)]
-fn divisor(albedo: f32) -> f32 {
+fn divisors([r, g, b]: &mut [Row; 3]) {
+    for x in 0..SEGMENT {
+        let [ar, ag, ab] = [r[x], g[x], b[x]].map(reflectance);
+        let least = if ar + ag + ab > 0.0 { LEAST } else { 1.0 };
+        (r[x], g[x], b[x]) = (larger(ar, least), larger(ag, least), larger(ab, least));
+    }
+}
+
+#[inline(always)]
+fn reflectance(albedo: f32) -> f32 {
     let a = if albedo.is_finite() { albedo } else { 0.0 };
-    let a = smaller(larger(a, 0.0), 1.0);
-    let least = larger(a, LEAST);
-    let black = larger(1.0 - a * (1.0 / BLACK), 0.0);
-    least + (1.0 - least) * (black * black)
+    smaller(larger(a, 0.0), 1.0)
 }
