@@ -203,6 +203,18 @@ def test_a_full_gradient_takes_the_sample(value, warmup):
     np.testing.assert_array_equal(got.history_length[finite], 1)
 
 
+def test_the_less_confidence_the_more_of_the_sample():
+    """The formula of the blend factor: lerp(a, 1, 1 - confidence); the length stays what it is."""
+    color, history = np.full((1, 5, 3), 2, np.float32), np.ones((1, 5, 3), np.float32)
+    moments, length = np.ones((1, 5, 2), np.float32), np.full((1, 5), 100, np.float32)
+    confidence = np.float32([[1, 0.75, 0.3, 0, np.nan]])
+    got = yester.accumulate(color, history, moments, length, confidence=confidence)
+    np.testing.assert_allclose(got.color[0, :, 0], [1.05, 1.2875, 1.715, 2, 2], rtol=1e-6)
+    np.testing.assert_allclose(got.history_length, 20)
+    want = reference.accumulate(*map(tensor, (color, history, moments, length)), confidence=tensor(confidence))
+    np.testing.assert_allclose(got.moments, want.moments, rtol=1e-6)
+
+
 def test_a_full_gradient_without_a_sample_leaves_nothing():
     """No length is no history, as if it had been given so."""
     images = inputs(np.random.default_rng(3), 20, 30)

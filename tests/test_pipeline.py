@@ -65,7 +65,7 @@ def test_parameters_are_those_of_the_call():
     pipeline = yester.SVGF(reflections=distances)
     distances.append(2.0)
     assert repr(pipeline) == "SVGF(reflections=[0.5, 1.0])"
-    assert "alpha=0.05" in str(inspect.signature(yester.SVGF))
+    assert "alpha=0.2" in str(inspect.signature(yester.SVGF))
     with pytest.raises(TypeError, match="beta"):
         yester.SVGF(beta=1)
 

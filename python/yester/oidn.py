@@ -39,8 +39,8 @@ class OIDN(Pipeline):
     Notes
     -----
     `temporal` consists of ``SVGF(alpha=0.05, iterations=0, antialias=False)``, the network and ``TAA("denoised")``, and
-    gives their bits. Light without albedo, and a second accumulation of what the network returns, were tried and lost. As many
-    threads run as ``YESTER_THREADS`` allows.
+    gives their bits. Light without albedo, and a second accumulation of what the network returns, were tried and lost.
+    As many threads run as ``YESTER_THREADS`` allows.
     """
 
     def __init__(

@@ -14,6 +14,7 @@ use std::fmt::{self, Display};
 
 use super::frame::{Frame, find_motion};
 use crate::image::{Pixels, Records, Size};
+use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 
 /// Pixels of the grid, along each side at most.
@@ -155,10 +156,12 @@ fn by_cameras(
     previous: &Camera,
 ) -> Option<Mistake> {
     let cameras = Some((camera, previous));
-    let expected = find_motion(frame.color.size, cameras, frame.geometry(), &mut vec![]);
-    let expected = expected.pixels();
-    // A depth of 0 is a miss in some renderers' habits, and no place that moves.
+    // Where nothing was hit, some renderers write a position at the origin, a depth of 0, or one of 1e10, which alone is
+    // far enough to be right.
     let depth = frame.surface.depth;
+    let geometry = depth.map(Geometry::Depth).or(frame.geometry());
+    let expected = find_motion(frame.color.size, cameras, geometry, &mut vec![]);
+    let expected = expected.pixels();
     let placed = |pixel| depth.is_none_or(|depth| depth.at(pixel, 0) > 0.0);
     let pairs: Vec<_> = moved(motion)
         .filter(|&(_, pixel, _)| placed(pixel))
