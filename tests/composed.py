@@ -190,6 +190,7 @@ class SVGF:
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
+        relative_albedo=None,
         min_length=3.5,
         feedback=False,
         by_confidence=False,
@@ -208,7 +209,9 @@ class SVGF:
         self.filter = {"radius": radius, "sigma_luminance": sigma_luminance}
         self.iterations, self.min_length = iterations, min_length
         self.feedback, self.gradient, self.fireflies = feedback, gradient, fireflies
-        self.by_confidence = by_confidence
+        self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
+        if relative_albedo is not None:
+            self.limits["relative_luminance"] = relative_albedo
         self.distances, self.antialias = reflections, antialias
         self.passes, self.stage = 3, PRESETS["denoised"]
         self.before = self.antialiased = self.mirrored = None
@@ -295,6 +298,8 @@ class SVGF:
             now, before = getattr(frame, name), getattr(self.before, name)
             if now is not None and before is not None:
                 tests |= {name: now, f"previous_{name}": before}
+        if self.same_albedo and frame.albedo is not None:
+            tests |= {"color": frame.albedo, "previous_color": self.before.albedo}
         if {"depth", "normal"} <= set(tests) and tells_depth(frame, motion):
             tests["previous_camera"] = self.before.camera
         return tests
@@ -385,7 +390,7 @@ class BMFR:
             "normal_angle": normal_angle,
         }
         self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
-        self.by_confidence = by_confidence
+        self.by_confidence, self.same_albedo = by_confidence, False
         self.before = self.antialiased = None
         self.age = 0
 

@@ -49,6 +49,7 @@ def check_bits(frames, **named) -> composed.SVGF:
         {"gradient": False},
         {"fireflies": True},
         {"by_confidence": True},
+        {"relative_albedo": 0.3},
         {"antialias": False},
         PLAIN,
         {**SETTINGS, **PLAIN, "feedback": True},
@@ -119,6 +120,21 @@ def test_what_moves_by_itself_is_expected_at_its_depth():
         )
         out = svgf.step(frame)
     assert np.median(out.history_length) == 3
+
+
+def test_history_of_another_albedo_is_refused():
+    """A texture is swapped on the right half: only there history begins anew, and only if that is asked for."""
+    lengths = {}
+    for limit in (None, 0.2):
+        svgf = yester.SVGF(relative_albedo=limit, **PLAIN)
+        for number in range(4):
+            albedo = np.full((20, 30, 3), 0.5, np.float32)
+            albedo[:, 15:] = 0.5 if number < 3 else 0.2
+            out = svgf.step(yester.Frame(albedo, albedo=albedo))
+        lengths[limit] = out.history_length
+    np.testing.assert_array_equal(lengths[None], 4)
+    np.testing.assert_array_equal(lengths[0.2][:, :15], 4)
+    np.testing.assert_array_equal(lengths[0.2][:, 15:], 1)
 
 
 def test_buffers_may_come_and_go():

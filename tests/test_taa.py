@@ -458,3 +458,16 @@ def test_radiance_has_no_scale(preset):
 
     for scale in (2.0**-20, 2.0**20):
         np.testing.assert_allclose(last(scale), last(1), rtol=1e-4)
+
+
+def test_history_of_another_albedo_is_refused():
+    """A texture is swapped on the right half: only there history begins anew."""
+    taa = yester.TAA(relative_albedo=0.2)
+    for number in range(4):
+        albedo = np.full((20, 30, 3), 0.5, np.float32)
+        albedo[:, 15:] = 0.5 if number < 3 else 0.2
+        out = taa.step(yester.Frame(albedo, albedo=albedo))
+    assert "albedo" in out.used
+    np.testing.assert_array_equal(out.history_length[:, :15], 4)
+    np.testing.assert_array_equal(out.history_length[:, 15:], 1)
+    assert (out.rejection[:, 15:] == yester.Rejection.LUMINANCE).all()

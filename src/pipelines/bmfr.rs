@@ -245,12 +245,7 @@ impl Pipeline for Bmfr {
         );
         self.age += 1;
         let kept = Records::of(history.view());
-        self.memory = Some(Memory::new(
-            frame,
-            kept,
-            params.history.gradient,
-            !continues,
-        ));
+        self.memory = Some(Memory::new(frame, kept, &params.history, !continues));
         Ok(Summary { used, missing })
     }
 }

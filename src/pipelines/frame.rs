@@ -18,6 +18,7 @@ pub struct Frame<'a> {
     pub color: Pixels<'a>,
     pub albedo: Option<Pixels<'a>>,
     pub emission: Option<Pixels<'a>>,
+    /// Its colour is the albedo.
     pub surface: Surface<'a>,
     pub position: Option<Pixels<'a>>,
     pub motion: Option<Pixels<'a>>,
@@ -85,6 +86,7 @@ pub struct SurfaceRecords {
     normal: Option<Records>,
     object_normal: Option<Records>,
     ids: Option<Records<u32>>,
+    color: Option<Records>,
 }
 
 impl SurfaceRecords {
@@ -94,6 +96,7 @@ impl SurfaceRecords {
             normal: surface.normal.map(Pixels::to_records),
             object_normal: surface.object_normal.map(Pixels::to_records),
             ids: surface.ids.map(Pixels::to_records),
+            color: surface.color.map(Pixels::to_records),
         }
     }
 
@@ -103,7 +106,7 @@ impl SurfaceRecords {
             normal: self.normal.as_ref().map(Records::pixels),
             object_normal: self.object_normal.as_ref().map(Records::pixels),
             ids: self.ids.as_ref().map(Records::pixels),
-            color: None,
+            color: self.color.as_ref().map(Records::pixels),
         }
     }
 }

@@ -22,7 +22,7 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, MotionLanes};
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
-use crate::kernels::judge::surface::{self, Tests};
+use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate, count_missing};
 use crate::kernels::smooth::atrous::{self, Filtered};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
@@ -40,6 +40,8 @@ pub struct Params {
     pub atrous: atrous::Params,
     /// Whether the first pass of the filter, instead of its input, is the next frame's history.
     pub feedback: bool,
+    /// Whether history must be of the same albedo, by the surface's threshold of luminance.
+    pub same_albedo: bool,
     /// Whether the new sample's share rises where the history is not wholly trusted.
     pub by_confidence: bool,
     /// Whether changes of light shorten history: known from the frames' replays, estimated where they have none.
@@ -109,13 +111,17 @@ pub(super) struct Memory {
 impl Memory {
     /// Of a frame that has become this history; without reflections. Its colour is kept where the next frame's replay is
     /// wanted and to be expected: after a first frame, and after a frame with a replay.
-    pub fn new(frame: &Frame, history: Records, wants_replay: bool, first: bool) -> Self {
-        let keeps_color = wants_replay && (first || frame.replay.is_some());
+    pub fn new(frame: &Frame, history: Records, params: &Params, first: bool) -> Self {
+        let keeps_color = params.gradient && (first || frame.replay.is_some());
+        let compared = Surface {
+            color: frame.surface.color.filter(|_| params.same_albedo),
+            ..frame.surface
+        };
         Self {
             history,
             color: keeps_color.then(|| frame.color.to_records()),
             reflections: None,
-            surface: SurfaceRecords::of(&frame.surface),
+            surface: SurfaceRecords::of(&compared),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
         }
@@ -304,7 +310,7 @@ impl Pipeline for Svgf {
                 scores: reflections
                     .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
             }),
-            ..Memory::new(frame, history, params.gradient, !continues)
+            ..Memory::new(frame, history, params, !continues)
         });
         Ok(Summary { used, missing })
     }

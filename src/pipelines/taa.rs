@@ -59,6 +59,8 @@ pub struct Limits {
     /// Replaces the relative depth for frames with cameras, depths, normals and motion of 3 channels.
     pub plane_distance: Option<Threshold>,
     pub normal_angle: Option<Threshold>,
+    /// Of the albedo's luminance.
+    pub relative_albedo: Option<Threshold>,
     pub ids: bool,
 }
 
@@ -67,12 +69,14 @@ impl Limits {
         relative_depth: None,
         plane_distance: None,
         normal_angle: None,
+        relative_albedo: None,
         ids: false,
     };
 
     fn any(&self) -> bool {
         let depth = self.relative_depth.or(self.plane_distance);
-        depth.or(self.normal_angle).is_some() || self.ids
+        let more = self.normal_angle.or(self.relative_albedo);
+        depth.or(more).is_some() || self.ids
     }
 
     /// Of tests that are not wanted, the threshold that all pass, or the default where they never decide alone.
@@ -82,6 +86,7 @@ impl Limits {
             relative_depth: self.relative_depth.unwrap_or(default.relative_depth),
             plane_distance: self.plane_distance.unwrap_or(default.plane_distance),
             normal_angle: self.normal_angle.unwrap_or(Threshold::hard(180.0)),
+            relative_luminance: (self.relative_albedo).unwrap_or(default.relative_luminance),
             ..default
         }
     }
@@ -94,7 +99,7 @@ impl Limits {
             normal: surface.normal.filter(|_| planes || angle),
             object_normal: surface.object_normal.filter(|_| angle),
             ids: surface.ids.filter(|_| self.ids),
-            color: None,
+            color: surface.color.filter(|_| self.relative_albedo.is_some()),
         }
     }
 }
@@ -647,7 +652,8 @@ impl Pipeline for Taa {
             Some(details),
         );
         self.camera = frame.camera;
-        self.surface = limits.any().then(|| SurfaceRecords::of(&frame.surface));
+        let compared = limits.compared(frame.surface, limits.plane_distance.is_some());
+        self.surface = limits.any().then(|| SurfaceRecords::of(&compared));
         Ok(Summary {
             used,
             missing: resolved.map_or(missing, |(_, missing)| missing),

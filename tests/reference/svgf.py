@@ -43,6 +43,7 @@ class SVGF:
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
+        relative_albedo=None,
         min_length=3.5,
         feedback=False,
         by_confidence=False,
@@ -60,7 +61,9 @@ class SVGF:
         }
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
-        self.by_confidence = by_confidence
+        self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
+        if relative_albedo is not None:
+            self.limits["relative_luminance"] = relative_albedo
         self.passes, self.stage = 3, PRESETS["denoised"]
         self.reset()
 
@@ -137,6 +140,8 @@ class SVGF:
             now, before = getattr(frame, name), getattr(self.previous, name)
             if now is not None and before is not None:
                 tests |= {name: now, f"previous_{name}": before}
+        if self.same_albedo and frame.albedo is not None:
+            tests |= {"color": frame.albedo, "previous_color": self.previous.albedo}
         if "depth" in tests and "normal" in tests and tells_depth(frame, motion):
             tests["previous_camera"] = self.previous.camera
         return tests

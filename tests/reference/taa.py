@@ -33,6 +33,7 @@ SEED = {
     "relative_depth": None,
     "plane_distance": None,
     "normal_angle": None,
+    "relative_albedo": None,
     "ids": False,
     "gradient": False,
     "anti_lag": 0.0,
@@ -157,6 +158,9 @@ def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:
     tests = {"normal_angle": 180.0, **limits}
     for name in asked & known:
         tests[name], tests[f"previous_{name}"] = pairs[name]
+    if settings["relative_albedo"] is not None and frame.albedo is not None and before.albedo is not None:
+        tests |= {"color": frame.albedo, "previous_color": before.albedo}
+        tests["relative_luminance"] = settings["relative_albedo"]
     return tests | ({"previous_camera": before.camera} if plane else {})
 
 

@@ -350,7 +350,7 @@ impl<'py> FrameArgs<'py> {
             normal: buffer("normal"),
             ids: self.ids.as_ref().map(|ids| ids.data().pixels()),
             object_normal: buffer("object_normal"),
-            color: None,
+            color: buffer("albedo"),
         };
         let frame = frame::Frame {
             color: buffer("color").expect("every frame has colour"),

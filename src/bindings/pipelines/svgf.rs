@@ -46,6 +46,10 @@ use crate::pipelines::{svgf, taa};
 ///     Largest distance from the history's plane, as a share of depth; above 0. For frames with these.
 /// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
+/// relative_albedo : float or (float, float), optional
+///     Largest relative difference between the luminance of a pixel's albedo and its history's, from 0: refuses the history
+///     of surfaces whose texture is swapped or moves. Light without its texture mostly stays what it was, so by default
+///     nothing is refused.
 /// min_length : float, default 3.5
 ///     Samples from which the temporal variance is trusted; at least 1. Not a whole number by default, so that rounding
 ///     of resampled lengths does not decide.
@@ -92,12 +96,12 @@ impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
-        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), min_length=3.5, feedback=false,
+        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
         by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
-        normal_angle=25.0, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
+        normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
         reflections=(0.5, 2.0), antialias=True)"
     )]
     fn new(
@@ -112,6 +116,7 @@ impl SVGF {
         relative_depth: Bounds,
         plane_distance: Bounds,
         normal_angle: Bounds,
+        relative_albedo: Option<Bounds>,
         min_length: f32,
         feedback: bool,
         by_confidence: bool,
@@ -125,13 +130,16 @@ impl SVGF {
             depth: sigma_depth,
             plane: sigma_plane,
         };
+        let limits = surface::Params::default();
         let params = svgf::Params {
             surface: surface::Params {
                 relative_depth: relative_depth.into(),
                 plane_distance: plane_distance.into(),
                 normal_angle: normal_angle.into(),
-                ..Default::default()
+                relative_luminance: relative_albedo.map_or(limits.relative_luminance, Bounds::into),
+                ..limits
             },
+            same_albedo: relative_albedo.is_some(),
             accumulate: accumulate::Params {
                 alpha,
                 moments_alpha,

@@ -44,6 +44,8 @@ use crate::pipelines::taa;
 ///     with camera, depth, normals and motion of 3 channels are tested by it, others by `relative_depth` if that is given.
 ///     A test drops out where one of two frames lacks its buffers. Along edges the tests refuse the history that would
 ///     antialias them.
+/// relative_albedo : float or (float, float), optional
+///     Largest relative difference of the albedo's luminance: refuses history where textures are swapped or move.
 /// ids : bool, default False
 ///     Whether history must be of the same id.
 /// gradient : bool, default False
@@ -79,7 +81,7 @@ impl TAA {
     #[new]
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, filter=None, r#box=None,
         gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
-        plane_distance=None, normal_angle=None, ids=false, gradient=false, anti_lag=0.0, alternation=false))]
+        plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false))]
     fn new(
         preset: &str,
         alpha: Option<f32>,
@@ -97,6 +99,7 @@ impl TAA {
         relative_depth: Option<Bounds>,
         plane_distance: Option<Bounds>,
         normal_angle: Option<Bounds>,
+        relative_albedo: Option<Bounds>,
         ids: bool,
         gradient: bool,
         anti_lag: f32,
@@ -141,6 +144,7 @@ impl TAA {
             relative_depth: relative_depth.map(Bounds::into),
             plane_distance: plane_distance.map(Bounds::into),
             normal_angle: normal_angle.map(Bounds::into),
+            relative_albedo: relative_albedo.map(Bounds::into),
             ids,
         };
         params.gradient = gradient;

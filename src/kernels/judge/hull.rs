@@ -439,8 +439,8 @@ impl Hulls {
                     }
                 }
             }
-            if point.is_nan() {
-                // A colour that is missing stays so.
+            if !point.is_finite() {
+                // A colour that is missing stays so, and so does one that is the target.
                 1.0
             } else if widest > room * longest {
                 area

@@ -145,6 +145,7 @@ pub struct Surface<'a> {
     pub normal: Option<Pixels<'a>>,
     pub ids: Option<Pixels<'a, u32>>,
     pub object_normal: Option<Pixels<'a>>,
+    /// Whose luminance is compared: that of the image, or of the albedo.
     pub color: Option<Pixels<'a>>,
 }
 
@@ -388,6 +389,7 @@ impl<'a> Tests<'a> {
             ("normal", self.normal.is_some()),
             ("object_normal", !self.normal_is_direction),
             ("ids", self.ids.is_some()),
+            ("albedo", self.color.is_some()),
         ]
         .into_iter()
         .filter_map(|(name, used)| used.then_some(name))
