@@ -66,7 +66,7 @@ def test_bytes_count_each_image_once(inputs):
 
 def test_frames_follow_each_other(inputs):
     """To and fro: histories are found again, and the kernels have something to refuse, to clip and to mend."""
-    svgf = yester.SVGF()
+    svgf = yester.SVGF(alpha=0.05)
     for frame in inputs.frames() * 4:
         output = svgf.step(frame)
     assert 0.8 < np.mean(output.history_length > 6) < 1

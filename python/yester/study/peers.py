@@ -122,7 +122,10 @@ def _guided(radius: int) -> Callable[[Frame], Floats]:
 
 
 def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], Floats]:
-    """What textures allow: the filter sees the light without albedo, if that is known, and is guided by normals."""
+    """What textures allow: the filter sees the light without albedo, if that is known, and is guided by normals.
+
+    What reflects nothing, lamps and sky, has no noise and keeps its colour: filters that blur across edges would spill on it.
+    """
 
     def step(frame: Frame) -> Floats:
         color = present(frame)
@@ -130,7 +133,8 @@ def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], F
         if frame.albedo is None:
             return smooth(color, guide)
         light = demodulate(color, frame.albedo, emission=frame.emission)
-        return remodulate(smooth(light, guide), frame.albedo, emission=frame.emission)
+        smoothed = remodulate(smooth(light, guide), frame.albedo, emission=frame.emission)
+        return np.where((frame.albedo > 0).any(-1, keepdims=True), smoothed, color)
 
     return step
 
