@@ -124,7 +124,8 @@ def _guided(radius: int) -> Callable[[Frame], Floats]:
 def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], Floats]:
     """What textures allow: the filter sees the light without albedo, if that is known, and is guided by normals.
 
-    What reflects nothing, lamps and sky, has no noise and keeps its colour: filters that blur across edges would spill on it.
+    What reflects nothing, lamps and sky, has no noise and keeps its colour: filters that blur across edges would
+    spill on it.
     """
 
     def step(frame: Frame) -> Floats:
