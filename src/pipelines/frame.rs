@@ -41,10 +41,8 @@ impl<'a> Frame<'a> {
         match self.motion {
             Some(motion) => {
                 used.push("motion");
-                match cameras
-                    .zip(self.geometry())
-                    .filter(|_| motion.channels == 2)
-                {
+                let still = cameras.zip(self.geometry());
+                match still.filter(|_| motion.channels == 2) {
                     Some((cameras, geometry)) => {
                         let still = find_motion(motion.size, Some(cameras), Some(geometry), used);
                         Motion::Completed(complete(motion, still))

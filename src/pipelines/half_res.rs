@@ -1,6 +1,6 @@
 //! Half resolution: frames of which a part is traced, another one each time.
 //!
-//! [`super::svgf`] with one more kernel, between its fireflies and its accumulation: pixels without a sample borrow one
+//! [`super::svgf`] with one more kernel, before its accumulation: pixels without a sample borrow one
 //! ([`crate::kernels::smooth::joint_bilateral`]). It joins the history as a part of a sample, w/(1 + N) where N are known
 //! already. So it is what a history begins with, and where the light has changed; but what was traced soon outweighs it, and
 //! in the end histories are the mean of their own samples. The gradient and the reflections ask what was traced alone.

@@ -42,7 +42,7 @@ use crate::pipelines::{half_res, svgf};
 ///
 /// Notes
 /// -----
-/// Each step is that of `SVGF` with one more of this package's functions: the demodulated colour without fireflies goes
+/// Each step is that of `SVGF` with one more of this package's functions: the demodulated colour goes
 /// through `reconstruct`, and on to `accumulate` with a weight of 1 where it was traced, and elsewhere of
 /// ``weight / (1 + N)``, N being the reprojected history's length: a history without end becomes the mean of its own
 /// samples. The gradient, in windows twice as wide, and the reflections look at what was traced alone, and the last stage

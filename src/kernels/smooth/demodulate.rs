@@ -10,8 +10,8 @@
 //! is. An albedo above 1 (gold in some renderers, a BSDF's value at one pair of directions in others) is no reflectance and
 //! counts as 1.
 //!
-//! A smooth passage from f to 1 as albedo falls was tried. It blurs dark texture (tiles of 0.003 and 0.75 lose 1 to 5 dB), and
-//! where an albedo is no reflectance but changes with the view, light changes by as much from frame to frame.
+//! A smooth passage from f to 1 as albedo falls was tried and lost: it blurs dark texture, and where an albedo is no
+//! reflectance but changes with the view, light changes by as much from frame to frame.
 //!
 //! Where albedo is 0 or at least 1, the round trip has the colour's own bits if there is no emission; elsewhere it is right
 //! to the last place or two.
