@@ -6,8 +6,9 @@
 //!
 //! - **cameras**: where both are known, and depth or position, the motion of what stands still is known as well. A mistake
 //!   is found where the median of |motion − expected| / |expected| is above ½, and with the mistake undone below ⅒.
-//! - **warp**: otherwise the first frame (its albedo and normals, or else its colour) is looked up along both motions. A pixel agrees if its values lie in the ranges of the pixels that a bilinear lookup there weighs. A mistake is found where most
-//!   pixels agree once it is undone, and many more disagree before than after. Cuts, disocclusion and what moves without
+//! - **warp**: otherwise the first frame (its albedo and normals, or else its colour) is looked up along both motions. A pixel
+//!   agrees if its values lie in the range of the four pixels around the place that it came from. A mistake is found where
+//!   most pixels agree once it is undone, and many more disagree before than after. Cuts, disocclusion and what moves without
 //!   motion disagree both ways.
 
 use std::fmt::{self, Display};

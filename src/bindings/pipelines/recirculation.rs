@@ -60,9 +60,7 @@ use crate::pipelines::recirculation;
 ///
 /// Fetched history takes one `recirculate` (with `fetch`) of the image shown last, blur and all, along the motion of
 /// the filled samples. No test tells whether it shows the same surface. It is read between pixels in every frame, which
-/// softens it, and averages noise. Measured: with 8 paths a traced pixel and the other parameters of "best", splatted
-/// history was better in FLIP on all sequences, and by 0.5 to 2.5 dB in PSNR, and fetched history steadier on some; with
-/// 1 path a pixel and those of "seed", fetched history was 2 dB better in PSNR.
+/// softens it, and averages noise: the notebook `recirculation.ipynb` has both, beside the other choices of "seed".
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct Recirculation {
     inner: recirculation::Recirculation,
@@ -118,8 +116,8 @@ impl Recirculation {
     /// Output
     ///     Without a variance. `history_length` is the quality that is carried on: 1 for a sample, and more for
     ///     several; the smaller, the farther off samples are. `confidence` is 1 where the past knows the pixel, else 0;
-    ///     `rejection` is OUTSIDE where no point of the past came to be, or motion leads to none, and DEPTH where a sample shows that another
-    ///     surface has taken its place. As long as nothing at all has been traced, colour is black.
+    ///     `rejection` is OUTSIDE where no point of the past came to be, or motion leads to none, and DEPTH where a sample
+    ///     shows that another surface has taken its place. As long as nothing at all has been traced, colour is black.
     ///
     /// Raises
     /// ------

@@ -68,8 +68,8 @@ use crate::pipelines::taa;
 /// -----
 /// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
 /// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without fallback, `blend_factor`,
-/// `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`. The share of
-/// the N-th sample of a pixel is at least 1/N. With a gradient λ, N becomes N (1 - λ)¹⁰ before, and the share a
+/// `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`.
+/// The share of the N-th sample of a pixel is at least 1/N. With a gradient λ, N becomes N (1 - λ)¹⁰ before, and the share a
 /// ``lerp(a, 1, λ)``, as in `accumulate`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct TAA {
