@@ -10,7 +10,8 @@
 //!            splat ► pull_push                                  or point by point, its holes filled
 //!   judge    consistency, disocclusion, thin_features,          what shows another surface or light is refused,
 //!            exposure ► clip_history, alternation ► anti_lag,
-//!            temporal_gradient, prediction_gain ► blend_factor  or counts for less
+//!            temporal_gradient, prediction_gain ► blend_factor, or counts for less,
+//!            innovation                                         or is corrected
 //!   merge    resample ► accumulate, blend, recirculate, resolve new samples join the history that is left
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      what noise remains
 //!            estimate_variance ► atrous, regress,               is averaged in space,
@@ -54,7 +55,7 @@ mod _core {
     #[pymodule_export]
     use bindings::judge::{
         alternation_, anti_lag_, blend_factor_, clip_history_, consistency_, exposure_,
-        prediction_gain, temporal_gradient,
+        innovation_, prediction_gain, temporal_gradient,
     };
     #[pymodule_export]
     use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};

@@ -69,6 +69,19 @@ impl<'a> PixelsMut<'a> {
     }
 }
 
+/// An image that gives its colours run by run.
+pub trait Colors: Sync {
+    /// Writes a run's colours; what is missing is not finite.
+    fn colors(&self, run: Run, into: &mut [Row; 3]);
+}
+
+impl Colors for Pixels<'_> {
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        self.read(run, into.each_mut().map(Row::as_mut_slice));
+    }
+}
+
 /// Columns that kernels with large windows work on at a time, so that what they know of the rows around stays in the
 /// second-level cache.
 pub const STRIP: usize = 640;

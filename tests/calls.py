@@ -28,6 +28,8 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     emission = rng.exponential(0.1, (height, width, 3)).astype(np.float32)
     position = rng.normal(0, 2, (height, width, 3)).astype(np.float32) - np.float32([0, 0, 8])
     cameras = {"camera": camera, "previous_camera": previous_camera}
+    evidence = rng.normal(0, 0.3, ((height + 1) // 2, (width + 1) // 2, 4)).astype(np.float32)
+    evidence[..., 3] = rng.uniform(0, 1, evidence.shape[:2])
     moved = {"ids": now["ids"], "transforms": {1: np.diag([1.0, 2, 1, 1])}}
     return {
         "motion_vectors(depth)": (yester.motion_vectors, {"geometry": now["depth"], **cameras, **moved}),
@@ -64,6 +66,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         "alternation": (yester.alternation, {"color": color, "memory": memory}),
         "anti_lag": (yester.anti_lag, {"history_length": length, "history": history, "clipped": color}),
         "temporal_gradient": (yester.temporal_gradient, {"color": color, "previous": history}),
+        "innovation": (
+            yester.innovation,
+            {"color": color, "prediction": history, "history_length": length, "evidence": evidence, "motion": motion},
+        ),
         "prediction_gain": (
             yester.prediction_gain,
             {"candidate": history, "base": color[::-1].copy(), "color": color, "ids": now["ids"]},

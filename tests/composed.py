@@ -139,9 +139,9 @@ def antialias(settings: dict, history, color, motion, depth, tests=None) -> tupl
 
 
 class TAA:
-    def __init__(self, preset: str = "best", **overrides):
-        self.settings = {**PRESETS[preset], **overrides}
-        self.history = self.before = None
+    def __init__(self, preset: str = "best", *, innovation: bool = False, **overrides):
+        self.settings, self.innovation = {**PRESETS[preset], **overrides}, innovation
+        self.history = self.before = self.evidence = None
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
         color = frame.color
@@ -150,10 +150,15 @@ class TAA:
         motion = find_motion(frame, self.before)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth, tests)
+        shown, length = blacken(self.history[0]), self.history[1]
+        if self.innovation and self.before is not None:
+            known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(shown)}
+            found, self.evidence = yester.innovation(frame.color, shown, length, **known)
+            shown = correct(shown, found)
         self.before = frame
         return SimpleNamespace(
-            color=blacken(self.history[0]),
-            history_length=self.history[1],
+            color=shown,
+            history_length=length,
             confidence=confidence,
             rejection=rejection,
             missing=int((~np.isfinite(frame.color).all(-1)).sum()),
@@ -173,6 +178,35 @@ def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> ND
         return yester.suppress_fireflies(light, expected=known, **alike)[0]
     seen, expected = (yester.remodulate(image, frame.albedo) for image in (light, known))
     return yester.demodulate(yester.suppress_fireflies(seen, expected=expected, **alike)[0], frame.albedo)
+
+
+#: Pixels of a row that are corrected together.
+RUN = 160
+
+
+def corrected_runs(found: NDArray) -> NDArray[np.bool_]:
+    """Pixels (H, W, 1) in whose run anything was found: the others keep their light, even if it is below black."""
+    anything = (found != 0).any(-1)
+    first = np.arange(0, anything.shape[1], RUN)
+    runs = np.logical_or.reduceat(anything, first, axis=1)
+    return np.repeat(runs, RUN, axis=1)[:, : anything.shape[1], None]
+
+
+def correct(light: NDArray, found: NDArray) -> NDArray:
+    """No light is less than none; what is missing stays so."""
+    corrected = light + found
+    corrected = np.where(corrected < 0, np.float32(0), corrected)
+    return np.where(corrected_runs(found), corrected, light)
+
+
+def correct_history(color: NDArray, moments: NDArray, found: NDArray) -> list[NDArray]:
+    """The moments move with the colour, and their variance stays."""
+    corrected = correct(color, found)
+    r, g, b = np.moveaxis(corrected - color, -1, 0)
+    moved = np.float32(0.2126) * r + np.float32(0.7152) * g + np.float32(0.0722) * b
+    first, second = np.moveaxis(moments, -1, 0)
+    shifted = np.stack([first + moved, second + moved * (first + first + moved)], -1)
+    return [corrected, np.where(corrected_runs(found), shifted, moments)]
 
 
 class SVGF:
@@ -197,6 +231,7 @@ class SVGF:
         gradient=True,
         fireflies=False,
         reflections=(0.5, 2.0),
+        innovation=True,
         antialias=True,
     ):
         self.alpha = {"alpha": alpha, "moments_alpha": moments_alpha}
@@ -212,9 +247,9 @@ class SVGF:
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
-        self.distances, self.antialias = reflections, antialias
+        self.distances, self.innovation, self.antialias = reflections, innovation, antialias
         self.passes, self.stage = 3, PRESETS["denoised"]
-        self.before = self.antialiased = self.mirrored = None
+        self.before = self.antialiased = self.mirrored = self.evidence = None
         self.asked, self.won = [], []  # shares of the pixels, by frame
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
@@ -272,6 +307,13 @@ class SVGF:
             self.mirrored.light = smooth(2)[0]
             if self.mirrored.scores is None:
                 self.mirrored.scores = np.zeros((*length.shape, len(self.distances)), np.float32)
+        if self.innovation and self.before is not None:
+            known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(self.history[0])}
+            found, self.evidence = yester.innovation(sample, final, length, **known)
+            final = correct(final, found)
+            self.history[:2] = correct_history(*self.history[:2], found)
+            if len(self.distances) > 0:
+                self.mirrored.light = correct(self.mirrored.light, found)
         if frame.albedo is not None:
             final = yester.remodulate(final, frame.albedo, emission=frame.emission)
         if self.antialias:
@@ -380,6 +422,7 @@ class BMFR:
         by_confidence=False,
         gradient=True,
         fireflies=False,
+        innovation=True,
         antialias=True,
     ):
         self.alpha, self.fitted_alpha = alpha, np.float32(fitted_alpha)
@@ -389,9 +432,10 @@ class BMFR:
             "plane_distance": plane_distance,
             "normal_angle": normal_angle,
         }
-        self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
+        self.gradient, self.fireflies = gradient, fireflies
+        self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
-        self.before = self.antialiased = None
+        self.before = self.antialiased = self.evidence = None
         self.age = 0
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
@@ -412,6 +456,7 @@ class BMFR:
                 planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
             history, confidence = yester.reproject(planes, motion, **tests, **self.limits)
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
+        fresh = sample
         if self.fireflies:
             sample = without_fireflies(frame, sample, history[0])
         if self.before is not None:
@@ -439,6 +484,11 @@ class BMFR:
         with np.errstate(divide="ignore"):
             share = np.minimum(np.maximum(1 / length, self.fitted_alpha), 1)
         light = yester.blend(fitted, history[3], share)
+        if self.innovation and self.before is not None:
+            known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(color)}
+            found, self.evidence = yester.innovation(fresh, light, length, **known)
+            light = correct(light, found)
+            color, moments = correct_history(color, moments, found)
         self.expects_replay = self.before is None or frame.replay is not None
         self.history, self.before = [color, moments, length, light], frame
         self.age += 1

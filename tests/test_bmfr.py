@@ -42,7 +42,15 @@ def check_bits(frames, **named) -> None:
 @pytest.mark.parametrize("newer", [(), NEWER])
 @pytest.mark.parametrize(
     "named",
-    [{}, SETTINGS, PLAIN, {**SETTINGS, **PLAIN}, {"fitted_alpha": 1.0}, {"alpha": 0.0, "fitted_alpha": 0.0}],
+    [
+        {},
+        SETTINGS,
+        PLAIN,
+        {**SETTINGS, **PLAIN},
+        {"fitted_alpha": 1.0},
+        {"alpha": 0.0, "fitted_alpha": 0.0},
+        {"innovation": False},
+    ],
     ids=str,
 )
 def test_pipeline_is_its_kernels(named, newer):
@@ -121,7 +129,7 @@ def test_one_size_and_albedo_always_or_never_until_reset():
 def test_a_lamp_without_emission_lights_nothing():
     """Black albedo makes enormous light of it, which is not fitted."""
     rng = np.random.default_rng(0)
-    bmfr = yester.BMFR(**PLAIN)
+    bmfr = yester.BMFR(**PLAIN, innovation=False)
     albedo = np.full((48, 48, 3), 0.5, np.float32)
     albedo[20:24, 20:24] = 0
     for _ in range(8):

@@ -48,6 +48,7 @@ def check_bits(frames, **named):
         {"reflections": (1.0,), "antialias": False},
         {"radius": 16, "iterations": 1},
         BARE,
+        {**BARE, "innovation": False},
     ],
     ids=str,
 )
@@ -108,7 +109,7 @@ def test_history_converges_to_the_mean_of_the_pixels_own_samples():
     """However different its neighbours are, of which ever less remains."""
     y, x = np.mgrid[:32, :33]
     truth = np.where((x // 2 + y // 3) % 2, np.float32(1.5), np.float32(0.5))[..., None] * np.ones(3, np.float32)
-    half_res, errors = yester.HalfRes(alpha=0.0, **BARE), []
+    half_res, errors = yester.HalfRes(alpha=0.0, innovation=False, **BARE), []
     for number in range(400):
         out = half_res.step(yester.Frame(traced(truth, number)))
         errors.append(np.sqrt(np.mean((out.color - truth) ** 2)))

@@ -8,6 +8,7 @@ import pyoidn
 import pytest
 import yester
 from compare import assert_same_bits
+from composed import find_motion
 from test_peers import frames
 
 NAMES = ("color", "history_length", "confidence", "rejection")
@@ -29,12 +30,19 @@ def test_alone_it_is_itself():
             assert not out.rejection.any()
 
 
-def test_between_temporal_stages_it_is_their_list():
-    oidn = yester.OIDN("fast", temporal=True)
-    history, antialiasing = yester.SVGF(alpha=0.05, iterations=0, antialias=False), yester.TAA("denoised")
+@pytest.mark.parametrize("innovation", [False, True])
+def test_between_temporal_stages_it_is_their_list(innovation):
+    oidn = yester.OIDN("fast", temporal=True, innovation=innovation)
+    history = yester.SVGF(alpha=0.05, iterations=0, innovation=False, antialias=False)
+    antialiasing, before, evidence = yester.TAA("denoised"), None, None
     for frame, _ in frames(4):
         out, known = oidn.step(frame), history.step(frame)
         clean = pyoidn.denoise(known.color, frame.albedo, frame.normal, hdr=True, quality="fast")
+        if innovation and before is not None:
+            carried = known.history_length, evidence, find_motion(frame, before)
+            found, evidence = yester.innovation(frame.color, clean, *carried, exposure=yester.exposure(clean))
+            assert found.any()
+            clean = np.maximum(clean + found, 0)
         want = antialiasing.step(
             yester.Frame(clean, motion=frame.motion, depth=frame.depth, position=frame.position, camera=frame.camera)
         )
@@ -42,8 +50,11 @@ def test_between_temporal_stages_it_is_their_list():
         for name in NAMES[1:]:
             assert_same_bits(getattr(out, name), getattr(known, name))
         assert set(out.used) == set(known.used)
+        before = frame
     oidn.reset()
-    assert (oidn.step(frame).history_length <= 1).all()
+    first, fresh = oidn.step(frame), yester.OIDN("fast", temporal=True, innovation=innovation).step(frame)
+    assert (first.history_length <= 1).all()
+    assert_same_bits(first.color, fresh.color)
 
 
 def test_time_steadies_it():

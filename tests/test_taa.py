@@ -20,6 +20,7 @@ OVERRIDES = [
     {"dilate": "cross", "window": "5x5", "gamma": 1.5, "box": "variance", "response": "ellipsoid", "flicker": 0.5},
     {"filter": "bilinear", "box": "chroma-hull", "space": "ycocg", "response": "current", "speed": 0.5},
     {"alpha": 0.0, "fast_alpha": 1.0, "speed": (0.1, 4.0), "box": "intersection", "space": "rgb", "response": "clamp"},
+    {"innovation": True},
 ]
 
 
@@ -33,6 +34,7 @@ DOUBTS = [
     {"gradient": True, "anti_lag": 3.0, "ids": True, "dilate": "cross"},
     {"alternation": True, "ids": True},
     {"alternation": True, "gradient": True, "anti_lag": 1.0},
+    {"innovation": True, "ids": True},
 ]
 
 
@@ -156,6 +158,27 @@ def test_light_that_goes_shortens_history():
         assert np.abs(out.color - color).mean() < 0.7 * np.abs(without.color - color).mean()
 
 
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("scale", [3.0, 0.25])
+def test_innovation_follows_a_light_that_changes(preset, scale):
+    """Under noise: in the first two frames after the change at least a quarter of the error of the mean light is gone;
+    steady light before it loses nothing. Lengths of history are the same."""
+    rng, shot = np.random.default_rng(0), scene.shoot(0, 96, 64)
+    seen, errors, light_errors = shot.ids > 0, [], []
+    taa, plain = yester.TAA(preset, innovation=True), yester.TAA(preset)
+    for number in range(14):
+        light = np.float32(scale if number >= 10 else 1)
+        frame, truth = yester.Frame(scene.noisy(shot, rng) * light), shot.color * light
+        outs = taa.step(frame), plain.step(frame)
+        np.testing.assert_array_equal(outs[0].history_length, outs[1].history_length)
+        errors.append([np.sqrt(error(out.color[seen], truth[seen])) for out in outs])
+        light_errors.append([abs(out.color[seen].mean() / truth[seen].mean() - 1) for out in outs])
+    (own, other), (own_light, other_light) = np.transpose(errors), np.transpose(light_errors)
+    assert (own[10:12] < [0.85, 0.95] * other[10:12]).all()
+    assert (own_light[10:12] < 0.75 * other_light[10:12]).all()
+    assert own[9] < 1.02 * other[9]
+
+
 def flicker(colors, preset, **options):
     """How much (mean over the pixels) the last 16 images of a plain sequence vary."""
     taa = yester.TAA(preset, **options)
@@ -195,6 +218,7 @@ def test_any_size_and_wild_motion(size):
     ]
     for preset in PRESETS:
         check_bits(frames, preset)
+        check_bits(frames, preset, innovation=True)
 
 
 def test_everything_is_used_that_is_there():
@@ -368,9 +392,10 @@ def test_missing_samples_are_survived(preset):
     assert (out.history_length == np.where(np.isfinite(holes).all(-1), 3, 2)).all()
 
 
-def test_reset_forgets():
+@pytest.mark.parametrize("innovation", [False, True])
+def test_reset_forgets(innovation):
     frames = frames_of(NAMES, 3)
-    taa = yester.TAA()
+    taa = yester.TAA(innovation=innovation)
     first = [taa.step(frame).color for frame in frames]
     assert taa.reset() is None
     for frame, want in zip(frames, first, strict=True):

@@ -45,6 +45,7 @@ __all__ = [
     "estimate_variance",
     "exposure",
     "fix_history",
+    "innovation",
     "jitter",
     "joint_bilateral_upsample",
     "machine_limits",
@@ -176,6 +177,7 @@ class SVGF(Pipeline):
         gradient: bool = True,
         fireflies: bool = False,
         reflections: Sequence[float] = (0.5, 2.0),
+        innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
@@ -194,6 +196,7 @@ class HalfRes(Pipeline):
         by_confidence: bool = False,
         fireflies: bool = False,
         reflections: Sequence[float] = (0.5, 2.0),
+        innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
@@ -216,6 +219,7 @@ class BMFR(Pipeline):
         by_confidence: bool = False,
         gradient: bool = True,
         fireflies: bool = False,
+        innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
@@ -247,6 +251,7 @@ class TAA(Pipeline):
         gradient: bool = False,
         anti_lag: float = 0.0,
         alternation: bool = False,
+        innovation: bool = False,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
@@ -429,6 +434,19 @@ def temporal_gradient(
     widest: int = 3,
     out: _Floats | None = None,
 ) -> _Floats: ...
+def innovation(
+    color: ArrayLike,
+    prediction: ArrayLike,
+    history_length: ArrayLike,
+    evidence: ArrayLike | None = None,
+    motion: ArrayLike | None = None,
+    *,
+    exposure: float = 1.0,
+    strictness: float = 3.0,
+    share: float = 0.5,
+    levels: int = 4,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
 def prediction_gain(
     candidate: ArrayLike,
     base: ArrayLike,

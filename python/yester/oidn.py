@@ -8,7 +8,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, Output, Pipeline, settings
+from ._core import SVGF, TAA, Camera, Output, Pipeline, exposure, innovation, motion_vectors, settings
 from .frame import Frame, present
 
 __all__ = ["OIDN", "Network"]
@@ -28,6 +28,8 @@ class OIDN(Pipeline):
         Whether it stands between temporal stages.
     fireflies : bool, default False
         With `temporal`, as in `SVGF`.
+    innovation : bool, default True
+        With `temporal`, whether what new samples show to be wrong with the network's image is added to it.
 
     Raises
     ------
@@ -38,8 +40,10 @@ class OIDN(Pipeline):
 
     Notes
     -----
-    `temporal` consists of ``SVGF(alpha=0.05, iterations=0, antialias=False)``, the network and ``TAA("denoised")``, and
-    gives their bits. Light without albedo, and a second accumulation of what the network returns, were tried and lost.
+    `temporal` consists of ``SVGF(alpha=0.05, iterations=0, innovation=False, antialias=False)``, the network,
+    `innovation` with the `exposure` of the network's image, and ``TAA("denoised")``, and gives their bits. What was
+    tried and lost: light without albedo, for the network or for innovation; innovation that is fed back into what is
+    accumulated; a second accumulation of what the network returns.
     As many threads run as ``YESTER_THREADS`` allows.
     """
 
@@ -49,13 +53,16 @@ class OIDN(Pipeline):
         *,
         temporal: bool = False,
         fireflies: bool = False,
+        innovation: bool = True,
     ) -> None:
-        super().__init__(quality, temporal=temporal, fireflies=fireflies)
+        super().__init__(quality, temporal=temporal, fireflies=fireflies, innovation=innovation)
         self._network = Network(quality)
         if fireflies and not temporal:
             raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")
-        history = SVGF(alpha=0.05, iterations=0, antialias=False, fireflies=fireflies)
+        history = SVGF(alpha=0.05, iterations=0, innovation=False, antialias=False, fireflies=fireflies)
         self._stages = (history, TAA("denoised")) if temporal else None
+        self._corrects = innovation
+        self._forget()
 
     def step(self, frame: Frame, out: Output | None = None) -> Output:
         """Denoise the next frame of the sequence.
@@ -96,6 +103,12 @@ class OIDN(Pipeline):
         """Forget the sequence; the next frame is a first one."""
         for stage in self._stages or ():
             stage.reset()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._continues = False
+        self._camera: Camera | None = None
+        self._evidence: NDArray[np.float32] | None = None
 
     def _alone(self, frame: Frame) -> Output:
         seen = np.isfinite(frame.color).all(-1)
@@ -110,8 +123,14 @@ class OIDN(Pipeline):
 
     def _between(self, frame: Frame, history: SVGF, antialiasing: TAA) -> Output:
         known = history.step(frame)
+        color = self._network.denoise(known.color, frame)
+        if self._corrects and self._continues:
+            carried = (color, known.history_length, self._evidence, self._motion(frame))
+            found, self._evidence = innovation(frame.color, *carried, exposure=exposure(color))
+            color = (color + found).clip(0)
+        self._continues, self._camera = True, frame.camera
         moved = {name: getattr(frame, name) for name in ("motion", "depth", "position", "camera")}
-        clean = antialiasing.step(Frame(self._network.denoise(known.color, frame), **moved))
+        clean = antialiasing.step(Frame(color, **moved))
         return Output(
             clean.color,
             known.history_length,
@@ -120,6 +139,13 @@ class OIDN(Pipeline):
             used=tuple(dict.fromkeys((*known.used, *self._network.guides))),
             missing=known.missing,
         )
+
+    def _motion(self, frame: Frame) -> NDArray[np.float32] | None:
+        """To the frame before: as it came, or of what stands still."""
+        geometry = frame.depth if frame.position is None else frame.position
+        if frame.motion is not None or geometry is None or frame.camera is None or self._camera is None:
+            return frame.motion
+        return motion_vectors(geometry, frame.camera, self._camera)
 
 
 def _finite(image: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -14,7 +14,8 @@ use crate::image::{Pixels, bands_of};
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
 use crate::kernels::judge::{
-    alternation, anti_lag, blend_factor, consistency, exposure, gradient, neighborhood, prediction,
+    alternation, anti_lag, blend_factor, consistency, exposure, gradient, innovation, neighborhood,
+    prediction,
 };
 use crate::pixels::PixelsMut;
 
@@ -652,6 +653,114 @@ pub fn temporal_gradient<'py>(
         })?
     };
     gradient.array()
+}
+
+/// What a prediction gets wrong, estimated from new samples.
+///
+/// New samples are noisy and right in the mean; a denoised image is steady, and lags or blurs. Where the mean of their difference
+/// is larger than chance makes it, it is returned, to be added to the image and to its history.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     New samples: light without texture, if there is albedo. Missing pixels tell nothing.
+/// prediction : (H, W, 3) array_like of float
+///     The image in question.
+/// history_length : (H, W) array_like of float
+///     Samples that the prediction of each pixel is made of. One that was made of the newest alone has not predicted it.
+/// evidence : (ceil(H / 2), ceil(W / 2), 4) array_like of float, optional
+///     As this function returned it for the frame before; none for the first.
+/// motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+///     In pixels, to the frame before, along which `evidence` is fetched; without, it stays in place.
+/// exposure : float, default 1.0
+///     Of the image, as `exposure` returns it; above 0. Differences count in units of the light and a sixteenth of this.
+/// strictness : float, default 3.0
+///     By how many times a squared mean must exceed its variance for anything of it to be kept; from 0.
+/// share : float, default 0.5
+///     Of the new frame in the evidence, above 0, up to 1, which forgets what came before.
+/// levels : int, default 4
+///     Sizes of blocks that are looked at, 1 to 8: 2 pixels, 4, 8, ….
+/// out : (array, array), optional
+///     Written and returned instead of new arrays; None for one of them makes that one anew.
+///
+/// Returns
+/// -------
+/// correction : (H, W, 3) float32
+///     To be added; 0 where nothing was found.
+/// evidence : (ceil(H / 2), ceil(W / 2), 4) float32
+///     For the next frame: what was seen and not corrected, relative to the light, and its variance.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range.
+///
+/// Notes
+/// -----
+/// With r = (color - prediction) / (max(prediction, 0) + exposure / 16), held to ±50, E its mean over blocks of 2×2 pixels and
+/// over frames: from the coarsest blocks to the finest, the mean b of what coarser ones left of E, over 3×3 blocks weighted
+/// {1, 2, 1} along both axes, is kept by ``max(0, 1 - strictness v / |b|²)``, v being its variance by the squares of r, one share
+/// for the three channels. James and Stein 1961, *Estimation with Quadratic Loss*; Donoho and Johnstone 1994, *Ideal Spatial
+/// Adaptation by Wavelet Shrinkage*. A single bright sample has ``|b|² = v`` and is never news.
+#[pyfunction]
+#[pyo3(name = "innovation", signature = (color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0,
+    strictness=3.0, share=0.5, levels=4, out=None))]
+pub fn innovation_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    prediction: &Bound<'py, PyAny>,
+    history_length: &Bound<'py, PyAny>,
+    evidence: Option<&Bound<'py, PyAny>>,
+    motion: Option<&Bound<'py, PyAny>>,
+    exposure: f32,
+    strictness: f32,
+    share: f32,
+    levels: i64,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+    let params = innovation::Params {
+        strictness,
+        share,
+        levels: innovation::Params::levels(levels)?,
+    };
+    params.check()?;
+    in_range("exposure", exposure, "a finite number above 0", |v| {
+        v > 0.0 && v.is_finite()
+    })?;
+    let (correction, left) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let prediction =
+            Input::<f32>::new(prediction, "prediction", COLOR)?.sized("prediction", size)?;
+        let length = Input::<f32>::new(history_length, "history_length", Channels::One)?;
+        let length = length.sized("history_length", size)?;
+        let small = innovation::evidence_size(size);
+        let channels = Channels::Of(&[innovation::CHANNELS]);
+        let evidence = Input::<f32>::optional(evidence, "evidence", channels, small)?;
+        let motion = Input::<f32>::optional(motion, "motion", MOTION, size)?;
+        let [first, second] = parts(out.as_ref())?;
+        let shape = color.shape();
+        let blocks = [small.height, small.width, innovation::CHANNELS];
+        let out = (Out::given(first, shape)?, Out::given(second, &blocks)?);
+        let mut correction = Direct::new(py, out.0, shape)?;
+        let mut left = Direct::new(py, out.1, &blocks)?;
+        let [color, prediction] = [color.data(), prediction.data()].map(Interleaved::pixels);
+        let length = length.data().pixels();
+        let motion = motion.as_ref().map(|motion| motion.data().pixels());
+        let known = evidence.as_ref().map(|evidence| innovation::Known {
+            evidence: evidence.data().pixels(),
+            motion,
+        });
+        let (bands, records) = (correction.data()?, left.data()?);
+        detached(py, || {
+            let (found, rest) =
+                innovation::innovation(&color, &prediction, length, known, exposure, params);
+            found.corrections(&prediction, size, PixelsMut::bands(size, 3, bands));
+            records.copy_from_slice(rest.pixels().numbers().0);
+        })?;
+        (correction, left)
+    };
+    Ok((correction.array()?, left.array()?))
 }
 
 /// How much better one history predicts the new sample than another, without a reference.

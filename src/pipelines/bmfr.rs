@@ -1,7 +1,7 @@
 //! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
 //!
 //!   demodulate → (motion from cameras) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
-//!     → regress → blend → remodulate → (antialias)
+//!     → regress → blend → (innovation) → remodulate → (antialias)
 //!
 //! What comes before `regress` is as in [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in every
 //! frame. Every buffer but colour is optional; what is absent drops out of the tests and features.
@@ -10,12 +10,15 @@ use std::ops::Range;
 
 use super::frame::{Frame, Output, Pipeline, Summary, Upkeep};
 use super::svgf::{
-    self, Memory, Recalled, check_continues, illumination, recall, without_fireflies,
+    self, Memory, Recalled, Sampled, check_continues, correct_history, correct_light, illumination,
+    recall, without_fireflies,
 };
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Result, in_range};
-use crate::image::{BandMut, Image, Pixels, Records, View};
+use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::pinhole::Camera;
+use crate::kernels::judge::exposure::exposure;
+use crate::kernels::judge::innovation::{self, Innovation, innovation};
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
@@ -121,7 +124,8 @@ impl Pipeline for Bmfr {
             ))
         };
 
-        let memory = self.memory.take();
+        let mut memory = self.memory.take();
+        let evidence = memory.as_mut().and_then(|memory| memory.evidence.take());
         let continues = memory.is_some();
         let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
@@ -199,6 +203,25 @@ impl Pipeline for Bmfr {
         let out = PixelsMut::planar(size, fitted);
         blend(fit.pixels(), fits, Alpha::Map(share.view()), plain, out);
 
+        let mut rest = None;
+        if let Some(innovating) = params.history.innovation.filter(|_| continues) {
+            let known = history.pixels();
+            let prediction = known.part(6..9);
+            let sampled = Sampled {
+                color: frame.color,
+                texture,
+            };
+            let evidence = evidence.as_ref().map(|evidence| innovation::Known {
+                evidence: evidence.pixels(),
+                motion: Some(motion.pixels()),
+            });
+            let bright = exposure(known.part(0..3));
+            let lengths = known.part(5..6);
+            let (found, left) =
+                innovation(&sampled, &prediction, lengths, evidence, bright, innovating);
+            rows::run(&Correct(&found), size.height, history.bands());
+            rest = Some(left);
+        }
         let light = history.channels(6..9);
         let textured = texture.map(|texture| {
             let mut color = Image::blank(size, 3);
@@ -245,8 +268,46 @@ impl Pipeline for Bmfr {
         );
         self.age += 1;
         let kept = Records::of(history.view());
-        self.memory = Some(Memory::new(frame, kept, &params.history, !continues));
+        let mut memory = Memory::new(frame, kept, &params.history, !continues);
+        memory.evidence = rest;
+        self.memory = Some(memory);
         Ok(Summary { used, missing })
+    }
+}
+
+/// Adds what was found to the fits and to the history.
+struct Correct<'a>(&'a Innovation);
+
+impl<'a> Kernel for Correct<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut history: BandMut<'a>) {
+        let mut line = self.0.line();
+        let mut fits = [[0.0; SEGMENT]; 3];
+        for y in rows {
+            self.0.go_to(y, &mut line);
+            let mut rows = history.rows::<CHANNELS>(y);
+            for run in segments(y, rows[0].len()) {
+                for (fits, row) in fits.iter_mut().zip(&rows[6..]) {
+                    fits[..run.len].copy_from_slice(&row[run.x..][..run.len]);
+                }
+                let Some(found) = self.0.correction(&line, run, &fits) else {
+                    continue;
+                };
+                for i in 0..run.len {
+                    let mut record: [f32; CHANNELS] =
+                        std::array::from_fn(|channel| rows[channel][run.x + i]);
+                    let found = [0, 1, 2].map(|c| found[c][i]);
+                    let (accumulated, fit) = record.split_at_mut(accumulate::CHANNELS);
+                    correct_history(found, accumulated);
+                    correct_light(found, fit);
+                    for (row, value) in rows.iter_mut().zip(record) {
+                        row[run.x + i] = value;
+                    }
+                }
+            }
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
 //!   demodulate → (motion from cameras) → reproject → (suppress fireflies) → (temporal gradient) → (reconstruct)
-//!     → accumulate → estimate variance → à-trous → remodulate → (antialias)
+//!     → accumulate → estimate variance → à-trous → (innovation) → remodulate → (antialias)
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -16,12 +16,14 @@ use super::taa::{self, Stage, blacken_missing};
 use crate::bordered::BorderedBand;
 use crate::error::{Error, Result, in_range};
 use crate::image::{
-    BandMut, Image, Pixels, Records, SEGMENT, Size, View, bands_of, deinterleave, segments,
+    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, deinterleave, segments,
 };
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, MotionLanes};
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
+use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate, count_missing};
 use crate::kernels::smooth::atrous::{self, Filtered};
@@ -29,7 +31,8 @@ use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate};
-use crate::pixels::{PixelsMut, Row};
+use crate::math::luminance;
+use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
 #[derive(Clone, Debug, Default)]
@@ -47,6 +50,8 @@ pub struct Params {
     /// Whether changes of light shorten history: known from the frames' replays, estimated where they have none.
     pub gradient: bool,
     pub fireflies: Option<fireflies::Params>,
+    /// Whether what new samples say of the result corrects it, and the history.
+    pub innovation: Option<innovation::Params>,
     /// Distances behind the surface at which reflections are looked for, in units of depth; above 0, +inf included.
     pub reflections: Vec<f32>,
     /// The output stage.
@@ -82,6 +87,9 @@ impl Params {
         self.accumulate.check()?;
         self.variance.check()?;
         self.atrous.check()?;
+        self.innovation
+            .iter()
+            .try_for_each(innovation::Params::check)?;
         self.half_res.iter().try_for_each(half_res::Params::check)?;
         for &distance in &self.reflections {
             in_range("reflections", distance, "distances above 0", |v| v > 0.0)?;
@@ -103,6 +111,8 @@ pub(super) struct Memory {
     /// As it came, where the next frame's replay is expected.
     color: Option<Records>,
     reflections: Option<reflections::Memory>,
+    /// What was seen to be wrong and is not yet corrected.
+    pub evidence: Option<Records>,
     surface: SurfaceRecords,
     pub camera: Option<Camera>,
     demodulated: bool,
@@ -121,6 +131,7 @@ impl Memory {
             history,
             color: keeps_color.then(|| frame.color.to_records()),
             reflections: None,
+            evidence: None,
             surface: SurfaceRecords::of(&compared),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
@@ -209,7 +220,8 @@ impl Pipeline for Svgf {
             albedo,
             emission: frame.emission,
         });
-        let memory = self.memory.take();
+        let mut memory = self.memory.take();
+        let evidence = memory.as_mut().and_then(|memory| memory.evidence.take());
         let continues = memory.is_some();
         let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
@@ -260,15 +272,50 @@ impl Pipeline for Svgf {
             }
         }
 
+        let (innovation, evidence) = params
+            .innovation
+            .filter(|_| continues)
+            .map(|params| {
+                let known = history.pixels();
+                let sampled = Sampled {
+                    color: frame.color,
+                    texture,
+                };
+                let evidence = evidence.as_ref().map(|evidence| innovation::Known {
+                    evidence: evidence.pixels(),
+                    motion: Some(motion.pixels()),
+                });
+                let bright = exposure(known.part(0..3));
+                innovation(
+                    &sampled,
+                    &filtered,
+                    known.part(5..6),
+                    evidence,
+                    bright,
+                    params,
+                )
+            })
+            .unzip();
         let finish = Finish {
             filtered: &filtered,
             texture,
+            innovation: innovation.as_ref(),
             last: self.antialias.is_none(),
         };
         let variances = bands_of(output.variance.expect("an estimate has room"), size);
+        let band = BAND * size.width;
+        let mut lights = light
+            .as_mut()
+            .map(|light| light.data_mut().chunks_mut(band * 3));
         let write = |colors: &mut dyn Iterator<Item = PixelsMut>| {
-            let outs = colors.zip(variances);
-            let outs = outs.map(|(color, variance)| Outs { color, variance });
+            let histories = history.data_mut().chunks_mut(band * accumulate::CHANNELS);
+            let outs = colors.zip(variances).zip(histories);
+            let outs = outs.map(|((color, variance), history)| Outs {
+                color,
+                variance,
+                history,
+                light: lights.as_mut().and_then(Iterator::next),
+            });
             rows::run(&finish, size.height, outs);
         };
         used.extend(list_used(frame, &guide));
@@ -310,6 +357,7 @@ impl Pipeline for Svgf {
                 scores: reflections
                     .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
             }),
+            evidence,
             ..Memory::new(frame, history, params, !continues)
         });
         Ok(Summary { used, missing })
@@ -575,7 +623,7 @@ impl<'a> Kernel for FeedBack<'a> {
         let mut color = [[0.0; SEGMENT]; 3];
         let records = records.as_chunks_mut::<{ accumulate::CHANNELS }>().0;
         for run in rows.flat_map(|y| segments(y, width)) {
-            self.0.color(run, &mut color);
+            self.0.colors(run, &mut color);
             let records = &mut records[(run.y - top) * width + run.x..][..run.len];
             for (i, record) in records.iter_mut().enumerate() {
                 (record[0], record[1], record[2]) = (color[0][i], color[1][i], color[2][i]);
@@ -594,16 +642,33 @@ impl<'a> Kernel for Keep<'a> {
     fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let mut color = [[0.0; SEGMENT]; 3];
         for run in rows.flat_map(|y| segments(y, self.0.size().width)) {
-            self.0.color(run, &mut color);
+            self.0.colors(run, &mut color);
             out.write(run, color.each_ref().map(Row::as_slice));
         }
     }
 }
 
-/// Puts texture back on the filtered light, and writes what is known of it.
+/// Light as it was sampled.
+pub(super) struct Sampled<'a> {
+    pub color: Pixels<'a>,
+    pub texture: Option<Texture<'a>>,
+}
+
+impl Colors for Sampled<'_> {
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        self.color.colors(run, into);
+        if let Some(texture) = &self.texture {
+            texture.modulate(Way::Off, run, into);
+        }
+    }
+}
+
+/// Corrects the filtered light, puts its texture back, and writes what is known of it. History is corrected as well.
 struct Finish<'a> {
     filtered: &'a Filtered,
     texture: Option<Texture<'a>>,
+    innovation: Option<&'a Innovation>,
     /// Whether what nobody has seen, nor a neighbour, is to be black.
     last: bool,
 }
@@ -611,6 +676,10 @@ struct Finish<'a> {
 struct Outs<'a> {
     color: PixelsMut<'a>,
     variance: BandMut<'a>,
+    /// Records.
+    history: &'a mut [f32],
+    /// Records, where reflections are looked for.
+    light: Option<&'a mut [f32]>,
 }
 
 impl<'a> Kernel for Finish<'a> {
@@ -619,12 +688,39 @@ impl<'a> Kernel for Finish<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
         let mut color = [[0.0; SEGMENT]; 3];
+        let mut line = self.innovation.map(Innovation::line);
+        let (top, width) = (rows.start, self.filtered.size().width);
         for y in rows {
             out.variance
                 .row(0, y)
                 .copy_from_slice(self.filtered.variance(y));
-            for run in segments(y, self.filtered.size().width) {
-                self.filtered.color(run, &mut color);
+            if let Some((innovation, line)) = self.innovation.zip(line.as_mut()) {
+                innovation.go_to(y, line);
+            }
+            for run in segments(y, width) {
+                self.filtered.colors(run, &mut color);
+                let found = self.innovation.zip(line.as_ref());
+                let found = found.and_then(|(found, line)| found.correction(line, run, &color));
+                if let Some(found) = found {
+                    for (color, found) in color.iter_mut().zip(&found) {
+                        for (color, &found) in color.iter_mut().zip(found) {
+                            *color = corrected(*color, found);
+                        }
+                    }
+                    let first = (y - top) * width + run.x;
+                    let pixels = |channels: usize| first * channels..(first + run.len) * channels;
+                    let history = &mut out.history[pixels(accumulate::CHANNELS)];
+                    let history = history.as_chunks_mut::<{ accumulate::CHANNELS }>().0;
+                    for (i, history) in history.iter_mut().enumerate() {
+                        correct_history([0, 1, 2].map(|c| found[c][i]), history);
+                    }
+                    if let Some(light) = &mut out.light {
+                        let light = light[pixels(3)].as_chunks_mut::<3>().0;
+                        for (i, light) in light.iter_mut().enumerate() {
+                            correct_light([0, 1, 2].map(|c| found[c][i]), light);
+                        }
+                    }
+                }
                 if let Some(texture) = &self.texture {
                     texture.modulate(Way::Back, run, &mut color);
                 }
@@ -634,6 +730,25 @@ impl<'a> Kernel for Finish<'a> {
                 out.color.write(run, color.each_ref().map(Row::as_slice));
             }
         }
+    }
+}
+
+/// A pixel's colour; the moments move with it, and their variance stays.
+#[inline(always)]
+pub(super) fn correct_history(found: [f32; 3], history: &mut [f32]) {
+    let before = [history[0], history[1], history[2]];
+    correct_light(found, history);
+    let moved = [0, 1, 2].map(|c| history[c] - before[c]);
+    let moved = luminance(moved[0], moved[1], moved[2]);
+    let first = history[3];
+    history[3] += moved;
+    history[4] += moved * (first + first + moved);
+}
+
+#[inline(always)]
+pub(super) fn correct_light(found: [f32; 3], light: &mut [f32]) {
+    for (light, found) in light.iter_mut().zip(found) {
+        *light = corrected(*light, found);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
 //!   (resolve the jittered sample) → (motion from cameras) → (expose) → (temporal gradient) → (alternation)
-//!     → dilate → reproject → clip → (anti-lag) → blend
+//!     → dilate → reproject → clip → (anti-lag) → blend → (innovation)
 //!
 //! From dilation on all is one pass: what one kernel knows of a run of pixels, the next takes from the first-level cache.
 //! The temporal gradient looks farther, alternation has a memory of its own: both are found before, with reprojections of
@@ -23,6 +23,7 @@ use crate::kernels::fetch::reproject::{self, Fetch, reproject};
 use crate::kernels::judge::alternation::{self, Known, alternation, hold};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::judge::innovation::{self, innovation};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
 use crate::kernels::judge::{anti_lag, blend_factor};
@@ -50,6 +51,8 @@ pub struct Params {
     pub anti_lag: f32,
     /// Whether history is not clipped where the colours of whole neighbourhoods alternate.
     pub alternation: bool,
+    /// Whether what new samples say of the result corrects it, where the pipeline stands alone.
+    pub innovation: Option<innovation::Params>,
 }
 
 /// The tests that history must pass; by default none.
@@ -156,6 +159,7 @@ impl Params {
         gradient: false,
         anti_lag: 0.0,
         alternation: false,
+        innovation: None,
     };
 
     /// After Karis 2014, *High Quality Temporal Supersampling*; how far flicker lessens the share is our choice.
@@ -574,6 +578,8 @@ pub struct Taa {
     camera: Option<Camera>,
     /// The last frame's, where history is tested.
     surface: Option<SurfaceRecords>,
+    /// What the last frame saw to be wrong and did not correct.
+    evidence: Option<Records>,
 }
 
 impl Taa {
@@ -584,6 +590,7 @@ impl Taa {
             upkeep: Upkeep::default(),
             camera: None,
             surface: None,
+            evidence: None,
         })
     }
 }
@@ -597,6 +604,7 @@ impl Pipeline for Taa {
         self.stage.reset();
         self.camera = None;
         self.surface = None;
+        self.evidence = None;
     }
 
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
@@ -604,6 +612,7 @@ impl Pipeline for Taa {
         if let Some(before) = &self.stage.history {
             check_size(before.size, size)?;
         }
+        let continues = self.stage.history.is_some();
         let mut used = vec![];
         let params = &self.stage.params;
         let resolved = params
@@ -640,7 +649,7 @@ impl Pipeline for Taa {
         used.extend(tested.into_iter().filter(|&name| name != "depth"));
         let details = Details {
             tests,
-            history_length: output.history_length,
+            history_length: &mut *output.history_length,
             confidence: output.confidence,
             rejection: output.rejection,
         };
@@ -648,9 +657,23 @@ impl Pipeline for Taa {
             source,
             motion.pixels(),
             depth.map(Pixels::plane),
-            PixelsMut::bands(size, 3, output.color),
+            PixelsMut::bands(size, 3, &mut *output.color),
             Some(details),
         );
+        let corrects = self.stage.params.innovation.filter(|_| continues);
+        let evidence = self.evidence.take();
+        self.evidence = corrects.map(|params| {
+            let shown = Pixels::records(size, 3, output.color);
+            let lengths = Pixels::records(size, 1, output.history_length);
+            let known = evidence.as_ref().map(|evidence| innovation::Known {
+                evidence: evidence.pixels(),
+                motion: Some(motion.pixels()),
+            });
+            let bright = exposure(shown);
+            let (found, rest) = innovation(&frame.color, &shown, lengths, known, bright, params);
+            found.correct(size, output.color);
+            rest
+        });
         self.camera = frame.camera;
         let compared = limits.compared(frame.surface, limits.plane_distance.is_some());
         self.surface = limits.any().then(|| SurfaceRecords::of(&compared));

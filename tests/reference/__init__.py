@@ -20,6 +20,7 @@ from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .half_res import HalfRes
 from .history_fix import fix_history
+from .innovation import innovation
 from .jitter import jitter
 from .joint_bilateral import joint_bilateral_upsample, reconstruct
 from .morphological import morphological_aa
@@ -66,6 +67,7 @@ __all__ = [
     "estimate_variance",
     "exposure",
     "fix_history",
+    "innovation",
     "jitter",
     "joint_bilateral_upsample",
     "luminance",

@@ -5,6 +5,7 @@ from .blend import blend
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .gradient import temporal_gradient
+from .innovation import correct
 from .regress import regress
 from .reproject import reproject
 from .svgf import SVGF, Output
@@ -40,6 +41,7 @@ class BMFR(SVGF):
                 planes = [*planes, temporal_gradient(frame.replay, self.previous.color, noise=0)]  # and (H, W)
             history, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
+        fresh = light  # (H, W, 3)
         if self.fireflies:
             light = self.without_fireflies(frame, light, history[0])  # (H, W, 3)
         if self.previous is not None:
@@ -61,6 +63,10 @@ class BMFR(SVGF):
         fitted, _ = regress(color, normal=frame.normal, geometry=geometry, **place, **self.blocks)  # (H, W, 3)
         share = (1 / length).clamp(self.fitted_alpha, 1)  # (H, W)
         smooth = blend(fitted, history[3], share)  # (H, W, 3)
+        found = self.find_innovation(fresh, smooth, color, length, motion)  # (H, W, 3)
+        if found is not None:
+            color, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
+            smooth, _ = correct(smooth, found)  # (H, W, 3)
         self.history, self.previous = [color, moments, length, smooth], frame
         self.age += 1
         if frame.albedo is not None:

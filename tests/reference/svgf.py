@@ -7,8 +7,10 @@ from .accumulate import accumulate
 from .atrous import atrous
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
+from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
+from .innovation import correct, innovation
 from .reproject import reproject
 from .taa import PRESETS, antialias, find_motion, tells_depth
 from .variance import estimate_variance
@@ -49,6 +51,7 @@ class SVGF:
         by_confidence=False,
         gradient=True,
         fireflies=False,
+        innovation=True,
         antialias=True,
     ):
         self.blend = {"alpha": alpha, "moments_alpha": moments_alpha}
@@ -60,7 +63,8 @@ class SVGF:
             "normal_angle": normal_angle,
         }
         self.min_length, self.feedback = min_length, feedback
-        self.gradient, self.fireflies, self.antialias = gradient, fireflies, antialias
+        self.gradient, self.fireflies = gradient, fireflies
+        self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
@@ -68,7 +72,7 @@ class SVGF:
         self.reset()
 
     def reset(self) -> None:
-        self.previous = self.antialiased = None
+        self.previous = self.antialiased = self.evidence = None
 
     def step(self, frame) -> Output:
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
@@ -92,6 +96,7 @@ class SVGF:
             fetched, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
             history = fetched[:3]
+        fresh = light  # (H, W, 3)
         if self.fireflies:
             light = self.without_fireflies(frame, light, history[0])  # (H, W, 3)
         if self.previous is not None:
@@ -111,6 +116,10 @@ class SVGF:
         smooth, smooth_variance = atrous(color, variance, iterations=self.iterations, **self.filter, **similarity)
         if self.feedback and self.iterations > 0:
             color, _ = atrous(color, variance, iterations=1, **self.filter, **similarity)  # (H, W, 3)
+        found = self.find_innovation(fresh, smooth, color, length, motion)  # (H, W, 3)
+        if found is not None:
+            color, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
+            smooth, _ = correct(smooth, found)  # (H, W, 3)
         self.history, self.previous = [color, moments, length], frame
         if frame.albedo is not None:
             smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
@@ -123,6 +132,16 @@ class SVGF:
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """What joins the history (H, W, 3), and how much of a sample it is (H, W): all as it comes."""
         return light, None
+
+    def find_innovation(
+        self, fresh: Tensor, prediction: Tensor, color: Tensor, length: Tensor, motion: Tensor
+    ) -> Tensor | None:
+        """What is wrong with a prediction (H, W, 3), from the second frame on; its evidence is kept for the next."""
+        if not self.innovation or self.previous is None:
+            return None
+        known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(color)}
+        found, self.evidence = innovation(fresh, prediction, length, **known)  # (H, W, 3), (h, w, 4)
+        return found
 
     def without_fireflies(self, frame, light: Tensor, known: Tensor) -> Tensor:
         """Light (H, W, 3) whose fireflies were held down and spread in what is seen, by what history has (H, W, 3)."""

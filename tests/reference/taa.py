@@ -11,6 +11,7 @@ from .consistency import consistency
 from .dilate import dilate_motion
 from .exposure import exposure
 from .gradient import temporal_gradient
+from .innovation import correct, innovation
 from .motion import motion_vectors
 from .neighborhood import clip_history
 from .reproject import reproject
@@ -191,15 +192,16 @@ class TAA:
     Parameters
     ----------
     preset : "best", "denoised", "seed", "karis" or "filament"
-    **overrides : what is to be otherwise
+    innovation : whether what is shown is corrected by what the frames' own samples say of it; the history is not
+    **overrides : settings that replace the preset's
     """
 
-    def __init__(self, preset="best", **overrides):
-        self.settings = PRESETS[preset] | overrides
+    def __init__(self, preset="best", *, innovation=False, **overrides):
+        self.settings, self.innovation = PRESETS[preset] | overrides, innovation
         self.reset()
 
     def reset(self) -> None:
-        self.history = self.before = None
+        self.history = self.before = self.evidence = None
 
     def step(self, frame) -> Output:
         color = frame.color  # (H, W, 3)
@@ -208,7 +210,11 @@ class TAA:
         motion = find_motion(frame, self.before)  # (H, W, 2|3)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth, tests)
+        shown, length = self.history[0].nan_to_num(0, 0, 0), self.history[1]  # (H, W, 3), (H, W)
+        if self.innovation and self.before is not None:
+            known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(shown)}
+            found, self.evidence = innovation(frame.color, shown, length, **known)  # (H, W, 3), (h, w, 4)
+            shown, _ = correct(shown, found)  # (H, W, 3)
         self.before = frame
-        color, length = self.history[:2]  # (H, W, 3), (H, W)
         missing = int((~frame.color.isfinite().all(-1)).sum())
-        return Output(color.where(color.isfinite(), 0), length, confidence, rejection, missing)
+        return Output(shown, length, confidence, rejection, missing)

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from yester import SVGF, TAA, Frame
+from yester import BMFR, SVGF, TAA, Frame, HalfRes
 from yester.io.files import beside
 
 from . import harm
 from .chart import measure
 from .doors import DOORS, FULL, Door, known_doors, through
-from .methods import Method, Result, Step, pipeline
+from .methods import Method, Result, Step, on_part, pipeline, quarter
 from .metrics import metric
 from .points import ALL, Point
 from .recording import Recording
@@ -86,6 +86,14 @@ def _antialiased(**options: object) -> Callable[[], Step]:
 _SVGF = Method("SVGF", "SVGF", pipeline(SVGF), default=True)
 _TAA = Method("TAA", "TAA", pipeline(TAA), default=True)
 
+#: Other pipelines that new samples correct, and what they are without.
+_CORRECTED = {
+    Method("BMFR", "BMFR", pipeline(BMFR), default=True): pipeline(BMFR, innovation=False),
+    Method("HalfRes", "HalfRes", on_part(quarter, pipeline(HalfRes)), default=True): on_part(
+        quarter, pipeline(HalfRes, innovation=False)
+    ),
+}
+
 _NO_DEPTH_TEST = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}
 _SURFACES = ("normal", "object_normal", "ids")
 #: Where ids and normals do not stand in for it.
@@ -110,6 +118,7 @@ _SWITCHES = {
     "antialias": "antialiasing",
     "feedback": "feedback",
     "by_confidence": "shares by confidence",
+    "innovation": "innovation",
 }
 
 #: Every component of `SVGF` and `TAA`.
@@ -152,6 +161,7 @@ ABLATIONS = (
             ),
         }.items()
     ),
+    *(_ablation(whole, "innovation", start) for whole, start in _CORRECTED.items()),
     _ablation(_BARE, "depth test", _without(*_SURFACES, **_NO_DEPTH_TEST)),
     *(
         _ablation(_TAA, component, start)
@@ -163,6 +173,7 @@ ABLATIONS = (
             "share by speed": pipeline(TAA, fast_alpha=0.05),
         }.items()
     ),
+    _ablation(_TAA, "innovation", pipeline(TAA, innovation=True), added=True),
 )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from yester import BMFR, SVGF, TAA, Frame, HalfRes
 
-__all__ = ["METHODS", "PIPELINES", "QUARTERS", "Method", "Result", "Step", "pipeline", "quarter"]
+__all__ = ["METHODS", "PIPELINES", "QUARTERS", "Method", "Result", "Step", "on_part", "pipeline", "quarter"]
 
 
 class Result(NamedTuple):
@@ -101,7 +101,7 @@ def _recolored(frame: Frame, color: NDArray[np.float32]) -> Frame:
     return Frame(**frame.buffers() | {"color": color}, camera=frame.camera, jitter=frame.jitter)
 
 
-def _of(part: Callable[[Frame, int], Frame], start: Callable[[], Step]) -> Callable[[], Step]:
+def on_part(part: Callable[[Frame, int], Frame], start: Callable[[], Step]) -> Callable[[], Step]:
     """A method on a part of each frame."""
 
     def start_on_part() -> Step:
@@ -124,9 +124,9 @@ PIPELINES = (
 
 #: Of frames of which a quarter is traced: `HalfRes`, and what others make of these.
 QUARTERS = (
-    Method("HalfRes, a quarter traced", "HalfRes", _of(quarter, pipeline(HalfRes))),
-    Method("a quarter traced, SVGF", "SVGF of a quarter", _of(quarter, pipeline(SVGF))),
-    Method("a quarter traced, copied, SVGF", "SVGF of copies", _of(_copied, pipeline(SVGF))),
+    Method("HalfRes, a quarter traced", "HalfRes", on_part(quarter, pipeline(HalfRes))),
+    Method("a quarter traced, SVGF", "SVGF of a quarter", on_part(quarter, pipeline(SVGF))),
+    Method("a quarter traced, copied, SVGF", "SVGF of copies", on_part(_copied, pipeline(SVGF))),
 )
 
 #: All of them over their main parameters: passes of the spatial filter, side of the blocks, share of the new sample.

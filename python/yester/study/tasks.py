@@ -178,7 +178,10 @@ _NETWORKS = ("OIDN fast", "OIDN balanced", "OIDN high")
 _SEED: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp"}
 _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
-_PUBLISHED: dict[str, Any] = {"radius": 2, "reflections": (), "gradient": False, "fireflies": False, "antialias": False}
+_PUBLISHED: dict[str, Any] = {
+    **{"radius": 2, "reflections": ()},
+    **dict.fromkeys(("gradient", "fireflies", "innovation", "antialias"), False),
+}
 
 # What one pixel takes of the vector units, as `Task.multiply_adds` counts, read from the kernels.
 #
@@ -237,6 +240,7 @@ TASKS = (
     Task("alternation", "alternation", _named("color")),
     Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
     Task("temporal_gradient", "temporal_gradient", _named("color", previous="history")),
+    Task("innovation", "innovation", _named("color", "history_length", "motion", prediction="history")),
     Task("prediction_gain", "prediction_gain", _named("color", "ids", candidate="history", base="previous_color")),
     Task("blend_factor", "blend_factor", _named("confidence", "motion")),
     Task("blend", "blend", _BLEND),

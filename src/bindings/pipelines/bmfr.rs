@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use super::{FrameArgs, Output, Pipeline, Room};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
-use crate::kernels::judge::surface;
+use crate::kernels::judge::{innovation, surface};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{fireflies, regress};
 use crate::pipelines::frame::Pipeline as _;
@@ -37,6 +37,8 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// fireflies : bool, default False
 ///     Whether samples far brighter than their surroundings, of which history knows nothing, are held down and their excess
 ///     spread over their surface first (`suppress_fireflies`).
+/// innovation : bool, default True
+///     Whether what new samples show to be wrong with the fits is added to them and to the history, as in `SVGF`.
 /// antialias : bool, default True
 ///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
 ///
@@ -49,8 +51,8 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// -----
 /// Koskela et al. 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*. Each step
 /// consists of this package's functions and gives their bits: `demodulate`, `suppress_fireflies`, `motion_vectors`,
-/// `reproject` (with `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `remodulate`, and those of
-/// `TAA`. From frame to frame the blocks begin at (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
+/// `reproject` (with `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`,
+/// `remodulate`, and those of `TAA`. From frame to frame the blocks begin at (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
 /// eighths of their side. Pixels whose albedo is black are not fitted: they shine, or show nothing. The share of the
 /// N-th fit is at least 1/N.
 #[pyclass(extends = Pipeline, module = "yester")]
@@ -63,10 +65,11 @@ impl BMFR {
     #[new]
     #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), by_confidence=false, gradient=true, fireflies=false,
-        antialias=true))]
+        innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=16, features='fewest', relative_depth=0.1, \
-        plane_distance=0.01, normal_angle=25.0, by_confidence=False, gradient=True, fireflies=False, antialias=True)"
+        plane_distance=0.01, normal_angle=25.0, by_confidence=False, gradient=True, fireflies=False, innovation=True, \
+        antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -79,6 +82,7 @@ impl BMFR {
         by_confidence: bool,
         gradient: bool,
         fireflies: bool,
+        innovation: bool,
         antialias: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
         let params = bmfr::Params {
@@ -96,6 +100,7 @@ impl BMFR {
                 by_confidence,
                 gradient,
                 fireflies: fireflies.then(fireflies::Params::default),
+                innovation: innovation.then(innovation::Params::default),
                 ..Default::default()
             },
             regress: regress::Params {

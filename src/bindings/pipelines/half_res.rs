@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline, Room};
 use crate::error::whole;
+use crate::kernels::judge::innovation;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{atrous, fireflies, joint_bilateral};
 use crate::pipelines::frame::Pipeline as _;
@@ -31,6 +32,7 @@ use crate::pipelines::{half_res, svgf};
 ///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
 /// by_confidence, fireflies : bool, default False
 /// reflections : sequence of float, default (0.5, 2.0)
+/// innovation : bool, default True
 ///     As in `SVGF`.
 /// antialias : bool, default True
 ///     As in `SVGF`.
@@ -67,10 +69,10 @@ pub struct HalfRes {
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0,
-        by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
+        by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, \
-        by_confidence=False, fireflies=False, reflections=(0.5, 2.0), antialias=True)"
+        by_confidence=False, fireflies=False, reflections=(0.5, 2.0), innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -81,6 +83,7 @@ impl HalfRes {
         by_confidence: bool,
         fireflies: bool,
         reflections: Vec<f32>,
+        innovation: bool,
         antialias: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
         let window = joint_bilateral::Params {
@@ -101,6 +104,7 @@ impl HalfRes {
             by_confidence,
             fireflies: fireflies.then(fireflies::Params::default),
             reflections,
+            innovation: innovation.then(innovation::Params::default),
             antialias: whole.antialias.filter(|_| antialias),
             ..whole
         };

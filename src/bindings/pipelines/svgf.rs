@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline, Room};
 use crate::bindings::judge::Bounds;
-use crate::kernels::judge::surface;
+use crate::kernels::judge::{innovation, surface};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
@@ -72,6 +72,9 @@ use crate::pipelines::{svgf, taa};
 ///     before, and in those around; every eighth frame asks everywhere. Rows decide in pairs. () leaves it out,
 ///     (0.25, 0.5, 1, 2, 4, inf) is a finer choice for very glossy scenes. Frames with a `hit_distance` are tried at
 ///     that one alone. Needs cameras, and depth.
+/// innovation : bool, default True
+///     Whether what new samples, together with those of a few frames before, show to be wrong with the result is added to it
+///     and to the history (`innovation`): light that moves, and what the filter or reflections blur.
 /// antialias : bool, default True
 ///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
 ///
@@ -85,7 +88,8 @@ use crate::pipelines::{svgf, taa};
 /// Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
 /// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
 /// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
-/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `remodulate`, and those of `TAA`.
+/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `innovation` (with the `exposure` of the history),
+/// `remodulate`, and those of `TAA`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {
     inner: svgf::Svgf,
@@ -97,12 +101,12 @@ impl SVGF {
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
-        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], antialias=true))]
+        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
-        reflections=(0.5, 2.0), antialias=True)"
+        reflections=(0.5, 2.0), innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -123,6 +127,7 @@ impl SVGF {
         gradient: bool,
         fireflies: bool,
         reflections: Vec<f32>,
+        innovation: bool,
         antialias: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
         let sigmas = Sigmas {
@@ -160,6 +165,7 @@ impl SVGF {
             by_confidence,
             gradient,
             fireflies: fireflies.then(fireflies::Params::default),
+            innovation: innovation.then(innovation::Params::default),
             reflections,
             antialias: antialias.then_some(taa::Params::DENOISED),
             half_res: None,

@@ -6,7 +6,7 @@ use super::{FrameArgs, Output, Pipeline, Room};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
 use crate::kernels::fetch::footprint::Filter;
-use crate::kernels::judge::neighborhood;
+use crate::kernels::judge::{innovation, neighborhood};
 use crate::kernels::merge::blend;
 use crate::pipelines::frame::Pipeline as _;
 use crate::pipelines::taa;
@@ -58,6 +58,10 @@ use crate::pipelines::taa;
 ///     Whether history is not clipped where the colours of whole neighbourhoods come and go and come again
 ///     (`alternation`): against flicker where aliasing is wider than the neighbourhood. It costs most of the time that
 ///     all the rest takes. `SVGF` gets it as ``SVGF(antialias=False)`` followed by ``TAA("denoised", alternation=True)``.
+/// innovation : bool, default False
+///     Whether what the samples of this and a few earlier frames show to be wrong with the result is added to what is shown
+///     (`innovation`, with the `exposure` of the result): light that changes, in frames with noise. In frames without, a part
+///     of the aliasing counts as news.
 ///
 /// Raises
 /// ------
@@ -81,7 +85,8 @@ impl TAA {
     #[new]
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, filter=None, r#box=None,
         gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
-        plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false))]
+        plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
+        innovation=false))]
     fn new(
         preset: &str,
         alpha: Option<f32>,
@@ -104,6 +109,7 @@ impl TAA {
         gradient: bool,
         anti_lag: f32,
         alternation: bool,
+        innovation: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
         /// The mode that is named, or the preset's.
         fn or<T: Copy>(
@@ -150,6 +156,7 @@ impl TAA {
         params.gradient = gradient;
         params.anti_lag = anti_lag;
         params.alternation = alternation;
+        params.innovation = innovation.then(innovation::Params::default);
         let inner = taa::Taa::new(params)?;
         Ok(Pipeline::made(Self { inner }))
     }

@@ -8,6 +8,7 @@ pub mod disocclusion;
 pub mod exposure;
 pub mod gradient;
 pub mod hull;
+pub mod innovation;
 pub mod neighborhood;
 pub mod prediction;
 pub mod surface;

@@ -25,7 +25,7 @@ use crate::error::{Result, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
 use crate::lanes::Lanes;
 use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, LanesKernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -150,9 +150,16 @@ impl Filtered {
         self.variances.reverse();
     }
 
-    /// A run's colour; NaN where it is missing.
     #[inline(always)]
-    pub fn color(&self, run: Run, color: &mut [Row; 3]) {
+    pub fn variance(&self, y: usize) -> &[f32] {
+        self.image.row(self.variances[0], y)
+    }
+}
+
+impl Colors for Filtered {
+    /// NaN where it is missing.
+    #[inline(always)]
+    fn colors(&self, run: Run, color: &mut [Row; 3]) {
         let rows = self.image.rows::<IN_PLACE>(run.y);
         let [r, g, b, l] = rows.map(|row| &row[run.x..][..run.len]);
         for (out, plane) in color.iter_mut().zip([r, g, b]) {
@@ -160,11 +167,6 @@ impl Filtered {
                 *out = if l.is_nan() { f32::NAN } else { value };
             }
         }
-    }
-
-    #[inline(always)]
-    pub fn variance(&self, y: usize) -> &[f32] {
-        self.image.row(self.variances[0], y)
     }
 }
 
@@ -245,7 +247,7 @@ impl<'a> Kernel for Unload<'a> {
                 .row(0, y)
                 .copy_from_slice(self.image.variance(y));
             for run in segments(y, self.image.size().width) {
-                self.image.color(run, &mut values);
+                self.image.colors(run, &mut values);
                 out.color.write(run, values.each_ref().map(Row::as_slice));
             }
         }

@@ -1,0 +1,659 @@
+//! Innovation: what a prediction gets wrong, estimated from new samples that it has not seen.
+//!
+//! New samples y are noisy but right in the mean; a prediction p is steady but lags and blurs. The mean of y − p is what p
+//! gets wrong. Relative to the light, so that dark places count as bright ones do, and bounded:
+//!   r = clamp((y − p) / (max(p, 0) + e/16), ±50), e the exposure.
+//! **Evidence.** Blocks of 2×2 pixels hold the mean r̄ of r over the samples that are there, and its variance v: the mean of
+//! |r|² (1 + 4/N²), divided by their number, N the length of history, at least 1, as a prediction of few samples is made of
+//! those very samples. What earlier frames saw and did not correct comes along the motion, from the nearest block:
+//!   E ← (1 − w) r̄ + w E′,  V ← (1 − w)² v + w² V′,  w = (1 − β) · mean of clamp(N − 1, 0, 1),
+//! with β = 0 for blocks without samples. What persists is believed sooner than what flickers.
+//! **Shrinkage.** E is averaged over 2×2 again for each coarser level, and V by the squares of the same weights, as a variance
+//! is. From coarse to fine, with d what coarser levels have found:
+//!   b = ⟨E − d⟩,  s = max(0, 1 − c ⟨V⟩² / |b|²),  d ← d + s b,
+//! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of these
+//! weights, and d goes from level to level by bilinear interpolation. s is the share that James and Stein keep of a mean:
+//! nothing where it is no larger than chance makes it, nearly all where it is many times that. The correction is
+//! d (max(p, 0) + e/16), and the evidence for the next frame is E − d at the finest level, with its V.
+//!
+//! One bright sample among many has |b|² no larger than its own variance, in its frame and in those after, and is no news
+//! (James and Stein 1961, *Estimation with Quadratic Loss*; shrinkage by scales as in Donoho and Johnstone 1994, *Ideal
+//! Spatial Adaptation by Wavelet Shrinkage*; y − p is the innovation of Kalman 1960, *A New Approach to Linear Filtering and
+//! Prediction Problems*). Light that comes in samples more than 50 times as bright as the mean is seen too dark. Where motion
+//! magnifies, several blocks fetch the same evidence and V counts it as several: by a tenth a frame, every seventh sample of 30
+//! times the light is believed for a frame.
+//!
+//! Inputs: new samples (3), prediction (3), N (1), motion (2), evidence of the frame before (4: E, V; of half the size).
+//! Outputs: correction (3), evidence. Where sample or prediction is missing, nothing is learnt.
+
+use std::ops::Range;
+
+use crate::error::{Result, in_range, whole};
+use crate::image::{
+    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, deinterleave, interleave, segments,
+};
+use crate::math::{is_present, saturate};
+use crate::pixels::{Colors, PixelsMut, Row, larger, smaller};
+use crate::rows::{self, BAND, Kernel};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// c: how far above chance a difference must be; ≥ 0; 3.
+    pub strictness: f32,
+    /// β: share of the new frame in the evidence; above 0, up to 1; 0.5.
+    pub share: f32,
+    /// Sizes of blocks that are looked at, from 2 pixels on; 1 to 8; 4.
+    pub levels: u32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            strictness: 3.0,
+            share: 0.5,
+            levels: 4,
+        }
+    }
+}
+
+impl Params {
+    pub fn levels(value: i64) -> Result<u32> {
+        whole("levels", value, "1 to 8", |n| (1..=8).contains(n))
+    }
+
+    pub fn check(&self) -> Result<()> {
+        in_range(
+            "strictness",
+            self.strictness,
+            "a finite number from 0",
+            |v| v >= 0.0 && v.is_finite(),
+        )?;
+        in_range("share", self.share, "a share above 0, up to 1", |v| {
+            v > 0.0 && v <= 1.0
+        })
+    }
+}
+
+/// Channels of evidence: E and its variance.
+pub const CHANNELS: usize = 4;
+
+/// Largest relative difference.
+const BOUND: f32 = 50.0;
+/// Black, as a share of the exposure.
+const BLACK: f32 = 1.0 / 16.0;
+/// What a prediction of N samples owes to the newest adds this, over N², to the noise.
+const OWN: f32 = 4.0;
+
+/// Size of the evidence for images of this size.
+pub fn evidence_size(size: Size) -> Size {
+    Size {
+        height: size.height.div_ceil(2),
+        width: size.width.div_ceil(2),
+    }
+}
+
+/// What was found wrong with a prediction.
+pub struct Innovation {
+    /// d, for blocks of 2×2 pixels.
+    found: Image,
+    black: f32,
+}
+
+/// What the frames before have seen and not corrected, and how this frame's pixels find it.
+#[derive(Clone, Copy)]
+pub struct Known<'a> {
+    /// Records of [`CHANNELS`], of [`evidence_size`].
+    pub evidence: Pixels<'a>,
+    /// In pixels of the image, to the frame before; none means 0.
+    pub motion: Option<Pixels<'a>>,
+}
+
+/// Finds what is wrong with a prediction, and the evidence for the next frame.
+pub fn innovation(
+    fresh: &impl Colors,
+    prediction: &impl Colors,
+    length: Pixels,
+    known: Option<Known>,
+    exposure: f32,
+    params: Params,
+) -> (Innovation, Records) {
+    let black = (exposure * BLACK).max(f32::MIN_POSITIVE);
+    let size = evidence_size(length.size);
+    let look = Look {
+        fresh,
+        prediction,
+        length,
+        known,
+        black,
+        share: params.share,
+    };
+    let mut finest = Image::blank(size, CHANNELS);
+    rows::run(&look, size.height, finest.bands());
+
+    let mut coarser: Vec<Image> = vec![];
+    for _ in 1..params.levels {
+        let finer = coarser.last().unwrap_or(&finest).view();
+        let mut blocks = Image::blank(evidence_size(finer.size), CHANNELS);
+        rows::run(&Pool(finer), blocks.size.height, blocks.bands());
+        coarser.push(blocks);
+    }
+    let mut evidence = Records::blank(size, CHANNELS);
+    let mut found: Option<Image> = None;
+    for level in (1..=params.levels).rev() {
+        let blocks = match level {
+            1 => &mut finest,
+            _ => &mut coarser[level as usize - 2],
+        };
+        let mut deeper = Image::blank(blocks.size, 3);
+        let height = blocks.size.height;
+        let outs = blocks.bands().zip(deeper.bands());
+        rows::run(&Subtract(found.as_ref().map(Image::view)), height, outs);
+        let shrink = Shrink {
+            blocks: blocks.view(),
+            strictness: params.strictness,
+        };
+        let rest = (level == 1).then_some(evidence.data_mut());
+        let mut rest = rest.map(|rest| PixelsMut::bands(size, CHANNELS, rest));
+        let next = || rest.as_mut().and_then(Iterator::next);
+        let outs = deeper.bands().zip(std::iter::repeat_with(next));
+        rows::run(&shrink, height, outs);
+        found = Some(deeper);
+    }
+    let found = found.expect("at least one level");
+    (Innovation { found, black }, evidence)
+}
+
+/// Sees what new samples and those before make of each block.
+struct Look<'a, F, P> {
+    fresh: &'a F,
+    prediction: &'a P,
+    length: Pixels<'a>,
+    known: Option<Known<'a>>,
+    black: f32,
+    share: f32,
+}
+
+/// Of the pixels of a run, two rows together.
+struct Pairs {
+    relative: [Row; 3],
+    /// |r|² of the last row, which noise is made of.
+    square: Row,
+    noise: Row,
+    /// How many samples there are.
+    samples: Row,
+    /// How far history reaches, 0 or 1 a pixel.
+    trust: Row,
+    motion: [Row; 2],
+    /// How many pixels lie in the image.
+    pixels: f32,
+}
+
+impl<'a, F: Colors, P: Colors> Kernel for Look<'a, F, P> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        let mut pairs = Pairs {
+            relative: [[0.0; SEGMENT]; 3],
+            square: [0.0; SEGMENT],
+            noise: [0.0; SEGMENT],
+            samples: [0.0; SEGMENT],
+            trust: [0.0; SEGMENT],
+            motion: [[0.0; SEGMENT]; 2],
+            pixels: 0.0,
+        };
+        for y in rows {
+            for run in segments(2 * y, self.length.size.width) {
+                self.pair(run, &mut pairs);
+                self.blocks(run, &pairs, out.rows(y));
+            }
+        }
+    }
+}
+
+impl<F: Colors, P: Colors> Look<'_, F, P> {
+    /// Sums over the two rows of pixels.
+    #[inline(always)]
+    fn pair(&self, run: Run, pairs: &mut Pairs) {
+        let mut fresh = [[0.0; SEGMENT]; 3];
+        let mut predicted = [[0.0; SEGMENT]; 3];
+        let mut length = [0.0; SEGMENT];
+        let mut motion = [[0.0; SEGMENT]; 2];
+        let below = run.y + 1 < self.length.size.height;
+        pairs.pixels = if below { 2.0 } else { 1.0 };
+        for y in run.y..=run.y + usize::from(below) {
+            let line = Run { y, ..run };
+            self.fresh.colors(line, &mut fresh);
+            self.prediction.colors(line, &mut predicted);
+            self.length.read(line, [&mut length]);
+            if let Some(from) = self.known.and_then(|known| known.motion) {
+                from.read(line, motion.each_mut().map(Row::as_mut_slice));
+            }
+            // What follows the image's last pixel is missing.
+            fresh[0][run.len..].fill(f32::NAN);
+            length[run.len..].fill(0.0);
+            motion.iter_mut().for_each(|row| row[run.len..].fill(0.0));
+            if y == run.y {
+                pairs.clear();
+            }
+            pairs.add(&fresh, &predicted, self.black);
+            for x in 0..SEGMENT {
+                let few = larger(length[x], 1.0);
+                pairs.noise[x] += pairs.square[x] * (1.0 + OWN / (few * few));
+                pairs.trust[x] += saturate(length[x] - 1.0);
+                pairs.motion[0][x] += motion[0][x];
+                pairs.motion[1][x] += motion[1][x];
+            }
+        }
+    }
+
+    /// Joins columns, and evidence from before.
+    #[inline(always)]
+    fn blocks(&self, run: Run, pairs: &Pairs, out: [&mut [f32]; CHANNELS]) {
+        const BLOCKS: usize = SEGMENT / 2;
+        let (left, y) = (run.x / 2, run.y / 2);
+        let count = run.len.div_ceil(2);
+        let mut trust = [0.0_f32; BLOCKS];
+        let mut before = [[0.0_f32; CHANNELS]; BLOCKS];
+        if let Some(known) = self.known {
+            let Size { height, width } = known.evidence.size;
+            let (bottom, side) = (height as f32, width as f32);
+            let mut places = [0_u32; BLOCKS];
+            for i in 0..BLOCKS {
+                // The last block of an image may have one column.
+                let columns = smaller((run.len as f32) - 2.0 * i as f32, 2.0);
+                let pixels = larger(columns, 1.0) * pairs.pixels;
+                let [dx, dy] = [sum(&pairs.motion[0], i), sum(&pairs.motion[1], i)];
+                let tx = ((left + i) as f32 + dx / pixels * 0.5 + 0.5).floor();
+                let ty = (y as f32 + dy / pixels * 0.5 + 0.5).floor();
+                let inside = (tx >= 0.0) & (ty >= 0.0) & (tx < side) & (ty < bottom);
+                let held = |at: f32| if inside { at as u32 } else { 0 };
+                places[i] = held(ty) * width as u32 + held(tx);
+                trust[i] = if inside {
+                    sum(&pairs.trust, i) / pixels
+                } else {
+                    0.0
+                };
+            }
+            let records = known.evidence.numbers().0.as_chunks::<CHANNELS>().0;
+            for i in 0..count {
+                let record = records[places[i] as usize];
+                let finite = record.iter().all(|v| v.is_finite());
+                trust[i] = if finite { trust[i] } else { 0.0 };
+                before[i] = if finite { record } else { [0.0; CHANNELS] };
+            }
+        }
+        let [er, eg, eb, variances] = out.map(|row| &mut row[left..][..count]);
+        for i in 0..count {
+            let samples = sum(&pairs.samples, i);
+            let per = 1.0 / larger(samples, 1.0);
+            let [or, og, ob, old] = before[i];
+            let some = if samples > 0.0 { self.share } else { 0.0 };
+            let w = (1.0 - some) * trust[i];
+            let new = 1.0 - w;
+            er[i] = new * (sum(&pairs.relative[0], i) * per) + w * or;
+            eg[i] = new * (sum(&pairs.relative[1], i) * per) + w * og;
+            eb[i] = new * (sum(&pairs.relative[2], i) * per) + w * ob;
+            variances[i] = new * new * (sum(&pairs.noise, i) * per * per) + w * w * old;
+        }
+    }
+}
+
+impl Pairs {
+    #[inline(always)]
+    fn clear(&mut self) {
+        let Self {
+            relative,
+            noise,
+            samples,
+            trust,
+            motion,
+            ..
+        } = self;
+        let others = [noise, samples, trust].into_iter().chain(motion);
+        relative
+            .iter_mut()
+            .chain(others)
+            .for_each(|row| row.fill(0.0));
+    }
+
+    /// Adds a row's differences, and puts their squares in place.
+    #[inline(always)]
+    fn add(&mut self, [yr, yg, yb]: &[Row; 3], [pr, pg, pb]: &[Row; 3], black: f32) {
+        let [rr, rg, rb] = &mut self.relative;
+        let (samples, square) = (&mut self.samples, &mut self.square);
+        for x in 0..SEGMENT {
+            let present = is_present([yr[x], yg[x], yb[x]]) & is_present([pr[x], pg[x], pb[x]]);
+            let r = relative(yr[x], pr[x], black);
+            let g = relative(yg[x], pg[x], black);
+            let b = relative(yb[x], pb[x], black);
+            rr[x] += if present { r } else { 0.0 };
+            rg[x] += if present { g } else { 0.0 };
+            rb[x] += if present { b } else { 0.0 };
+            samples[x] += if present { 1.0 } else { 0.0 };
+            square[x] = if present { r * r + g * g + b * b } else { 0.0 };
+        }
+    }
+}
+
+/// r of a channel.
+#[inline(always)]
+fn relative(y: f32, p: f32, black: f32) -> f32 {
+    let r = (y - p) / (larger(p, 0.0) + black);
+    smaller(larger(r, -BOUND), BOUND)
+}
+
+/// Of a block's two columns.
+#[inline(always)]
+fn sum(row: &Row, block: usize) -> f32 {
+    row[2 * block] + row[2 * block + 1]
+}
+
+/// Means of 2×2 blocks, and what that makes of the variance. At a border that cuts blocks, a single one is its own mean.
+struct Pool<'a>(View<'a>);
+
+impl<'a> Kernel for Pool<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        let Size { height, width } = self.0.size;
+        for y in rows {
+            let cut = 2 * y + 1 == height;
+            let below = if cut { 2 * y } else { 2 * y + 1 };
+            for channel in 0..CHANNELS {
+                // Half the sum of two, or one: for variances, halved once more where there are two.
+                let half = |cut: bool| if channel < 3 || cut { 0.5 } else { 0.25 };
+                let (down, across) = (half(cut), half(false));
+                let [above, below] = [2 * y, below].map(|y| self.0.row(channel, y));
+                let out = out.row(channel, y);
+                let pairs = above
+                    .as_chunks::<2>()
+                    .0
+                    .iter()
+                    .zip(below.as_chunks::<2>().0);
+                for (out, (above, below)) in out.iter_mut().zip(pairs) {
+                    let left = (above[0] + below[0]) * down;
+                    let right = (above[1] + below[1]) * down;
+                    *out = (left + right) * across;
+                }
+                if width % 2 == 1 {
+                    out[width / 2] = (above[width - 1] + below[width - 1]) * down;
+                }
+            }
+        }
+    }
+}
+
+/// A row of a coarser image at the height of a finer row: between the two around, the nearer of which has three quarters.
+/// One place further to each side.
+#[inline(always)]
+fn between_rows(coarse: View, channel: usize, y: usize, into: &mut [f32]) {
+    let Size { height, width } = coarse.size;
+    let own = y / 2;
+    let other = match y % 2 {
+        0 => own.saturating_sub(1),
+        _ => (own + 1).min(height - 1),
+    };
+    let [own, other] = [own, other].map(|y| coarse.row(channel, y));
+    for ((into, &own), &other) in into[1..=width].iter_mut().zip(own).zip(other) {
+        *into = 0.75 * own + 0.25 * other;
+    }
+    (into[0], into[width + 1]) = (into[1], into[width]);
+}
+
+/// The finer places of that row, from a whole block on.
+#[inline(always)]
+fn between(row: &[f32], fine: &mut [f32]) {
+    let (pairs, last) = fine.as_chunks_mut::<2>();
+    let blocks = pairs.len();
+    let (left, own, right) = (&row[..blocks], &row[1..][..blocks], &row[2..][..blocks]);
+    for (i, pair) in pairs.iter_mut().enumerate() {
+        let nearer = 0.75 * own[i];
+        *pair = [nearer + 0.25 * left[i], nearer + 0.25 * right[i]];
+    }
+    if let [last] = last {
+        *last = 0.75 * row[blocks + 1] + 0.25 * row[blocks];
+    }
+}
+
+/// Takes from E what coarser levels have found, and writes that.
+struct Subtract<'a>(Option<View<'a>>);
+
+impl<'a> Kernel for Subtract<'a> {
+    type Out = (BandMut<'a>, BandMut<'a>);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (mut blocks, mut found): Self::Out) {
+        let mut row = self
+            .0
+            .map_or(vec![], |coarse| vec![0.0; coarse.size.width + 2]);
+        for y in rows {
+            for channel in 0..3 {
+                let (rest, found) = (blocks.row(channel, y), found.row(channel, y));
+                let Some(coarse) = self.0 else {
+                    found.fill(0.0);
+                    continue;
+                };
+                between_rows(coarse, channel, y, &mut row);
+                between(&row, found);
+                for (rest, found) in rest.iter_mut().zip(found) {
+                    *rest -= *found;
+                }
+            }
+        }
+    }
+}
+
+/// Adds to what was found what this level keeps of its means. At the finest, writes the evidence that is left.
+struct Shrink<'a> {
+    /// E without what coarser levels found, and V.
+    blocks: View<'a>,
+    /// c.
+    strictness: f32,
+}
+
+impl<'a> Kernel for Shrink<'a> {
+    type Out = (BandMut<'a>, Option<PixelsMut<'a>>);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (mut found, mut rest): Self::Out) {
+        let Size { height, width } = self.blocks.size;
+        // One block further to each side.
+        let mut sums = [(); 3].map(|()| vec![0.0; width + 2]);
+        let mut steps = [(); 3].map(|()| vec![0.0; width]);
+        let (mut variances, mut variance) = (vec![0.0; width + 2], vec![0.0; width]);
+        for y in rows {
+            let lines = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
+            for (channel, sums) in sums.iter_mut().enumerate() {
+                let [above, own, below] = lines.map(|y| self.blocks.row(channel, y));
+                let inner = &mut sums[1..=width];
+                for x in 0..width {
+                    inner[x] = (above[x] + below[x]) + (own[x] + own[x]);
+                }
+                (sums[0], sums[width + 1]) = (sums[1], sums[width]);
+            }
+            let [above, own, below] = lines.map(|y| self.blocks.row(3, y));
+            let [before, here, after] = squared_weights(y, height);
+            for (x, inner) in variances[1..=width].iter_mut().enumerate() {
+                *inner = (before * above[x] + after * below[x]) + here * own[x];
+            }
+            for x in 0..width {
+                variance[x] = (variances[x] + variances[x + 2]) + 4.0 * variances[x + 1];
+            }
+            for x in [0, width - 1] {
+                let [before, here, after] = squared_weights(x, width);
+                variance[x] =
+                    (before * variances[x] + after * variances[x + 2]) + here * variances[x + 1];
+            }
+            let [sr, sg, sb] = sums.each_ref().map(Vec::as_slice);
+            let [r, g, b] = steps.each_mut().map(|row| &mut row[..width]);
+            let blur = |sums: &[f32], x: usize| {
+                ((sums[x] + sums[x + 2]) + (sums[x + 1] + sums[x + 1])) * 0.0625
+            };
+            for x in 0..width {
+                let [br, bg, bb] = [blur(sr, x), blur(sg, x), blur(sb, x)];
+                let square = br * br + bg * bg + bb * bb;
+                let chance = self.strictness * (variance[x] * (1.0 / 256.0));
+                let kept = larger(1.0 - chance / larger(square, 1e-12), 0.0);
+                (r[x], g[x], b[x]) = (kept * br, kept * bg, kept * bb);
+            }
+            for (found, steps) in found.rows::<3>(y).into_iter().zip(&steps) {
+                for (found, step) in found.iter_mut().zip(steps) {
+                    *found += step;
+                }
+            }
+            let Some(rest) = &mut rest else { continue };
+            let rows = self.blocks.rows::<CHANNELS>(y);
+            for (step, own) in steps.iter_mut().zip(rows) {
+                for (step, own) in step.iter_mut().zip(own) {
+                    *step = own - *step;
+                }
+            }
+            for run in segments(y, width) {
+                let [r, g, b] = steps.each_ref().map(|row| &row[run.x..][..run.len]);
+                rest.write(run, [r, g, b, &rows[3][run.x..][..run.len]]);
+            }
+        }
+    }
+}
+
+/// Of {1, 2, 1} along an axis: weights that a border joins are added first.
+#[inline(always)]
+fn squared_weights(place: usize, count: usize) -> [f32; 3] {
+    let (first, last) = (place == 0, place + 1 == count);
+    match (first, last) {
+        (false, false) => [1.0, 4.0, 1.0],
+        (true, false) => [0.0, 9.0, 1.0],
+        (false, true) => [1.0, 9.0, 0.0],
+        (true, true) => [0.0, 16.0, 0.0],
+    }
+}
+
+/// A row of what was found, on its way to the pixels: one block further to each side.
+pub struct Line([Vec<f32>; 3]);
+
+impl Innovation {
+    pub fn line(&self) -> Line {
+        Line([(); 3].map(|()| vec![0.0; self.found.size.width + 2]))
+    }
+
+    /// Goes to the image's row `y`.
+    #[inline(always)]
+    pub fn go_to(&self, y: usize, line: &mut Line) {
+        for (channel, row) in line.0.iter_mut().enumerate() {
+            between_rows(self.found.view(), channel, y, row);
+        }
+    }
+
+    /// The correction of a run of that row, by what was predicted; none where nothing was found.
+    #[inline(always)]
+    pub fn correction(&self, line: &Line, run: Run, predicted: &[Row; 3]) -> Option<[Row; 3]> {
+        let rows = line.0.each_ref();
+        let rows = rows.map(|row| &row[run.x / 2..][..run.len.div_ceil(2) + 2]);
+        if rows.iter().all(|row| row.iter().all(|&d| d == 0.0)) {
+            return None;
+        }
+        let mut result = [[0.0; SEGMENT]; 3];
+        for ((result, row), predicted) in result.iter_mut().zip(rows).zip(predicted) {
+            between(row, &mut result[..run.len]);
+            for (result, &p) in result.iter_mut().zip(predicted) {
+                let light = if p.is_finite() { larger(p, 0.0) } else { 0.0 };
+                *result *= light + self.black;
+            }
+        }
+        Some(result)
+    }
+
+    /// Corrects the records of an image of what was predicted.
+    pub fn correct(&self, size: Size, colors: &mut [f32]) {
+        let kernel = Correct {
+            innovation: self,
+            width: size.width,
+        };
+        rows::run(
+            &kernel,
+            size.height,
+            colors.chunks_mut(BAND * size.width * 3),
+        );
+    }
+
+    /// The correction of an image.
+    pub fn corrections<'a>(
+        &'a self,
+        prediction: &'a impl Colors,
+        size: Size,
+        out: impl Iterator<Item = PixelsMut<'a>>,
+    ) {
+        let kernel = Corrections {
+            innovation: self,
+            prediction,
+            width: size.width,
+        };
+        rows::run(&kernel, size.height, out);
+    }
+}
+
+/// No light is less than none. What is missing stays so.
+#[inline(always)]
+pub fn corrected(light: f32, found: f32) -> f32 {
+    let light = light + found;
+    if light < 0.0 { 0.0 } else { light }
+}
+
+struct Correct<'a> {
+    innovation: &'a Innovation,
+    width: usize,
+}
+
+impl<'a> Kernel for Correct<'a> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, colors: &'a mut [f32]) {
+        let mut line = self.innovation.line();
+        let mut predicted = [[0.0; SEGMENT]; 3];
+        for y in rows.clone() {
+            self.innovation.go_to(y, &mut line);
+            for run in segments(y, self.width) {
+                let start = ((y - rows.start) * self.width + run.x) * 3;
+                let colors = &mut colors[start..][..run.len * 3];
+                deinterleave(colors, predicted.iter_mut().map(|row| &mut row[..run.len]));
+                let Some(found) = self.innovation.correction(&line, run, &predicted) else {
+                    continue;
+                };
+                for (predicted, found) in predicted.iter_mut().zip(&found) {
+                    for (predicted, &found) in predicted.iter_mut().zip(found) {
+                        *predicted = corrected(*predicted, found);
+                    }
+                }
+                interleave(predicted.iter().map(|row| &row[..run.len]), colors);
+            }
+        }
+    }
+}
+
+struct Corrections<'a, P> {
+    innovation: &'a Innovation,
+    prediction: &'a P,
+    width: usize,
+}
+
+impl<'a, P: Colors> Kernel for Corrections<'a, P> {
+    type Out = PixelsMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+        let mut line = self.innovation.line();
+        let mut predicted = [[0.0; SEGMENT]; 3];
+        for y in rows {
+            self.innovation.go_to(y, &mut line);
+            for run in segments(y, self.width) {
+                self.prediction.colors(run, &mut predicted);
+                let found = self.innovation.correction(&line, run, &predicted);
+                let found = found.unwrap_or([[0.0; SEGMENT]; 3]);
+                out.write(run, found.each_ref().map(Row::as_slice));
+            }
+        }
+    }
+}
