@@ -153,7 +153,7 @@ class TAA:
         shown, length = blacken(self.history[0]), self.history[1]
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(shown)}
-            found, self.evidence = yester.innovation(frame.color, shown, length, **known)
+            found, self.evidence = yester.innovation(frame.color, shown, length, **known, fed_back=False)
             shown = correct(shown, found)
         self.before = frame
         return SimpleNamespace(

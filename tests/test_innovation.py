@@ -67,6 +67,7 @@ def check(given, **named):
     strictness=st.sampled_from([0.0, 0.5, 3.0, 10.0]),
     share=st.sampled_from([0.2, 0.5, 1.0]),
     levels=st.integers(1, 8),
+    fed_back=st.booleans(),
     carried=st.booleans(),
     channels=st.sampled_from([0, 2, 3]),
     holes=st.sampled_from([0.0, 0.05, 0.8]),
@@ -437,3 +438,16 @@ def test_bad_input():
     for shape in ((2, 3, 4), (3, 4, 4), (5, 6, 4), (3, 3, 3), (3, 3)):
         with pytest.raises(ValueError, match=r"^evidence: expected"):
             yester.innovation(**given, evidence=np.zeros(shape, np.float32))
+
+
+@pytest.mark.parametrize("fed_back", [True, False])
+def test_what_stays_wrong_is_found_whole(fed_back):
+    """A prediction that is wrong by as much in every frame, or gets what was found."""
+    wrong = np.full((48, 48, 3), 0.5, np.float32)
+    truth, length, evidence = wrong * 1.4, np.full((48, 48), 9, np.float32), None
+    shown = wrong
+    for _ in range(6):
+        found, evidence = yester.innovation(truth, shown, length, evidence, exposure=0.5, fed_back=fed_back)
+        result = shown + found
+        shown = result if fed_back else wrong
+    np.testing.assert_allclose(result, truth, rtol=0.02)

@@ -161,8 +161,8 @@ def test_light_that_goes_shortens_history():
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("scale", [3.0, 0.25])
 def test_innovation_follows_a_light_that_changes(preset, scale):
-    """Under noise: in the first two frames after the change at least a quarter of the error of the mean light is gone;
-    steady light before it loses nothing. Lengths of history are the same."""
+    """Under noise: of the error of the mean light a fifth is gone in the first frame after the change and two fifths in
+    the next; steady light before it loses nothing. Lengths of history are the same."""
     rng, shot = np.random.default_rng(0), scene.shoot(0, 96, 64)
     seen, errors, light_errors = shot.ids > 0, [], []
     taa, plain = yester.TAA(preset, innovation=True), yester.TAA(preset)
@@ -175,7 +175,7 @@ def test_innovation_follows_a_light_that_changes(preset, scale):
         light_errors.append([abs(out.color[seen].mean() / truth[seen].mean() - 1) for out in outs])
     (own, other), (own_light, other_light) = np.transpose(errors), np.transpose(light_errors)
     assert (own[10:12] < [0.85, 0.95] * other[10:12]).all()
-    assert (own_light[10:12] < 0.75 * other_light[10:12]).all()
+    assert (own_light[10:12] < [0.8, 0.6] * other_light[10:12]).all()
     assert own[9] < 1.02 * other[9]
 
 

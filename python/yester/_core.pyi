@@ -445,6 +445,7 @@ def innovation(
     strictness: float = 3.0,
     share: float = 0.5,
     levels: int = 4,
+    fed_back: bool = True,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 def prediction_gain(

@@ -41,9 +41,9 @@ class OIDN(Pipeline):
     Notes
     -----
     `temporal` consists of ``SVGF(alpha=0.05, iterations=0, innovation=False, antialias=False)``, the network,
-    `innovation` with the `exposure` of the network's image, and ``TAA("denoised")``, and gives their bits. What was
-    tried and lost: light without albedo, for the network or for innovation; innovation that is fed back into what is
-    accumulated; a second accumulation of what the network returns.
+    `innovation` (with the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised")``, and gives
+    their bits. What was tried and lost: light without albedo, for the network or for innovation; innovation that is fed
+    back into what is accumulated; a second accumulation of what the network returns.
     As many threads run as ``YESTER_THREADS`` allows.
     """
 
@@ -126,7 +126,7 @@ class OIDN(Pipeline):
         color = self._network.denoise(known.color, frame)
         if self._corrects and self._continues:
             carried = (color, known.history_length, self._evidence, self._motion(frame))
-            found, self._evidence = innovation(frame.color, *carried, exposure=exposure(color))
+            found, self._evidence = innovation(frame.color, *carried, exposure=exposure(color), fed_back=False)
             color = (color + found).clip(0)
         self._continues, self._camera = True, frame.camera
         moved = {name: getattr(frame, name) for name in ("motion", "depth", "position", "camera")}

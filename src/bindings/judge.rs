@@ -680,6 +680,9 @@ pub fn temporal_gradient<'py>(
 ///     Of the new frame in the evidence, above 0, up to 1, which forgets what came before.
 /// levels : int, default 4
 ///     Sizes of blocks that are looked at, 1 to 8: 2 pixels, 4, 8, ….
+/// fed_back : bool, default True
+///     Whether the history, of which the next prediction is made, gets the correction as well. If not, the next samples will
+///     differ from it by as much again, and the evidence keeps what was corrected.
 /// out : (array, array), optional
 ///     Written and returned instead of new arrays; None for one of them makes that one anew.
 ///
@@ -688,7 +691,7 @@ pub fn temporal_gradient<'py>(
 /// correction : (H, W, 3) float32
 ///     To be added; 0 where nothing was found.
 /// evidence : (ceil(H / 2), ceil(W / 2), 4) float32
-///     For the next frame: what was seen and not corrected, relative to the light, and its variance.
+///     For the next frame: what was seen, without what is fed back, relative to the light, and its variance.
 ///
 /// Raises
 /// ------
@@ -704,7 +707,11 @@ pub fn temporal_gradient<'py>(
 /// Adaptation by Wavelet Shrinkage*. A single bright sample has ``|b|² = v`` and is never news.
 #[pyfunction]
 #[pyo3(name = "innovation", signature = (color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0,
-    strictness=3.0, share=0.5, levels=4, out=None))]
+    strictness=3.0, share=0.5, levels=4, fed_back=true, out=None))]
+#[pyo3(
+    text_signature = "(color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0, strictness=3.0, \
+    share=0.5, levels=4, fed_back=True, out=None)"
+)]
 pub fn innovation_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
@@ -716,9 +723,11 @@ pub fn innovation_<'py>(
     strictness: f32,
     share: f32,
     levels: i64,
+    fed_back: bool,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
     let params = innovation::Params {
+        fed_back,
         strictness,
         share,
         levels: innovation::Params::levels(levels)?,

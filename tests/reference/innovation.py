@@ -72,6 +72,7 @@ def innovation(
     strictness=3.0,
     share=0.5,
     levels=4,
+    fed_back=True,
 ) -> tuple[Tensor, Tensor]:
     """Estimate what a prediction gets wrong from samples it has not seen: shrunk means of their relative difference.
 
@@ -89,6 +90,7 @@ def innovation(
     strictness : variances that a squared mean must exceed
     share : of the new frame in the evidence
     levels : number of block sizes
+    fed_back : whether the next prediction will have been corrected too
 
     Returns
     -------
@@ -128,7 +130,8 @@ def innovation(
         square = (b**2).sum(-1, keepdim=True).clamp(min=1e-12)  # (h, w, 1)
         found = found + (1 - strictness * v / square).clamp(min=0) * b  # (h, w, 3)
     correction = _finer(found, color.shape[:2]) * light  # (H, W, 3)
-    return correction, torch.cat([mean - found, variance], -1)
+    left = mean - found if fed_back else mean  # (h, w, 3)
+    return correction, torch.cat([left, variance], -1)
 
 
 def correct(light: Tensor, found: Tensor, moments: Tensor | None = None) -> tuple[Tensor, Tensor | None]:

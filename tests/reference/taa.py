@@ -213,7 +213,7 @@ class TAA:
         shown, length = self.history[0].nan_to_num(0, 0, 0), self.history[1]  # (H, W, 3), (H, W)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(shown)}
-            found, self.evidence = innovation(frame.color, shown, length, **known)  # (H, W, 3), (h, w, 4)
+            found, self.evidence = innovation(frame.color, shown, length, **known, fed_back=False)  # and (h, w, 4)
             shown, _ = correct(shown, found)  # (H, W, 3)
         self.before = frame
         missing = int((~frame.color.isfinite().all(-1)).sum())

@@ -60,7 +60,7 @@ use crate::pipelines::taa;
 ///     all the rest takes. `SVGF` gets it as ``SVGF(antialias=False)`` followed by ``TAA("denoised", alternation=True)``.
 /// innovation : bool, default False
 ///     Whether what the samples of this and a few earlier frames show to be wrong with the result is added to what is shown
-///     (`innovation`, with the `exposure` of the result): light that changes, in frames with noise. In frames without, a part
+///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): light that changes, in frames with noise. In frames without, a part
 ///     of the aliasing counts as news.
 ///
 /// Raises
@@ -156,7 +156,10 @@ impl TAA {
         params.gradient = gradient;
         params.anti_lag = anti_lag;
         params.alternation = alternation;
-        params.innovation = innovation.then(innovation::Params::default);
+        params.innovation = innovation.then(|| innovation::Params {
+            fed_back: false,
+            ..Default::default()
+        });
         let inner = taa::Taa::new(params)?;
         Ok(Pipeline::made(Self { inner }))
     }

@@ -14,7 +14,8 @@
 //! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of these
 //! weights, and d goes from level to level by bilinear interpolation. s is the share that James and Stein keep of a mean:
 //! nothing where it is no larger than chance makes it, nearly all where it is many times that. The correction is
-//! d (max(p, 0) + e/16), and the evidence for the next frame is E − d at the finest level, with its V.
+//! d (max(p, 0) + e/16). The evidence for the next frame is E − d at the finest level, with its V, where the correction is fed
+//! back into what the next prediction is made of; otherwise E, as the next samples miss what these did.
 //!
 //! One bright sample among many has |b|² no larger than its own variance, in its frame and in those after, and is no news
 //! (James and Stein 1961, *Estimation with Quadratic Loss*; shrinkage by scales as in Donoho and Johnstone 1994, *Ideal
@@ -44,6 +45,8 @@ pub struct Params {
     pub share: f32,
     /// Sizes of blocks that are looked at, from 2 pixels on; 1 to 8; 4.
     pub levels: u32,
+    /// Whether what the next prediction is made of gets the correction too, so that its samples no longer miss it; true.
+    pub fed_back: bool,
 }
 
 impl Default for Params {
@@ -52,6 +55,7 @@ impl Default for Params {
             strictness: 3.0,
             share: 0.5,
             levels: 4,
+            fed_back: true,
         }
     }
 }
@@ -150,7 +154,7 @@ pub fn innovation(
         rows::run(&Subtract(found.as_ref().map(Image::view)), height, outs);
         let shrink = Shrink {
             blocks: blocks.view(),
-            strictness: params.strictness,
+            params,
         };
         let rest = (level == 1).then_some(evidence.data_mut());
         let mut rest = rest.map(|rest| PixelsMut::bands(size, CHANNELS, rest));
@@ -449,8 +453,7 @@ impl<'a> Kernel for Subtract<'a> {
 struct Shrink<'a> {
     /// E without what coarser levels found, and V.
     blocks: View<'a>,
-    /// c.
-    strictness: f32,
+    params: Params,
 }
 
 impl<'a> Kernel for Shrink<'a> {
@@ -494,20 +497,26 @@ impl<'a> Kernel for Shrink<'a> {
             for x in 0..width {
                 let [br, bg, bb] = [blur(sr, x), blur(sg, x), blur(sb, x)];
                 let square = br * br + bg * bg + bb * bb;
-                let chance = self.strictness * (variance[x] * (1.0 / 256.0));
+                let chance = self.params.strictness * (variance[x] * (1.0 / 256.0));
                 let kept = larger(1.0 - chance / larger(square, 1e-12), 0.0);
                 (r[x], g[x], b[x]) = (kept * br, kept * bg, kept * bb);
             }
-            for (found, steps) in found.rows::<3>(y).into_iter().zip(&steps) {
+            let mut found = found.rows::<3>(y);
+            for (found, steps) in found.iter_mut().zip(&steps) {
                 for (found, step) in found.iter_mut().zip(steps) {
                     *found += step;
                 }
             }
             let Some(rest) = &mut rest else { continue };
             let rows = self.blocks.rows::<CHANNELS>(y);
-            for (step, own) in steps.iter_mut().zip(rows) {
-                for (step, own) in step.iter_mut().zip(own) {
-                    *step = own - *step;
+            for ((step, own), found) in steps.iter_mut().zip(rows).zip(&found) {
+                for ((step, own), found) in step.iter_mut().zip(own).zip(found.iter()) {
+                    let left = own - *step;
+                    *step = if self.params.fed_back {
+                        left
+                    } else {
+                        left + found
+                    };
                 }
             }
             for run in segments(y, width) {
