@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 #: The methods of `yester denoise`: what makes each, and the options that this takes.
 _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
-    "svgf": (SVGF, ("alpha", "iterations", "sigma_luminance", "feedback", "fireflies")),
-    "taa": (TAA, ("preset", "alpha")),
-    "bmfr": (BMFR, ("alpha", "block", "features", "fireflies")),
-    "halfres": (HalfRes, ("alpha", "iterations", "sigma_luminance", "fireflies")),
+    "svgf": (SVGF, ("alpha", "iterations", "sigma_luminance", "feedback", "fireflies", "innovation")),
+    "taa": (TAA, ("preset", "alpha", "innovation")),
+    "bmfr": (BMFR, ("alpha", "block", "features", "fireflies", "innovation")),
+    "halfres": (HalfRes, ("alpha", "iterations", "sigma_luminance", "fireflies", "innovation")),
     "recirculation": (Recirculation, ()),
     "oidn": (OIDN, ("quality",)),
-    "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies")),
+    "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation")),
 }
 
 # Whatever is slow to import is imported by the command that needs it.
@@ -106,6 +106,8 @@ def _parser() -> argparse.ArgumentParser:
     option("--sigma-luminance", "luminance difference that counts, in standard deviations", type=float)
     option("--feedback", "keep the first pass as history: less noise, more bias", action="store_true")
     option("--fireflies", "spread samples far brighter than their surroundings", action="store_true")
+    about = "whether new samples correct the result; yes, but for taa"
+    option("--innovation", about, action=argparse.BooleanOptionalAction)
     option("--preset", "best, denoised, seed, karis or filament")
     option("--block", "side of the blocks in pixels, 4 to 256", type=int)
     option("--features", "fewest or all that a block has")
