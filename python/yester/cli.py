@@ -106,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     option("--sigma-luminance", "luminance difference that counts, in standard deviations", type=float)
     option("--feedback", "keep the first pass as history: less noise, more bias", action="store_true")
     option("--fireflies", "spread samples far brighter than their surroundings", action="store_true")
-    about = "whether new samples correct the result; yes, but for taa"
+    about = "add what new samples show to be wrong with the result; the default but for taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
     option("--preset", "best, denoised, seed, karis or filament")
     option("--block", "side of the blocks in pixels, 4 to 256", type=int)

@@ -10,15 +10,14 @@ use std::ops::Range;
 
 use super::frame::{Frame, Output, Pipeline, Summary, Upkeep};
 use super::svgf::{
-    self, Memory, Recalled, Sampled, check_continues, correct_history, correct_light, illumination,
-    recall, without_fireflies,
+    self, Memory, Recalled, check_continues, correct_history, correct_light, illumination,
+    innovate, recall, without_fireflies,
 };
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::innovation::{self, Innovation, innovation};
+use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
@@ -204,21 +203,10 @@ impl Pipeline for Bmfr {
         blend(fit.pixels(), fits, Alpha::Map(share.view()), plain, out);
 
         let mut rest = None;
-        if let Some(innovating) = params.history.innovation.filter(|_| continues) {
-            let known = history.pixels();
-            let prediction = known.part(6..9);
-            let sampled = Sampled {
-                color: frame.color,
-                texture,
-            };
-            let evidence = evidence.as_ref().map(|evidence| innovation::Known {
-                evidence: evidence.pixels(),
-                motion: Some(motion.pixels()),
-            });
-            let bright = exposure(known.part(0..3));
-            let lengths = known.part(5..6);
-            let (found, left) =
-                innovation(&sampled, &prediction, lengths, evidence, bright, innovating);
+        if let Some(params) = params.history.innovation.filter(|_| continues) {
+            let (known, evidence) = (history.pixels(), evidence.as_ref());
+            let fits = known.part(6..9);
+            let (found, left) = innovate(params, frame, texture, &motion, &fits, known, evidence);
             rows::run(&Correct(&found), size.height, history.bands());
             rest = Some(left);
         }

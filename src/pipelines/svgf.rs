@@ -276,24 +276,9 @@ impl Pipeline for Svgf {
             .innovation
             .filter(|_| continues)
             .map(|params| {
+                let evidence = evidence.as_ref();
                 let known = history.pixels();
-                let sampled = Sampled {
-                    color: frame.color,
-                    texture,
-                };
-                let evidence = evidence.as_ref().map(|evidence| innovation::Known {
-                    evidence: evidence.pixels(),
-                    motion: Some(motion.pixels()),
-                });
-                let bright = exposure(known.part(0..3));
-                innovation(
-                    &sampled,
-                    &filtered,
-                    known.part(5..6),
-                    evidence,
-                    bright,
-                    params,
-                )
+                innovate(params, frame, texture, &motion, &filtered, known, evidence)
             })
             .unzip();
         let finish = Finish {
@@ -648,10 +633,34 @@ impl<'a> Kernel for Keep<'a> {
     }
 }
 
+/// What a frame's samples show to be wrong with its light as it is predicted, and the evidence for the next frame. The
+/// history begins with the channels of [`accumulate`].
+pub(super) fn innovate(
+    params: innovation::Params,
+    frame: &Frame,
+    texture: Option<Texture>,
+    motion: &Motion,
+    prediction: &impl Colors,
+    history: Pixels,
+    evidence: Option<&Records>,
+) -> (Innovation, Records) {
+    let sampled = Sampled {
+        color: frame.color,
+        texture,
+    };
+    let known = evidence.map(|evidence| innovation::Known {
+        evidence: evidence.pixels(),
+        motion: Some(motion.pixels()),
+    });
+    let bright = exposure(history.part(0..3));
+    let length = history.part(5..6);
+    innovation(&sampled, prediction, length, known, bright, params)
+}
+
 /// Light as it was sampled.
-pub(super) struct Sampled<'a> {
-    pub color: Pixels<'a>,
-    pub texture: Option<Texture<'a>>,
+struct Sampled<'a> {
+    color: Pixels<'a>,
+    texture: Option<Texture<'a>>,
 }
 
 impl Colors for Sampled<'_> {

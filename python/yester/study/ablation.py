@@ -121,7 +121,7 @@ _SWITCHES = {
     "innovation": "innovation",
 }
 
-#: Every component of `SVGF` and `TAA`.
+#: Every component of `SVGF` and `TAA`, and the innovation of other pipelines.
 ABLATIONS = (
     *map(_switch, _SWITCHES),
     *(

@@ -406,7 +406,7 @@ fn between_rows(coarse: View, channel: usize, y: usize, into: &mut [f32]) {
     (into[0], into[width + 1]) = (into[1], into[width]);
 }
 
-/// The finer places of that row, from a whole block on.
+/// Interpolates the finer places of that row; the first of them is the first of its block.
 #[inline(always)]
 fn between(row: &[f32], fine: &mut [f32]) {
     let (pairs, last) = fine.as_chunks_mut::<2>();
