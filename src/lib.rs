@@ -11,7 +11,7 @@
 //!   judge    consistency, disocclusion, thin_features,          what shows another surface or light is refused,
 //!            exposure ► clip_history, alternation ► anti_lag,
 //!            temporal_gradient, prediction_gain ► blend_factor, or counts for less,
-//!            innovation                                         or is corrected
+//!            innovation, choice                                 or is corrected; the best of several is chosen
 //!   merge    resample ► accumulate, blend, recirculate, resolve new samples join the history that is left
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      what noise remains
 //!            estimate_variance ► atrous, regress,               is averaged in space,
@@ -54,7 +54,7 @@ mod _core {
     use bindings::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
     #[pymodule_export]
     use bindings::judge::{
-        alternation_, anti_lag_, blend_factor_, clip_history_, consistency_, exposure_,
+        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, consistency_, exposure_,
         innovation_, prediction_gain, temporal_gradient,
     };
     #[pymodule_export]

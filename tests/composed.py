@@ -209,6 +209,24 @@ def correct_history(color: NDArray, moments: NDArray, found: NDArray) -> list[ND
     return [corrected, np.where(corrected_runs(found), shifted, moments)]
 
 
+#: The pixel of each 2×2 of which candidates are kept, frame by frame.
+PIXELS = ((0, 0), (1, 1), (1, 0), (0, 1))
+
+
+def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float32]:
+    """Interpolated between the centres of tiles of 8×8."""
+
+    def places(side: int, count: int) -> tuple:
+        at = (np.arange(side) + 0.5) / 8 - 0.5
+        first = np.floor(at).astype(int)
+        part = (at - first).astype(np.float32)
+        return first.clip(0, count - 1), (first + 1).clip(0, count - 1), part
+
+    (top, bottom, down), (left, right, across) = map(places, (height, width), chosen.shape)
+    upper, lower = (row[:, left] + across * (row[:, right] - row[:, left]) for row in (chosen[top], chosen[bottom]))
+    return upper + down[:, None] * (lower - upper)
+
+
 class SVGF:
     def __init__(
         self,
@@ -231,6 +249,7 @@ class SVGF:
         gradient=True,
         fireflies=False,
         reflections=(0.5, 2.0),
+        choice=True,
         innovation=True,
         antialias=True,
     ):
@@ -250,6 +269,8 @@ class SVGF:
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
         self.passes, self.stage = 3, PRESETS["denoised"]
         self.before = self.antialiased = self.mirrored = self.evidence = None
+        self.chooses = choice
+        self.candidates = self.choice = None
         self.asked, self.won = [], []  # shares of the pixels, by frame
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
@@ -257,6 +278,7 @@ class SVGF:
         if frame.albedo is not None:
             sample = yester.demodulate(sample, frame.albedo, emission=frame.emission)
         held, motion, gradient, mirrored = sample, find_motion(frame, self.before), None, None
+        moved = motion
         if self.before is None:
             shape = sample.shape[:2]
             history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), ())]
@@ -286,6 +308,8 @@ class SVGF:
                 (light, scores), lit = yester.reproject(planes, motion, **tests, **self.limits)
                 light = np.where((lit > 0)[..., None], light, np.float32(np.nan))
                 mirrored = self.reflect(frame, tests, history, confidence, light, scores, sample)
+                if mirrored is not None:
+                    moved = np.where(np.isfinite(mirrored.motion), mirrored.motion, motion[..., :2])
 
         alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         if frame.depth is not None and frame.normal is not None:
@@ -297,18 +321,24 @@ class SVGF:
         variance = yester.estimate_variance(moments, length, min_length=self.min_length, **alike)
 
         def smooth(passes: int):
-            passes = min(passes, self.iterations)
             return yester.atrous(color, variance, iterations=passes, **self.filter, **alike)
 
-        final, final_variance = smooth(self.iterations)
-        self.history = [smooth(1)[0] if self.feedback else color, moments, length]
+        usual, shown = self.iterations, None
+        first, second = (smooth(min(passes, usual))[0] for passes in (1, 2))
+        if self.chooses:
+            series = [smooth(passes) for passes in range(min(usual + 1, 16) + 1)]
+            final, final_variance, shown = self.choose(series, sample, moved, confidence, yester.exposure(color))
+        else:
+            final, final_variance = smooth(usual)
+        bright = yester.exposure(color)
+        self.history = [first if self.feedback else color, moments, length]
         if len(self.distances) > 0:
             self.mirrored = mirrored or SimpleNamespace(scores=None, tiles=None, age=0)
-            self.mirrored.light = smooth(2)[0]
+            self.mirrored.light = second
             if self.mirrored.scores is None:
                 self.mirrored.scores = np.zeros((*length.shape, len(self.distances)), np.float32)
         if self.innovation and self.before is not None:
-            known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(self.history[0])}
+            known = {"evidence": self.evidence, "motion": motion, "exposure": bright}
             found, self.evidence = yester.innovation(sample, final, length, **known)
             final = correct(final, found)
             self.history[:2] = correct_history(*self.history[:2], found)
@@ -324,11 +354,42 @@ class SVGF:
         return SimpleNamespace(
             color=blacken(final),
             variance=final_variance,
+            choice=shown,
             history_length=length,
             confidence=confidence,
             rejection=rejection,
             missing=int((~np.isfinite(sample).all(-1)).sum()),
         )
+
+    def choose(self, series: list, sample: NDArray, motion: NDArray, coverage: NDArray, bright: float) -> tuple:
+        """Of images and variances after ever more passes, what each tile has chosen: both, and how many passes."""
+        height, width = coverage.shape
+        levels = np.full((height, width), self.iterations, np.float32)
+        chosen = None
+        if self.candidates is not None:
+            chosen, self.choice = yester.choice(
+                sample,
+                self.candidates,
+                motion,
+                coverage,
+                self.choice,
+                offset=PIXELS[self.number % 4],
+                exposure=bright,
+                usual=self.iterations,
+            )
+            filled = ~np.isfinite(series[0][0]).all(-1)
+            levels = np.where(filled, levels, between_tiles(chosen, height, width))
+        self.number = 0 if self.candidates is None else self.number + 1
+        x, y = PIXELS[self.number % 4]
+        padded = [np.pad(image, ((0, 1), (0, 1), (0, 0)), constant_values=np.nan) for image, _ in series]
+        rows, columns = (2 * np.arange((side + 1) // 2) for side in (height, width))
+        self.candidates = np.concatenate([image[np.ix_(rows + y, columns + x)] for image in padded], -1)
+        image, variance = np.zeros_like(sample), np.zeros_like(coverage)
+        for passes, (each, spread) in enumerate(series):
+            share = np.maximum(1 - np.abs(levels - np.float32(passes)), 0)
+            image = np.where(share[..., None] > 0, image + share[..., None] * each, image)
+            variance = np.where(share > 0, variance + share * spread, variance)
+        return image, variance, levels
 
     def fill(self, color: NDArray, length: NDArray, alike: dict) -> tuple[NDArray, NDArray | None]:
         """What joins the history, and how much of a sample it is."""
@@ -391,13 +452,15 @@ class SVGF:
         confidence[carried] = coverage[carried]
         for plane, value in zip(history, values, strict=True):
             plane[carried] = value[carried]
+        moved[~carried] = np.nan
         self.asked.append(np.mean(asked))
         self.won.append((winner >= 0).mean())
-        return SimpleNamespace(scores=scores, tiles=tiles, age=self.mirrored.age + 1)
+        return SimpleNamespace(scores=scores, tiles=tiles, age=self.mirrored.age + 1, motion=moved[..., :2])
 
 
 class HalfRes(SVGF):
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
+        named = {"choice": False, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, sigma_luminance=sigma_luminance, **named)
         self.weight, self.radius = np.float32(weight), radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6}

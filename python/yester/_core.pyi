@@ -129,6 +129,7 @@ class Output:
         rejection: NDArray[np.uint8],
         *,
         variance: _Floats | None = None,
+        choice: _Floats | None = None,
         used: Sequence[str] = (),
         missing: int = 0,
     ) -> Self: ...
@@ -136,6 +137,8 @@ class Output:
     def color(self) -> _Floats: ...
     @property
     def variance(self) -> _Floats | None: ...
+    @property
+    def choice(self) -> _Floats | None: ...
     @property
     def history_length(self) -> _Floats: ...
     @property
@@ -177,6 +180,7 @@ class SVGF(Pipeline):
         gradient: bool = True,
         fireflies: bool = False,
         reflections: Sequence[float] = (0.5, 2.0),
+        choice: bool = True,
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
@@ -446,6 +450,20 @@ def innovation(
     share: float = 0.5,
     levels: int = 4,
     fed_back: bool = True,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]: ...
+def choice(
+    color: ArrayLike,
+    candidates: ArrayLike,
+    motion: ArrayLike,
+    coverage: ArrayLike,
+    evidence: ArrayLike | None = None,
+    *,
+    offset: tuple[int, int] = (0, 0),
+    exposure: float = 1.0,
+    usual: int = 0,
+    strictness: float = 0.5,
+    share: float = 0.1,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 def prediction_gain(

@@ -14,8 +14,8 @@ use crate::image::{Pixels, bands_of};
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
 use crate::kernels::judge::{
-    alternation, anti_lag, blend_factor, consistency, exposure, gradient, innovation, neighborhood,
-    prediction,
+    alternation, anti_lag, blend_factor, choice, consistency, exposure, gradient, innovation,
+    neighborhood, prediction,
 };
 use crate::pixels::PixelsMut;
 
@@ -770,6 +770,140 @@ pub fn innovation_<'py>(
         (correction, left)
     };
     Ok((correction.array()?, left.array()?))
+}
+
+/// Which of several predictions is best, tile by tile, by new samples that none of them has seen.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     The new, noisy samples. NaN and infinity are no samples.
+/// candidates : (⌈H/2⌉, ⌈W/2⌉, 3 K) array_like of float
+///     K predictions, at least 2, that the frame before has made, side by side: of each 2×2 pixels the one at `offset`. They are
+///     a series, each a step further than the one before: images after more and more passes of a filter.
+/// motion : (H, W, 2) or (H, W, 3) array_like of float
+///     To the frame before, in pixels; followed to the nearest one.
+/// coverage : (H, W) array_like of float
+///     Where above 0, the pixel's surface was seen in the frame before (`reproject`); others do not count.
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float, optional
+///     What this function returned for the frame before.
+/// offset : (int, int), default (0, 0)
+///     x and y of that pixel, 0 or 1. Take another one in every frame.
+/// exposure : float, default 1.0
+///     The brightness at which differences are judged, `exposure` of the image; above 0. Below a sixteenth of it errors count
+///     as absolute, above as relative.
+/// usual : int, default 0
+///     The candidate that is chosen where nothing is known, and against which others have to stand.
+/// strictness : float, default 0.5
+///     How many standard errors another candidate has to be better; from 0.
+/// share : float, default 0.1
+///     Of the evidence, what is forgotten in a frame; 0 to 1.
+/// out : (choice, evidence) of float32 arrays or None, optional
+///     Written and returned instead of new arrays.
+///
+/// Returns
+/// -------
+/// choice : (⌈H/8⌉, ⌈W/8⌉) float32
+///     Which candidate each tile of 8×8 pixels is to show: a whole number from 0 to K - 1. To hide the tiles, interpolate it
+///     between their centres, and mix two candidates where it is no whole number.
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
+///     For the next frame: of each of the K - 1 steps the sum of its gains, negative where it is worth taking, then those of
+///     their squares, then the number of samples.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, fewer than 2 candidates, or parameters out of range.
+///
+/// Notes
+/// -----
+/// The gain of step k is the mean over channels of ``(a - b)(a + b - 2r)``, candidates and samples relative to the mean of the
+/// usual one, with samples held to ±8: an unbiased estimate of the difference of two squared errors. See `prediction_gain`. A
+/// tile's sums are averaged with those of its eight neighbours; nothing is chosen from fewer than 16 samples.
+#[pyfunction]
+#[pyo3(name = "choice", signature = (color, candidates, motion, coverage, evidence=None, *, offset=(0, 0), exposure=1.0,
+    usual=0, strictness=0.5, share=0.1, out=None))]
+#[pyo3(
+    text_signature = "(color, candidates, motion, coverage, evidence=None, *, offset=(0, 0), exposure=1.0, usual=0, \
+    strictness=0.5, share=0.1, out=None)"
+)]
+pub fn choice_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    candidates: &Bound<'py, PyAny>,
+    motion: &Bound<'py, PyAny>,
+    coverage: &Bound<'py, PyAny>,
+    evidence: Option<&Bound<'py, PyAny>>,
+    offset: (i64, i64),
+    exposure: f32,
+    usual: i64,
+    strictness: f32,
+    share: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+    let params = choice::Params { strictness, share };
+    params.check()?;
+    in_range("exposure", exposure, "a finite number above 0", |v| {
+        v > 0.0 && v.is_finite()
+    })?;
+    let side = |value| whole("offset", value, "0 or 1", |&n: &usize| n <= 1);
+    let offset = [side(offset.0)?, side(offset.1)?];
+    let (chosen, left) = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let known = choice::known_size(size);
+        let candidates = Input::<f32>::new(candidates, "candidates", Channels::Any)?;
+        let candidates = candidates.sized("candidates", known)?;
+        let numbers = candidates.data().pixels().channels;
+        if numbers < 6 || numbers % 3 != 0 {
+            let got = format!("{numbers} channels");
+            return Err(
+                Error::value("candidates", "3 channels for each, of at least 2", got).into(),
+            );
+        }
+        let count = numbers / 3;
+        let expected = format!("a candidate, 0 to {}", count - 1);
+        let usual = whole("usual", usual, &expected, |&n: &usize| n < count)?;
+        let motion = Input::<f32>::new(motion, "motion", MOTION)?.sized("motion", size)?;
+        let coverage = Input::<f32>::new(coverage, "coverage", Channels::One)?;
+        let coverage = coverage.sized("coverage", size)?;
+        let tiles = choice::tiles(size);
+        let numbers = choice::channels(count);
+        let evidence = Input::<f32>::optional(evidence, "evidence", Channels::Any, tiles)?;
+        if let Some(evidence) = &evidence {
+            let got = evidence.data().pixels().channels;
+            if got != numbers {
+                let expected = format!("{numbers} channels, for {count} candidates");
+                return Err(Error::value("evidence", expected, format!("{got} channels")).into());
+            }
+        }
+        let [first, second] = parts(out.as_ref())?;
+        let shapes = [tiles.height, tiles.width, numbers];
+        let out = (
+            Out::given(first, &shapes[..2])?,
+            Out::given(second, &shapes)?,
+        );
+        let mut chosen = Direct::new(py, out.0, &shapes[..2])?;
+        let mut left = Direct::new(py, out.1, &shapes)?;
+        let known = choice::Known {
+            candidates: candidates.data().pixels(),
+            offset,
+        };
+        let color = color.data().pixels();
+        let [motion, coverage] = [&motion, &coverage].map(|input| input.data().pixels());
+        let evidence = evidence.as_ref().map(|evidence| evidence.data().pixels());
+        let (plane, records) = (chosen.data()?, left.data()?);
+        detached(py, || {
+            let coverage = coverage.plane();
+            let (best, rest) = choice::choice(
+                &color, known, motion, coverage, evidence, exposure, usual, params,
+            );
+            plane.copy_from_slice(best.plane(0));
+            records.copy_from_slice(rest.pixels().numbers().0);
+        })?;
+        (chosen, left)
+    };
+    Ok((chosen.array()?, left.array()?))
 }
 
 /// How much better one history predicts the new sample than another, without a reference.

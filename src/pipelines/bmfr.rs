@@ -10,13 +10,14 @@ use std::ops::Range;
 
 use super::frame::{Frame, Output, Pipeline, Summary, Upkeep};
 use super::svgf::{
-    self, Memory, Recalled, check_continues, correct_history, correct_light, illumination,
+    self, Memory, Recalled, Sampled, check_continues, correct_history, correct_light, illumination,
     innovate, recall, without_fireflies,
 };
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::pinhole::Camera;
+use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
@@ -204,9 +205,10 @@ impl Pipeline for Bmfr {
 
         let mut rest = None;
         if let Some(params) = params.history.innovation.filter(|_| continues) {
-            let (known, evidence) = (history.pixels(), evidence.as_ref());
-            let fits = known.part(6..9);
-            let (found, left) = innovate(params, frame, texture, &motion, &fits, known, evidence);
+            let [color, length, fits] = [0..3, 5..6, 6..9].map(|part| history.pixels().part(part));
+            let (fresh, bright) = (Sampled::of(frame, texture), exposure(color));
+            let evidence = evidence.as_ref();
+            let (found, left) = innovate(params, &fresh, &fits, length, &motion, bright, evidence);
             rows::run(&Correct(&found), size.height, history.bands());
             rest = Some(left);
         }

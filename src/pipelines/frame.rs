@@ -174,6 +174,8 @@ pub struct Output<'a> {
     pub history_length: &'a mut [f32],
     pub confidence: &'a mut [f32],
     pub rejection: &'a mut [u8],
+    /// What was chosen, where the pipeline chooses.
+    pub choice: Option<&'a mut [f32]>,
 }
 
 /// What else a step knows.

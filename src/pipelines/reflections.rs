@@ -71,6 +71,13 @@ impl Scores {
     }
 }
 
+/// What choosing finds.
+pub struct Won {
+    pub scores: Scores,
+    /// The motion that history came along; none where it is the surface's own everywhere.
+    pub motion: Option<Image>,
+}
+
 /// How histories are fetched along the surface's own motion.
 pub struct Own<'a> {
     pub motion: Pixels<'a>,
@@ -90,7 +97,7 @@ pub fn choose(
     color: View,
     carried: &mut Image,
     coverage: &mut [f32],
-) -> Option<Scores> {
+) -> Option<Won> {
     let geometry = frame.geometry()?;
     let sources: Vec<_> = match (frame.hit_distance, frame.surface.depth) {
         (Some(known), _) => vec![Source::Known(known)],
@@ -107,7 +114,10 @@ pub fn choose(
         ..Scores::new(size, distances.len())
     };
     if !everywhere && !memory.scores.asking.iter().any(Tiles::any) {
-        return Some(scores);
+        return Some(Won {
+            scores,
+            motion: None,
+        });
     }
     // Elsewhere on the mirror: depth says nothing about what it shows.
     let [now, before] = [frame.surface, before].map(|surface| Surface {
@@ -158,19 +168,25 @@ pub fn choose(
         scores: distances.len(),
     };
     let band = BAND * size.width * distances.len();
+    let mut motion = own.motion.part(0..2).to_planes();
     let outs = carried.bands().zip(bands_of(coverage, size));
+    let outs = outs.zip(motion.bands());
     let outs = outs.zip(scores.image.data_mut().chunks_mut(band));
     let mut won: Vec<_> = scores.asking.iter_mut().map(Tiles::bands).collect();
-    let outs = outs.map(|((history, coverage), scores)| Outs {
+    let outs = outs.map(|(((history, coverage), motion), scores)| Outs {
         history,
         coverage,
+        motion,
         scores,
         won: won.iter_mut().filter_map(Iterator::next).collect(),
     });
     rows::run_lanes(&choose, size.height, outs);
     drop(won);
     scores.asking = scores.asking.iter().map(Tiles::grown).collect();
-    Some(scores)
+    Some(Won {
+        scores,
+        motion: Some(motion),
+    })
 }
 
 /// Where distances to what is reflected come from.
@@ -195,6 +211,8 @@ struct Room {
     hits: Row,
     shown: Shown,
     motion: [Row; 2],
+    /// That of each pixel's winner.
+    won: [Row; 2],
 }
 
 impl Room {
@@ -203,6 +221,7 @@ impl Room {
             hits: [0.0; SEGMENT],
             shown: Shown::nothing(),
             motion: [[0.0; SEGMENT]; 2],
+            won: [[0.0; SEGMENT]; 2],
         }
     }
 }
@@ -359,6 +378,7 @@ struct Choose<'a> {
 struct Outs<'a> {
     history: BandMut<'a>,
     coverage: BandMut<'a>,
+    motion: BandMut<'a>,
     scores: &'a mut [f32],
     /// Whether each candidate wins, tile by tile.
     won: Vec<&'a mut [bool]>,
@@ -430,10 +450,7 @@ impl<'a> LanesKernel for Choose<'a> {
             for y in y..(y + ROWS).min(height) {
                 for run in segments(y, width).flat_map(|run| runs_in(&any, run)) {
                     self.carry(run, &winner, &mut room, &mut fetched);
-                    let Outs {
-                        history, coverage, ..
-                    } = &mut out;
-                    replace(run, &winner, &fetched, history, coverage);
+                    replace(run, &winner, &fetched, &room.won, &mut out);
                 }
             }
         }
@@ -477,21 +494,17 @@ impl Choose<'_> {
             depth: None,
         };
         self.fetch.run(run, motion, fetched);
+        room.won = [x, y];
     }
 }
 
-/// Takes what was fetched for winners, which mostly are few.
+/// Takes what was fetched for winners, which mostly are few, and the motion along which it was.
 #[inline(always)]
-fn replace(
-    run: Run,
-    winner: &[u32],
-    fetched: &Fetched,
-    history: &mut BandMut,
-    coverage: &mut BandMut,
-) {
+fn replace(run: Run, winner: &[u32], fetched: &Fetched, motion: &[Row; 2], out: &mut Outs) {
     let records = fetched.values(0).as_chunks::<CHANNELS>().0;
-    let mut history = history.rows::<CHANNELS>(run.y);
-    let coverage = coverage.row(0, run.y);
+    let mut history = out.history.rows::<CHANNELS>(run.y);
+    let coverage = out.coverage.row(0, run.y);
+    let mut moved = out.motion.rows::<2>(run.y);
     for i in 0..run.len {
         let (x, carried) = (run.x + i, fetched.coverage[i]);
         if winner[x] != NONE && carried > 0.0 {
@@ -499,6 +512,9 @@ fn replace(
                 row[x] = value;
             }
             coverage[x] = carried;
+            for (moved, motion) in moved.iter_mut().zip(motion) {
+                moved[x] = motion[i];
+            }
         }
     }
 }

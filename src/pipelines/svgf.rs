@@ -1,7 +1,7 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
 //!   demodulate → (motion from cameras) → reproject → (suppress fireflies) → (temporal gradient) → (reconstruct)
-//!     → accumulate → estimate variance → à-trous → (innovation) → remodulate → (antialias)
+//!     → accumulate → estimate variance → (choice) → à-trous → (innovation) → remodulate → (antialias)
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -21,6 +21,7 @@ use crate::image::{
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, MotionLanes};
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
+use crate::kernels::judge::choice::{self, Candidates, Levels};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
@@ -31,8 +32,8 @@ use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate};
-use crate::math::luminance;
-use crate::pixels::{Colors, PixelsMut, Row};
+use crate::math::{is_present, luminance};
+use crate::pixels::{Colors, PixelsMut, Row, larger};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
 #[derive(Clone, Debug, Default)]
@@ -50,6 +51,8 @@ pub struct Params {
     /// Whether changes of light shorten history: known from the frames' replays, estimated where they have none.
     pub gradient: bool,
     pub fireflies: Option<fireflies::Params>,
+    /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best.
+    pub choice: Option<choice::Params>,
     /// Whether what new samples say of the result corrects it, and the history.
     pub innovation: Option<innovation::Params>,
     /// Distances behind the surface at which reflections are looked for, in units of depth; above 0, +inf included.
@@ -72,8 +75,21 @@ impl Params {
     fn reach(&self) -> usize {
         let lent = self.half_res.map_or(0, |half_res| half_res.window.radius);
         let spread = self.fireflies.map_or(0, |fireflies| fireflies.radius);
-        let filtered = self.atrous.reach().max(self.variance.radius);
+        let filter = atrous::Params {
+            iterations: self.passes(),
+            ..self.atrous
+        };
+        let filtered = filter.reach().max(self.variance.radius);
         filtered.max(lent).max(spread)
+    }
+
+    /// Passes of the filter that are run.
+    fn passes(&self) -> u32 {
+        let usual = self.atrous.iterations;
+        match self.choice {
+            Some(_) => (usual + 1).min(atrous::Params::MOST),
+            None => usual,
+        }
     }
 
     /// Whether a run of pixels can be fetched and merged without a look at the rest of the image in between.
@@ -87,6 +103,7 @@ impl Params {
         self.accumulate.check()?;
         self.variance.check()?;
         self.atrous.check()?;
+        self.choice.iter().try_for_each(choice::Params::check)?;
         self.innovation
             .iter()
             .try_for_each(innovation::Params::check)?;
@@ -113,6 +130,7 @@ pub(super) struct Memory {
     reflections: Option<reflections::Memory>,
     /// What was seen to be wrong and is not yet corrected.
     pub evidence: Option<Records>,
+    choice: Option<Chose>,
     surface: SurfaceRecords,
     pub camera: Option<Camera>,
     demodulated: bool,
@@ -132,6 +150,7 @@ impl Memory {
             color: keeps_color.then(|| frame.color.to_records()),
             reflections: None,
             evidence: None,
+            choice: None,
             surface: SurfaceRecords::of(&compared),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
@@ -150,6 +169,13 @@ impl Memory {
     }
 }
 
+/// What choosing leaves to the next frame.
+struct Chose {
+    candidates: Candidates,
+    evidence: Option<Records>,
+    age: usize,
+}
+
 /// What the memory knows of the current frame's pixels.
 pub(super) struct Recalled {
     /// Beginning with the channels of [`accumulate`].
@@ -157,7 +183,7 @@ pub(super) struct Recalled {
     /// The new light without fireflies, where they are suppressed.
     pub held: Option<Image>,
     pub gradient: Option<Image>,
-    pub reflections: Option<reflections::Scores>,
+    pub reflections: Option<reflections::Won>,
 }
 
 impl Recalled {
@@ -187,6 +213,11 @@ pub struct Svgf {
 }
 
 impl Svgf {
+    /// Whether its output says how many passes were chosen.
+    pub fn chooses(&self) -> bool {
+        self.params.choice.is_some()
+    }
+
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
         Ok(Self {
@@ -214,6 +245,7 @@ impl Pipeline for Svgf {
         }
         let size = frame.color.size;
         let params = &self.params;
+        let passes = params.passes();
         let mut used = vec![];
 
         let texture = frame.albedo.map(|albedo| Texture {
@@ -222,6 +254,7 @@ impl Pipeline for Svgf {
         });
         let mut memory = self.memory.take();
         let evidence = memory.as_mut().and_then(|memory| memory.evidence.take());
+        let chose = memory.as_mut().and_then(|memory| memory.choice.take());
         let continues = memory.is_some();
         let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
@@ -253,18 +286,34 @@ impl Pipeline for Svgf {
         };
         rows::run_lanes(&begin, size.height, filtered.bands());
 
-        let passes = params.atrous.iterations;
+        let usual = params.atrous.iterations;
+        let estimates = params.choice.is_some() || params.innovation.is_some();
+        let bright = estimates.then(|| exposure(color)).unwrap_or_default();
+        let mut choosing = params.choice.zip(output.choice).map(|(params, levels)| {
+            let moved = reflections.as_ref().and_then(|won| won.motion.as_ref());
+            let look = Look {
+                fresh: Sampled::of(frame, texture),
+                motion: moved.map_or(motion.pixels(), Image::pixels),
+                coverage: View::new(size, 1, output.confidence),
+                exposure: bright,
+                usual: usual as usize,
+            };
+            Choosing::new(chose, look, params, passes, &filtered, levels)
+        });
         let mut light = None;
         for pass in 0..=passes {
             if pass > 0 {
                 filtered.filter(&guide, params.atrous, pass - 1);
             }
-            if params.feedback && pass == passes.min(1) {
+            if let Some(choosing) = &mut choosing {
+                choosing.see(pass, &filtered);
+            }
+            if params.feedback && pass == usual.min(1) {
                 let records = history.data_mut();
                 let out = records.chunks_mut(BAND * size.width * accumulate::CHANNELS);
                 rows::run(&FeedBack(&filtered), size.height, out);
             }
-            if !params.reflections.is_empty() && pass == passes.min(2) {
+            if !params.reflections.is_empty() && pass == usual.min(2) {
                 let mut records = Records::blank(size, 3);
                 let out = PixelsMut::bands(size, 3, records.data_mut());
                 rows::run(&Keep(&filtered), size.height, out);
@@ -272,17 +321,22 @@ impl Pipeline for Svgf {
             }
         }
 
+        let result = match &choosing {
+            Some(choosing) => Smooth::Chosen(&choosing.shown),
+            None => Smooth::Filtered(&filtered),
+        };
         let (innovation, evidence) = params
             .innovation
             .filter(|_| continues)
             .map(|params| {
+                let fresh = Sampled::of(frame, texture);
+                let length = history.pixels().part(5..6);
                 let evidence = evidence.as_ref();
-                let known = history.pixels();
-                innovate(params, frame, texture, &motion, &filtered, known, evidence)
+                innovate(params, &fresh, &result, length, &motion, bright, evidence)
             })
             .unzip();
         let finish = Finish {
-            filtered: &filtered,
+            light: result,
             texture,
             innovation: innovation.as_ref(),
             last: self.antialias.is_none(),
@@ -339,10 +393,13 @@ impl Pipeline for Svgf {
         self.memory = Some(Memory {
             reflections: light.map(|light| reflections::Memory {
                 light,
-                scores: reflections
-                    .unwrap_or_else(|| reflections::Scores::new(size, params.reflections.len())),
+                scores: reflections.map_or_else(
+                    || reflections::Scores::new(size, params.reflections.len()),
+                    |won| won.scores,
+                ),
             }),
             evidence,
+            choice: choosing.map(|choosing| choosing.chose),
             ..Memory::new(frame, history, params, !continues)
         });
         Ok(Summary { used, missing })
@@ -397,7 +454,7 @@ struct Merged {
     missing: usize,
     /// If it was needed already.
     guide: Option<Guide>,
-    reflections: Option<reflections::Scores>,
+    reflections: Option<reflections::Won>,
 }
 
 /// A frame's light, still with its texture.
@@ -633,34 +690,36 @@ impl<'a> Kernel for Keep<'a> {
     }
 }
 
-/// What a frame's samples show to be wrong with its light as it is predicted, and the evidence for the next frame. The
-/// history begins with the channels of [`accumulate`].
+/// What a frame's samples show to be wrong with its light as it is predicted, and the evidence for the next frame.
 pub(super) fn innovate(
     params: innovation::Params,
-    frame: &Frame,
-    texture: Option<Texture>,
-    motion: &Motion,
+    fresh: &Sampled,
     prediction: &impl Colors,
-    history: Pixels,
+    length: Pixels,
+    motion: &Motion,
+    exposure: f32,
     evidence: Option<&Records>,
 ) -> (Innovation, Records) {
-    let sampled = Sampled {
-        color: frame.color,
-        texture,
-    };
     let known = evidence.map(|evidence| innovation::Known {
         evidence: evidence.pixels(),
         motion: Some(motion.pixels()),
     });
-    let bright = exposure(history.part(0..3));
-    let length = history.part(5..6);
-    innovation(&sampled, prediction, length, known, bright, params)
+    innovation(fresh, prediction, length, known, exposure, params)
 }
 
 /// Light as it was sampled.
-struct Sampled<'a> {
+pub(super) struct Sampled<'a> {
     color: Pixels<'a>,
     texture: Option<Texture<'a>>,
+}
+
+impl<'a> Sampled<'a> {
+    pub fn of(frame: &Frame<'a>, texture: Option<Texture<'a>>) -> Self {
+        Self {
+            color: frame.color,
+            texture,
+        }
+    }
 }
 
 impl Colors for Sampled<'_> {
@@ -673,9 +732,192 @@ impl Colors for Sampled<'_> {
     }
 }
 
+/// What the choice asks of a frame.
+struct Look<'a> {
+    fresh: Sampled<'a>,
+    /// That which history came along.
+    motion: Pixels<'a>,
+    coverage: View<'a>,
+    exposure: f32,
+    /// Passes where nothing is known.
+    usual: usize,
+}
+
+/// An image on its way through the passes, of which every pixel shows as many as its tile has chosen.
+struct Choosing<'a> {
+    /// Passes, a fraction where two are mixed.
+    levels: View<'a>,
+    shown: Image,
+    /// For the next frame.
+    chose: Chose,
+}
+
+impl<'a> Choosing<'a> {
+    /// Chooses by what the frame before has left.
+    fn new(
+        before: Option<Chose>,
+        look: Look,
+        params: choice::Params,
+        passes: u32,
+        start: &Filtered,
+        levels: &'a mut [f32],
+    ) -> Self {
+        let size = start.size();
+        let age = before.as_ref().map_or(0, |before| before.age + 1);
+        let (chosen, evidence) = before
+            .map(|before| {
+                choice::choice(
+                    &look.fresh,
+                    before.candidates.known(),
+                    look.motion,
+                    look.coverage,
+                    before.evidence.as_ref().map(Records::pixels),
+                    look.exposure,
+                    look.usual,
+                    params,
+                )
+            })
+            .unzip();
+        let level = Level {
+            chosen: chosen.as_ref().map(Levels),
+            start,
+            usual: look.usual as f32,
+        };
+        rows::run(&level, size.height, bands_of(levels, size));
+        Self {
+            levels: View::new(size, 1, levels),
+            shown: Image::blank(size, Smooth::CHANNELS),
+            chose: Chose {
+                candidates: Candidates::blank(size, passes as usize + 1, age),
+                evidence,
+                age,
+            },
+        }
+    }
+
+    /// Takes what is wanted of the image after so many passes.
+    fn see(&mut self, pass: u32, image: &Filtered) {
+        let size = image.size();
+        self.chose.candidates.keep(pass as usize, image, size);
+        let take = Take {
+            levels: self.levels,
+            image,
+            pass: pass as f32,
+        };
+        rows::run(&take, size.height, self.shown.bands());
+    }
+}
+
+/// How many passes each pixel shows.
+struct Level<'a> {
+    chosen: Option<Levels<'a>>,
+    /// Before all passes: what is missing here is filled by as many as usual.
+    start: &'a Filtered,
+    usual: f32,
+}
+
+impl<'a> Kernel for Level<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        let mut color = [[0.0; SEGMENT]; 3];
+        let mut levels = [self.usual; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.start.size().width)) {
+            if let Some(chosen) = &self.chosen {
+                chosen.read(run, &mut levels);
+                self.start.colors(run, &mut color);
+                for (x, level) in levels.iter_mut().enumerate() {
+                    let present = is_present([color[0][x], color[1][x], color[2][x]]);
+                    *level = if present { *level } else { self.usual };
+                }
+            }
+            out.put(run, &levels[..run.len], 1);
+        }
+    }
+}
+
+/// Adds an image where it is shown, by its share.
+struct Take<'a> {
+    levels: View<'a>,
+    image: &'a Filtered,
+    pass: f32,
+}
+
+impl<'a> Kernel for Take<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut shown: BandMut<'a>) {
+        let first = self.pass == 0.0;
+        let mut color = [[0.0; SEGMENT]; 3];
+        let mut shares = [0.0; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.image.size().width)) {
+            let levels = &self.levels.row(0, run.y)[run.x..][..run.len];
+            for (share, &level) in shares.iter_mut().zip(levels) {
+                *share = larger(1.0 - (level - self.pass).abs(), 0.0);
+            }
+            let shares = &shares[..run.len];
+            let wanted = shares.iter().any(|&share| share > 0.0);
+            if !(first || wanted) {
+                continue;
+            }
+            self.image.colors(run, &mut color);
+            let variance = &self.image.variance(run.y)[run.x..][..run.len];
+            let values = color.iter().map(Row::as_slice).chain([variance]);
+            for (shown, values) in shown.parts(run).zip(values) {
+                for ((shown, &value), &share) in shown.iter_mut().zip(values).zip(shares) {
+                    let before = if first { 0.0 } else { *shown };
+                    *shown = if share > 0.0 {
+                        before + share * value
+                    } else {
+                        before
+                    };
+                }
+            }
+        }
+    }
+}
+
+/// What the filter has made of the light.
+enum Smooth<'a> {
+    Filtered(&'a Filtered),
+    Chosen(&'a Image),
+}
+
+impl Smooth<'_> {
+    /// Of what was chosen: colour and variance.
+    const CHANNELS: usize = 4;
+
+    fn size(&self) -> Size {
+        match self {
+            Self::Filtered(image) => image.size(),
+            Self::Chosen(image) => image.size,
+        }
+    }
+
+    #[inline(always)]
+    fn variance(&self, y: usize) -> &[f32] {
+        match self {
+            Self::Filtered(image) => image.variance(y),
+            Self::Chosen(image) => image.view().row(3, y),
+        }
+    }
+}
+
+impl Colors for Smooth<'_> {
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        match self {
+            Self::Filtered(image) => image.colors(run, into),
+            Self::Chosen(image) => image.pixels().colors(run, into),
+        }
+    }
+}
+
 /// Corrects the filtered light, puts its texture back, and writes what is known of it. History is corrected as well.
 struct Finish<'a> {
-    filtered: &'a Filtered,
+    light: Smooth<'a>,
     texture: Option<Texture<'a>>,
     innovation: Option<&'a Innovation>,
     /// Whether what nobody has seen, nor a neighbour, is to be black.
@@ -698,16 +940,16 @@ impl<'a> Kernel for Finish<'a> {
     fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
         let mut color = [[0.0; SEGMENT]; 3];
         let mut line = self.innovation.map(Innovation::line);
-        let (top, width) = (rows.start, self.filtered.size().width);
+        let (top, width) = (rows.start, self.light.size().width);
         for y in rows {
             out.variance
                 .row(0, y)
-                .copy_from_slice(self.filtered.variance(y));
+                .copy_from_slice(self.light.variance(y));
             if let Some((innovation, line)) = self.innovation.zip(line.as_mut()) {
                 innovation.go_to(y, line);
             }
             for run in segments(y, width) {
-                self.filtered.colors(run, &mut color);
+                self.light.colors(run, &mut color);
                 let found = self.innovation.zip(line.as_ref());
                 let found = found.and_then(|(found, line)| found.correction(line, run, &color));
                 if let Some(found) = found {

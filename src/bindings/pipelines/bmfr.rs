@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline, Room};
+use super::{Extras, FrameArgs, Output, Pipeline, Room};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
 use crate::kernels::judge::{innovation, surface};
@@ -141,7 +141,7 @@ impl BMFR {
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
-        let room = Room::new(py, out, frame.size(), false)?;
+        let room = Room::new(py, out, frame.size(), Extras::default())?;
         frame.step(py, room, &mut self.inner)
     }
 

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline, Room};
+use super::{Extras, FrameArgs, Output, Pipeline, Room};
 use crate::error::whole;
 use crate::kernels::judge::innovation;
 use crate::kernels::merge::accumulate;
@@ -139,7 +139,11 @@ impl HalfRes {
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
-        let room = Room::new(py, out, frame.size(), true)?;
+        let extras = Extras {
+            variance: true,
+            ..Default::default()
+        };
+        let room = Room::new(py, out, frame.size(), extras)?;
         frame.step(py, room, &mut self.inner)
     }
 

@@ -114,6 +114,8 @@ impl Pipeline {
 ///     Linear; finite everywhere.
 /// variance : (H, W) float32 or None
 ///     Estimated variance of the filtered luminance, before albedo is put back; None from pipelines without an estimate.
+/// choice : (H, W) float32 or None
+///     Passes of the filter that each pixel shows, a fraction where two results are mixed; None where none are chosen.
 /// history_length : (H, W) float32
 ///     Samples that went into each pixel, up to 1/alpha.
 /// confidence : (H, W) float32
@@ -130,6 +132,7 @@ impl Pipeline {
 pub struct Output {
     color: Py<PyArrayDyn<f32>>,
     variance: Option<Py<PyArrayDyn<f32>>>,
+    choice: Option<Py<PyArrayDyn<f32>>>,
     history_length: Py<PyArrayDyn<f32>>,
     confidence: Py<PyArrayDyn<f32>>,
     rejection: Py<PyArrayDyn<u8>>,
@@ -137,10 +140,18 @@ pub struct Output {
     missing: usize,
 }
 
+/// What a pipeline's output has beyond what all have.
+#[derive(Clone, Copy, Default)]
+struct Extras {
+    variance: bool,
+    choice: bool,
+}
+
 /// The arrays that a step writes: those of an earlier output, or new ones.
 struct Room<'py> {
     color: Direct<'py>,
     variance: Option<Direct<'py>>,
+    choice: Option<Direct<'py>>,
     history_length: Direct<'py>,
     confidence: Direct<'py>,
     rejection: Direct<'py, u8>,
@@ -151,7 +162,7 @@ impl<'py> Room<'py> {
         py: Python<'py>,
         out: Option<&Bound<'py, Output>>,
         size: Size,
-        estimates_variance: bool,
+        extras: Extras,
     ) -> PyResult<Self> {
         fn room<'py, T: Element + Value>(
             py: Python<'py>,
@@ -163,18 +174,29 @@ impl<'py> Room<'py> {
         }
         size.check("frame")?;
         let out = out.map(Bound::get);
-        if out.is_some_and(|out| out.variance.is_some() != estimates_variance) {
-            let expected = ["one of a pipeline without variance", "one with variance"];
-            let [expected, got] =
-                [estimates_variance, !estimates_variance].map(|has| expected[usize::from(has)]);
-            return Err(Error::value("out", expected, got).into());
+        if let Some(out) = out {
+            for (name, wanted, has) in [
+                ("variance", extras.variance, out.variance.is_some()),
+                ("choice", extras.choice, out.choice.is_some()),
+            ] {
+                if wanted != has {
+                    let text = |has| match has {
+                        true => format!("one with {name}"),
+                        false => format!("one of a pipeline without {name}"),
+                    };
+                    return Err(Error::value("out", text(wanted), text(has)).into());
+                }
+            }
         }
         let shape = [size.height, size.width, 3];
         let flat = &shape[..2];
         Ok(Self {
             color: room(py, out.map(|out| &out.color), &shape)?,
-            variance: estimates_variance
+            variance: (extras.variance)
                 .then(|| room(py, out.and_then(|out| out.variance.as_ref()), flat))
+                .transpose()?,
+            choice: (extras.choice)
+                .then(|| room(py, out.and_then(|out| out.choice.as_ref()), flat))
                 .transpose()?,
             history_length: room(py, out.map(|out| &out.history_length), flat)?,
             confidence: room(py, out.map(|out| &out.confidence), flat)?,
@@ -186,6 +208,7 @@ impl<'py> Room<'py> {
         Ok(frame::Output {
             color: self.color.data()?,
             variance: self.variance.as_mut().map(Direct::data).transpose()?,
+            choice: self.choice.as_mut().map(Direct::data).transpose()?,
             history_length: self.history_length.data()?,
             confidence: self.confidence.data()?,
             rejection: self.rejection.data()?,
@@ -193,10 +216,12 @@ impl<'py> Room<'py> {
     }
 
     fn output(self, py: Python<'py>, summary: frame::Summary) -> PyResult<Output> {
-        let variance = self.variance.map(Direct::array).transpose()?;
+        let [variance, choice] =
+            [self.variance, self.choice].map(|array| array.map(Direct::array).transpose());
         Ok(Output {
             color: self.color.array()?.unbind(),
-            variance: variance.map(Bound::unbind),
+            variance: variance?.map(Bound::unbind),
+            choice: choice?.map(Bound::unbind),
             history_length: self.history_length.array()?.unbind(),
             confidence: self.confidence.array()?.unbind(),
             rejection: self.rejection.array()?.unbind(),
@@ -210,9 +235,9 @@ impl<'py> Room<'py> {
 impl Output {
     /// For stages that are written in Python.
     #[new]
-    #[pyo3(signature = (color, history_length, confidence, rejection, *, variance=None, used=vec![], missing=0))]
+    #[pyo3(signature = (color, history_length, confidence, rejection, *, variance=None, choice=None, used=vec![], missing=0))]
     #[pyo3(
-        text_signature = "(color, history_length, confidence, rejection, *, variance=None, used=(), missing=0)"
+        text_signature = "(color, history_length, confidence, rejection, *, variance=None, choice=None, used=(), missing=0)"
     )]
     fn new(
         py: Python<'_>,
@@ -221,6 +246,7 @@ impl Output {
         confidence: Py<PyArrayDyn<f32>>,
         rejection: Py<PyArrayDyn<u8>>,
         variance: Option<Py<PyArrayDyn<f32>>>,
+        choice: Option<Py<PyArrayDyn<f32>>>,
         used: Vec<String>,
         missing: usize,
     ) -> PyResult<Self> {
@@ -232,6 +258,7 @@ impl Output {
             ("history_length", Some(&history_length)),
             ("confidence", Some(&confidence)),
             ("variance", variance.as_ref()),
+            ("choice", choice.as_ref()),
         ];
         let shapes = (numbers.into_iter())
             .filter_map(|(name, array)| Some((name, array?.bind(py).shape().to_vec())))
@@ -245,6 +272,7 @@ impl Output {
         Ok(Self {
             color,
             variance,
+            choice,
             history_length,
             confidence,
             rejection,
@@ -268,6 +296,7 @@ impl Output {
         let args = (color, history_length, confidence, rejection).into_pyobject(py)?;
         let kwargs = PyDict::new(py);
         kwargs.set_item("variance", &self.variance)?;
+        kwargs.set_item("choice", &self.choice)?;
         kwargs.set_item("used", &self.used)?;
         kwargs.set_item("missing", self.missing)?;
         Ok((args, kwargs))

@@ -2,9 +2,9 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline, Room};
+use super::{Extras, FrameArgs, Output, Pipeline, Room};
 use crate::bindings::judge::Bounds;
-use crate::kernels::judge::{innovation, surface};
+use crate::kernels::judge::{choice, innovation, surface};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
@@ -27,7 +27,7 @@ use crate::pipelines::{svgf, taa};
 /// moments_alpha : float, default 0.2
 ///     The same for the moments of luminance.
 /// iterations : int, default 3
-///     Passes of the spatial filter, 0 to 16.
+///     Passes of the spatial filter, 0 to 16; with `choice`, where nothing is known yet.
 /// radius : int, default 1
 ///     Of a pass: 1 for 3×3 taps; 2 for the 5×5 of the paper, which reach twice as far and take twice the time.
 /// sigma_luminance : float, default 3.0
@@ -72,6 +72,10 @@ use crate::pipelines::{svgf, taa};
 ///     before, and in those around; every eighth frame asks everywhere. Rows decide in pairs. () leaves it out,
 ///     (0.25, 0.5, 1, 2, 4, inf) is a finer choice for very glossy scenes. Frames with a `hit_distance` are tried at
 ///     that one alone. Needs cameras, and depth.
+/// choice : bool, default True
+///     Whether each tile of 8×8 pixels gets as many passes of the filter, from none to one more than `iterations`, as predicted
+///     the samples of the frames before best (`choice`). Mirrors, textures that albedo does not tell and fine shadows keep their
+///     detail, and even surfaces are smoothed more.
 /// innovation : bool, default True
 ///     Whether what new samples, together with those of a few frames before, show to be wrong with the result is added to it
 ///     and to the history (`innovation`): light that moves, and what the filter or reflections blur.
@@ -88,7 +92,7 @@ use crate::pipelines::{svgf, taa};
 /// Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
 /// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
 /// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
-/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `innovation` (with the `exposure` of the history),
+/// `prediction_gain`, `accumulate`, `estimate_variance`, `choice` and `innovation` (with the `exposure` of the history), `atrous`,
 /// `remodulate`, and those of `TAA`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {
@@ -101,12 +105,12 @@ impl SVGF {
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
-        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], innovation=true, antialias=true))]
+        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
-        reflections=(0.5, 2.0), innovation=True, antialias=True)"
+        reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -127,6 +131,7 @@ impl SVGF {
         gradient: bool,
         fireflies: bool,
         reflections: Vec<f32>,
+        choice: bool,
         innovation: bool,
         antialias: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
@@ -165,6 +170,7 @@ impl SVGF {
             by_confidence,
             gradient,
             fireflies: fireflies.then(fireflies::Params::default),
+            choice: choice.then(choice::Params::default),
             innovation: innovation.then(innovation::Params::default),
             reflections,
             antialias: antialias.then_some(taa::Params::DENOISED),
@@ -200,7 +206,11 @@ impl SVGF {
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
-        let room = Room::new(py, out, frame.size(), true)?;
+        let extras = Extras {
+            variance: true,
+            choice: self.inner.chooses(),
+        };
+        let room = Room::new(py, out, frame.size(), extras)?;
         frame.step(py, room, &mut self.inner)
     }
 

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline, Room};
+use super::{Extras, FrameArgs, Output, Pipeline, Room};
 use crate::bindings::judge::Bounds;
 use crate::kernels::judge::blend_factor;
 use crate::pipelines::frame::Pipeline as _;
@@ -111,7 +111,7 @@ impl Upscaler {
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
         let frame = FrameArgs::new(frame)?;
-        let room = Room::new(py, out, self.inner.scaled(frame.size()), false)?;
+        let room = Room::new(py, out, self.inner.scaled(frame.size()), Extras::default())?;
         frame.step(py, room, &mut self.inner)
     }
 

@@ -3,6 +3,7 @@
 pub mod alternation;
 pub mod anti_lag;
 pub mod blend_factor;
+pub mod choice;
 pub mod consistency;
 pub mod disocclusion;
 pub mod exposure;

@@ -51,9 +51,12 @@ impl Default for Params {
 }
 
 impl Params {
+    /// Most passes.
+    pub const MOST: u32 = 16;
+
     /// A number of passes.
     pub fn iterations(value: i64) -> Result<u32> {
-        whole("iterations", value, "0 to 16 passes", |&n| n <= 16)
+        whole("iterations", value, "0 to 16 passes", |&n| n <= Self::MOST)
     }
 
     /// Taps to each side.

@@ -1,0 +1,452 @@
+//! Choice: which of several predictions is best, tile by tile, by new samples that none of them has seen.
+//!
+//! The candidates p₀ … p are a series, each a step further than the one before, as images after more and more passes of a
+//! filter are. A new sample y is an unbiased look at the truth, and (a − y)² − (b − y)² is linear in it (see
+//! [`super::prediction`]). With μ the mean of the usual candidate's channels, at least 0, s = μ + e/16 for the exposure e,
+//! aₖ = (pₖ − μ)/s and r = clamp((y − μ)/s, ±8), step k is worth
+//!   dₖ = mean over channels of (aₖ − aₖ₋₁)(aₖ + aₖ₋₁ − 2r),
+//! negative where it brings the image nearer to the truth.
+//! **Evidence.** Of each 2×2 pixels the candidates of the frame before are known at one. The new frame's pixels whose motion
+//! leads nearest to it, and that have history, compare there. Tiles of 8×8 sum dₖ, dₖ² and their number n; what earlier frames
+//! have seen comes along the motion of the tile's centre, by bilinear interpolation between tiles, and weighs 1 − β a frame.
+//! **Decision.** Of the sums G of d, V of d² and n, averaged over neighbouring tiles by {1, 2, 1}/4 ⊗ {1, 2, 1}/4, the cost of
+//! candidate j against the usual one u is
+//!   Σ ±Gₖ/n + c √(Σ Vₖ/n / (64/9 n)),  k over the steps between u and j, + beyond u and − before it,
+//! 64/9 being how many tiles the average amounts to. The cheapest is chosen: another than u only where it is better by c
+//! standard errors, and none where n is below 16.
+//!
+//! Within a tile the choice is interpolated between the tiles' centres, and a number between two candidates means their
+//! mixture; so tiles do not show. Motion is followed to the nearest pixel, not resampled, as smooth candidates would gain by
+//! being resampled. What no sample is more than 8 times s away from is seen without bias; a bound lets a rare bright sample decide less.
+//!
+//! Inputs: new samples (3), candidates (3 each; of half the size), motion (2), coverage (1), evidence (2 steps + 1; of an
+//! eighth of the size). Outputs: choice (1) and evidence, of an eighth of the size.
+
+use std::ops::Range;
+
+use crate::error::{Result, in_range};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
+use crate::pixels::{Colors, Row, larger, smaller};
+use crate::rows::{self, BAND, Kernel};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// c: how many standard errors a candidate must be better than the usual one; ≥ 0; 0.5.
+    pub strictness: f32,
+    /// β: share of the evidence that is forgotten in a frame; 0 to 1; 0.1.
+    pub share: f32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            strictness: 0.5,
+            share: 0.1,
+        }
+    }
+}
+
+impl Params {
+    pub fn check(&self) -> Result<()> {
+        in_range(
+            "strictness",
+            self.strictness,
+            "a finite number from 0",
+            |v| v >= 0.0 && v.is_finite(),
+        )?;
+        in_range("share", self.share, "a share from 0 to 1", |v| {
+            (0.0..=1.0).contains(&v)
+        })
+    }
+}
+
+/// Pixels to each side of a tile, of which a segment has a whole number.
+pub const TILE: usize = 8;
+
+/// Largest relative difference of a sample.
+const BOUND: f32 = 8.0;
+/// Black, as a share of the exposure.
+const BLACK: f32 = 1.0 / 16.0;
+/// Comparisons without which nothing is decided.
+const LEAST: f32 = 16.0;
+/// How many tiles the average over neighbours amounts to: one over the sum of its squared weights.
+const TILES: f32 = 64.0 / 9.0;
+
+fn parts(size: Size, side: usize) -> Size {
+    Size {
+        height: size.height.div_ceil(side),
+        width: size.width.div_ceil(side),
+    }
+}
+
+/// How many tiles an image of this size has.
+pub fn tiles(size: Size) -> Size {
+    parts(size, TILE)
+}
+
+/// Of an image of this size, the size of what is known of candidates.
+pub fn known_size(size: Size) -> Size {
+    parts(size, 2)
+}
+
+/// Numbers of a tile's evidence about so many candidates.
+pub fn channels(candidates: usize) -> usize {
+    2 * (candidates - 1) + 1
+}
+
+/// What a frame leaves to the next: candidates at one pixel of each 2×2, NaN where that is beyond the image.
+pub struct Candidates {
+    records: Records,
+    offset: [usize; 2],
+}
+
+impl Candidates {
+    /// Of frame `age` of a sequence, none of them known yet.
+    pub fn blank(size: Size, count: usize, age: usize) -> Self {
+        Self {
+            records: Records::blank(known_size(size), 3 * count),
+            offset: [[0, 0], [1, 1], [1, 0], [0, 1]][age % 4],
+        }
+    }
+
+    /// Puts the next candidate in place.
+    pub fn keep(&mut self, candidate: usize, image: &impl Colors, size: Size) {
+        let known = self.records.size;
+        let channels = self.records.pixels().channels;
+        let kernel = Keep {
+            image,
+            size,
+            offset: self.offset,
+            first: 3 * candidate,
+            channels,
+        };
+        let band = BAND * known.width * channels;
+        rows::run(
+            &kernel,
+            known.height,
+            self.records.data_mut().chunks_mut(band),
+        );
+    }
+
+    pub fn known(&self) -> Known<'_> {
+        Known {
+            candidates: self.records.pixels(),
+            offset: self.offset,
+        }
+    }
+}
+
+struct Keep<'a, C> {
+    image: &'a C,
+    size: Size,
+    offset: [usize; 2],
+    first: usize,
+    channels: usize,
+}
+
+impl<'a, C: Colors> Kernel for Keep<'a, C> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, records: &'a mut [f32]) {
+        let [dx, dy] = self.offset;
+        let mut colors = [[0.0; SEGMENT]; 3];
+        let width = self.size.width.div_ceil(2) * self.channels;
+        for (row, records) in rows.zip(records.chunks_exact_mut(width)) {
+            let mut records = records.chunks_exact_mut(self.channels);
+            let y = 2 * row + dy;
+            for run in segments(y, self.size.width) {
+                let inside = y < self.size.height;
+                if inside {
+                    self.image.colors(run, &mut colors);
+                }
+                let pairs = records.by_ref().take(run.len.div_ceil(2));
+                for (pair, record) in pairs.enumerate() {
+                    let x = 2 * pair + dx;
+                    let there = inside && x < run.len;
+                    for (value, row) in record[self.first..][..3].iter_mut().zip(&colors) {
+                        *value = if there { row[x] } else { f32::NAN };
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// What is known of the candidates of the frame before.
+#[derive(Clone, Copy)]
+pub struct Known<'a> {
+    /// Records, of [`known_size`].
+    pub candidates: Pixels<'a>,
+    /// Which pixel of each 2×2 they are of, in x and y.
+    pub offset: [usize; 2],
+}
+
+/// Chooses a candidate for each tile, and says what is known of them.
+pub fn choice(
+    fresh: &impl Colors,
+    known: Known,
+    motion: Pixels,
+    coverage: View,
+    evidence: Option<Pixels>,
+    exposure: f32,
+    usual: usize,
+    params: Params,
+) -> (Image, Records) {
+    let size = tiles(coverage.size);
+    let count = known.candidates.channels / 3;
+    let numbers = channels(count);
+    let look = Look {
+        fresh,
+        known,
+        motion,
+        coverage,
+        evidence,
+        black: (exposure * BLACK).max(f32::MIN_POSITIVE),
+        usual,
+        keep: 1.0 - params.share,
+    };
+    let mut after = Records::blank(size, numbers);
+    let band = BAND * size.width * numbers;
+    rows::run(&look, size.height, after.data_mut().chunks_mut(band));
+    let mut chosen = Image::blank(size, 1);
+    let decide = Decide {
+        evidence: after.pixels(),
+        usual,
+        strictness: params.strictness,
+    };
+    rows::run(&decide, size.height, chosen.bands());
+    (chosen, after)
+}
+
+/// Compares candidates.
+struct Look<'a, F> {
+    fresh: &'a F,
+    known: Known<'a>,
+    motion: Pixels<'a>,
+    coverage: View<'a>,
+    evidence: Option<Pixels<'a>>,
+    black: f32,
+    usual: usize,
+    /// What is left of evidence after a frame.
+    keep: f32,
+}
+
+/// Where nothing is known of the candidates.
+const NOWHERE: u32 = u32::MAX;
+
+impl<'a, F: Colors> Kernel for Look<'a, F> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, evidence: &'a mut [f32]) {
+        let Size { height, width } = self.coverage.size;
+        let numbers = channels(self.known.candidates.channels / 3);
+        let line = tiles(self.coverage.size).width * numbers;
+        for (row, evidence) in rows.zip(evidence.chunks_exact_mut(line)) {
+            for (column, record) in evidence.chunks_exact_mut(numbers).enumerate() {
+                self.carry(row, column, record);
+            }
+            for y in TILE * row..(TILE * (row + 1)).min(height) {
+                for run in segments(y, width) {
+                    let first = run.x / TILE * numbers;
+                    self.compare(run, evidence[first..].chunks_exact_mut(numbers));
+                }
+            }
+        }
+    }
+}
+
+impl<F: Colors> Look<'_, F> {
+    /// What a tile has from the frame before.
+    #[inline(always)]
+    fn carry(&self, row: usize, column: usize, record: &mut [f32]) {
+        record.fill(0.0);
+        let Some(before) = self.evidence else { return };
+        let Size { height, width } = self.coverage.size;
+        let middle = |tile: usize, side: usize| (TILE * tile + TILE / 2).min(side - 1);
+        let centre = middle(row, height) * width + middle(column, width);
+        let [dx, dy] = [0, 1].map(|c| self.motion.at(centre, c) / TILE as f32);
+        let comes = self.coverage.plane(0)[centre] > 0.0 && dx.is_finite() && dy.is_finite();
+        if !comes {
+            return;
+        }
+        let place = |tile: usize, by: f32, count: usize| {
+            let last = (count - 1) as f32;
+            let at = (tile as f32 + by).clamp(0.0, last);
+            let first = at.floor();
+            (first as usize, (first + 1.0).min(last) as usize, at - first)
+        };
+        let (left, right, x) = place(column, dx, before.size.width);
+        let (top, bottom, y) = place(row, dy, before.size.height);
+        let corners = [(top, left), (top, right), (bottom, left), (bottom, right)]
+            .map(|(row, column)| row * before.size.width + column);
+        for (channel, value) in record.iter_mut().enumerate() {
+            let [a, b, c, d] = corners.map(|tile| before.at(tile, channel));
+            let (upper, lower) = (a + x * (b - a), c + x * (d - c));
+            *value = self.keep * (upper + y * (lower - upper));
+        }
+        if record.iter().any(|value| !value.is_finite()) {
+            record.fill(0.0);
+        }
+    }
+
+    /// Adds what a run's samples say.
+    #[inline(always)]
+    fn compare<'r>(&self, run: Run, mut evidence: impl Iterator<Item = &'r mut [f32]>) {
+        let mut fresh = [[0.0; SEGMENT]; 3];
+        self.fresh.colors(run, &mut fresh);
+        let places = self.places(run);
+        let (numbers, step) = self.known.candidates.numbers();
+        for start in (0..run.len).step_by(TILE) {
+            let record = evidence.next().expect("as many tiles as the run has");
+            for x in start..(start + TILE).min(run.len) {
+                if places[x] != NOWHERE {
+                    let candidates = &numbers[places[x] as usize * step..][..step];
+                    self.add([0, 1, 2].map(|c| fresh[c][x]), candidates, record);
+                }
+            }
+        }
+    }
+
+    /// Where each pixel finds the candidates.
+    #[inline(always)]
+    fn places(&self, run: Run) -> [u32; SEGMENT] {
+        let Size { height, width } = self.coverage.size;
+        let mut motion = [[0.0; SEGMENT]; 2];
+        self.motion
+            .read(run, motion.each_mut().map(Row::as_mut_slice));
+        let coverage = &self.coverage.row(0, run.y)[run.x..][..run.len];
+        let mut places = [NOWHERE; SEGMENT];
+        let (right, bottom) = (width as f32, height as f32);
+        let [dx, dy] = self.known.offset.map(|d| d as u32);
+        let blocks = self.known.candidates.size.width as u32;
+        for x in 0..run.len {
+            let tx = ((run.x + x) as f32 + motion[0][x] + 0.5).floor();
+            let ty = (run.y as f32 + motion[1][x] + 0.5).floor();
+            let inside = (tx >= 0.0) & (ty >= 0.0) & (tx < right) & (ty < bottom);
+            let held = |at: f32| if inside { at as u32 } else { 0 };
+            let (tx, ty) = (held(tx), held(ty));
+            let known = inside & (tx & 1 == dx) & (ty & 1 == dy) & (coverage[x] > 0.0);
+            let place = (ty >> 1) * blocks + (tx >> 1);
+            places[x] = if known { place } else { NOWHERE };
+        }
+        places
+    }
+
+    /// Adds what one sample says of the candidates, if it and all of them are there.
+    #[inline(always)]
+    fn add(&self, fresh: [f32; 3], candidates: &[f32], record: &mut [f32]) {
+        let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
+        if !(finite(&fresh) && finite(candidates)) {
+            return;
+        }
+        let candidates = candidates.as_chunks::<3>().0;
+        let [r, g, b] = candidates[self.usual];
+        let middle = larger((r + g + b) * (1.0 / 3.0), 0.0);
+        let per = 1.0 / (middle + self.black);
+        let relative = |value: f32| (value - middle) * per;
+        let sample = fresh.map(|y| smaller(larger(relative(y), -BOUND), BOUND));
+        let mut before = candidates[0].map(relative);
+        let (sums, count) = record.split_at_mut(record.len() - 1);
+        let (gains, squares) = sums.split_at_mut(candidates.len() - 1);
+        for ((next, gain), square) in candidates[1..].iter().zip(gains).zip(squares) {
+            let next = next.map(relative);
+            let [r, g, b] =
+                [0, 1, 2].map(|c| (next[c] - before[c]) * (next[c] + before[c] - 2.0 * sample[c]));
+            let step = (r + g + b) * (1.0 / 3.0);
+            *gain += step;
+            *square += step * step;
+            before = next;
+        }
+        count[0] += 1.0;
+    }
+}
+
+struct Decide<'a> {
+    evidence: Pixels<'a>,
+    usual: usize,
+    strictness: f32,
+}
+
+impl<'a> Kernel for Decide<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut chosen: BandMut<'a>) {
+        let Size { height, width } = self.evidence.size;
+        let mut around = vec![0.0; self.evidence.channels];
+        let near = |at: usize, side: usize| [at.saturating_sub(1), at, (at + 1).min(side - 1)];
+        const WEIGHTS: [f32; 3] = [0.25, 0.5, 0.25];
+        for y in rows {
+            for x in 0..width {
+                around.fill(0.0);
+                for (row, wy) in near(y, height).into_iter().zip(WEIGHTS) {
+                    for (column, wx) in near(x, width).into_iter().zip(WEIGHTS) {
+                        let tile = row * width + column;
+                        for (channel, sum) in around.iter_mut().enumerate() {
+                            *sum += wy * wx * self.evidence.at(tile, channel);
+                        }
+                    }
+                }
+                chosen.row(0, y)[x] = self.cheapest(&around) as f32;
+            }
+        }
+    }
+}
+
+impl Decide<'_> {
+    #[inline(always)]
+    fn cheapest(&self, evidence: &[f32]) -> usize {
+        let (sums, count) = evidence.split_at(evidence.len() - 1);
+        let (gains, squares) = sums.split_at(sums.len() / 2);
+        let (n, usual) = (count[0], self.usual);
+        if !(n >= LEAST) {
+            return usual;
+        }
+        let (mut best, mut least) = (usual, 0.0);
+        let mut walk = |steps: &mut dyn Iterator<Item = usize>, sign: f32| {
+            let (mut gain, mut variance) = (0.0, 0.0);
+            for step in steps {
+                gain += sign * (gains[step] / n);
+                variance += squares[step] / n / (TILES * n);
+                let cost = gain + self.strictness * variance.sqrt();
+                if cost < least {
+                    let beyond = usize::from(sign > 0.0);
+                    (best, least) = (step + beyond, cost);
+                }
+            }
+        };
+        walk(&mut (usual..gains.len()), 1.0);
+        walk(&mut (0..usual).rev(), -1.0);
+        best
+    }
+}
+
+/// The candidates that pixels show, interpolated between the tiles that chose them.
+pub struct Levels<'a>(pub &'a Image);
+
+impl Levels<'_> {
+    #[inline(always)]
+    pub fn read(&self, run: Run, into: &mut Row) {
+        let Size { height, width } = self.0.size;
+        let (top, bottom, down) = between(run.y, height);
+        let [upper, lower] = [top, bottom].map(|row| self.0.view().row(0, row));
+        for (i, level) in into[..run.len].iter_mut().enumerate() {
+            let (left, right, across) = between(run.x + i, width);
+            let above = upper[left] + across * (upper[right] - upper[left]);
+            let below = lower[left] + across * (lower[right] - lower[left]);
+            *level = above + down * (below - above);
+        }
+    }
+}
+
+/// The tiles between whose centres a pixel's lies, and how far it is from the first to the second.
+#[inline(always)]
+fn between(pixel: usize, tiles: usize) -> (usize, usize, f32) {
+    let from = (2 * pixel + 1) as isize - TILE as isize;
+    let first = from.div_euclid(2 * TILE as isize);
+    let part = from.rem_euclid(2 * TILE as isize) as f32 / (2 * TILE) as f32;
+    let held = |tile: isize| tile.clamp(0, tiles as isize - 1) as usize;
+    (held(first), held(first + 1), part)
+}
