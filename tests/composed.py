@@ -387,8 +387,9 @@ class SVGF:
         image, variance = np.zeros_like(sample), np.zeros_like(coverage)
         for passes, (each, spread) in enumerate(series):
             share = np.maximum(1 - np.abs(levels - np.float32(passes)), 0)
-            image = np.where(share[..., None] > 0, image + share[..., None] * each, image)
-            variance = np.where(share > 0, variance + share * spread, variance)
+            begun = levels < passes
+            image = np.where(share[..., None] > 0, np.where(begun[..., None], image, -0.0) + share[..., None] * each, image)
+            variance = np.where(share > 0, np.where(begun, variance, -0.0) + share * spread, variance)
         return image, variance, levels
 
     def fill(self, color: NDArray, length: NDArray, alike: dict) -> tuple[NDArray, NDArray | None]:

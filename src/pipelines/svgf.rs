@@ -32,7 +32,7 @@ use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate};
-use crate::math::{is_present, luminance};
+use crate::math::luminance;
 use crate::pixels::{Colors, PixelsMut, Row, larger};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
@@ -821,18 +821,20 @@ impl<'a> Kernel for Level<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let mut color = [[0.0; SEGMENT]; 3];
         let mut levels = [self.usual; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.start.size().width)) {
+            let levels = &mut levels[..run.len];
             if let Some(chosen) = &self.chosen {
-                chosen.read(run, &mut levels);
-                self.start.colors(run, &mut color);
-                for (x, level) in levels.iter_mut().enumerate() {
-                    let present = is_present([color[0][x], color[1][x], color[2][x]]);
-                    *level = if present { *level } else { self.usual };
+                chosen.read(run, levels);
+                for (level, luminance) in levels.iter_mut().zip(self.start.luminance(run)) {
+                    *level = if luminance.is_nan() {
+                        self.usual
+                    } else {
+                        *level
+                    };
                 }
             }
-            out.put(run, &levels[..run.len], 1);
+            out.put(run, levels, 1);
         }
     }
 }
@@ -849,30 +851,26 @@ impl<'a> Kernel for Take<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut shown: BandMut<'a>) {
-        let first = self.pass == 0.0;
         let mut color = [[0.0; SEGMENT]; 3];
         let mut shares = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.image.size().width)) {
             let levels = &self.levels.row(0, run.y)[run.x..][..run.len];
+            let shares = &mut shares[..run.len];
             for (share, &level) in shares.iter_mut().zip(levels) {
                 *share = larger(1.0 - (level - self.pass).abs(), 0.0);
             }
-            let shares = &shares[..run.len];
-            let wanted = shares.iter().any(|&share| share > 0.0);
-            if !(first || wanted) {
+            if shares.iter().all(|&share| share == 0.0) {
                 continue;
             }
             self.image.colors(run, &mut color);
             let variance = &self.image.variance(run.y)[run.x..][..run.len];
             let values = color.iter().map(Row::as_slice).chain([variance]);
             for (shown, values) in shown.parts(run).zip(values) {
-                for ((shown, &value), &share) in shown.iter_mut().zip(values).zip(shares) {
-                    let before = if first { 0.0 } else { *shown };
-                    *shown = if share > 0.0 {
-                        before + share * value
-                    } else {
-                        before
-                    };
+                for (i, shown) in shown.iter_mut().enumerate() {
+                    // The first of two that are mixed finds nothing there.
+                    let begun = if self.pass > levels[i] { *shown } else { -0.0 };
+                    let mixed = begun + shares[i] * values[i];
+                    *shown = if shares[i] > 0.0 { mixed } else { *shown };
                 }
             }
         }

@@ -294,9 +294,12 @@ impl<F: Colors> Look<'_, F> {
     /// Adds what a run's samples say.
     #[inline(always)]
     fn compare<'r>(&self, run: Run, mut evidence: impl Iterator<Item = &'r mut [f32]>) {
+        let places = self.places(run);
+        if places.iter().all(|&place| place == NOWHERE) {
+            return;
+        }
         let mut fresh = [[0.0; SEGMENT]; 3];
         self.fresh.colors(run, &mut fresh);
-        let places = self.places(run);
         let (numbers, step) = self.known.candidates.numbers();
         for start in (0..run.len).step_by(TILE) {
             let record = evidence.next().expect("as many tiles as the run has");
@@ -428,11 +431,11 @@ pub struct Levels<'a>(pub &'a Image);
 
 impl Levels<'_> {
     #[inline(always)]
-    pub fn read(&self, run: Run, into: &mut Row) {
+    pub fn read(&self, run: Run, into: &mut [f32]) {
         let Size { height, width } = self.0.size;
         let (top, bottom, down) = between(run.y, height);
         let [upper, lower] = [top, bottom].map(|row| self.0.view().row(0, row));
-        for (i, level) in into[..run.len].iter_mut().enumerate() {
+        for (i, level) in into.iter_mut().enumerate() {
             let (left, right, across) = between(run.x + i, width);
             let above = upper[left] + across * (upper[right] - upper[left]);
             let below = lower[left] + across * (lower[right] - lower[left]);

@@ -153,6 +153,12 @@ impl Filtered {
         self.variances.reverse();
     }
 
+    /// NaN where the image is missing.
+    #[inline(always)]
+    pub fn luminance(&self, run: Run) -> &[f32] {
+        &self.image.row(LUMINANCE, run.y)[run.x..][..run.len]
+    }
+
     #[inline(always)]
     pub fn variance(&self, y: usize) -> &[f32] {
         self.image.row(self.variances[0], y)
