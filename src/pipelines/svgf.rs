@@ -1,7 +1,13 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
-//!   demodulate → (motion from cameras) → reproject → (suppress fireflies) → (temporal gradient) → (reconstruct)
+//!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reconstruct)
 //!     → accumulate → estimate variance → à-trous → (innovation) → remodulate → (antialias)
+//!
+//! **Replay.** Rendered again with the same random numbers, the former frame's samples c become c*, and c* − c is how its light
+//! has changed, without the noise of two independent renders. So the history h is corrected before it is fetched, by the
+//! `innovation` d of samples h + (c* − c) against the prediction h. A mean over blocks misses the edges of shadows, and is
+//! itself as noisy as its few samples: history is shortened by the gradient of what d does not explain, from c + d to c*,
+//! and by at least half of that from c to c*.
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -32,7 +38,7 @@ use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate};
 use crate::math::luminance;
-use crate::pixels::{Colors, PixelsMut, Row};
+use crate::pixels::{Colors, PixelsMut, Row, larger};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
 #[derive(Clone, Debug, Default)]
@@ -47,7 +53,8 @@ pub struct Params {
     pub same_albedo: bool,
     /// Whether the new sample's share rises where the history is not wholly trusted.
     pub by_confidence: bool,
-    /// Whether changes of light shorten history: known from the frames' replays, estimated where they have none.
+    /// Whether changes of light correct and shorten history where frames have replays, and shorten it by estimate where
+    /// they have none.
     pub gradient: bool,
     pub fireflies: Option<fireflies::Params>,
     /// Whether what new samples say of the result corrects it, and the history.
@@ -108,8 +115,8 @@ const BILINEAR: reproject::Params = reproject::Params {
 pub(super) struct Memory {
     /// Beginning with the channels of [`accumulate`].
     history: Records,
-    /// As it came, where the next frame's replay is expected.
-    color: Option<Records>,
+    /// What the next frame's replay is compared with, where one is expected.
+    shown: Option<Shown>,
     reflections: Option<reflections::Memory>,
     /// What was seen to be wrong and is not yet corrected.
     pub evidence: Option<Records>,
@@ -129,7 +136,7 @@ impl Memory {
         };
         Self {
             history,
-            color: keeps_color.then(|| frame.color.to_records()),
+            shown: keeps_color.then(|| Shown::of(frame)),
             reflections: None,
             evidence: None,
             surface: SurfaceRecords::of(&compared),
@@ -139,7 +146,59 @@ impl Memory {
     }
 
     pub fn expects_replay(&self) -> bool {
-        self.color.is_some()
+        self.shown.is_some()
+    }
+
+    /// Brings the history to the light that a replay shows, as far as means tell it, where that is wanted. Returns the
+    /// gradient of the rest; none without a replay, or without the colour it replays.
+    fn relight(&mut self, replay: Option<Pixels>, params: &Params) -> Option<Image> {
+        let (replay, shown) = replay.zip(self.shown.as_ref())?;
+        let [now, mut then] = [replay, shown.color.pixels()].map(|color| shown.light(color));
+        let mut gradient = find_gradient([&now, &then].map(Image::pixels), None, REPLAYED);
+        if params.innovation.is_none() {
+            return Some(gradient);
+        }
+
+        let size = now.size;
+        let history = self.history.pixels().part(0..3);
+        let fresh = Relit {
+            history,
+            change: [&now, &then],
+        };
+        let mut endless = Image::blank(size, 1);
+        endless.data_mut().fill(f32::INFINITY);
+        let (found, _) = innovation(
+            &fresh,
+            &history,
+            endless.pixels(),
+            None,
+            exposure(history),
+            innovation::Params {
+                strictness: 1.0,
+                ..Default::default()
+            },
+        );
+        let correct = Relight {
+            found: &found,
+            width: size.width,
+            channels: self.history.pixels().channels,
+        };
+        let pixels = BAND * size.width;
+        let histories = self
+            .history
+            .data_mut()
+            .chunks_mut(pixels * correct.channels);
+        let mut lights = (self.reflections.as_mut())
+            .map(|reflections| reflections.light.data_mut().chunks_mut(pixels * 3));
+        let lights = std::iter::repeat_with(|| lights.as_mut().and_then(Iterator::next));
+        let outs = histories.zip(then.bands()).zip(lights);
+        rows::run(&correct, size.height, outs);
+
+        let rest = find_gradient([&now, &then].map(Image::pixels), None, REPLAYED);
+        for (gradient, &rest) in gradient.data_mut().iter_mut().zip(rest.plane(0)) {
+            *gradient = larger(0.5 * *gradient, rest);
+        }
+        Some(gradient)
     }
 
     /// What tells whether a pixel shows what one of this frame's does.
@@ -147,6 +206,115 @@ impl Memory {
         let camera = self.camera.as_ref().filter(|_| motion.tells_depth());
         let rays = camera.map(Camera::rays);
         Tests::new(frame.surface, self.surface.surface(), rays, &params.surface)
+    }
+}
+
+/// A frame's colour and texture as they came.
+struct Shown {
+    color: Records,
+    albedo: Option<Records>,
+    emission: Option<Records>,
+}
+
+impl Shown {
+    fn of(frame: &Frame) -> Self {
+        let emission = frame.emission.filter(|_| frame.albedo.is_some());
+        Self {
+            color: frame.color.to_records(),
+            albedo: frame.albedo.map(Pixels::to_records),
+            emission: emission.map(Pixels::to_records),
+        }
+    }
+
+    /// The light of a colour that has this texture.
+    fn light(&self, color: Pixels) -> Image {
+        let texture = self.albedo.as_ref().map(|albedo| Texture {
+            albedo: albedo.pixels(),
+            emission: self.emission.as_ref().map(Records::pixels),
+        });
+        illumination(color, texture)
+    }
+}
+
+/// The same random numbers make the same noise: nothing of a difference counts as noise, and small windows will do.
+const REPLAYED: gradient::Params = gradient::Params {
+    noise: 0.0,
+    passes: 2,
+    widest: 2,
+};
+
+/// History whose newest sample has changed from the second image to the first.
+struct Relit<'a> {
+    history: Pixels<'a>,
+    change: [&'a Image; 2],
+}
+
+impl Colors for Relit<'_> {
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        let [mut now, mut then] = [[[0.0; SEGMENT]; 3]; 2];
+        self.history.colors(run, into);
+        self.change[0].pixels().colors(run, &mut now);
+        self.change[1].pixels().colors(run, &mut then);
+        for (into, (now, then)) in into.iter_mut().zip(now.iter().zip(&then)) {
+            for (into, (now, then)) in into.iter_mut().zip(now.iter().zip(then)) {
+                *into += now - then;
+            }
+        }
+    }
+}
+
+/// Corrects records of history, and of reflected light; moves the light of the samples as far as the history's.
+struct Relight<'a> {
+    found: &'a Innovation,
+    width: usize,
+    /// Of the history: those of [`accumulate`], and further light.
+    channels: usize,
+}
+
+impl<'a> Kernel for Relight<'a> {
+    type Out = ((&'a mut [f32], BandMut<'a>), Option<&'a mut [f32]>);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, ((history, mut then), mut light): Self::Out) {
+        let mut line = self.found.line();
+        let mut before = [[0.0; SEGMENT]; 3];
+        let top = rows.start;
+        for y in rows {
+            self.found.go_to(y, &mut line);
+            for run in segments(y, self.width) {
+                let first = (y - top) * self.width + run.x;
+                let records = &mut history[first * self.channels..][..run.len * self.channels];
+                for (i, record) in records.chunks_exact(self.channels).enumerate() {
+                    for (before, &value) in before.iter_mut().zip(record) {
+                        before[i] = value;
+                    }
+                }
+                let Some(found) = self.found.correction(&line, run, &before) else {
+                    continue;
+                };
+                let found = |i: usize| [0, 1, 2].map(|c| found[c][i]);
+                let mut then = then.rows::<3>(y);
+                for (i, record) in records.chunks_exact_mut(self.channels).enumerate() {
+                    let (accumulated, others) = record.split_at_mut(accumulate::CHANNELS);
+                    correct_history(found(i), accumulated);
+                    others
+                        .as_chunks_mut::<3>()
+                        .0
+                        .iter_mut()
+                        .for_each(|light| correct_light(found(i), light));
+                    for (c, then) in then.iter_mut().enumerate() {
+                        then[run.x + i] += accumulated[c] - before[c][i];
+                    }
+                }
+                if let Some(light) = &mut light {
+                    let light = light[first * 3..][..run.len * 3].as_chunks_mut::<3>().0;
+                    for (i, light) in light.iter_mut().enumerate() {
+                        correct_light(found(i), light);
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -349,12 +517,12 @@ impl Pipeline for Svgf {
     }
 }
 
-/// The light of a frame, as it was sampled.
-pub(super) fn illumination(frame: &Frame, texture: Option<Texture>) -> Image {
+/// The light of a colour, as it was sampled.
+pub(super) fn illumination(color: Pixels, texture: Option<Texture>) -> Image {
     let Some(texture) = texture else {
-        return frame.color.to_planes();
+        return color.to_planes();
     };
-    modulated(frame.color, texture, Way::Off)
+    modulated(color, texture, Way::Off)
 }
 
 fn modulated(image: Pixels, texture: Texture, way: Way) -> Image {
@@ -412,7 +580,7 @@ impl Light<'_> {
     /// Writes the output but for its colour and variance.
     fn merge_in_steps(
         self,
-        memory: Option<Memory>,
+        mut memory: Option<Memory>,
         output: &mut Output,
         new_guide: impl Fn() -> Guide,
     ) -> Merged {
@@ -423,7 +591,7 @@ impl Light<'_> {
             motion,
         } = self;
         let size = frame.color.size;
-        let sample = illumination(frame, texture);
+        let sample = illumination(frame.color, texture);
         let guide = (params.fireflies.is_some() || params.half_res.is_some()).then(new_guide);
         let hold = |known: Option<Pixels>| {
             let (fireflies, guide) = params.fireflies.zip(guide.as_ref())?;
@@ -434,7 +602,7 @@ impl Light<'_> {
             held,
             gradient,
             reflections,
-        } = match &memory {
+        } = match &mut memory {
             Some(memory) => recall(params, memory, frame, motion, &sample, hold, output),
             None => Recalled::nothing(size, accumulate::CHANNELS, hold, output),
         };
@@ -761,28 +929,20 @@ pub(super) fn correct_light(found: [f32; 3], light: &mut [f32]) {
     }
 }
 
-/// The light of the new frame comes as it was sampled; `hold` makes it free of fireflies by the light that history has. Writes
-/// the output's confidence and rejection.
+/// The light of the new frame comes as it was sampled; `hold` makes it free of fireflies by the light that history has. A
+/// replay corrects the memory first. Writes the output's confidence and rejection.
 pub(super) fn recall(
     params: &Params,
-    memory: &Memory,
+    memory: &mut Memory,
     frame: &Frame,
     motion: &Motion,
     sample: &Image,
     hold: impl FnOnce(Option<Pixels>) -> Option<Image>,
     output: &mut Output,
 ) -> Recalled {
+    let replayed = memory.relight(frame.replay, params);
     let tests = memory.tests(frame, motion, params);
     let motion = motion.pixels();
-    let before = memory.color.as_ref();
-    let replayed = frame.replay.zip(before).map(|(replay, before)| {
-        // The same random numbers make the same noise.
-        let exact = gradient::Params {
-            noise: 0.0,
-            ..Default::default()
-        };
-        find_gradient([replay, before.pixels()], None, exact)
-    });
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
 
