@@ -224,9 +224,12 @@ def relight(replay: NDArray, frame: yester.Frame, lights: list[NDArray], moments
     if not corrects:
         return lights, moments, gradient
     old = lights[0]
-    endless, bright = np.full(old.shape[:2], np.inf, np.float32), yester.exposure(old)
+    endless, bright = np.full(old.shape[:2], 1e30, np.float32), yester.exposure(old)
+    mean, _ = yester.atrous(then, endless, iterations=4, radius=1)
+    black = max(np.float32(bright) / np.float32(16), np.finfo(np.float32).tiny)
+    light, usual = (np.where(image > 0, image, np.float32(0)) + black for image in (old, mean))
     with np.errstate(invalid="ignore"):
-        fresh = old + (now - then)
+        fresh = old + (now - then) * (light / usual)
     found, _ = yester.innovation(fresh, old, endless, exposure=bright, strictness=1)
     _, moments = correct_history(old, moments, found)
     lights = [correct(light, found) for light in lights]
@@ -293,7 +296,9 @@ class SVGF:
             if replays:
                 light, moments, length = self.history
                 lights = [light] if self.mirrored is None else [light, self.mirrored.light]
-                lights, moments, *changes = relight(frame.replay, self.before, lights, moments, corrects=self.innovation)
+                lights, moments, *changes = relight(
+                    frame.replay, self.before, lights, moments, corrects=self.innovation
+                )
                 self.history = [lights[0], moments, length]
                 if self.mirrored is not None:
                     self.mirrored.light = lights[1]
@@ -511,7 +516,7 @@ class BMFR:
             offset=tuple((OFFSETS[self.age % 8] * self.block // 8).tolist()),
             features=self.features,
         )
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             share = np.minimum(np.maximum(1 / length, self.fitted_alpha), 1)
         light = yester.blend(fitted, history[3], share)
         if self.innovation and self.before is not None:

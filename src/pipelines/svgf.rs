@@ -4,10 +4,11 @@
 //!     → accumulate → estimate variance → à-trous → (innovation) → remodulate → (antialias)
 //!
 //! **Replay.** Rendered again with the same random numbers, the former frame's samples c become c*, and c* − c is how its light
-//! has changed, without the noise of two independent renders. So the history h is corrected before it is fetched, by the
-//! `innovation` d of samples h + (c* − c) against the prediction h. A mean over blocks misses the edges of shadows, and is
-//! itself as noisy as its few samples: history is shortened by the gradient of what d does not explain, from c + d to c*,
-//! and by at least half of that from c to c*.
+//! has changed, without the noise of two independent renders. Before history h is fetched, it is corrected by the
+//! `innovation` of samples h + (c* − c) (h + b)/(c̃ + b), with c̃ the mean of c over 31×31 pixels and b black: where light is
+//! scaled, c and c* have the same noise, and their ratio has none. Means over blocks miss the edges of shadows, and are
+//! themselves made of few samples. So the history is also shortened, by the gradient from c + d to c*, d the correction, and by
+//! at least half of that from c to c*.
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -32,7 +33,7 @@ use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::{self, accumulate, count_missing};
-use crate::kernels::smooth::atrous::{self, Filtered};
+use crate::kernels::smooth::atrous::{self, Filtered, atrous};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
@@ -161,18 +162,22 @@ impl Memory {
 
         let size = now.size;
         let history = self.history.pixels().part(0..3);
+        // Neither do the samples make the history, nor are any too different to be blurred together.
+        let mut endless = Image::blank(size, 1);
+        endless.data_mut().fill(1e30);
+        let bright = exposure(history);
         let fresh = Relit {
             history,
             change: [&now, &then],
+            mean: &blurred(&then, endless.pixels()),
+            black: innovation::black(bright),
         };
-        let mut endless = Image::blank(size, 1);
-        endless.data_mut().fill(f32::INFINITY);
         let (found, _) = innovation(
             &fresh,
             &history,
             endless.pixels(),
             None,
-            exposure(history),
+            bright,
             innovation::Params {
                 strictness: 1.0,
                 ..Default::default()
@@ -243,22 +248,50 @@ const REPLAYED: gradient::Params = gradient::Params {
     widest: 2,
 };
 
-/// History whose newest sample has changed from the second image to the first.
+/// The mean over 31×31 pixels.
+fn blurred(image: &Image, variance: Pixels) -> Image {
+    let params = atrous::Params {
+        iterations: 4,
+        radius: 1,
+        ..Default::default()
+    };
+    let guide = Guide::new(image.size, params.reach(), Surface::default(), None);
+    let mut mean = Image::blank(image.size, 3);
+    let mut rest = Image::blank(image.size, 1);
+    let out = mean.bands().map(PixelsMut::Planar);
+    atrous(
+        image.pixels(),
+        variance,
+        &guide,
+        params,
+        out,
+        rest.data_mut(),
+    );
+    mean
+}
+
+/// History whose light changes as its samples do, from the second image to the first, where these have such a mean.
 struct Relit<'a> {
     history: Pixels<'a>,
     change: [&'a Image; 2],
+    mean: &'a Image,
+    black: f32,
 }
 
 impl Colors for Relit<'_> {
     #[inline(always)]
     fn colors(&self, run: Run, into: &mut [Row; 3]) {
-        let [mut now, mut then] = [[[0.0; SEGMENT]; 3]; 2];
+        let [mut now, mut then, mut mean] = [[[0.0; SEGMENT]; 3]; 3];
         self.history.colors(run, into);
         self.change[0].pixels().colors(run, &mut now);
         self.change[1].pixels().colors(run, &mut then);
-        for (into, (now, then)) in into.iter_mut().zip(now.iter().zip(&then)) {
-            for (into, (now, then)) in into.iter_mut().zip(now.iter().zip(then)) {
-                *into += now - then;
+        self.mean.pixels().colors(run, &mut mean);
+        for c in 0..3 {
+            let (into, now, then, mean) = (&mut into[c], &now[c], &then[c], &mean[c]);
+            for x in 0..SEGMENT {
+                let scale =
+                    (larger(into[x], 0.0) + self.black) / (larger(mean[x], 0.0) + self.black);
+                into[x] += (now[x] - then[x]) * scale;
             }
         }
     }

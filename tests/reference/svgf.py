@@ -146,8 +146,9 @@ class SVGF:
     def relight(self, replay: Tensor, history: list[Tensor]) -> list[Tensor]:
         """History in the light that a replay (H, W, 3) of the previous frame shows, and the gradient (H, W) of the rest.
 
-        The change of the samples is a sample of the history's change: its shrunk means correct the history, its lights
-        (H, W, 3) and moments (H, W, 2). What they do not explain counts as change, and half of the whole at least.
+        The samples' change, relative to their local mean, is a sample of the history's: its shrunk means correct the
+        history, lights (H, W, 3) and moments (H, W, 2). What they do not explain counts as change, and half of the whole
+        at least.
         """
         before = self.previous
         emission = before.emission if before.albedo is not None else None  # (H, W, 3)
@@ -159,8 +160,12 @@ class SVGF:
         if not self.innovation:
             return [*history, gradient]
         color, moments, length, *others = history  # (H, W, 3), (H, W, 2), (H, W), (H, W, 3)
-        endless = torch.full_like(length, torch.inf)  # (H, W)
-        found, _ = innovation(color + now - then, color, endless, exposure=exposure(color), strictness=1)  # (H, W, 3)
+        endless = torch.full_like(length, 1e30)  # (H, W)
+        mean, _ = atrous(then, endless, iterations=4, radius=1)  # (H, W, 3), over 31x31 pixels
+        black = max(exposure(color) / 16, torch.finfo(torch.float32).tiny)
+        scale = (color.clamp(min=0) + black) / (mean.clamp(min=0) + black)  # (H, W, 3)
+        fresh = color + (now - then) * scale  # (H, W, 3)
+        found, _ = innovation(fresh, color, endless, exposure=exposure(color), strictness=1)  # (H, W, 3)
         corrected, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
         others = [correct(light, found)[0] for light in others]  # (H, W, 3)
         moved = torch.where(found == 0, 0, corrected - color)  # (H, W, 3)
