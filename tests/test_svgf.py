@@ -440,7 +440,7 @@ def test_replays_tell_exactly():
 
 
 def replayed(pipeline, scale, **named):
-    """Of a scene at rest whose light is scaled at frame 15, as its replay tells: relative light of what is seen, there."""
+    """Light of a scene at rest when it has just been scaled, as the replay tells: relative, of what is seen."""
     rng, shot = np.random.default_rng(0), scene.shoot(0, 96, 64)
     denoiser, before = pipeline(antialias=False, **named), None
     for number in range(16):

@@ -144,11 +144,11 @@ class SVGF:
         return found
 
     def relight(self, replay: Tensor, history: list[Tensor]) -> list[Tensor]:
-        """History in the light that a replay (H, W, 3) of the previous frame shows, and the gradient (H, W) of the rest.
+        """History in the light that the previous frame's replay (H, W, 3) shows, and the gradient (H, W) of the rest.
 
         The samples' change, relative to their local mean, is a sample of the history's: its shrunk means correct the
-        history, lights (H, W, 3) and moments (H, W, 2). What they do not explain counts as change, and half of the whole
-        at least.
+        history, lights (H, W, 3) and moments (H, W, 2). What they do not explain counts as change, and half of the
+        whole at least.
         """
         before = self.previous
         emission = before.emission if before.albedo is not None else None  # (H, W, 3)
