@@ -227,6 +227,35 @@ def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float3
     return upper + down[:, None] * (lower - upper)
 
 
+def illumination(color: NDArray, frame: yester.Frame) -> NDArray:
+    """The light of a colour that has the frame's texture."""
+    if frame.albedo is None:
+        return color
+    return yester.demodulate(color, frame.albedo, emission=frame.emission)
+
+
+def relight(replay: NDArray, frame: yester.Frame, lights: list[NDArray], moments: NDArray, *, corrects: bool) -> tuple:
+    """The history of a frame, its light first, in the light that its replay shows; and the gradient of the rest."""
+    now, then = (illumination(color, frame) for color in (replay, frame.color))
+    exact = {"noise": 0, "passes": 2, "widest": 2}
+    gradient = yester.temporal_gradient(now, then, **exact)
+    if not corrects:
+        return lights, moments, gradient
+    old = lights[0]
+    endless, bright = np.full(old.shape[:2], 1e30, np.float32), yester.exposure(old)
+    mean, _ = yester.atrous(then, endless, iterations=4, radius=1)
+    black = max(np.float32(bright) / np.float32(16), np.finfo(np.float32).tiny)
+    light, usual = (np.where(image > 0, image, np.float32(0)) + black for image in (old, mean))
+    with np.errstate(invalid="ignore"):
+        fresh = old + (now - then) * (light / usual)
+    found, _ = yester.innovation(fresh, old, endless, exposure=bright, strictness=1)
+    _, moments = correct_history(old, moments, found)
+    lights = [correct(light, found) for light in lights]
+    then = np.where(corrected_runs(found), then + (lights[0] - old), then)
+    rest = yester.temporal_gradient(now, then, **exact)
+    return lights, moments, np.maximum(np.float32(0.5) * gradient, rest)
+
+
 class SVGF:
     def __init__(
         self,
@@ -274,9 +303,7 @@ class SVGF:
         self.asked, self.won = [], []  # shares of the pixels, by frame
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
-        sample = frame.color
-        if frame.albedo is not None:
-            sample = yester.demodulate(sample, frame.albedo, emission=frame.emission)
+        sample = illumination(frame.color, frame)
         held, motion, gradient, mirrored = sample, find_motion(frame, self.before), None, None
         moved = motion
         if self.before is None:
@@ -287,10 +314,17 @@ class SVGF:
             tests = self.same_surface(frame, motion)
             cameras = frame.camera, self.before.camera
             reflects = len(self.distances) > 0 and None not in cameras
-            planes = [*self.history]
-            replays = self.gradient and frame.replay is not None and self.expects_replay
+            changes, replays = [], self.gradient and frame.replay is not None and self.expects_replay
             if replays:
-                planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
+                light, moments, length = self.history
+                lights = [light] if self.mirrored is None else [light, self.mirrored.light]
+                lights, moments, *changes = relight(
+                    frame.replay, self.before, lights, moments, corrects=self.innovation
+                )
+                self.history = [lights[0], moments, length]
+                if self.mirrored is not None:
+                    self.mirrored.light = lights[1]
+            planes = [*self.history, *changes]
             fetched, confidence = yester.reproject(planes, motion, **tests, **self.limits)
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
             history, more = fetched[:3], fetched[3:]
@@ -504,9 +538,8 @@ class BMFR:
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
         shape = frame.color.shape[:2]
-        sample, weight = frame.color, None
+        sample, weight = illumination(frame.color, frame), None
         if frame.albedo is not None:
-            sample = yester.demodulate(sample, frame.albedo, emission=frame.emission)
             weight = np.where((frame.albedo > 1 / 1024).any(-1), np.float32(1), np.float32(np.nan))
         motion, gradient = find_motion(frame, self.before), None
         if self.before is None:
@@ -517,7 +550,9 @@ class BMFR:
             replays = self.gradient and frame.replay is not None and self.expects_replay
             planes = [*self.history]
             if replays:
-                planes.append(yester.temporal_gradient(frame.replay, self.before.color, noise=0))
+                known = frame.replay, self.before, planes[::3], planes[1]
+                planes[::3], planes[1], change = relight(*known, corrects=self.innovation)
+                planes.append(change)
             history, confidence = yester.reproject(planes, motion, **tests, **self.limits)
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
         fresh = sample
@@ -545,7 +580,7 @@ class BMFR:
             offset=tuple((OFFSETS[self.age % 8] * self.block // 8).tolist()),
             features=self.features,
         )
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             share = np.minimum(np.maximum(1 / length, self.fitted_alpha), 1)
         light = yester.blend(fitted, history[3], share)
         if self.innovation and self.before is not None:

@@ -1,6 +1,6 @@
 //! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
 //!
-//!   demodulate → (motion from cameras) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
+//!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
 //!     → regress → blend → (innovation) → remodulate → (antialias)
 //!
 //! What comes before `regress` is as in [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in every
@@ -114,7 +114,7 @@ impl Pipeline for Bmfr {
             albedo,
             emission: frame.emission,
         });
-        let sample = illumination(frame, texture);
+        let sample = illumination(frame.color, texture);
         let rays = frame.camera.as_ref().map(Camera::rays);
         let hold = |known: Option<Pixels>| {
             let fireflies = params.history.fireflies?;
@@ -135,7 +135,7 @@ impl Pipeline for Bmfr {
             held,
             gradient,
             ..
-        } = match &memory {
+        } = match &mut memory {
             Some(memory) => {
                 let (params, motion) = (&params.history, &motion);
                 recall(params, memory, frame, motion, &sample, hold, &mut output)

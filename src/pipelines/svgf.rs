@@ -1,6 +1,6 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
-//!   demodulate → (motion from cameras) → reproject → (suppress fireflies) → (temporal gradient) → (reconstruct)
+//!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reconstruct)
 //!     → accumulate → estimate variance → (choice) → à-trous → (innovation) → remodulate → (antialias)
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
@@ -11,7 +11,9 @@ use pulp::Simd;
 
 use super::frame::{Frame, Motion, Output, Pipeline, Summary, SurfaceRecords, Upkeep, check_size};
 use super::half_res;
+use super::passes::{self, Choosing, Look, Smooth};
 use super::reflections::{self, Own};
+use super::replay;
 use super::taa::{self, Stage, blacken_missing};
 use crate::bordered::BorderedBand;
 use crate::error::{Error, Result, in_range};
@@ -21,7 +23,7 @@ use crate::image::{
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, MotionLanes};
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
-use crate::kernels::judge::choice::{self, Candidates, Levels};
+use crate::kernels::judge::choice;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
@@ -33,7 +35,7 @@ use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate};
 use crate::math::luminance;
-use crate::pixels::{Colors, PixelsMut, Row, larger};
+use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
 #[derive(Clone, Debug, Default)]
@@ -48,7 +50,8 @@ pub struct Params {
     pub same_albedo: bool,
     /// Whether the new sample's share rises where the history is not wholly trusted.
     pub by_confidence: bool,
-    /// Whether changes of light shorten history: known from the frames' replays, estimated where they have none.
+    /// Whether changes of light correct and shorten history where frames have replays, and shorten it by estimate where
+    /// they have none.
     pub gradient: bool,
     pub fireflies: Option<fireflies::Params>,
     /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best.
@@ -125,12 +128,12 @@ const BILINEAR: reproject::Params = reproject::Params {
 pub(super) struct Memory {
     /// Beginning with the channels of [`accumulate`].
     history: Records,
-    /// As it came, where the next frame's replay is expected.
-    color: Option<Records>,
+    /// What the next frame's replay is compared with, where one is expected.
+    shown: Option<replay::Before>,
     reflections: Option<reflections::Memory>,
     /// What was seen to be wrong and is not yet corrected.
     pub evidence: Option<Records>,
-    choice: Option<Chose>,
+    choice: Option<passes::Chose>,
     surface: SurfaceRecords,
     pub camera: Option<Camera>,
     demodulated: bool,
@@ -147,7 +150,7 @@ impl Memory {
         };
         Self {
             history,
-            color: keeps_color.then(|| frame.color.to_records()),
+            shown: keeps_color.then(|| replay::Before::of(frame)),
             reflections: None,
             evidence: None,
             choice: None,
@@ -158,7 +161,7 @@ impl Memory {
     }
 
     pub fn expects_replay(&self) -> bool {
-        self.color.is_some()
+        self.shown.is_some()
     }
 
     /// What tells whether a pixel shows what one of this frame's does.
@@ -167,13 +170,6 @@ impl Memory {
         let rays = camera.map(Camera::rays);
         Tests::new(frame.surface, self.surface.surface(), rays, &params.surface)
     }
-}
-
-/// What choosing leaves to the next frame.
-struct Chose {
-    candidates: Candidates,
-    evidence: Option<Records>,
-    age: usize,
 }
 
 /// What the memory knows of the current frame's pixels.
@@ -406,12 +402,12 @@ impl Pipeline for Svgf {
     }
 }
 
-/// The light of a frame, as it was sampled.
-pub(super) fn illumination(frame: &Frame, texture: Option<Texture>) -> Image {
+/// The light of a colour, as it was sampled.
+pub(super) fn illumination(color: Pixels, texture: Option<Texture>) -> Image {
     let Some(texture) = texture else {
-        return frame.color.to_planes();
+        return color.to_planes();
     };
-    modulated(frame.color, texture, Way::Off)
+    modulated(color, texture, Way::Off)
 }
 
 fn modulated(image: Pixels, texture: Texture, way: Way) -> Image {
@@ -469,7 +465,7 @@ impl Light<'_> {
     /// Writes the output but for its colour and variance.
     fn merge_in_steps(
         self,
-        memory: Option<Memory>,
+        mut memory: Option<Memory>,
         output: &mut Output,
         new_guide: impl Fn() -> Guide,
     ) -> Merged {
@@ -480,7 +476,7 @@ impl Light<'_> {
             motion,
         } = self;
         let size = frame.color.size;
-        let sample = illumination(frame, texture);
+        let sample = illumination(frame.color, texture);
         let guide = (params.fireflies.is_some() || params.half_res.is_some()).then(new_guide);
         let hold = |known: Option<Pixels>| {
             let (fireflies, guide) = params.fireflies.zip(guide.as_ref())?;
@@ -491,7 +487,7 @@ impl Light<'_> {
             held,
             gradient,
             reflections,
-        } = match &memory {
+        } = match &mut memory {
             Some(memory) => recall(params, memory, frame, motion, &sample, hold, output),
             None => Recalled::nothing(size, accumulate::CHANNELS, hold, output),
         };
@@ -708,7 +704,7 @@ pub(super) fn innovate(
 }
 
 /// Light as it was sampled.
-pub(super) struct Sampled<'a> {
+pub struct Sampled<'a> {
     color: Pixels<'a>,
     texture: Option<Texture<'a>>,
 }
@@ -728,187 +724,6 @@ impl Colors for Sampled<'_> {
         self.color.colors(run, into);
         if let Some(texture) = &self.texture {
             texture.modulate(Way::Off, run, into);
-        }
-    }
-}
-
-/// What the choice asks of a frame.
-struct Look<'a> {
-    fresh: Sampled<'a>,
-    /// That which history came along.
-    motion: Pixels<'a>,
-    coverage: View<'a>,
-    exposure: f32,
-    /// Passes where nothing is known.
-    usual: usize,
-}
-
-/// An image on its way through the passes, of which every pixel shows as many as its tile has chosen.
-struct Choosing<'a> {
-    /// Passes, a fraction where two are mixed.
-    levels: View<'a>,
-    shown: Image,
-    /// For the next frame.
-    chose: Chose,
-}
-
-impl<'a> Choosing<'a> {
-    /// Chooses by what the frame before has left.
-    fn new(
-        before: Option<Chose>,
-        look: Look,
-        params: choice::Params,
-        passes: u32,
-        start: &Filtered,
-        levels: &'a mut [f32],
-    ) -> Self {
-        let size = start.size();
-        let age = before.as_ref().map_or(0, |before| before.age + 1);
-        let (chosen, evidence) = before
-            .map(|before| {
-                choice::choice(
-                    &look.fresh,
-                    before.candidates.known(),
-                    look.motion,
-                    look.coverage,
-                    before.evidence.as_ref().map(Records::pixels),
-                    look.exposure,
-                    look.usual,
-                    params,
-                )
-            })
-            .unzip();
-        let level = Level {
-            chosen: chosen.as_ref().map(Levels),
-            start,
-            usual: look.usual as f32,
-        };
-        rows::run(&level, size.height, bands_of(levels, size));
-        Self {
-            levels: View::new(size, 1, levels),
-            shown: Image::blank(size, Smooth::CHANNELS),
-            chose: Chose {
-                candidates: Candidates::blank(size, passes as usize + 1, age),
-                evidence,
-                age,
-            },
-        }
-    }
-
-    /// Takes what is wanted of the image after so many passes.
-    fn see(&mut self, pass: u32, image: &Filtered) {
-        let size = image.size();
-        self.chose.candidates.keep(pass as usize, image, size);
-        let take = Take {
-            levels: self.levels,
-            image,
-            pass: pass as f32,
-        };
-        rows::run(&take, size.height, self.shown.bands());
-    }
-}
-
-/// How many passes each pixel shows.
-struct Level<'a> {
-    chosen: Option<Levels<'a>>,
-    /// Before all passes: what is missing here is filled by as many as usual.
-    start: &'a Filtered,
-    usual: f32,
-}
-
-impl<'a> Kernel for Level<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let mut levels = [self.usual; SEGMENT];
-        for run in rows.flat_map(|y| segments(y, self.start.size().width)) {
-            let levels = &mut levels[..run.len];
-            if let Some(chosen) = &self.chosen {
-                chosen.read(run, levels);
-                for (level, luminance) in levels.iter_mut().zip(self.start.luminance(run)) {
-                    *level = if luminance.is_nan() {
-                        self.usual
-                    } else {
-                        *level
-                    };
-                }
-            }
-            out.put(run, levels, 1);
-        }
-    }
-}
-
-/// Adds an image where it is shown, by its share.
-struct Take<'a> {
-    levels: View<'a>,
-    image: &'a Filtered,
-    pass: f32,
-}
-
-impl<'a> Kernel for Take<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut shown: BandMut<'a>) {
-        let mut color = [[0.0; SEGMENT]; 3];
-        let mut shares = [0.0; SEGMENT];
-        for run in rows.flat_map(|y| segments(y, self.image.size().width)) {
-            let levels = &self.levels.row(0, run.y)[run.x..][..run.len];
-            let shares = &mut shares[..run.len];
-            for (share, &level) in shares.iter_mut().zip(levels) {
-                *share = larger(1.0 - (level - self.pass).abs(), 0.0);
-            }
-            if shares.iter().all(|&share| share == 0.0) {
-                continue;
-            }
-            self.image.colors(run, &mut color);
-            let variance = &self.image.variance(run.y)[run.x..][..run.len];
-            let values = color.iter().map(Row::as_slice).chain([variance]);
-            for (shown, values) in shown.parts(run).zip(values) {
-                for (i, shown) in shown.iter_mut().enumerate() {
-                    // The first of two that are mixed finds nothing there.
-                    let begun = if self.pass > levels[i] { *shown } else { -0.0 };
-                    let mixed = begun + shares[i] * values[i];
-                    *shown = if shares[i] > 0.0 { mixed } else { *shown };
-                }
-            }
-        }
-    }
-}
-
-/// What the filter has made of the light.
-enum Smooth<'a> {
-    Filtered(&'a Filtered),
-    Chosen(&'a Image),
-}
-
-impl Smooth<'_> {
-    /// Of what was chosen: colour and variance.
-    const CHANNELS: usize = 4;
-
-    fn size(&self) -> Size {
-        match self {
-            Self::Filtered(image) => image.size(),
-            Self::Chosen(image) => image.size,
-        }
-    }
-
-    #[inline(always)]
-    fn variance(&self, y: usize) -> &[f32] {
-        match self {
-            Self::Filtered(image) => image.variance(y),
-            Self::Chosen(image) => image.view().row(3, y),
-        }
-    }
-}
-
-impl Colors for Smooth<'_> {
-    #[inline(always)]
-    fn colors(&self, run: Run, into: &mut [Row; 3]) {
-        match self {
-            Self::Filtered(image) => image.colors(run, into),
-            Self::Chosen(image) => image.pixels().colors(run, into),
         }
     }
 }
@@ -1001,28 +816,27 @@ pub(super) fn correct_light(found: [f32; 3], light: &mut [f32]) {
     }
 }
 
-/// The light of the new frame comes as it was sampled; `hold` makes it free of fireflies by the light that history has. Writes
-/// the output's confidence and rejection.
+/// The light of the new frame comes as it was sampled; `hold` makes it free of fireflies by the light that history has. A
+/// replay corrects the memory first. Writes the output's confidence and rejection.
 pub(super) fn recall(
     params: &Params,
-    memory: &Memory,
+    memory: &mut Memory,
     frame: &Frame,
     motion: &Motion,
     sample: &Image,
     hold: impl FnOnce(Option<Pixels>) -> Option<Image>,
     output: &mut Output,
 ) -> Recalled {
+    let replayed = frame
+        .replay
+        .zip(memory.shown.as_ref())
+        .map(|(replay, shown)| {
+            let light = memory.reflections.as_mut().map(|known| &mut known.light);
+            let corrects = params.innovation.is_some();
+            replay::relight(replay, shown, &mut memory.history, light, corrects)
+        });
     let tests = memory.tests(frame, motion, params);
     let motion = motion.pixels();
-    let before = memory.color.as_ref();
-    let replayed = frame.replay.zip(before).map(|(replay, before)| {
-        // The same random numbers make the same noise.
-        let exact = gradient::Params {
-            noise: 0.0,
-            ..Default::default()
-        };
-        find_gradient([replay, before.pixels()], None, exact)
-    });
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections = memory.reflections.as_ref().filter(|_| cameras.is_some());
 
@@ -1048,8 +862,9 @@ pub(super) fn recall(
                 passes,
                 widest: passes + 2,
             };
-            let images = [color.pixels(), history.pixels().part(0..3)];
-            find_gradient(images, Some(View::new(motion.size, 1, coverage)), estimated)
+            let known = history.pixels().part(0..3);
+            let coverage = Some(View::new(motion.size, 1, coverage));
+            find_gradient([color.pixels(), known], coverage, estimated)
         }
     });
     let reflections = reflections
@@ -1081,7 +896,7 @@ pub(super) fn recall(
     }
 }
 
-fn find_gradient(
+pub(super) fn find_gradient(
     [now, before]: [Pixels; 2],
     coverage: Option<View>,
     params: gradient::Params,

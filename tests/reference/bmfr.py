@@ -38,7 +38,7 @@ class BMFR(SVGF):
             planes = self.history  # (H, W, 3), (H, W, 2), (H, W), (H, W, 3)
             replays = self.gradient and frame.replay is not None
             if replays:
-                planes = [*planes, temporal_gradient(frame.replay, self.previous.color, noise=0)]  # and (H, W)
+                planes = self.relight(frame.replay, planes)  # and (H, W)
             history, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
         fresh = light  # (H, W, 3)

@@ -92,7 +92,7 @@ class SVGF:
             planes = self.history  # (H, W, 3), (H, W, 2), (H, W)
             replays = self.gradient and frame.replay is not None
             if replays:
-                planes = [*planes, temporal_gradient(frame.replay, self.previous.color, noise=0)]  # and (H, W)
+                planes = self.relight(frame.replay, planes)  # and (H, W)
             fetched, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
             history = fetched[:3]
@@ -142,6 +142,35 @@ class SVGF:
         known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(color)}
         found, self.evidence = innovation(fresh, prediction, length, **known)  # (H, W, 3), (h, w, 4)
         return found
+
+    def relight(self, replay: Tensor, history: list[Tensor]) -> list[Tensor]:
+        """History in the light that the previous frame's replay (H, W, 3) shows, and the gradient (H, W) of the rest.
+
+        The samples' change, relative to their local mean, is a sample of the history's: its shrunk means correct the
+        history, lights (H, W, 3) and moments (H, W, 2). What they do not explain counts as change, and half of the
+        whole at least.
+        """
+        before = self.previous
+        emission = before.emission if before.albedo is not None else None  # (H, W, 3)
+        now, then = replay, before.color  # (H, W, 3)
+        if before.albedo is not None:
+            now, then = (demodulate(color, before.albedo, emission=emission) for color in (now, then))  # (H, W, 3)
+        looks = {"noise": 0, "passes": 2, "widest": 2}
+        gradient = temporal_gradient(now, then, **looks)  # (H, W)
+        if not self.innovation:
+            return [*history, gradient]
+        color, moments, length, *others = history  # (H, W, 3), (H, W, 2), (H, W), (H, W, 3)
+        endless = torch.full_like(length, 1e30)  # (H, W)
+        mean, _ = atrous(then, endless, iterations=4, radius=1)  # (H, W, 3), over 31x31 pixels
+        black = max(exposure(color) / 16, torch.finfo(torch.float32).tiny)
+        scale = (color.clamp(min=0) + black) / (mean.clamp(min=0) + black)  # (H, W, 3)
+        fresh = color + (now - then) * scale  # (H, W, 3)
+        found, _ = innovation(fresh, color, endless, exposure=exposure(color), strictness=1)  # (H, W, 3)
+        corrected, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
+        others = [correct(light, found)[0] for light in others]  # (H, W, 3)
+        moved = torch.where(found == 0, 0, corrected - color)  # (H, W, 3)
+        rest = temporal_gradient(now, then + moved, **looks)  # (H, W)
+        return [corrected, moments, length, *others, torch.maximum(gradient / 2, rest)]
 
     def without_fireflies(self, frame, light: Tensor, known: Tensor) -> Tensor:
         """Light (H, W, 3) whose fireflies were held down and spread in what is seen, by what history has (H, W, 3)."""

@@ -33,7 +33,7 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// by_confidence : bool, default False
 ///     Whether the new sample's share rises where the history is not wholly trusted: ``alpha + (1 - confidence) (1 - alpha)``.
 /// gradient : bool, default True
-///     Whether changes of light shorten history, as in `SVGF`.
+///     Whether changes of light correct and shorten history, as in `SVGF`.
 /// fireflies : bool, default False
 ///     Whether samples far brighter than their surroundings, of which history knows nothing, are held down and their excess
 ///     spread over their surface first (`suppress_fireflies`).

@@ -59,9 +59,10 @@ use crate::pipelines::{svgf, taa};
 /// by_confidence : bool, default False
 ///     Whether the new sample's share rises where the history is not wholly trusted: ``alpha + (1 - confidence) (1 - alpha)``.
 /// gradient : bool, default True
-///     Whether changes of light shorten history. They are known exactly from frames that have a `replay`, if the frame
-///     before had one or was the first, and for others estimated from the new samples and history, as far as noise lets
-///     see.
+///     Whether changes of light shorten history. They are estimated from the new samples and history, as far as noise lets
+///     see. Frames that have a `replay`, if the frame before had one or was the first, tell them without noise: there,
+///     unless `innovation` is off, history is first corrected by what the replay shows, and shortened by what the
+///     correction leaves and by at least half of the whole change.
 /// fireflies : bool, default False
 ///     Whether samples far brighter than their surroundings, of which history knows nothing, are held down and their excess
 ///     spread over their surface first (`suppress_fireflies`).
@@ -93,7 +94,8 @@ use crate::pipelines::{svgf, taa};
 /// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
 /// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
 /// `prediction_gain`, `accumulate`, `estimate_variance`, `choice` and `innovation` (with the `exposure` of the history), `atrous`,
-/// `remodulate`, and those of `TAA`.
+/// `remodulate`, and those of `TAA`. A replay's correction is an `innovation` too, of history with the change of its samples
+/// relative to their blur by `atrous`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {
     inner: svgf::Svgf,

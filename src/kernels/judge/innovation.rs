@@ -112,6 +112,11 @@ pub struct Known<'a> {
     pub motion: Option<Pixels<'a>>,
 }
 
+/// What is added to light, of which differences are a share.
+pub fn black(exposure: f32) -> f32 {
+    (exposure * BLACK).max(f32::MIN_POSITIVE)
+}
+
 /// Finds what is wrong with a prediction, and the evidence for the next frame.
 pub fn innovation(
     fresh: &impl Colors,
@@ -121,7 +126,7 @@ pub fn innovation(
     exposure: f32,
     params: Params,
 ) -> (Innovation, Records) {
-    let black = (exposure * BLACK).max(f32::MIN_POSITIVE);
+    let black = black(exposure);
     let size = evidence_size(length.size);
     let look = Look {
         fresh,

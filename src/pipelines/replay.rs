@@ -1,0 +1,218 @@
+//! Replays: history follows the change of light that its own samples show.
+//!
+//! Rendered again with the same random numbers, the former frame's samples c become c*, and c* − c is how its light
+//! has changed, without the noise of two independent renders. Before history h is fetched, it is corrected by the
+//! `innovation` of samples h + (c* − c) (h + b)/(c̃ + b), with c̃ the mean of c over 31×31 pixels and b black: where light is
+//! scaled, c and c* have the same noise, and their ratio has none. Means over blocks miss the edges of shadows, and are
+//! themselves made of few samples. So the history is also shortened, by the gradient from c + d to c*, d the correction, and by
+//! at least half of that from c to c*.
+
+use std::ops::Range;
+
+use super::frame::Frame;
+use super::svgf::{correct_history, correct_light, find_gradient, illumination};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, segments};
+use crate::kernels::judge::exposure::exposure;
+use crate::kernels::judge::gradient;
+use crate::kernels::judge::innovation::{self, Innovation, innovation};
+use crate::kernels::judge::surface::Surface;
+use crate::kernels::merge::accumulate;
+use crate::kernels::smooth::atrous::{self, atrous};
+use crate::kernels::smooth::demodulate::Texture;
+use crate::kernels::smooth::guide::Guide;
+use crate::pixels::{Colors, PixelsMut, Row, larger};
+use crate::rows::{self, BAND, Kernel};
+
+/// A frame's colour and texture as they came.
+pub struct Before {
+    color: Records,
+    albedo: Option<Records>,
+    emission: Option<Records>,
+}
+
+impl Before {
+    pub fn of(frame: &Frame) -> Self {
+        let emission = frame.emission.filter(|_| frame.albedo.is_some());
+        Self {
+            color: frame.color.to_records(),
+            albedo: frame.albedo.map(Pixels::to_records),
+            emission: emission.map(Pixels::to_records),
+        }
+    }
+
+    /// The light of a colour that has this texture.
+    fn light(&self, color: Pixels) -> Image {
+        let texture = self.albedo.as_ref().map(|albedo| Texture {
+            albedo: albedo.pixels(),
+            emission: self.emission.as_ref().map(Records::pixels),
+        });
+        illumination(color, texture)
+    }
+}
+
+/// The same random numbers make the same noise: nothing of a difference counts as noise, and small windows will do.
+const REPLAYED: gradient::Params = gradient::Params {
+    noise: 0.0,
+    passes: 2,
+    widest: 2,
+};
+
+/// Brings history, and the light that reflections are looked for in, to the light that a replay of the frame before shows, as
+/// far as means tell it and where that is wanted. Returns the gradient of the rest.
+pub fn relight(
+    replay: Pixels,
+    before: &Before,
+    history: &mut Records,
+    light: Option<&mut Records>,
+    corrects: bool,
+) -> Image {
+    let [now, mut then] = [replay, before.color.pixels()].map(|color| before.light(color));
+    let mut gradient = find_gradient([now.pixels(), then.pixels()], None, REPLAYED);
+    if !corrects {
+        return gradient;
+    }
+
+    let size = now.size;
+    let known = history.pixels().part(0..3);
+    // Neither do the samples make the history, nor are any too different to be blurred together.
+    let mut endless = Image::blank(size, 1);
+    endless.data_mut().fill(1e30);
+    let bright = exposure(known);
+    let fresh = Relit {
+        history: known,
+        change: [&now, &then],
+        mean: &blurred(&then, endless.pixels()),
+        black: innovation::black(bright),
+    };
+    let (found, _) = innovation(
+        &fresh,
+        &known,
+        endless.pixels(),
+        None,
+        bright,
+        innovation::Params {
+            strictness: 1.0,
+            ..Default::default()
+        },
+    );
+    let correct = Relight {
+        found: &found,
+        width: size.width,
+        channels: history.pixels().channels,
+    };
+    let pixels = BAND * size.width;
+    let histories = history.data_mut().chunks_mut(pixels * correct.channels);
+    let mut lights = light.map(|light| light.data_mut().chunks_mut(pixels * 3));
+    let lights = std::iter::repeat_with(|| lights.as_mut().and_then(Iterator::next));
+    let outs = histories.zip(then.bands()).zip(lights);
+    rows::run(&correct, size.height, outs);
+
+    let rest = find_gradient([now.pixels(), then.pixels()], None, REPLAYED);
+    for (gradient, &rest) in gradient.data_mut().iter_mut().zip(rest.plane(0)) {
+        *gradient = larger(0.5 * *gradient, rest);
+    }
+    gradient
+}
+
+/// The mean over 31×31 pixels.
+fn blurred(image: &Image, variance: Pixels) -> Image {
+    let params = atrous::Params {
+        iterations: 4,
+        radius: 1,
+        ..Default::default()
+    };
+    let guide = Guide::new(image.size, params.reach(), Surface::default(), None);
+    let mut mean = Image::blank(image.size, 3);
+    let mut rest = Image::blank(image.size, 1);
+    let out = mean.bands().map(PixelsMut::Planar);
+    atrous(
+        image.pixels(),
+        variance,
+        &guide,
+        params,
+        out,
+        rest.data_mut(),
+    );
+    mean
+}
+
+/// History whose light changes as its samples do, from the second image to the first, where these have such a mean.
+struct Relit<'a> {
+    history: Pixels<'a>,
+    change: [&'a Image; 2],
+    mean: &'a Image,
+    black: f32,
+}
+
+impl Colors for Relit<'_> {
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        let [mut now, mut then, mut mean] = [[[0.0; SEGMENT]; 3]; 3];
+        self.history.colors(run, into);
+        self.change[0].pixels().colors(run, &mut now);
+        self.change[1].pixels().colors(run, &mut then);
+        self.mean.pixels().colors(run, &mut mean);
+        for c in 0..3 {
+            let (into, now, then, mean) = (&mut into[c], &now[c], &then[c], &mean[c]);
+            for x in 0..SEGMENT {
+                let scale =
+                    (larger(into[x], 0.0) + self.black) / (larger(mean[x], 0.0) + self.black);
+                into[x] += (now[x] - then[x]) * scale;
+            }
+        }
+    }
+}
+
+/// Corrects records of history, and of reflected light; moves the light of the samples as far as the history's.
+struct Relight<'a> {
+    found: &'a Innovation,
+    width: usize,
+    /// Of the history: those of [`accumulate`], and further light.
+    channels: usize,
+}
+
+impl<'a> Kernel for Relight<'a> {
+    type Out = ((&'a mut [f32], BandMut<'a>), Option<&'a mut [f32]>);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, ((history, mut then), mut light): Self::Out) {
+        let mut line = self.found.line();
+        let mut before = [[0.0; SEGMENT]; 3];
+        let top = rows.start;
+        for y in rows {
+            self.found.go_to(y, &mut line);
+            for run in segments(y, self.width) {
+                let first = (y - top) * self.width + run.x;
+                let records = &mut history[first * self.channels..][..run.len * self.channels];
+                for (i, record) in records.chunks_exact(self.channels).enumerate() {
+                    for (before, &value) in before.iter_mut().zip(record) {
+                        before[i] = value;
+                    }
+                }
+                let Some(found) = self.found.correction(&line, run, &before) else {
+                    continue;
+                };
+                let found = |i: usize| [0, 1, 2].map(|c| found[c][i]);
+                let mut then = then.rows::<3>(y);
+                for (i, record) in records.chunks_exact_mut(self.channels).enumerate() {
+                    let (accumulated, others) = record.split_at_mut(accumulate::CHANNELS);
+                    correct_history(found(i), accumulated);
+                    others
+                        .as_chunks_mut::<3>()
+                        .0
+                        .iter_mut()
+                        .for_each(|light| correct_light(found(i), light));
+                    for (c, then) in then.iter_mut().enumerate() {
+                        then[run.x + i] += accumulated[c] - before[c][i];
+                    }
+                }
+                if let Some(light) = &mut light {
+                    let light = light[first * 3..][..run.len * 3].as_chunks_mut::<3>().0;
+                    for (i, light) in light.iter_mut().enumerate() {
+                        correct_light(found(i), light);
+                    }
+                }
+            }
+        }
+    }
+}
