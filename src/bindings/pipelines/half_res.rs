@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 
 use super::{Extras, FrameArgs, Output, Pipeline, Room};
 use crate::error::whole;
-use crate::kernels::judge::innovation;
+use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{atrous, fireflies, joint_bilateral};
 use crate::pipelines::frame::Pipeline as _;
@@ -32,7 +32,7 @@ use crate::pipelines::{half_res, svgf};
 ///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
 /// by_confidence, fireflies : bool, default False
 /// reflections : sequence of float, default (0.5, 2.0)
-/// innovation : bool, default True
+/// choice, innovation : bool, default True
 ///     As in `SVGF`.
 /// antialias : bool, default True
 ///     As in `SVGF`.
@@ -69,10 +69,10 @@ pub struct HalfRes {
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0,
-        by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], innovation=true, antialias=true))]
+        by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, \
-        by_confidence=False, fireflies=False, reflections=(0.5, 2.0), innovation=True, antialias=True)"
+        by_confidence=False, fireflies=False, reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,
@@ -83,6 +83,7 @@ impl HalfRes {
         by_confidence: bool,
         fireflies: bool,
         reflections: Vec<f32>,
+        choice: bool,
         innovation: bool,
         antialias: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
@@ -104,6 +105,7 @@ impl HalfRes {
             by_confidence,
             fireflies: fireflies.then(fireflies::Params::default),
             reflections,
+            choice: choice.then(choice::Params::default),
             innovation: innovation.then(innovation::Params::default),
             antialias: whole.antialias.filter(|_| antialias),
             ..whole
@@ -141,7 +143,7 @@ impl HalfRes {
         let frame = FrameArgs::new(frame)?;
         let extras = Extras {
             variance: true,
-            ..Default::default()
+            choice: self.inner.chooses(),
         };
         let room = Room::new(py, out, frame.size(), extras)?;
         frame.step(py, room, &mut self.inner)

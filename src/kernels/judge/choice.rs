@@ -101,11 +101,12 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// Of frame `age` of a sequence, none of them known yet.
+    /// Of frame `age` of a sequence, none of them known yet; at the pixels that the next frame traces, where a quarter is
+    /// traced and nothing moves.
     pub fn blank(size: Size, count: usize, age: usize) -> Self {
         Self {
             records: Records::blank(known_size(size), 3 * count),
-            offset: [[0, 0], [1, 1], [1, 0], [0, 1]][age % 4],
+            offset: [[1, 1], [1, 0], [0, 1], [0, 0]][age % 4],
         }
     }
 
