@@ -40,7 +40,8 @@ use crate::pipelines::recirculation;
 ///     there. Both have 0.1. Without effect if history is fetched.
 /// innovation : bool, optional
 ///     Whether what new samples, over blocks of pixels and a few frames, show to be wrong with the result is added to it
-///     and to what is carried on (`innovation`): light that changes. "best" does it.
+///     and to what is carried on (`innovation`): light that changes. It is a share of each pixel's own light, so that
+///     fireflies in history grow with the light around them. "best" does it.
 ///
 /// Raises
 /// ------
