@@ -605,9 +605,10 @@ class BMFR:
 
 
 class Recirculation:
-    BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat"}  # noqa: RUF012
+    BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat", "innovation": True}  # noqa: RUF012
     BEST |= {"blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
     SEED = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}  # noqa: RUF012
+    SEED |= {"innovation": False}
 
     def __init__(self, preset="best", **given):
         params = self.BEST | (self.SEED if preset == "seed" else {}) | given
@@ -615,7 +616,8 @@ class Recirculation:
         self.blend = {name: params[name] for name in ("share", "fade", "limit")}
         self.blur, self.tolerance = params["blur"], np.float32(params["tolerance"])
         self.nearness, self.fetches = params["nearness"], params["history"] == "fetch"
-        self.points = self.camera = None
+        self.corrects = params["innovation"]
+        self.points = self.camera = self.evidence = None
 
     def weight(self, inverse: np.ndarray) -> np.ndarray:
         power = np.ones_like(inverse)
@@ -624,7 +626,7 @@ class Recirculation:
         return np.maximum(power, np.float32(1e-24))
 
     def fetched(self, filled, fresh, frame) -> tuple:
-        """Colour, quality and confidence, by the image that was shown last."""
+        """Colour, quality, confidence and motion, by the image that was shown last."""
         height, width = fresh.shape
         before = self.camera or frame.camera
         nothing = np.zeros_like(frame.color), np.zeros_like(fresh)
@@ -638,7 +640,16 @@ class Recirculation:
         x, y = (np.floor(np.float32(at) + np.float32(0.5) + step[..., c]) for c, at in enumerate((x, y)))
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
         found = inside & (known[y.clip(0, height - 1).astype(int), x.clip(0, width - 1).astype(int)] > 0)
-        return shown, quality, found
+        return shown, quality, found, motion
+
+    def correct(self, frame, traced, shown, quality, motion) -> NDArray:
+        """What is to be added; the evidence is kept."""
+        if not self.corrects or self.points is None:
+            return np.zeros_like(shown)
+        fresh = np.where(traced[..., None], frame.color, np.float32(np.nan))
+        known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(shown)}
+        found, self.evidence = yester.innovation(fresh, shown, quality, **known, sparse=True)
+        return found
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
         height, width = frame.shape
@@ -668,7 +679,8 @@ class Recirculation:
             if self.nearness:
                 fresh = np.where(fresh > 0, fresh / self.weight(filled[..., 3]), np.float32(0))
         if self.fetches:
-            shown, quality, kept = self.fetched(filled, fresh, frame)
+            shown, quality, kept, motion = self.fetched(filled, fresh, frame)
+            shown = correct(shown, self.correct(frame, traced, shown, quality, motion))
             rejection = (~kept if self.points else np.zeros_like(kept)).astype(np.uint8)
             self.points, self.camera = (shown, quality), frame.camera
             return SimpleNamespace(
@@ -707,6 +719,8 @@ class Recirculation:
         images = filled[..., :3], fresh, color[..., :3], quality, motion
         carried, quality = yester.recirculate(*images, blur=0, **self.blend)
         shown, _ = yester.recirculate(*images, blur=self.blur, **self.blend)
+        found = self.correct(frame, traced, shown, quality, motion)
+        shown, carried = correct(shown, found), correct(carried, found)
         rejection = np.where(known, 2 * gone, 0 if self.points is None else 1).astype(np.uint8)
         self.points, self.camera = (carried, drift, place, offset, quality), frame.camera
         return SimpleNamespace(

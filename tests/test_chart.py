@@ -186,9 +186,12 @@ def test_a_method_that_breaks_is_named(recording, tmp_path):
 
 @pytest.mark.parametrize("each", ABLATIONS, ids=lambda each: each.method.name)
 def test_each_component_does_something(each, recording):
-    whole, other = each.whole.start(), each.method.start()
-    same = all(np.array_equal(*(step(recording.frame(i)).color for step in (whole, other))) for i in range(6))
-    assert not same
+    """At the latest when the light changes."""
+    whole, other, frames = each.whole.start(), each.method.start(), [recording.frame(i) for i in range(6)]
+    last = frames[-1]
+    bright = last.buffers() | {"color": 4 * last.color}
+    frames += [yester.Frame(**bright, camera=last.camera, jitter=last.jitter)] * 2
+    assert not all(np.array_equal(*(step(frame).color for step in (whole, other))) for frame in frames)
 
 
 def test_the_stage_of_the_ablation_is_svgfs(recording):
@@ -262,14 +265,16 @@ def test_flow_of_whatever_files_hold(channels, names, cameras):
 
 
 def test_effects_through_doors(recording, tmp_path):
-    """The same pipelines on the frames that come through; what is off by default is not looked at."""
+    """The same pipelines on the frames that come through; nothing that is off by default or needs all buffers."""
     known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
-    some = (known["antialiasing"], known["pass 4"])
+    needy = [each for each in ABLATIONS if each.whole.name == "Recirculation"]
+    some = (known["antialiasing"], known["pass 4"], *needy)
     chosen = [door for door in DOORS if door.name in (FULL, "raw albedo", "no normals")]
     effects = ablate([recording], tmp_path, metrics=["psnr"], doors=chosen, ablations=some)
     assert [(e.door, e.component) for e in effects] == [
         (FULL, "antialiasing"),
         (FULL, "pass 4"),
+        (FULL, "innovation"),
         ("no normals", "antialiasing"),
     ]
     states = yester.SVGF(), yester.SVGF(antialias=False)
@@ -285,7 +290,7 @@ def test_effects_through_doors(recording, tmp_path):
     assert effects[-1].case == "cornell_box, no normals"
     rows = (tmp_path / "ablation.csv").read_text().splitlines()
     assert rows[0] == "scene,pipeline,component,added,ms,psnr,door"
-    assert [row.split(",")[-1] for row in rows[1:]] == [FULL, FULL, "no normals"]
+    assert [row.split(",")[-1] for row in rows[1:]] == [FULL, FULL, FULL, "no normals"]
 
 
 def test_harmful_components(monkeypatch):

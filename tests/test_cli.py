@@ -126,7 +126,7 @@ METHODS = {
     "taa": (yester.TAA, {"preset": "denoised", "alpha": 0.3}),
     "bmfr": (yester.BMFR, {"alpha": 0.3, "block": 8, "features": "all"}),
     "halfres": (yester.HalfRes, {"alpha": 0.3, "iterations": 2}),
-    "recirculation": (yester.Recirculation, {}),
+    "recirculation": (yester.Recirculation, {"innovation": False}),
     "oidn": (yester.OIDN, {"quality": "fast"}),
     "temporal-oidn": (partial(yester.OIDN, temporal=True), {"quality": "fast"}),
 }
@@ -135,7 +135,7 @@ METHODS = {
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method(tmp_path, method):
     make, named = METHODS[method]
-    given = [text for name, value in named.items() for text in (f"--{name}", value)]
+    given = [text for name, value in named.items() for text in ((f"--{name}", value) if value else (f"--no-{name}",))]
     some = [tmp_path / f"shot{i + 1}.exr" for i in range(3)]
     for i, path in enumerate(some):
         color = noise(seed=i).color
@@ -155,7 +155,7 @@ def test_every_method(tmp_path, method):
         ("--iterations", 2, "taa", "svgf, halfres"),
         ("--sigma-luminance", 3, "bmfr", "svgf, halfres"),
         ("--feedback", None, "bmfr", "svgf"),
-        ("--innovation", None, "oidn", "svgf, taa, bmfr, halfres, temporal-oidn"),
+        ("--innovation", None, "oidn", "svgf, taa, bmfr, halfres, recirculation, temporal-oidn"),
         ("--preset", "seed", "svgf", "taa"),
         ("--block", 8, "svgf", "bmfr"),
         ("--features", "all", "taa", "bmfr"),

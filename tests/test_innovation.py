@@ -8,6 +8,7 @@ import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference.innovation import around
 
 
 def images(rng, height, width, *, holes=0.05) -> dict:
@@ -49,7 +50,8 @@ def check(given, **named):
     with np.errstate(invalid="ignore"):
         light = np.maximum(np.nan_to_num(prediction, nan=0, posinf=0), 0) + black
         present = (np.isfinite(color) & np.isfinite(prediction)).all(-1)
-        seen = rms(((color - prediction) / light).clip(-50, 50)[present])
+        unit = black + around(tensor(prediction)).numpy() if named.get("sparse") else light
+        seen = rms(((color - prediction) / unit).clip(-50, 50)[present])
     # What is left after subtraction is as precise as the differences that were averaged.
     seen = max(seen, rms(given["evidence"][..., :3]) if given.get("evidence") is not None else 0)
     assert all(image.dtype == np.float32 for image in got)
@@ -68,6 +70,7 @@ def check(given, **named):
     share=st.sampled_from([0.2, 0.5, 1.0]),
     levels=st.integers(1, 8),
     fed_back=st.booleans(),
+    sparse=st.booleans(),
     carried=st.booleans(),
     channels=st.sampled_from([0, 2, 3]),
     holes=st.sampled_from([0.0, 0.05, 0.8]),
@@ -265,8 +268,8 @@ def test_a_lost_frame_does_not_believe_the_noise_before(noise, bound):
         found, evidence = yester.innovation(**given, evidence=evidence)
         given["prediction"] = given["prediction"] + found
         errors.append(rms(found))
-    noisy, lost = errors[:8], errors[8:]
-    assert lost[0] < min(bound, min(noisy) / 2)
+    sparse, lost = errors[:8], errors[8:]
+    assert lost[0] < min(bound, min(sparse) / 2)
     assert all(later < 0.7 * earlier for earlier, later in itertools.pairwise(lost))
 
 
@@ -451,3 +454,35 @@ def test_what_stays_wrong_is_found_whole(fed_back):
         result = shown + found
         shown = result if fed_back else wrong
     np.testing.assert_allclose(result, truth, rtol=0.02)
+
+
+def test_sparse_samples_tell_of_blocks_without():
+    """Of one pixel in 16, twice as bright as predicted: a frame finds it all, everywhere. Blocks without samples, if
+    they count as such that agree, hold most of it back. They stay unknown."""
+    given = steady(32, 48, np.full((32, 48, 1), 2.0))
+    rows, columns = np.indices((32, 48))
+    seen = (rows % 4 == 0) & (columns % 4 == 0)
+    given["color"][~seen] = np.nan
+    dense, sparse = (yester.innovation(**given, exposure=0.16, sparse=sparse) for sparse in (False, True))
+    assert dense[0].mean() < 0.6
+    assert sparse[0].mean() > 0.9
+    sampled = seen.reshape(16, 2, 24, 2).any((1, 3))
+    np.testing.assert_array_equal(np.isnan(sparse[1][..., 3]), ~sampled)
+    assert np.isfinite(sparse[1][..., :3]).all()
+    assert np.isfinite(dense[1]).all()
+    # What is known lasts, without a sample, where history is long.
+    given["color"] = np.full_like(given["color"], np.nan)
+    _, later = yester.innovation(**given, evidence=sparse[1], exposure=0.16, sparse=True)
+    np.testing.assert_array_equal(np.isnan(later[..., 3]), ~sampled)
+    np.testing.assert_array_equal(later[sampled][:, 3], sparse[1][sampled][:, 3])
+
+
+def test_noise_of_a_sparse_prediction_is_no_light():
+    """Predictions that are as noisy as the samples: relative to themselves, the light seems to grow; to what is around,
+    it stays."""
+    rng = np.random.default_rng(0)
+    color, prediction = rng.gamma(3, 1 / 3, (2, 128, 128, 1)).astype(np.float32).repeat(3, -1)
+    given = {"color": color, "prediction": prediction, "history_length": np.full((128, 128), 8, np.float32)}
+    dense, sparse = (yester.innovation(**given, exposure=0.16, sparse=sparse)[0].mean() for sparse in (False, True))
+    assert dense > 0.2
+    assert abs(sparse) < 0.02

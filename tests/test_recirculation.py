@@ -203,7 +203,8 @@ CHOICES = [
     {"factor": 4, "levels": 2, "blur": 0.0, "tolerance": 0.01},
     {"blur": 1.0, "share": (0.1, 0.8), "fade": 2.0, "limit": 3.0, "nearness": 3},
     {"preset": "seed"},
-    {"history": "fetch", "blur": 0.0, "nearness": 0},
+    {"history": "fetch", "blur": 0.0, "nearness": 0, "innovation": True},
+    {"innovation": False},
 ]
 
 
@@ -241,7 +242,7 @@ def test_reference_pipeline(options):
 
 
 def test_the_preset_is_what_it_says():
-    given = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}
+    given = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5), "innovation": False}
     pipeline, other, plain = yester.Recirculation("seed"), yester.Recirculation(**given), yester.Recirculation()
     for frame in frames_of(("depth", "motion"), count=3):
         seed, best = pipeline.step(frame).color, plain.step(frame).color
@@ -380,7 +381,7 @@ def test_moving_things_go_on_with_motion_and_stay_behind_without():
 
 
 def test_nothing_traced_at_all():
-    """Black at first; later, what was known."""
+    """Black at first; later, what was known, but for what its last samples showed to be wrong."""
     nothing = np.full((43, 61, 3), np.nan, np.float32)
     frames = list(still_frames(5, 2))
     dark = yester.Frame(nothing, depth=nothing[..., 0], camera=frames[0].camera)
@@ -393,8 +394,12 @@ def test_nothing_traced_at_all():
         known = pipeline.step(frame)
     output = pipeline.step(dark)
     assert output.missing == 61 * 43
-    np.testing.assert_allclose(output.color, known.color, rtol=1e-6)
+    np.testing.assert_allclose(output.color, known.color, rtol=1e-6, atol=1e-4)
     assert (output.confidence == 1).all()
+    plain = yester.Recirculation(innovation=False)
+    for frame in [dark, *frames]:
+        known = plain.step(frame)
+    np.testing.assert_allclose(plain.step(dark).color, known.color, rtol=1e-6)
 
 
 def test_cuts_start_anew():
@@ -458,3 +463,59 @@ def test_steps_write_into_an_earlier_output():
         reusing.step(frame, out=yester.SVGF().step(frame))
     with pytest.raises(ValueError, match=r"^out: expected .*\(43, 61, 3\).*\(5, 7, 3\)"):
         reusing.step(frame, out=yester.TAA().step(yester.Frame(np.ones((5, 7, 3), np.float32))))
+
+
+LIT = [{}, {"preset": "seed", "innovation": True}, {"history": "fetch"}]
+
+
+def lit_frames(side, count, change, *, size=(64, 96), noise=0.3):
+    """A scene at rest, a part of it traced, with noise, whose light changes at frame `change`; and what is true."""
+    rng, whole = np.random.default_rng(0), sample(scene.camera(0.0, size[1], size[0]))
+    for number in range(count):
+        truth = whole["color"] * np.float32(3 if number >= change else 1)
+        noisy = truth * rng.gamma(1 / noise**2, noise**2, (*size, 1)).astype(np.float32)
+        frame = sparse({**whole, "color": noisy}, traced(number, side, *size))
+        yield yester.Frame(frame["color"], depth=frame["depth"], camera=frame["camera"]), truth
+
+
+@pytest.mark.parametrize("options", LIT)
+@pytest.mark.parametrize(("side", "change", "bound"), [(2, 12, 0.6), (4, 36, 0.9)])
+def test_a_changed_light_is_found_sooner(options, side, change, bound):
+    """Of its error, in the frames after the change; before it, all is as good as without innovation."""
+    corrected, plain = yester.Recirculation(**options), yester.Recirculation(**options | {"innovation": False})
+    errors = []
+    for frame, truth in lit_frames(side, change + 4, change):
+        outs = corrected.step(frame), plain.step(frame)
+        for name in ("history_length", "confidence", "rejection"):
+            assert_same_bits(getattr(outs[0], name), getattr(outs[1], name))
+        errors.append([np.sqrt(np.mean((out.color - truth) ** 2)) for out in outs])
+    own, other = np.transpose(errors)
+    assert (own[change + 1 :] < bound * other[change + 1 :]).all()
+    assert (own[change // 2 : change] < 1.02 * other[change // 2 : change]).all()
+
+
+@pytest.mark.parametrize("options", LIT)
+def test_innovation_needs_a_frame_before(options):
+    """A first frame is as without, and so is the first after a reset, whatever came before."""
+    corrected, plain = yester.Recirculation(**options), yester.Recirculation(**options | {"innovation": False})
+    frames = [frame for frame, _ in lit_frames(2, 5, 3)]
+    for _ in range(2):
+        outs = [[pipeline.step(frame).color for frame in frames] for pipeline in (corrected, plain)]
+        assert_same_bits(outs[0][0], outs[1][0])
+        assert np.abs(outs[0][-1] - outs[1][-1]).max() > 0.1
+        corrected.reset()
+        plain.reset()
+
+
+@pytest.mark.parametrize("options", LIT)
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (3, 2), (15, 9)])
+def test_innovation_of_small_images_and_of_nothing(options, size):
+    """Smaller than the coarsest window, and frames in which nothing was traced."""
+    pipeline, other = yester.Recirculation(**options), composed.Recirculation(**options)
+    for number, (frame, _) in enumerate(lit_frames(2, 8, 4, size=size)):
+        if number in (0, 5):
+            nothing = np.full((*size, 3), np.nan, np.float32)
+            frame = yester.Frame(nothing, depth=nothing[..., 0], camera=frame.camera)
+        got, want = pipeline.step(frame), other.step(frame)
+        assert_same_bits(got.color, want.color)
+        assert np.isfinite(got.color).all()

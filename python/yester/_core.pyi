@@ -276,6 +276,7 @@ class Recirculation(Pipeline):
         fade: float | None = None,
         limit: float | None = None,
         tolerance: float | None = None,
+        innovation: bool | None = None,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output: ...
     def reset(self) -> None: ...
@@ -451,6 +452,7 @@ def innovation(
     share: float = 0.5,
     levels: int = 4,
     fed_back: bool = True,
+    sparse: bool = False,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 def choice(

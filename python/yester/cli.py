@@ -28,7 +28,7 @@ _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "taa": (TAA, ("preset", "alpha", "innovation")),
     "bmfr": (BMFR, ("alpha", "block", "features", "fireflies", "innovation")),
     "halfres": (HalfRes, ("alpha", "iterations", "sigma_luminance", "fireflies", "innovation")),
-    "recirculation": (Recirculation, ()),
+    "recirculation": (Recirculation, ("innovation",)),
     "oidn": (OIDN, ("quality",)),
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation")),
 }

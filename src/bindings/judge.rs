@@ -683,6 +683,10 @@ pub fn temporal_gradient<'py>(
 /// fed_back : bool, default True
 ///     Whether the history, of which the next prediction is made, gets the correction as well. If not, the next samples will
 ///     differ from it by as much again, and the evidence keeps what was corrected.
+/// sparse : bool, default False
+///     Whether `color` has samples in few pixels, and the prediction is made of few. Differences then count in units of the
+///     light around, as the prediction's own is noisy; and blocks of which nothing is known, whose variance in `evidence` is
+///     NaN, are left out of the means.
 /// out : (array, array), optional
 ///     Written and returned instead of new arrays; None for one of them makes that one anew.
 ///
@@ -700,17 +704,18 @@ pub fn temporal_gradient<'py>(
 ///
 /// Notes
 /// -----
-/// With r = (color - prediction) / (max(prediction, 0) + exposure / 16), held to ±50, E its mean over blocks of 2×2 pixels and
+/// With r = (color - prediction) / (max(prediction, 0) + exposure / 16), held to ±50, if `sparse` with the mean of
+/// max(prediction, 0) over blocks of 4×4 pixels, bilinearly between their centres, for max(prediction, 0), E its mean over blocks of 2×2 pixels and
 /// over frames: from the coarsest blocks to the finest, the mean b of what coarser ones left of E, over 3×3 blocks weighted
 /// {1, 2, 1} along both axes, is kept by ``max(0, 1 - strictness v / |b|²)``, v being its variance by the squares of r, one share
 /// for the three channels. James and Stein 1961, *Estimation with Quadratic Loss*; Donoho and Johnstone 1994, *Ideal Spatial
 /// Adaptation by Wavelet Shrinkage*. A single bright sample has ``|b|² = v`` and is never news.
 #[pyfunction]
 #[pyo3(name = "innovation", signature = (color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0,
-    strictness=3.0, share=0.5, levels=4, fed_back=true, out=None))]
+    strictness=3.0, share=0.5, levels=4, fed_back=true, sparse=false, out=None))]
 #[pyo3(
     text_signature = "(color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0, strictness=3.0, \
-    share=0.5, levels=4, fed_back=True, out=None)"
+    share=0.5, levels=4, fed_back=True, sparse=False, out=None)"
 )]
 pub fn innovation_<'py>(
     py: Python<'py>,
@@ -724,10 +729,12 @@ pub fn innovation_<'py>(
     share: f32,
     levels: i64,
     fed_back: bool,
+    sparse: bool,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
     let params = innovation::Params {
         fed_back,
+        sparse,
         strictness,
         share,
         levels: innovation::Params::levels(levels)?,

@@ -11,6 +11,10 @@
 //! Fetched, history is the image that was shown last, with its quality. The motion of each pixel follows from the new
 //! samples, whose holes are filled, and says where that image is read; nothing tests whether the surface is the same.
 //!
+//! What new samples show to be wrong with the result is estimated (`innovation`, with sparse samples) and added to it and to
+//! what is carried on: light that changes need not wait until its pixel is traced again. Its evidence comes along the motion
+//! that the blur has anyway.
+//!
 //! Where holes are filled, a sample of depth z weighs
 //!   w = max(z⁻ᵏ, 10⁻²⁴),
 //! k being the nearness: near samples override distant ones, and all override the background. The quality of a filled
@@ -25,15 +29,20 @@ use std::ops::Range;
 use super::frame::{Frame, Output, Pipeline, Summary, Upkeep, check_size};
 use super::taa::blacken_missing;
 use crate::error::{Error, Result, whole};
-use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
+use crate::image::{
+    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, deinterleave, interleave,
+    segments,
+};
 use crate::kernels::camera::motion::{Geometry, Shown, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::pull_push::{self, pull_push};
 use crate::kernels::fetch::splat::{self, Points, Splats, splat};
+use crate::kernels::judge::exposure::exposure;
+use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::kernels::judge::surface::rejection;
 use crate::kernels::merge::recirculate::{self, Known, recirculate};
 use crate::math::is_present;
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +53,15 @@ pub struct Params {
     pub recirculate: recirculate::Params,
     /// Power of the inverse of depth by which samples weigh where holes are filled, k; 0 to 4; 0.
     pub nearness: u32,
+    /// None adds nothing.
+    pub innovation: Option<innovation::Params>,
 }
+
+/// By which results are corrected.
+pub const INNOVATION: innovation::Params = innovation::Params {
+    sparse: true,
+    ..innovation::Params::DEFAULT
+};
 
 impl Params {
     pub const PRESETS: [(&str, Self); 2] = [("best", Self::BEST), ("seed", Self::SEED)];
@@ -70,6 +87,7 @@ impl Params {
             fetch: false,
         },
         nearness: 0,
+        innovation: Some(INNOVATION),
     };
 
     /// As the diary has it; it gives neither the range of the shares nor the weight of depth.
@@ -84,6 +102,7 @@ impl Params {
             ..Self::BEST.recirculate
         },
         nearness: 1,
+        innovation: None,
         ..Self::BEST
     };
 
@@ -93,6 +112,9 @@ impl Params {
 
     pub fn check(&self) -> Result<()> {
         self.splat.check()?;
+        if let Some(innovation) = &self.innovation {
+            innovation.check()?;
+        }
         self.recirculate.check()
     }
 }
@@ -104,6 +126,8 @@ struct Memory {
     quality: Records,
     /// Depth, and the offset from the pixel's centre, if history is splatted.
     place: Option<[Records; 2]>,
+    /// Of the innovation, after a second frame.
+    evidence: Option<Records>,
     camera: Camera,
 }
 
@@ -184,7 +208,7 @@ impl Pipeline for Recirculation {
             });
         rows::run(&sort, size.height, outs);
         drop(moves);
-        let new = Fresh::new(samples, self.params);
+        let new = Fresh::new(samples, frame.color, self.params);
         let cameras = [&camera, &previous];
         let memory = self.memory.take();
         let join = if self.params.recirculate.fetch {
@@ -212,7 +236,9 @@ impl Pipeline for Recirculation {
 }
 
 /// New samples with their holes filled.
-struct Fresh {
+struct Fresh<'a> {
+    /// The frame's own, of which those count that have a place.
+    color: Pixels<'a>,
     /// Where they were taken, as in [`Samples`].
     place: Records,
     /// As in [`Samples`].
@@ -220,10 +246,10 @@ struct Fresh {
     quality: Records,
 }
 
-impl Fresh {
-    fn new(samples: Samples, params: Params) -> Self {
+impl<'a> Fresh<'a> {
+    fn new(samples: Samples, own: Pixels<'a>, params: Params) -> Self {
         let Samples { color, place } = samples;
-        let size = color.pixels().size;
+        let size = own.size;
         let (mut filled, mut quality) = (Records::blank(size, SAMPLES), Records::blank(size, 1));
         let weigh = |samples: &Records, weights: &mut Records, divide| {
             let kernel = Weigh {
@@ -252,6 +278,7 @@ impl Fresh {
             weigh(&filled, &mut quality, true);
         }
         Self {
+            color: own,
             place,
             filled,
             quality,
@@ -262,6 +289,81 @@ impl Fresh {
         Known {
             color: self.filled.pixels().part(0..3),
             quality: self.quality.pixels(),
+        }
+    }
+}
+
+impl Colors for Fresh<'_> {
+    /// Those that were traced; NaN elsewhere.
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        let mut depth = [0.0; SEGMENT];
+        self.color.colors(run, into);
+        self.place.pixels().load(run, 0, &mut depth[..run.len]);
+        for (color, depth) in into[0].iter_mut().zip(&depth[..run.len]) {
+            *color = if depth.is_nan() { f32::NAN } else { *color };
+        }
+    }
+}
+
+/// Adds what new samples show to be wrong with the result to that and to `carried`, its planes in the memory. Returns the
+/// evidence for the next frame.
+fn innovate(
+    params: innovation::Params,
+    new: &Fresh,
+    motion: &Image,
+    evidence: Option<&Records>,
+    carried: &mut [f32],
+    output: &mut Output,
+) -> Records {
+    let size = motion.size;
+    let shown = Pixels::records(size, 3, output.color);
+    let lengths = Pixels::records(size, 1, output.history_length);
+    let known = evidence.map(|evidence| innovation::Known {
+        evidence: evidence.pixels(),
+        motion: Some(motion.pixels()),
+    });
+    let (found, rest) = innovation(new, &shown, lengths, known, exposure(shown), params);
+    let kernel = Correct {
+        found: &found,
+        width: size.width,
+    };
+    let rows = output.color.chunks_mut(3 * BAND * size.width);
+    rows::run(&kernel, size.height, rows.zip(bands_of(carried, size)));
+    rest
+}
+
+struct Correct<'a> {
+    found: &'a Innovation,
+    width: usize,
+}
+
+impl<'a> Kernel for Correct<'a> {
+    type Out = (&'a mut [f32], BandMut<'a>);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (shown, mut carried): Self::Out) {
+        let mut line = self.found.line();
+        let mut color = [[0.0; SEGMENT]; 3];
+        for y in rows.clone() {
+            self.found.go_to(y, &mut line);
+            for run in segments(y, self.width) {
+                let start = ((y - rows.start) * self.width + run.x) * 3;
+                let shown = &mut shown[start..][..run.len * 3];
+                deinterleave(shown, color.iter_mut().map(|row| &mut row[..run.len]));
+                let Some(found) = self.found.correction(&line, run, &color) else {
+                    continue;
+                };
+                for ((color, carried), found) in
+                    color.iter_mut().zip(carried.parts(run)).zip(&found)
+                {
+                    for ((color, carried), &found) in color.iter_mut().zip(carried).zip(found) {
+                        *color = corrected(*color, found);
+                        *carried = corrected(*carried, found);
+                    }
+                }
+                interleave(color.iter().map(|row| &row[..run.len]), shown);
+            }
         }
     }
 }
@@ -300,7 +402,7 @@ impl<'a> Kernel for Weigh<'a> {
 /// Joins new samples and points of the past, scattered to where they appear now.
 fn splatted(
     memory: Option<Memory>,
-    new: Fresh,
+    mut new: Fresh,
     cameras: [&Camera; 2],
     params: Params,
     output: &mut Output,
@@ -313,20 +415,15 @@ fn splatted(
     let [camera, previous] = cameras;
     let size = new.filled.pixels().size;
     let continues = memory.is_some();
-    let mut known = match memory {
+    let (mut known, evidence) = match memory {
         Some(memory) => memory.recall(camera, splat),
-        None => Recalled::nothing(size),
+        None => (Recalled::nothing(size), None),
     };
-    let Fresh {
-        place,
-        filled,
-        quality: mut fresh,
-    } = new;
     let mut color = Image::blank(size, CHANNELS);
     let (colors, drifts) = color.data_mut().split_at_mut(3 * size.pixels());
     let settle = Settle {
-        samples: place.pixels(),
-        filled: filled.pixels(),
+        samples: new.place.pixels(),
+        filled: new.filled.pixels(),
         drift: known.color.pixels().part(3..6),
         tolerance: splat.tolerance,
         continues,
@@ -336,7 +433,7 @@ fn splatted(
         .zip(known.offset.data_mut().chunks_mut(2 * band))
         .zip(known.quality.data_mut().chunks_mut(band))
         .zip(bands_of(drifts, size))
-        .zip(fresh.data_mut().chunks_mut(band))
+        .zip(new.quality.data_mut().chunks_mut(band))
         .zip(output.confidence.chunks_mut(band))
         .zip(output.rejection.chunks_mut(band))
         .map(
@@ -351,7 +448,6 @@ fn splatted(
             },
         );
     rows::run(&settle, size.height, outs);
-    drop(place);
 
     let mut motion = Image::blank(size, 3);
     let out = motion.bands().map(PixelsMut::Planar);
@@ -359,15 +455,11 @@ fn splatted(
     motion_vectors(depth, camera, previous, None, &still, out);
     let drift = View::new(size, 3, drifts).into();
     rows::run(&AddDrift { drift }, size.height, motion.bands());
-    let new = Known {
-        color: filled.pixels().part(0..3),
-        quality: fresh.pixels(),
-    };
     let mut quality = Records::blank(size, 1);
     let old = known.known();
     let sharp = recirculate::Params { blur: 0.0, ..blend };
     recirculate(
-        new,
+        new.known(),
         old,
         motion.pixels(),
         sharp,
@@ -375,17 +467,23 @@ fn splatted(
         PixelsMut::bands(size, 1, quality.data_mut()),
     );
     recirculate(
-        new,
+        new.known(),
         old,
         motion.pixels(),
         blend,
         PixelsMut::bands(size, 3, output.color),
         PixelsMut::bands(size, 1, output.history_length),
     );
+    let corrects = params.innovation.filter(|_| continues);
+    let evidence = corrects.map(|params| {
+        let colors = &mut color.data_mut()[..3 * size.pixels()];
+        innovate(params, &new, &motion, evidence.as_ref(), colors, output)
+    });
     Memory {
         color,
         quality,
         place: Some([known.depth, known.offset]),
+        evidence,
         camera: *camera,
     }
 }
@@ -405,6 +503,7 @@ fn fetched(
         color: Image::new(size, 3),
         quality: Records::new(size, 1),
         place: None,
+        evidence: None,
         camera: *camera,
     });
     let mut depth = Records::blank(size, 1);
@@ -441,10 +540,16 @@ fn fetched(
     output
         .history_length
         .copy_from_slice(quality.pixels().numbers().0);
+    let corrects = params.innovation.filter(|_| continues);
+    let evidence = corrects.map(|params| {
+        let evidence = past.evidence.as_ref();
+        innovate(params, &new, &motion, evidence, color.data_mut(), output)
+    });
     Memory {
         color,
         quality,
         place: None,
+        evidence,
         camera: *camera,
     }
 }
@@ -516,8 +621,8 @@ impl Recalled {
 }
 
 impl Memory {
-    /// The points where this camera sees them.
-    fn recall(self, camera: &Camera, params: splat::Params) -> Recalled {
+    /// The points where this camera sees them, and the evidence.
+    fn recall(self, camera: &Camera, params: splat::Params) -> (Recalled, Option<Records>) {
         let [depth, offset] = self.place.as_ref().expect("left by the same pipeline");
         let mut now = Recalled::nothing(self.color.size);
         let points = Points {
@@ -534,7 +639,7 @@ impl Memory {
             quality: now.quality.data_mut(),
         };
         splat(points, [camera, &self.camera], params, splats);
-        now
+        (now, self.evidence)
     }
 }
 

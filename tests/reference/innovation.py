@@ -48,6 +48,15 @@ def _blur(image: Tensor, *, squared=False) -> Tensor:
     return image
 
 
+def around(prediction: Tensor) -> Tensor:
+    """Mean light of blocks of 4×4 pixels of (H, W, 3), cut at the image's border, bilinearly between their centres."""
+    functional = torch.nn.functional
+    light = prediction.where(prediction.isfinite().all(-1, keepdim=True), 0).clamp(min=0)  # (H, W, 3)
+    blocks = functional.avg_pool2d(light.movedim(-1, 0), 4, ceil_mode=True)  # (3, h, w)
+    wide = functional.interpolate(blocks[None], scale_factor=4, mode="bilinear")[0].movedim(0, -1)  # (4h, 4w, 3)
+    return wide[: light.shape[0], : light.shape[1]]
+
+
 def _fetch(evidence: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
     """Evidence (h, w, 4) of the block nearest to each one's place before; 0, and False (h, w), where there is none."""
     size = torch.tensor(evidence.shape[:2])
@@ -73,6 +82,7 @@ def innovation(
     share=0.5,
     levels=4,
     fed_back=True,
+    sparse=False,
 ) -> tuple[Tensor, Tensor]:
     """Estimate what a prediction gets wrong from samples it has not seen: shrunk means of their relative difference.
 
@@ -91,6 +101,7 @@ def innovation(
     share : of the new frame in the evidence
     levels : number of block sizes
     fed_back : whether the next prediction will have been corrected too
+    sparse : whether few pixels are sampled: differences count in units of the light around, unknown blocks not at all
 
     Returns
     -------
@@ -99,7 +110,8 @@ def innovation(
     black = max(exposure / 16, torch.finfo(torch.float32).tiny)
     light = prediction.nan_to_num(0, 0, 0).clamp(min=0) + black  # (H, W, 3)
     present = (color.isfinite() & prediction.isfinite()).all(-1, keepdim=True)  # (H, W, 1)
-    relative = ((color - prediction) / light).clamp(-50, 50).where(present, 0)  # (H, W, 3)
+    unit = around(prediction) + black if sparse else light  # (H, W, 3)
+    relative = ((color - prediction) / unit).clamp(-50, 50).where(present, 0)  # (H, W, 3)
     length = history_length.nan_to_num(1, torch.inf, 1).clamp(min=1)[..., None]  # (H, W, 1)
     squares = (relative**2).sum(-1, keepdim=True) * (1 + 4 / length**2)  # (H, W, 1)
 
@@ -114,24 +126,32 @@ def innovation(
         known = found[..., None].to(noise)  # (h, w, 1)
     trust = known * _together((length - 1).clamp(max=1)) / pixels  # (h, w, 1)
     w = trust * torch.where(samples > 0, 1 - share, 1)  # (h, w, 1)
+    if sparse:
+        w = w.where((samples > 0) | (trust == 0), 1)  # (h, w, 1)
     mean = (1 - w) * seen + w * old[..., :3]  # (h, w, 3)
     variance = (1 - w) ** 2 * noise + w**2 * old[..., 3:]  # (h, w, 1)
+    some = ((samples > 0) | (w > 0) | (not sparse)).to(mean)  # (h, w, 1), 1 where anything is known
 
-    pyramid = [(mean, variance)]  # (h, w, 3) and (h, w, 1), halved from level to level
+    pyramid = [(mean, variance, some)]  # (h, w, 3), (h, w, 1) and (h, w, 1), halved from level to level
     for _ in range(1, levels):
-        means, variances = pyramid[-1]
-        pyramid.append((_coarser(means), _coarser(variances, squared=True)))
+        means, variances, counts = pyramid[-1]
+        share_known = _coarser(counts)  # (h, w, 1)
+        per = 1 / share_known.clamp(min=1 / 4)  # (h, w, 1)
+        means, variances = _coarser(means * counts) * per, _coarser(variances * counts, squared=True) * per**2
+        pyramid.append((means, variances, (share_known > 0).to(mean)))
     found = torch.zeros(1, 1, 3).to(mean)  # of the level below: (h, w, 3)
     for level in range(levels, 0, -1):
-        means, variances = pyramid[level - 1]  # (h, w, 3), (h, w, 1)
+        means, variances, counts = pyramid[level - 1]  # (h, w, 3), (h, w, 1), (h, w, 1)
         if level < levels:
             found = _finer(found, means.shape[:2])  # (h, w, 3)
-        b, v = _blur(means - found), _blur(variances, squared=True)  # (h, w, 3), (h, w, 1)
+        per = 1 / _blur(counts).clamp(min=1 / 16)  # (h, w, 1)
+        b = _blur((means - found) * counts) * per  # (h, w, 3)
+        v = _blur(variances * counts, squared=True) * per**2  # (h, w, 1)
         square = (b**2).sum(-1, keepdim=True).clamp(min=1e-12)  # (h, w, 1)
         found = found + (1 - strictness * v / square).clamp(min=0) * b  # (h, w, 3)
     correction = _finer(found, color.shape[:2]) * light  # (H, W, 3)
-    left = mean - found if fed_back else mean  # (h, w, 3)
-    return correction, torch.cat([left, variance], -1)
+    left = (mean - found if fed_back else mean).where(some > 0, 0)  # (h, w, 3)
+    return correction, torch.cat([left, variance.where(some > 0, torch.nan)], -1)
 
 
 def correct(light: Tensor, found: Tensor, moments: Tensor | None = None) -> tuple[Tensor, Tensor | None]:

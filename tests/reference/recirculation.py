@@ -3,15 +3,17 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from .exposure import exposure
+from .innovation import correct, innovation
 from .motion import motion_vectors
 from .projection import pixel_centres, project
 from .pull_push import pull_push
 from .recirculate import recirculate
 from .splat import splat
 
-BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat"}
+BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat", "innovation": True}
 BEST |= {"blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
-SEED = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}
+SEED = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5), "innovation": False}
 
 
 class Output(NamedTuple):
@@ -33,11 +35,11 @@ class Recirculation:
         self.pyramid = {name: params[name] for name in ("factor", "levels")}
         self.blend = {name: params[name] for name in ("share", "fade", "limit")}
         self.blur, self.tolerance, self.nearness = params["blur"], params["tolerance"], params["nearness"]
-        self.fetches = params["history"] == "fetch"
+        self.fetches, self.corrects = params["history"] == "fetch", params["innovation"]
         self.reset()
 
     def reset(self) -> None:
-        self.points = self.camera = None
+        self.points = self.camera = self.evidence = None
 
     def step(self, frame) -> Output:
         height, width = frame.color.shape[:2]
@@ -64,8 +66,9 @@ class Recirculation:
         filled, fresh = pull_push(samples, self._weight(samples[..., 3]), **self.pyramid)  # (H, W, 7), (H, W)
         fresh = (fresh / self._weight(filled[..., 3])).where(fresh > 0, 0)  # (H, W)
         missing = int((~traced).sum())
+        sampled = samples[..., :3]  # (H, W, 3)
         if self.fetches:
-            return self._fetched(filled, fresh, frame.camera, missing)
+            return self._fetched(filled, fresh, frame.camera, sampled, missing)
 
         known = torch.zeros_like(depth)  # (H, W)
         color, place, offset = drift.repeat(1, 1, 2), known, own  # (H, W, 6), (H, W), (H, W, 2)
@@ -89,6 +92,8 @@ class Recirculation:
         images = filled[..., :3], fresh, color[..., :3], known, motion
         carried, quality = recirculate(*images, blur=0, **self.blend)  # (H, W, 3), (H, W)
         shown, _ = recirculate(*images, blur=self.blur, **self.blend)  # (H, W, 3)
+        found = self._found(sampled, shown, quality, motion)  # (H, W, 3)
+        (shown, _), (carried, _) = correct(shown, found), correct(carried, found)  # (H, W, 3), (H, W, 3)
         self.points, self.camera = (carried, drift, place, offset, quality), frame.camera
         return Output(shown.nan_to_num(0, 0, 0), quality, kept.to(known), rejection, missing)
 
@@ -96,7 +101,15 @@ class Recirculation:
         """By the inverse of depth (H, W)."""
         return (inverse**self.nearness).clamp(min=1e-24)  # (H, W)
 
-    def _fetched(self, filled: Tensor, fresh: Tensor, camera, missing: int) -> Output:
+    def _found(self, sampled: Tensor, shown: Tensor, quality: Tensor, motion: Tensor) -> Tensor:
+        """What is wrong with what is shown (H, W, 3)."""
+        if self.points is None or not self.corrects:
+            return torch.zeros_like(shown)  # (H, W, 3)
+        known = {"evidence": self.evidence, "motion": motion, "exposure": float(exposure(shown)), "sparse": True}
+        found, self.evidence = innovation(sampled, shown, quality, **known)  # (H, W, 3), (h, w, 4)
+        return found
+
+    def _fetched(self, filled: Tensor, fresh: Tensor, camera, sampled: Tensor, missing: int) -> Output:
         height, width = fresh.shape
         first = self.points is None
         before, old, known = (camera, torch.zeros_like(filled[..., :3]), torch.zeros_like(fresh))
@@ -105,6 +118,7 @@ class Recirculation:
         motion = motion_vectors(1 / filled[..., 3], camera, before) + filled[..., 4:]  # (H, W, 3)
         images = filled[..., :3], fresh, old, known, motion
         shown, quality = recirculate(*images, blur=self.blur, fetch=True, **self.blend)  # (H, W, 3), (H, W)
+        shown, _ = correct(shown, self._found(sampled, shown, quality, motion))  # (H, W, 3)
         there = (pixel_centres(height, width, fresh) + motion[..., :2].nan_to_num(0)).floor().long()  # (H, W, 2)
         x, y = there.unbind(-1)  # (H, W), (H, W)
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)  # (H, W)

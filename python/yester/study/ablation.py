@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from yester import BMFR, SVGF, TAA, Frame, HalfRes
+from yester import BMFR, SVGF, TAA, Frame, HalfRes, Recirculation
 from yester.io.files import beside
 
 from . import harm
@@ -42,12 +42,15 @@ class Ablation:
         The pipeline as it comes.
     added : bool
         Whether the component is one that the default is without.
+    needs_all : bool
+        Whether the pipeline takes no frame that lacks buffers.
     """
 
     component: str
     method: Method
     whole: Method
     added: bool = False
+    needs_all: bool = False
 
 
 def _without(*names: str, **options: object) -> Callable[[], Step]:
@@ -93,6 +96,8 @@ _CORRECTED = {
         quarter, pipeline(HalfRes, innovation=False)
     ),
 }
+
+_RECIRCULATION = Method("Recirculation", "Recirculation", on_part(quarter, pipeline(Recirculation)), default=True)
 
 _NO_DEPTH_TEST = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}
 _SURFACES = ("normal", "object_normal", "ids")
@@ -162,6 +167,10 @@ ABLATIONS = (
         }.items()
     ),
     *(_ablation(whole, "innovation", start) for whole, start in _CORRECTED.items()),
+    replace(
+        _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),
+        needs_all=True,
+    ),
     _ablation(_BARE, "depth test", _without(*_SURFACES, **_NO_DEPTH_TEST)),
     *(
         _ablation(_TAA, component, start)
@@ -241,8 +250,8 @@ def ablate(
     metrics : iterable of str
         Keys of `yester.study.metrics.METRICS`.
     doors : sequence of Door, default the full one
-        Through which the frames come. Through poor ones, only components that are on by default are looked at. Doors
-        that want raw albedo are left out for recordings without.
+        Through which the frames come. Through poor ones, only components that are on by default are looked at, and not
+        those of pipelines that need all buffers. Doors that want raw albedo are left out for recordings without.
     ablations : sequence of Ablation, default ABLATIONS
         Which components are switched.
 
@@ -261,7 +270,7 @@ def ablate(
     for recording in recordings:
         for door in known_doors(recording, doors):
             poor = door.name != FULL
-            chosen = [each for each in ablations if not (poor and each.added)]
+            chosen = [each for each in ablations if not (poor and (each.added or each.needs_all))]
             methods = [*dict.fromkeys(each.whole for each in chosen), *(each.method for each in chosen)]
             place = folder / "ablation" / door.name if poor else folder / "ablation"
             passed = [through(door, method, recording) for method in methods]

@@ -38,6 +38,10 @@ use crate::pipelines::recirculation;
 /// tolerance : float, optional
 ///     As for `splat`; and by how much a sample's depth may differ, as a share of it, from that of what was known
 ///     there. Both have 0.1. Without effect if history is fetched.
+/// innovation : bool, optional
+///     Whether what new samples, over blocks of pixels and a few frames, show to be wrong with the result is added to it
+///     and to what is carried on (`innovation`): light that changes. It is a share of each pixel's own light, so that
+///     fireflies in history grow with the light around them. "best" does it.
 ///
 /// Raises
 /// ------
@@ -48,12 +52,12 @@ use crate::pipelines::recirculation;
 /// -----
 /// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and
 /// gives their bits: `pull_push` (of colour and the inverse of depth), `splat` (with a reach of 0.5), `motion_vectors`,
-/// and `recirculate`, without blur for the next frame and with it for the result. A pixel's point lies where it was
+/// `recirculate`, without blur for the next frame and with it for the result, and from the second frame on `innovation`
+/// (``sparse=True``, with the `exposure` of the result, and the motion of `recirculate`). A pixel's point lies where it was
 /// sampled (`Frame.position` or `Frame.jitter`, else the centre), where it comes from, or, at the depth of those
 /// around, in the centre. What is filled does not count beside what has eight times its quality, or what stands still
 /// would never be as sharp as its samples. With `Frame.motion` where a pixel is traced, what moves by itself is taken
-/// to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it, as does light that
-/// changes.
+/// to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it.
 ///
 /// Where holes are filled, a sample at depth ``z`` weighs ``max(z**-nearness, 1e-24)``, and the quality of a filled
 /// pixel is divided by the weight at its depth, so that it counts samples.
@@ -70,7 +74,7 @@ pub struct Recirculation {
 impl Recirculation {
     #[new]
     #[pyo3(signature = (preset="best", *, factor=None, levels=None, nearness=None, history=None, blur=None, share=None,
-        fade=None, limit=None, tolerance=None))]
+        fade=None, limit=None, tolerance=None, innovation=None))]
     fn new(
         preset: &str,
         factor: Option<i64>,
@@ -82,6 +86,7 @@ impl Recirculation {
         fade: Option<f32>,
         limit: Option<f32>,
         tolerance: Option<f32>,
+        innovation: Option<bool>,
     ) -> PyResult<PyClassInitializer<Self>> {
         let mut params = choice("preset", preset, &recirculation::Params::PRESETS)?;
         let holes = &mut params.pull_push;
@@ -98,6 +103,9 @@ impl Recirculation {
         blend.fade = fade.unwrap_or(blend.fade);
         blend.limit = limit.unwrap_or(blend.limit);
         params.splat.tolerance = tolerance.unwrap_or(params.splat.tolerance);
+        if let Some(innovation) = innovation {
+            params.innovation = innovation.then_some(recirculation::INNOVATION);
+        }
         let inner = recirculation::Recirculation::new(params)?;
         Ok(Pipeline::made(Self { inner }))
     }

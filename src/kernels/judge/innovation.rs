@@ -2,19 +2,23 @@
 //!
 //! New samples y are noisy but right in the mean; a prediction p is steady but lags and blurs. The mean of y − p is what p
 //! gets wrong. Relative to the light, so that dark places count as bright ones do, and bounded:
-//!   r = clamp((y − p) / (max(p, 0) + e/16), ±50), e the exposure.
+//!   r = clamp((y − p) / (l + e/16), ±50), l = max(p, 0), e the exposure.
+//! Where samples are sparse, a prediction of few is noisy itself, and r would be divided by that noise, which has a mean: it
+//! is large where chance made p dark, small where a bright sample is part of p. There l is the mean of max(p, 0) over blocks
+//! of 4×4 pixels, bilinearly between their centres.
 //! **Evidence.** Blocks of 2×2 pixels hold the mean r̄ of r over the samples that are there, and its variance v: the mean of
 //! |r|² (1 + 4/N²), divided by their number, N the length of history, at least 1, as a prediction of few samples is made of
 //! those very samples. What earlier frames saw and did not correct comes along the motion, from the nearest block:
 //!   E ← (1 − w) r̄ + w E′,  V ← (1 − w)² v + w² V′,  w = (1 − β) · mean of clamp(N − 1, 0, 1),
-//! with β = 0 for blocks without samples. What persists is believed sooner than what flickers.
+//! with β = 0 for blocks without samples. Where samples are sparse, blocks without keep what they know (w = 1), and if they
+//! know nothing (w = 0), are left out of all means below; their V is NaN. What persists is believed sooner than what flickers.
 //! **Shrinkage.** E is averaged over 2×2 again for each coarser level, and V by the squares of the same weights, as a variance
 //! is. From coarse to fine, with d what coarser levels have found:
 //!   b = ⟨E − d⟩,  s = max(0, 1 − c ⟨V⟩² / |b|²),  d ← d + s b,
 //! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of these
 //! weights, and d goes from level to level by bilinear interpolation. s is the share that James and Stein keep of a mean:
 //! nothing where it is no larger than chance makes it, nearly all where it is many times that. The correction is
-//! d (max(p, 0) + e/16). The evidence for the next frame is E − d at the finest level, with its V, where the correction is fed
+//! d (max(p, 0) + e/16), of the pixel's own p. The evidence for the next frame is E − d at the finest level, with its V, where the correction is fed
 //! back into what the next prediction is made of; otherwise E, as the next samples miss what these did.
 //!
 //! One bright sample among many has |b|² no larger than its own variance, in its frame and in those after, and is no news
@@ -47,20 +51,25 @@ pub struct Params {
     pub levels: u32,
     /// Whether what the next prediction is made of gets the correction too, so that its samples no longer miss it; true.
     pub fed_back: bool,
+    /// Whether few pixels are sampled, so that the prediction is noisy and blocks may know nothing; false.
+    pub sparse: bool,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self {
-            strictness: 3.0,
-            share: 0.5,
-            levels: 4,
-            fed_back: true,
-        }
+        Self::DEFAULT
     }
 }
 
 impl Params {
+    pub const DEFAULT: Self = Self {
+        strictness: 3.0,
+        share: 0.5,
+        levels: 4,
+        fed_back: true,
+        sparse: false,
+    };
+
     pub fn levels(value: i64) -> Result<u32> {
         whole("levels", value, "1 to 8", |n| (1..=8).contains(n))
     }
@@ -128,9 +137,11 @@ pub fn innovation(
 ) -> (Innovation, Records) {
     let black = black(exposure);
     let size = evidence_size(length.size);
+    let around = params.sparse.then(|| Around::of(prediction, length.size));
     let look = Look {
         fresh,
         prediction,
+        around: around.as_ref(),
         length,
         known,
         black,
@@ -143,7 +154,11 @@ pub fn innovation(
     for _ in 1..params.levels {
         let finer = coarser.last().unwrap_or(&finest).view();
         let mut blocks = Image::blank(evidence_size(finer.size), CHANNELS);
-        rows::run(&Pool(finer), blocks.size.height, blocks.bands());
+        let pool = Pool {
+            finer,
+            sparse: params.sparse,
+        };
+        rows::run(&pool, blocks.size.height, blocks.bands());
         coarser.push(blocks);
     }
     let mut evidence = Records::blank(size, CHANNELS);
@@ -176,6 +191,8 @@ pub fn innovation(
 struct Look<'a, F, P> {
     fresh: &'a F,
     prediction: &'a P,
+    /// What differences count in units of, if not the prediction.
+    around: Option<&'a Around>,
     length: Pixels<'a>,
     known: Option<Known<'a>>,
     black: f32,
@@ -226,6 +243,7 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
     fn pair(&self, run: Run, pairs: &mut Pairs) {
         let mut fresh = [[0.0; SEGMENT]; 3];
         let mut predicted = [[0.0; SEGMENT]; 3];
+        let mut light = [[0.0; SEGMENT]; 3];
         let mut length = [0.0; SEGMENT];
         let mut motion = [[0.0; SEGMENT]; 2];
         let below = run.y + 1 < self.length.size.height;
@@ -245,7 +263,14 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
             if y == run.y {
                 pairs.clear();
             }
-            pairs.add(&fresh, &predicted, self.black);
+            let light = match self.around {
+                Some(around) => {
+                    around.read(line, &mut light);
+                    &light
+                }
+                None => &predicted,
+            };
+            pairs.add(&fresh, &predicted, light, self.black);
             for x in 0..SEGMENT {
                 let few = larger(length[x], 1.0);
                 pairs.noise[x] += pairs.square[x] * (1.0 + OWN / (few * few));
@@ -298,12 +323,16 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
             let per = 1.0 / larger(samples, 1.0);
             let [or, og, ob, old] = before[i];
             let some = if samples > 0.0 { self.share } else { 0.0 };
-            let w = (1.0 - some) * trust[i];
+            // A sample of one block of many must do until each has one.
+            let lasts = self.around.is_some() & (samples == 0.0) & (trust[i] > 0.0);
+            let w = if lasts { 1.0 } else { (1.0 - some) * trust[i] };
             let new = 1.0 - w;
             er[i] = new * (sum(&pairs.relative[0], i) * per) + w * or;
             eg[i] = new * (sum(&pairs.relative[1], i) * per) + w * og;
             eb[i] = new * (sum(&pairs.relative[2], i) * per) + w * ob;
-            variances[i] = new * new * (sum(&pairs.noise, i) * per * per) + w * w * old;
+            let variance = new * new * (sum(&pairs.noise, i) * per * per) + w * w * old;
+            let unknown = self.around.is_some() & (samples == 0.0) & (w == 0.0);
+            variances[i] = if unknown { f32::NAN } else { variance };
         }
     }
 }
@@ -328,14 +357,20 @@ impl Pairs {
 
     /// Adds a row's differences, and puts their squares in place.
     #[inline(always)]
-    fn add(&mut self, [yr, yg, yb]: &[Row; 3], [pr, pg, pb]: &[Row; 3], black: f32) {
+    fn add(
+        &mut self,
+        [yr, yg, yb]: &[Row; 3],
+        [pr, pg, pb]: &[Row; 3],
+        [lr, lg, lb]: &[Row; 3],
+        black: f32,
+    ) {
         let [rr, rg, rb] = &mut self.relative;
         let (samples, square) = (&mut self.samples, &mut self.square);
         for x in 0..SEGMENT {
             let present = is_present([yr[x], yg[x], yb[x]]) & is_present([pr[x], pg[x], pb[x]]);
-            let r = relative(yr[x], pr[x], black);
-            let g = relative(yg[x], pg[x], black);
-            let b = relative(yb[x], pb[x], black);
+            let r = relative(yr[x] - pr[x], lr[x], black);
+            let g = relative(yg[x] - pg[x], lg[x], black);
+            let b = relative(yb[x] - pb[x], lb[x], black);
             rr[x] += if present { r } else { 0.0 };
             rg[x] += if present { g } else { 0.0 };
             rb[x] += if present { b } else { 0.0 };
@@ -347,8 +382,8 @@ impl Pairs {
 
 /// r of a channel.
 #[inline(always)]
-fn relative(y: f32, p: f32, black: f32) -> f32 {
-    let r = (y - p) / (larger(p, 0.0) + black);
+fn relative(difference: f32, light: f32, black: f32) -> f32 {
+    let r = difference / (larger(light, 0.0) + black);
     smaller(larger(r, -BOUND), BOUND)
 }
 
@@ -358,23 +393,156 @@ fn sum(row: &Row, block: usize) -> f32 {
     row[2 * block] + row[2 * block + 1]
 }
 
+/// Side of the blocks that light is averaged over where predictions are noisy.
+const WIDE: usize = 4;
+/// What the block next to a pixel's own weighs, by the pixel's place in its block: the one before, or the one after.
+const NEXT: [f32; WIDE] = [0.375, 0.125, 0.125, 0.375];
+
+/// Mean light of blocks of 4×4 pixels.
+struct Around(Image);
+
+impl Around {
+    fn of(light: &impl Colors, size: Size) -> Self {
+        let [height, width] = [size.height, size.width].map(|n| n.div_ceil(WIDE));
+        let mut blocks = Image::blank(Size { height, width }, 3);
+        rows::run(&Average { light, size }, height, blocks.bands());
+        Self(blocks)
+    }
+
+    /// Interpolates a run's light.
+    #[inline(always)]
+    fn read(&self, run: Run, light: &mut [Row; 3]) {
+        const BLOCKS: usize = SEGMENT / WIDE;
+        let Size { height, width } = self.0.size;
+        let (y, first) = (run.y / WIDE, run.x / WIDE);
+        let count = run.len.div_ceil(WIDE);
+        let other = next_block(y, run.y % WIDE, height);
+        let share = NEXT[run.y % WIDE];
+        // One block further to each side.
+        let mut means = [0.0; BLOCKS + 2];
+        for (channel, light) in light.iter_mut().enumerate() {
+            let [own, other] = [y, other].map(|y| self.0.view().row(channel, y));
+            for (i, mean) in means[..count + 2].iter_mut().enumerate() {
+                let x = (first + i).saturating_sub(1).min(width - 1);
+                *mean = own[x] * (1.0 - share) + other[x] * share;
+            }
+            let pixels = light.as_chunks_mut::<WIDE>().0;
+            for (i, pixels) in pixels[..count].iter_mut().enumerate() {
+                let [before, own, after] = [means[i], means[i + 1], means[i + 2]];
+                for (x, light) in pixels.iter_mut().enumerate() {
+                    let other = if x < WIDE / 2 { before } else { after };
+                    *light = own * (1.0 - NEXT[x]) + other * NEXT[x];
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn next_block(block: usize, place: usize, count: usize) -> usize {
+    match place < WIDE / 2 {
+        true => block.saturating_sub(1),
+        false => (block + 1).min(count - 1),
+    }
+}
+
+/// What is missing or below black is black.
+struct Average<'a, P> {
+    light: &'a P,
+    /// Of the image.
+    size: Size,
+}
+
+impl<'a, P: Colors> Kernel for Average<'a, P> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+        let Size { height, width } = self.size;
+        let mut light = [[0.0; SEGMENT]; 3];
+        let mut sums = [[0.0; SEGMENT]; 3];
+        for block in rows {
+            let lines = block * WIDE..(block * WIDE + WIDE).min(height);
+            for run in segments(lines.start, width) {
+                sums.iter_mut().for_each(|row| row.fill(0.0));
+                for y in lines.clone() {
+                    self.light.colors(Run { y, ..run }, &mut light);
+                    let [r, g, b] = &light;
+                    let [sr, sg, sb] = &mut sums;
+                    for x in 0..run.len {
+                        let present = is_present([r[x], g[x], b[x]]);
+                        sr[x] += if present { larger(r[x], 0.0) } else { 0.0 };
+                        sg[x] += if present { larger(g[x], 0.0) } else { 0.0 };
+                        sb[x] += if present { larger(b[x], 0.0) } else { 0.0 };
+                    }
+                }
+                for (channel, sums) in sums.iter().enumerate() {
+                    let out = &mut out.row(channel, block)[run.x / WIDE..];
+                    for (out, sums) in out.iter_mut().zip(sums[..run.len].chunks(WIDE)) {
+                        let sum = sums.iter().fold(0.0, |sum, value| sum + value);
+                        *out = sum / (lines.len() * sums.len()) as f32;
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// Means of 2×2 blocks, and what that makes of the variance. At a border that cuts blocks, a single one is its own mean.
-struct Pool<'a>(View<'a>);
+struct Pool<'a> {
+    finer: View<'a>,
+    /// Whether some may be unknown.
+    sparse: bool,
+}
+
+impl Pool<'_> {
+    /// Of those that are known.
+    #[inline(always)]
+    fn known(&self, y: usize, out: [&mut [f32]; CHANNELS]) {
+        let Size { height, width } = self.finer.size;
+        let rows = [2 * y, (2 * y + 1).min(height - 1)].map(|y| self.finer.rows::<CHANNELS>(y));
+        let rows = &rows[..(height - 2 * y).min(2)];
+        let [er, eg, eb, variances] = out;
+        for x in 0..variances.len() {
+            let (mut sums, mut count) = ([0.0; CHANNELS], 0.0);
+            for row in rows {
+                for x in 2 * x..(2 * x + 2).min(width) {
+                    let known = !row[3][x].is_nan();
+                    count += if known { 1.0 } else { 0.0 };
+                    for (sum, row) in sums.iter_mut().zip(row) {
+                        *sum += if known { row[x] } else { 0.0 };
+                    }
+                }
+            }
+            let per = 1.0 / larger(count, 1.0);
+            (er[x], eg[x], eb[x]) = (sums[0] * per, sums[1] * per, sums[2] * per);
+            variances[x] = if count > 0.0 {
+                sums[3] * per * per
+            } else {
+                f32::NAN
+            };
+        }
+    }
+}
 
 impl<'a> Kernel for Pool<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let Size { height, width } = self.0.size;
+        let Size { height, width } = self.finer.size;
         for y in rows {
+            if self.sparse {
+                self.known(y, out.rows(y));
+                continue;
+            }
             let cut = 2 * y + 1 == height;
             let below = if cut { 2 * y } else { 2 * y + 1 };
             for channel in 0..CHANNELS {
                 // Half the sum of two, or one: for variances, halved once more where there are two.
                 let half = |cut: bool| if channel < 3 || cut { 0.5 } else { 0.25 };
                 let (down, across) = (half(cut), half(false));
-                let [above, below] = [2 * y, below].map(|y| self.0.row(channel, y));
+                let [above, below] = [2 * y, below].map(|y| self.finer.row(channel, y));
                 let out = out.row(channel, y);
                 let pairs = above
                     .as_chunks::<2>()
@@ -426,7 +594,7 @@ fn between(row: &[f32], fine: &mut [f32]) {
     }
 }
 
-/// Takes from E what coarser levels have found, and writes that.
+/// Takes from E what coarser levels have found, and writes that. What is unknown stays so.
 struct Subtract<'a>(Option<View<'a>>);
 
 impl<'a> Kernel for Subtract<'a> {
@@ -438,16 +606,17 @@ impl<'a> Kernel for Subtract<'a> {
             .0
             .map_or(vec![], |coarse| vec![0.0; coarse.size.width + 2]);
         for y in rows {
-            for channel in 0..3 {
-                let (rest, found) = (blocks.row(channel, y), found.row(channel, y));
+            let [r, g, b, variances] = blocks.rows(y);
+            for (channel, rest) in [r, g, b].into_iter().enumerate() {
+                let found = found.row(channel, y);
                 let Some(coarse) = self.0 else {
                     found.fill(0.0);
                     continue;
                 };
                 between_rows(coarse, channel, y, &mut row);
                 between(&row, found);
-                for (rest, found) in rest.iter_mut().zip(found) {
-                    *rest -= *found;
+                for ((rest, found), variance) in rest.iter_mut().zip(found).zip(&*variances) {
+                    *rest -= if variance.is_nan() { 0.0 } else { *found };
                 }
             }
         }
@@ -471,6 +640,8 @@ impl<'a> Kernel for Shrink<'a> {
         let mut sums = [(); 3].map(|()| vec![0.0; width + 2]);
         let mut steps = [(); 3].map(|()| vec![0.0; width]);
         let (mut variances, mut variance) = (vec![0.0; width + 2], vec![0.0; width]);
+        // How much of the window is known; of all, 4 and 16.
+        let (mut weights, mut weight) = (vec![4.0; width + 2], vec![16.0; width]);
         for y in rows {
             let lines = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
             for (channel, sums) in sums.iter_mut().enumerate() {
@@ -484,7 +655,19 @@ impl<'a> Kernel for Shrink<'a> {
             let [above, own, below] = lines.map(|y| self.blocks.row(3, y));
             let [before, here, after] = squared_weights(y, height);
             for (x, inner) in variances[1..=width].iter_mut().enumerate() {
-                *inner = (before * above[x] + after * below[x]) + here * own[x];
+                let [above, own, below] = [above[x], own[x], below[x]].map(present);
+                *inner = (before * above + after * below) + here * own;
+            }
+            if self.params.sparse {
+                for (x, inner) in weights[1..=width].iter_mut().enumerate() {
+                    let [above, own, below] = [above[x], own[x], below[x]].map(known);
+                    *inner = (above + below) + (own + own);
+                }
+                (weights[0], weights[width + 1]) = (weights[1], weights[width]);
+                for (x, weight) in weight.iter_mut().enumerate() {
+                    let sum = (weights[x] + weights[x + 2]) + (weights[x + 1] + weights[x + 1]);
+                    *weight = larger(sum, 1.0);
+                }
             }
             for x in 0..width {
                 variance[x] = (variances[x] + variances[x + 2]) + 4.0 * variances[x + 1];
@@ -496,13 +679,14 @@ impl<'a> Kernel for Shrink<'a> {
             }
             let [sr, sg, sb] = sums.each_ref().map(Vec::as_slice);
             let [r, g, b] = steps.each_mut().map(|row| &mut row[..width]);
-            let blur = |sums: &[f32], x: usize| {
-                ((sums[x] + sums[x + 2]) + (sums[x + 1] + sums[x + 1])) * 0.0625
+            let blur = |sums: &[f32], x: usize, per: f32| {
+                ((sums[x] + sums[x + 2]) + (sums[x + 1] + sums[x + 1])) * per
             };
             for x in 0..width {
-                let [br, bg, bb] = [blur(sr, x), blur(sg, x), blur(sb, x)];
+                let per = 1.0 / weight[x];
+                let [br, bg, bb] = [blur(sr, x, per), blur(sg, x, per), blur(sb, x, per)];
                 let square = br * br + bg * bg + bb * bb;
-                let chance = self.params.strictness * (variance[x] * (1.0 / 256.0));
+                let chance = self.params.strictness * (variance[x] * (per * per));
                 let kept = larger(1.0 - chance / larger(square, 1e-12), 0.0);
                 (r[x], g[x], b[x]) = (kept * br, kept * bg, kept * bb);
             }
@@ -515,13 +699,15 @@ impl<'a> Kernel for Shrink<'a> {
             let Some(rest) = &mut rest else { continue };
             let rows = self.blocks.rows::<CHANNELS>(y);
             for ((step, own), found) in steps.iter_mut().zip(rows).zip(&found) {
-                for ((step, own), found) in step.iter_mut().zip(own).zip(found.iter()) {
+                let pixels = step.iter_mut().zip(own).zip(found.iter()).zip(rows[3]);
+                for (((step, own), found), &variance) in pixels {
                     let left = own - *step;
-                    *step = if self.params.fed_back {
+                    let left = if self.params.fed_back {
                         left
                     } else {
                         left + found
                     };
+                    *step = if variance.is_nan() { 0.0 } else { left };
                 }
             }
             for run in segments(y, width) {
@@ -530,6 +716,18 @@ impl<'a> Kernel for Shrink<'a> {
             }
         }
     }
+}
+
+/// Of what is unknown, nothing.
+#[inline(always)]
+fn present(variance: f32) -> f32 {
+    if variance.is_nan() { 0.0 } else { variance }
+}
+
+/// 1, or 0 of what is unknown.
+#[inline(always)]
+fn known(variance: f32) -> f32 {
+    if variance.is_nan() { 0.0 } else { 1.0 }
 }
 
 /// Of {1, 2, 1} along an axis: weights that a border joins are added first.
