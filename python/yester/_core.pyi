@@ -200,7 +200,7 @@ class HalfRes(Pipeline):
         by_confidence: bool = False,
         fireflies: bool = False,
         reflections: Sequence[float] = (0.5, 2.0),
-        choice: bool = True,
+        choice: bool = False,
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...

@@ -32,7 +32,9 @@ use crate::pipelines::{half_res, svgf};
 ///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
 /// by_confidence, fireflies : bool, default False
 /// reflections : sequence of float, default (0.5, 2.0)
-/// choice, innovation : bool, default True
+/// choice : bool, default False
+///     As in `SVGF`. Most scenes gain; highlights that few samples hit can lose.
+/// innovation : bool, default True
 ///     As in `SVGF`.
 /// antialias : bool, default True
 ///     As in `SVGF`.
@@ -69,10 +71,10 @@ pub struct HalfRes {
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0,
-        by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true))]
+        by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], choice=false, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, \
-        by_confidence=False, fireflies=False, reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True)"
+        by_confidence=False, fireflies=False, reflections=(0.5, 2.0), choice=False, innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,
