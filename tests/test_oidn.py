@@ -139,14 +139,16 @@ def test_without_the_package():
 def test_outputs_of_stages_in_python():
     color, flat = np.ones((4, 5, 3), np.float32), np.ones((4, 5), np.float32)
     rejection = np.zeros((4, 5), np.uint8)
-    out = yester.Output(color, flat, flat, rejection, variance=flat, used=["albedo"], missing=3)
+    out = yester.Output(color, flat, flat, rejection, variance=flat, choice=2 * flat, used=["albedo"], missing=3)
     assert out.color is color
     assert out.variance is flat
+    assert (out.choice == 2).all()
     assert (out.used, out.missing) == (("albedo",), 3)
     for name, wrong in (
         ("color", flat),
         ("history_length", flat[:-1]),
         ("confidence", color),
+        ("choice", flat[:, 1:]),
         ("rejection", rejection[1:]),
     ):
         given = {"color": color, "history_length": flat, "confidence": flat, "rejection": rejection, name: wrong}

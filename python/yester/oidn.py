@@ -40,10 +40,10 @@ class OIDN(Pipeline):
 
     Notes
     -----
-    `temporal` consists of ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the network,
-    `innovation` (with the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised")``, and gives
-    their bits. What was tried and lost: light without albedo, for the network or for innovation; innovation that is fed
-    back into what is accumulated; a second accumulation of what the network returns.
+    `temporal` consists of ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the
+    network, `innovation` (with the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised")``,
+    and gives their bits. What was tried and lost: light without albedo, for the network or for innovation; innovation
+    that is fed back into what is accumulated; a second accumulation of what the network returns.
     As many threads run as ``YESTER_THREADS`` allows.
     """
 

@@ -10,8 +10,11 @@ def _tiles(size: tuple[int, int]) -> tuple[int, int]:
     return math.ceil(size[0] / TILE), math.ceil(size[1] / TILE)
 
 
-def _look(color: Tensor, candidates: Tensor, motion: Tensor, coverage: Tensor, offset, black: float, usual: int):
-    """Gains (H, W, K - 1) of each step at each pixel, 0 where there is nothing to tell them by, and whether there is."""
+def relative(
+    color: Tensor, candidates: Tensor, motion: Tensor, coverage: Tensor, *, offset=(0, 0), exposure=1.0, usual=0
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Candidates (H, W, K, 3) and samples (H, W, 1, 3) relative to the usual candidate's mean, and where both are known
+    (H, W); 0 elsewhere."""
     size = torch.tensor(color.shape[:2])
     rows, columns = (torch.arange(count) for count in color.shape[:2])  # (H,), (W,)
     grid = torch.stack(torch.meshgrid(rows, columns, indexing="ij"), -1)  # (H, W, 2), row and column
@@ -22,16 +25,14 @@ def _look(color: Tensor, candidates: Tensor, motion: Tensor, coverage: Tensor, o
     row, column = (place // 2).unbind(-1)  # (H, W), (H, W)
     fetched = candidates[row, column].unflatten(-1, (-1, 3))  # (H, W, K, 3)
     known &= fetched.isfinite().all(-1).all(-1) & color.isfinite().all(-1)  # (H, W)
-    fetched = fetched.where(known[..., None, None], 0)  # (H, W, K, 3)
+    shown = known[..., None, None]  # (H, W, 1, 1)
+    fetched, sample = fetched.where(shown, 0), color[..., None, :].where(shown, 0)  # (H, W, K, 3), (H, W, 1, 3)
     middle = fetched[..., usual, :].mean(-1).clamp(min=0)[..., None, None]  # (H, W, 1, 1)
-    relative = (fetched - middle) / (middle + black)  # (H, W, K, 3)
-    sample = ((color.where(known[..., None], 0)[..., None, :] - middle) / (middle + black)).clamp(-8, 8)  # (H, W, 1, 3)
-    before, after = relative[..., :-1, :], relative[..., 1:, :]  # (H, W, K - 1, 3) each
-    gains = (after - before) * (after + before - 2 * sample)  # (H, W, K - 1, 3)
-    return gains.mean(-1).where(known[..., None], 0), known
+    unit = middle + max(exposure / 16, torch.finfo(torch.float32).tiny)  # (H, W, 1, 1)
+    return (fetched - middle) / unit, ((sample - middle) / unit).clamp(-8, 8), known
 
 
-def _together(image: Tensor) -> Tensor:
+def together(image: Tensor) -> Tensor:
     """Sums (h, w, C) over tiles of (H, W, C), as far as they lie in the image."""
     height, width = image.shape[:2]
     padded = torch.nn.functional.pad(image, (0, 0, 0, -width % TILE, 0, -height % TILE))  # (8h, 8w, C)
@@ -103,7 +104,7 @@ def choice(
     candidates : (ceil(H / 2), ceil(W / 2), 3 K) of the frame before, of one pixel of each 2×2
     motion : (H, W, 2|3), pixels to the frame before
     coverage : (H, W), above 0 where the pixel has a history
-    evidence : (ceil(H / 8), ceil(W / 8), 2 K - 1) of the frame before: sums of gains, of their squares, and their number
+    evidence : (ceil(H / 8), ceil(W / 8), 2 K - 1) of the frame before: sums of gains, sums of their squares, number
     offset : x and y of that pixel
     exposure : of the image; a sixteenth of it counts as black
     usual : candidate that is chosen where nothing is known
@@ -114,9 +115,11 @@ def choice(
     -------
     choice (h, w), evidence (h, w, 2 K - 1)
     """
-    black = max(exposure / 16, torch.finfo(torch.float32).tiny)
-    gains, known = _look(color, candidates, motion, coverage, offset, black, usual)  # (H, W, K - 1), (H, W)
-    seen = _together(torch.cat([gains, gains**2, known[..., None].to(gains)], -1))  # (h, w, 2 K - 1)
+    fetched = color, candidates, motion, coverage
+    shown, sample, known = relative(*fetched, offset=offset, exposure=exposure, usual=usual)
+    before, after = shown[..., :-1, :], shown[..., 1:, :]  # (H, W, K - 1, 3) each
+    gains = ((after - before) * (after + before - 2 * sample)).mean(-1).where(known[..., None], 0)  # (H, W, K - 1)
+    seen = together(torch.cat([gains, gains**2, known[..., None].to(gains)], -1))  # (h, w, 2 K - 1)
     if evidence is not None:
         seen = seen + (1 - share) * _carry(evidence, motion, coverage)  # (h, w, 2 K - 1)
     cost = costs(seen, usual, strictness)  # (h, w, K)
