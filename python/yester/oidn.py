@@ -59,8 +59,7 @@ class OIDN(Pipeline):
         self._network = Network(quality)
         if fireflies and not temporal:
             raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")
-        own = {"choice": False, "innovation": False, "antialias": False}
-        history = SVGF(alpha=0.05, iterations=0, fireflies=fireflies, **own)
+        history = SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False, fireflies=fireflies)
         self._stages = (history, TAA("denoised")) if temporal else None
         self._corrects = innovation
         self._forget()
