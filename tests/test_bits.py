@@ -21,7 +21,7 @@ def digest() -> str:
         for name, (function, given) in calls(*size).items():
             data = b"".join(array.tobytes() for array in arrays(function(**given)))
             lines.append(f"{name} {size} {hashlib.sha256(data).hexdigest()}")
-    pipelines = [yester.SVGF(), yester.SVGF(reflections=()), yester.TAA()]
+    pipelines = [yester.SVGF(), yester.SVGF(reflections=(), choice=False), yester.TAA()]
     pipelines += [yester.BMFR(), yester.HalfRes(), yester.Recirculation(), yester.Recirculation("seed")]
     pipelines += [yester.Upscaler(1.5, sharpness=0.5)]
     rng = np.random.default_rng(0)
@@ -34,7 +34,7 @@ def digest() -> str:
         before = color * np.float32(0.5)
         for pipeline in pipelines:
             out = pipeline.step(quarter(frame, number) if isinstance(pipeline, yester.HalfRes) else frame)
-            images = (out.color, out.variance, out.history_length, out.confidence, out.rejection)
+            images = (out.color, out.variance, out.history_length, out.confidence, out.rejection, out.choice)
             data = b"".join(image.tobytes() for image in images if image is not None)
             lines.append(f"{type(pipeline).__name__} {number} {hashlib.sha256(data).hexdigest()}")
     return "\n".join(lines)

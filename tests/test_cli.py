@@ -113,9 +113,9 @@ def test_denoise_is_the_pipeline(sequence, tmp_path, how):
 
 
 def test_denoise_options(sequence, tmp_path):
-    given = "--alpha", 0.5, "--iterations", 2, "--feedback", "--no-innovation", "--half"
+    given = "--alpha", 0.5, "--iterations", 2, "--feedback", "--no-choice", "--no-innovation", "--half"
     run("denoise", sequence, "-o", tmp_path / "out", *given)
-    svgf = yester.SVGF(alpha=0.5, iterations=2, feedback=True, innovation=False)
+    svgf = yester.SVGF(alpha=0.5, iterations=2, feedback=True, choice=False, innovation=False)
     for i in range(12):
         want = svgf.step(read_exr(sequence / f"shot{i + 1}.exr")).color.astype(np.float16)
         np.testing.assert_array_equal(read_exr(tmp_path / "out" / f"shot{i + 1}.exr").color, want)
@@ -155,6 +155,7 @@ def test_every_method(tmp_path, method):
         ("--iterations", 2, "taa", "svgf, halfres"),
         ("--sigma-luminance", 3, "bmfr", "svgf, halfres"),
         ("--feedback", None, "bmfr", "svgf"),
+        ("--choice", None, "bmfr", "svgf, halfres"),
         ("--innovation", None, "oidn", "svgf, taa, bmfr, halfres, recirculation, temporal-oidn"),
         ("--preset", "seed", "svgf", "taa"),
         ("--block", 8, "svgf", "bmfr"),

@@ -33,7 +33,7 @@ def test_alone_it_is_itself():
 @pytest.mark.parametrize("innovation", [False, True])
 def test_between_temporal_stages_it_is_their_list(innovation):
     oidn = yester.OIDN("fast", temporal=True, innovation=innovation)
-    history = yester.SVGF(alpha=0.05, iterations=0, innovation=False, antialias=False)
+    history = yester.SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)
     antialiasing, before, evidence = yester.TAA("denoised"), None, None
     for frame, _ in frames(4):
         out, known = oidn.step(frame), history.step(frame)
@@ -139,14 +139,16 @@ def test_without_the_package():
 def test_outputs_of_stages_in_python():
     color, flat = np.ones((4, 5, 3), np.float32), np.ones((4, 5), np.float32)
     rejection = np.zeros((4, 5), np.uint8)
-    out = yester.Output(color, flat, flat, rejection, variance=flat, used=["albedo"], missing=3)
+    out = yester.Output(color, flat, flat, rejection, variance=flat, choice=2 * flat, used=["albedo"], missing=3)
     assert out.color is color
     assert out.variance is flat
+    assert (out.choice == 2).all()
     assert (out.used, out.missing) == (("albedo",), 3)
     for name, wrong in (
         ("color", flat),
         ("history_length", flat[:-1]),
         ("confidence", color),
+        ("choice", flat[:, 1:]),
         ("rejection", rejection[1:]),
     ):
         given = {"color": color, "history_length": flat, "confidence": flat, "rejection": rejection, name: wrong}

@@ -8,12 +8,14 @@ import yester
 from calls import arrays, calls
 from compare import assert_same_bits
 
-CALLS = {name: call for name, call in calls().items() if name != "exposure"}  # which is a number
+# Of a size that has more than one tile of 8×8 along each side.
+CALLS = {name: call for name, call in calls(10, 13).items() if name != "exposure"}  # which is a number
 # The inputs that results may replace, in the order of the results.
 IN_PLACE = {
     "reproject": ("history", None),
     "reproject(nearest)": ("history", None),
     "accumulate": ("history", "history_moments", "history_length"),
+    "choice": (None, "evidence"),
     "estimate_variance": ("history_length",),
     "atrous": ("color", "variance"),
     "atrous(slopes)": ("color", "variance"),
@@ -149,7 +151,7 @@ def test_steps_write_into_an_earlier_output(pipeline):
     for frame in frames:
         want, before = fresh.step(frame), out
         out = reusing.step(frame, out=out)
-        for name in ("color", "variance", "history_length", "confidence", "rejection"):
+        for name in ("color", "variance", "choice", "history_length", "confidence", "rejection"):
             np.testing.assert_array_equal(getattr(out, name), getattr(want, name))
             assert before is None or getattr(out, name) is getattr(before, name)
     other = yester.SVGF() if out.variance is None else yester.TAA()

@@ -26,7 +26,7 @@ COPIES = {
     "pickle": lambda value: pickle.loads(pickle.dumps(value)),
     "repr": lambda value: eval(f"yester.{value!r}"),
 }
-NAMES = ("color", "variance", "history_length", "confidence", "rejection")
+NAMES = ("color", "variance", "choice", "history_length", "confidence", "rejection")
 
 
 def frames(count=3):

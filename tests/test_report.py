@@ -93,7 +93,7 @@ def result(color: np.ndarray, *, own: bool) -> Result:
     rejection = np.zeros((HEIGHT, WIDTH), np.uint8)
     rejection[:12] = yester.Rejection.DEPTH
     rejection[12:20] = yester.Rejection.DEPTH | yester.Rejection.NORMAL
-    return Result(color, x, x / (WIDTH - 1), rejection)
+    return Result(color, x, x / (WIDTH - 1), rejection, x / 8)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_images_are_what_was_given(tmp_path):
     save_images(tmp_path / "new", 12, given, reference)
     stored = stored_images(tmp_path / "new")
     assert {frame: sorted(kinds) for frame, kinds in stored.items()} == {
-        12: ["color", "confidence", "error", "history", "rejection"]
+        12: ["choice", "color", "confidence", "error", "history", "rejection"]
     }
     read = {kind: np.asarray(Image.open(path), np.float64) for kind, path in stored[12].items()}
     np.testing.assert_allclose(read["color"], 255 * srgb(color), atol=3 * TOLERANCE)
@@ -124,6 +124,7 @@ def test_images_are_what_was_given(tmp_path):
         ("history", np.minimum(given.history_length / 32, 1) * 255),
         ("confidence", given.confidence * 255),
         ("rejection", given.rejection),
+        ("choice", np.minimum(given.choice / 8, 1) * 255),
     ):
         np.testing.assert_allclose(read[kind], np.repeat(expected[..., None], 3, 2), atol=0.51)
 
@@ -138,7 +139,7 @@ def test_images_of_an_earlier_run_do_not_stay(tmp_path):
     stored = stored_images(tmp_path)
     assert list(stored) == [0, 1]
     assert list(stored[0]) == ["color"]
-    assert len(stored[1]) == 5
+    assert len(stored[1]) == 6
 
 
 def test_bad_images_change_nothing(tmp_path):
@@ -299,8 +300,8 @@ def test_the_page_refuses_before_work_starts(material, tmp_path):
 
 def test_every_image_is_in_the_page_once(report, material):
     stored = [path for point in material[0] if point.images for path in point.images.iterdir()]
-    # Five kinds of three pipelines and two of three others on two scenes, but for a frame without a reference.
-    assert len(stored) == 2 * 3 * (3 * 5 + 3 * 2) - 6
+    # Six kinds of three pipelines and two of three others on two scenes, but for a frame without a reference.
+    assert len(stored) == 2 * 3 * (3 * 6 + 3 * 2) - 6
     found = [base64.b64decode(coded) for coded in re.findall(r"data:image/\w+;base64,([\w+/=]+)", report.read_text())]
     assert len(set(found)) == len(found)
     assert {path.read_bytes() for path in stored} < set(found)
@@ -536,6 +537,10 @@ def test_maps(page):
     page.mouse.move(box["x"] + 20.5 / WIDTH * box["width"], box["y"] + 0.9 * box["height"])
     expect(page.locator("#pixel")).to_contain_text("left: accepted")
     expect(page.locator("#pixel")).to_contain_text("right: history length 20")
+    right.select_option("choice")
+    expect(page.locator("#pixel")).to_be_visible()
+    page.mouse.move(box["x"] + 20.5 / WIDTH * box["width"], box["y"] + 0.9 * box["height"])
+    expect(page.locator("#pixel")).to_contain_text("chosen passes 2.51")
     right.select_option("confidence")
     expect(page.locator("#pixel")).to_be_visible()
     page.mouse.move(box["x"] + 47.5 / WIDTH * box["width"], box["y"] + 0.9 * box["height"])

@@ -33,6 +33,9 @@ def check_bits(frames, **named) -> composed.SVGF:
         got, want = svgf.step(frame), other.step(frame)
         for name in ("color", "variance", "history_length", "confidence", "rejection"):
             assert_same_bits(getattr(got, name), getattr(want, name))
+        assert (got.choice is None) == (want.choice is None)
+        if got.choice is not None:
+            assert_same_bits(got.choice, want.choice)
         assert got.missing == want.missing
         assert np.isfinite(got.color).all()
         assert np.isfinite(got.variance).all()
@@ -47,7 +50,9 @@ def check_bits(frames, **named) -> composed.SVGF:
         SETTINGS,
         {"feedback": True},
         {"gradient": False},
+        {"choice": False},
         {"innovation": False},
+        {"choice": False, "innovation": False},
         {"fireflies": True},
         {"by_confidence": True},
         {"relative_albedo": 0.3},
@@ -78,7 +83,7 @@ def test_subsets_of_buffers_and_stages(seed):
     rng = np.random.default_rng(seed)
     for _ in range(12):
         names = [name for name in (*NAMES, *NEWER) if rng.random() < 0.7]
-        names_of_stages = ("feedback", "by_confidence", "gradient", "fireflies", "innovation", "antialias")
+        names_of_stages = ("feedback", "by_confidence", "gradient", "fireflies", "choice", "innovation", "antialias")
         stages = {name: bool(rng.integers(2)) for name in names_of_stages}
         distances = [float(d) for d in rng.choice(DISTANCES, rng.integers(0, 3), replace=False)]
         check_bits(frames_of(names, 4), **stages, reflections=distances, iterations=int(rng.integers(0, 4)))
@@ -219,7 +224,8 @@ def test_reflections_sharpen_mirrors():
     """History along the surface smears what a mirror shows; that from behind it does not, least at a known distance."""
 
     def last(known=False, **named):
-        rng, svgf, errors = np.random.default_rng(0), yester.SVGF(alpha=0.05, innovation=False, **named), []
+        alone = {"choice": False, "innovation": False}
+        rng, svgf, errors = np.random.default_rng(0), yester.SVGF(alpha=0.05, **alone, **named), []
         for number in range(16):
             buffers, light, hit = gallery(number, 120, 80)
             frame = yester.Frame(speckled(light, rng), **buffers, hit_distance=hit if known else None)
@@ -260,7 +266,9 @@ def test_used(names, used):
 
 
 @pytest.mark.parametrize("newer", [(), ("object_normal", "replay")])
-@pytest.mark.parametrize("named", [{}, PLAIN, {"feedback": True, "antialias": False}], ids=str)
+@pytest.mark.parametrize(
+    "named", [{}, PLAIN, {"feedback": True, "antialias": False}, {"iterations": 0}, {"choice": False}], ids=str
+)
 def test_reference(named, newer):
     """The whole pipeline against its composition in float64, where decisions may flip in a few pixels."""
     svgf, other = yester.SVGF(reflections=(), **named), reference.SVGF(**named)
@@ -275,6 +283,8 @@ def test_reference(named, newer):
         assert_close("SVGF variance", got.variance, want.variance, rtol=5e-4, **where)
         assert_close("SVGF history_length", got.history_length, want.history_length, rtol=1e-4, **where)
         assert_close("SVGF confidence", got.confidence, want.confidence, **where)
+        if named.get("choice", True):
+            assert_close("SVGF choice", got.choice, want.choice, rtol=1e-5)
 
 
 def test_reset_forgets():
@@ -421,7 +431,7 @@ def test_replays_tell_exactly():
     rng, shot = np.random.default_rng(0), scene.shoot(0, 96, 64)
     seen, sides = shot.ids > 0, np.arange(96)[None, :, None]
     before, left, right = None, seen & (sides[..., 0] < 40), seen & (sides[..., 0] >= 56)
-    plain = {**PLAIN, "alpha": 0.05, "gradient": True, "innovation": False, "iterations": 0}
+    plain = {**PLAIN, "alpha": 0.05, "gradient": True, "choice": False, "innovation": False, "iterations": 0}
     svgf, blind = yester.SVGF(**plain), yester.SVGF(**plain | {"gradient": False})
     for number in range(18):
         light = np.where(sides < 48, 3 if number >= 15 else 1, 1).astype(np.float32)

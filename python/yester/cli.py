@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 #: The methods of `yester denoise`: what makes each, and the options that this takes.
 _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
-    "svgf": (SVGF, ("alpha", "iterations", "sigma_luminance", "feedback", "fireflies", "innovation")),
+    "svgf": (SVGF, ("alpha", "iterations", "sigma_luminance", "feedback", "fireflies", "choice", "innovation")),
     "taa": (TAA, ("preset", "alpha", "innovation")),
     "bmfr": (BMFR, ("alpha", "block", "features", "fireflies", "innovation")),
-    "halfres": (HalfRes, ("alpha", "iterations", "sigma_luminance", "fireflies", "innovation")),
+    "halfres": (HalfRes, ("alpha", "iterations", "sigma_luminance", "fireflies", "choice", "innovation")),
     "recirculation": (Recirculation, ("innovation",)),
     "oidn": (OIDN, ("quality",)),
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation")),
@@ -102,10 +102,12 @@ def _parser() -> argparse.ArgumentParser:
         options.add_argument(name, help=f"{of}: {about}", default=None, **named)
 
     option("--alpha", "least share of the new sample in the history, 0 to 1", type=float)
-    option("--iterations", "passes of the spatial filter, 0 to 16", type=int)
+    option("--iterations", "passes of the spatial filter, 0 to 16; with --choice, until more is known", type=int)
     option("--sigma-luminance", "luminance difference that counts, in standard deviations", type=float)
     option("--feedback", "keep the first pass as history: less noise, more bias", action="store_true")
     option("--fireflies", "spread samples far brighter than their surroundings", action="store_true")
+    about = "give each part of the image as many passes as predicted new samples best; the default"
+    option("--choice", about, action=argparse.BooleanOptionalAction)
     about = "add what new samples show to be wrong with the result; the default but for taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
     option("--preset", "best, denoised, seed, karis or filament")

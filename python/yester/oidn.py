@@ -40,10 +40,10 @@ class OIDN(Pipeline):
 
     Notes
     -----
-    `temporal` consists of ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the network,
-    `innovation` (with the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised")``, and gives
-    their bits. What was tried and lost: light without albedo, for the network or for innovation; innovation that is fed
-    back into what is accumulated; a second accumulation of what the network returns.
+    `temporal` consists of ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the
+    network, `innovation` (with the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised")``,
+    and gives their bits. What was tried and lost: light without albedo, for the network or for innovation; innovation
+    that is fed back into what is accumulated; a second accumulation of what the network returns.
     As many threads run as ``YESTER_THREADS`` allows.
     """
 
@@ -59,8 +59,7 @@ class OIDN(Pipeline):
         self._network = Network(quality)
         if fireflies and not temporal:
             raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")
-        own = {"choice": False, "innovation": False, "antialias": False}
-        history = SVGF(alpha=0.05, iterations=0, fireflies=fireflies, **own)
+        history = SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False, fireflies=fireflies)
         self._stages = (history, TAA("denoised")) if temporal else None
         self._corrects = innovation
         self._forget()

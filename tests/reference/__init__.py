@@ -11,6 +11,7 @@ from .atrous import atrous
 from .blend import blend
 from .blend_factor import blend_factor
 from .bmfr import BMFR
+from .choice import choice
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .dilate import dilate_motion
@@ -59,6 +60,7 @@ __all__ = [
     "atrous",
     "blend",
     "blend_factor",
+    "choice",
     "clip_history",
     "consistency",
     "demodulate",

@@ -4,6 +4,7 @@ from .accumulate import accumulate
 from .blend import blend
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
+from .exposure import exposure
 from .gradient import temporal_gradient
 from .innovation import correct
 from .regress import regress
@@ -63,7 +64,7 @@ class BMFR(SVGF):
         fitted, _ = regress(color, normal=frame.normal, geometry=geometry, **place, **self.blocks)  # (H, W, 3)
         share = (1 / length).clamp(self.fitted_alpha, 1)  # (H, W)
         smooth = blend(fitted, history[3], share)  # (H, W, 3)
-        found = self.find_innovation(fresh, smooth, color, length, motion)  # (H, W, 3)
+        found = self.find_innovation(fresh, smooth, length, motion, exposure(color))  # (H, W, 3)
         if found is not None:
             color, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
             smooth, _ = correct(smooth, found)  # (H, W, 3)

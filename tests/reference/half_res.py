@@ -8,6 +8,7 @@ class HalfRes(SVGF):
     """SVGF of frames of which a part is traced: the rest is borrowed, and counts as weight / (1 + N) of a sample."""
 
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
+        named = {"choice": False, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, sigma_luminance=sigma_luminance, **named)
         self.weight, self.radius = weight, radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6}

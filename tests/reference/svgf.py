@@ -5,6 +5,7 @@ from torch import Tensor
 
 from .accumulate import accumulate
 from .atrous import atrous
+from .choice import Choosing
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .exposure import exposure
@@ -23,6 +24,7 @@ class Output(NamedTuple):
     confidence: Tensor
     rejection: Tensor
     missing: int
+    choice: Tensor | None = None
 
 
 class SVGF:
@@ -51,6 +53,7 @@ class SVGF:
         by_confidence=False,
         gradient=True,
         fireflies=False,
+        choice=True,
         innovation=True,
         antialias=True,
     ):
@@ -64,7 +67,7 @@ class SVGF:
         }
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies = gradient, fireflies
-        self.innovation, self.antialias = innovation, antialias
+        self.chooses, self.innovation, self.antialias = choice, innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
@@ -73,6 +76,7 @@ class SVGF:
 
     def reset(self) -> None:
         self.previous = self.antialiased = self.evidence = None
+        self.choosing = Choosing(self.iterations)
 
     def step(self, frame) -> Output:
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
@@ -113,10 +117,21 @@ class SVGF:
         merged = accumulate(light, *history, weight=weight, gradient=gradient, confidence=trust, **self.blend)
         color, moments, length, _ = merged  # (H, W, 3), (H, W, 2), (H, W)
         variance = estimate_variance(moments, length, min_length=self.min_length, **similarity)  # (H, W)
-        smooth, smooth_variance = atrous(color, variance, iterations=self.iterations, **self.filter, **similarity)
+        bright, chosen = exposure(color), None
+
+        def filtered(passes: int) -> Tensor:
+            image, rest = atrous(color, variance, iterations=passes, **self.filter, **similarity)  # (H, W, 3), (H, W)
+            return torch.cat([image, rest[..., None]], -1)  # (H, W, 4)
+
+        if self.chooses:
+            series = [filtered(passes) for passes in range(min(self.iterations + 1, 16) + 1)]
+            smooth, chosen = self.choosing.choose(series, fresh, motion, confidence, bright)  # (H, W, 4), (H, W)
+        else:
+            smooth = filtered(self.iterations)  # (H, W, 4)
+        smooth, smooth_variance = smooth[..., :3], smooth[..., 3]
         if self.feedback and self.iterations > 0:
-            color, _ = atrous(color, variance, iterations=1, **self.filter, **similarity)  # (H, W, 3)
-        found = self.find_innovation(fresh, smooth, color, length, motion)  # (H, W, 3)
+            color = filtered(1)[..., :3]
+        found = self.find_innovation(fresh, smooth, length, motion, bright)  # (H, W, 3)
         if found is not None:
             color, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
             smooth, _ = correct(smooth, found)  # (H, W, 3)
@@ -127,19 +142,19 @@ class SVGF:
             self.antialiased, *_ = antialias(self.stage, self.antialiased, smooth, motion, frame.depth)
             smooth, _ = self.antialiased  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
-        return Output(smooth, smooth_variance, length, confidence, rejection, missing)
+        return Output(smooth, smooth_variance, length, confidence, rejection, missing, chosen)
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """What joins the history (H, W, 3), and how much of a sample it is (H, W): all as it comes."""
         return light, None
 
     def find_innovation(
-        self, fresh: Tensor, prediction: Tensor, color: Tensor, length: Tensor, motion: Tensor
+        self, fresh: Tensor, prediction: Tensor, length: Tensor, motion: Tensor, bright: float
     ) -> Tensor | None:
         """What is wrong with a prediction (H, W, 3), from the second frame on; its evidence is kept for the next."""
         if not self.innovation or self.previous is None:
             return None
-        known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(color)}
+        known = {"evidence": self.evidence, "motion": motion, "exposure": bright}
         found, self.evidence = innovation(fresh, prediction, length, **known)  # (H, W, 3), (h, w, 4)
         return found
 

@@ -123,6 +123,7 @@ _SWITCHES = {
     "antialias": "antialiasing",
     "feedback": "feedback",
     "by_confidence": "shares by confidence",
+    "choice": "choice",
     "innovation": "innovation",
 }
 
@@ -144,9 +145,10 @@ ABLATIONS = (
             "luminance weight": pipeline(SVGF, sigma_luminance=_ENDLESS),
             "normal weight": pipeline(SVGF, sigma_normal=0),
             "plane weight": pipeline(SVGF, sigma_plane=_ENDLESS, sigma_depth=_ENDLESS),
-            "all passes": pipeline(SVGF, iterations=0),
-            "passes after 1": pipeline(SVGF, iterations=1),
-            "passes after 2": pipeline(SVGF, iterations=2),
+            # A choice would take one pass more.
+            "all passes": pipeline(SVGF, iterations=0, choice=False),
+            "passes after 1": pipeline(SVGF, iterations=1, choice=False),
+            "passes after 2": pipeline(SVGF, iterations=2, choice=False),
             "dilation": _antialiased(dilate="none"),
             "clip": _antialiased(gamma=_ENDLESS),
             "cubic history": _antialiased(filter="bilinear"),

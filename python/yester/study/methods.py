@@ -27,12 +27,15 @@ class Result(NamedTuple):
         As `yester.Output` has them.
     rejection : (H, W) uint8 or None
         Bits of `yester.Rejection`.
+    choice : (H, W) float32 or None
+        As `yester.Output` has it.
     """
 
     color: NDArray[np.float32]
     history_length: NDArray[np.float32] | None = None
     confidence: NDArray[np.float32] | None = None
     rejection: NDArray[np.uint8] | None = None
+    choice: NDArray[np.float32] | None = None
 
 
 class Step(Protocol):
@@ -74,7 +77,7 @@ def pipeline(make: Callable[..., Any], *preset: str, **options: Any) -> Callable
 
         def step(frame: Frame, /) -> Result:
             output = state.step(frame)
-            return Result(output.color, output.history_length, output.confidence, output.rejection)
+            return Result(output.color, output.history_length, output.confidence, output.rejection, output.choice)
 
         return step
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["draw", "save_images", "stored_images", "write_figures", "write_report"]
 
 #: Where the colours of maps end: the error (FLIP) and the length of history, in frames, that are drawn as the largest.
-WORST, LONGEST = 0.5, 32
+WORST, LONGEST, PASSES = 0.5, 32, 8
 
 # After Okabe and Ito, "Color Universal Design" (2008); the light ones darker, to stand on white as well as on black.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#b8589a", "#cc8a00", "#3d9bd1", "#7a7f87")
@@ -49,6 +49,7 @@ _KINDS: dict[str, dict[str, Any]] = {
     "history": {"lossless": True},
     "confidence": {"lossless": True},
     "rejection": {"lossless": True},
+    "choice": {"lossless": True},
 }
 
 
@@ -57,8 +58,9 @@ def save_images(folder: Path, index: int, result: Result, reference: ArrayLike |
 
     ``color_0007.webp`` is the image as a display shows it. The others are maps in 8 bits, grey: ``error`` is FLIP from
     0 to 0.5 and more, ``history`` the length of the history in whole frames from 0 to 32 and more, ``confidence`` goes
-    from 0 to 1, and ``rejection`` has the bits of `yester.Rejection`. What the result or the absent reference cannot
-    tell is not written, and removed if it is there.
+    from 0 to 1, ``rejection`` has the bits of `yester.Rejection`, and ``choice`` is the number of passes that were
+    chosen, from 0 to 8 and more. What the result or the absent reference cannot tell is not written, and removed if it
+    is there.
 
     Parameters
     ----------
@@ -297,6 +299,7 @@ def write_report(
                 "error": {"label": "error (FLIP)", "high": WORST, "more": True, "colors": _gradient("magma")},
                 "history": {"label": "history length", "high": LONGEST, "more": True, "colors": _gradient("viridis")},
                 "confidence": {"label": "confidence", "high": 1, "more": False, "colors": _gradient("viridis")},
+                "choice": {"label": "chosen passes", "high": PASSES, "more": True, "colors": _gradient("viridis")},
             },
             "rejections": [
                 {"bit": bit.value, "name": (bit.name or "").lower(), "color": color}
@@ -534,6 +537,8 @@ def _pictures(result: Result, reference: ArrayLike | None = None) -> dict[str, b
         images["confidence"] = _bytes(result.confidence)
     if result.rejection is not None:
         images["rejection"] = result.rejection
+    if result.choice is not None:
+        images["choice"] = _bytes(result.choice / PASSES)
     coded = {}
     for kind, image in images.items():
         file = BytesIO()

@@ -28,6 +28,8 @@ __all__ = ["TASKS", "Call", "Inputs", "Task", "stage"]
 
 #: The images of a frame; the frame before has them as `previous_color` and so on.
 _FRAME = ("albedo", "normal", "depth", "motion", "ids")
+#: What pipelines write, as far as they do.
+_MADE = ("color", "variance", "choice", "history_length", "confidence", "rejection")
 #: Frames before the noise of one comes again. If it were that of the last but one, histories would have seen every new
 #: sample, and reflections would be asked for in many more places.
 _TURNS = 8
@@ -120,7 +122,7 @@ class Task:
             for _ in range(_TURNS):
                 output = state.step(next(turns), out=output)
             used = [buffers[name] for name in {"color", *output.used} & buffers.keys()]
-            made = _bytes([output.color, output.variance, output.history_length, output.confidence, output.rejection])
+            made = _bytes([getattr(output, name) for name in _MADE])
             return Call(lambda: state.step(next(turns), out=output), _bytes(used) + made, made)
         function, given = getattr(yester, self.function), self.arguments(inputs)
         result = function(**given)
@@ -180,7 +182,7 @@ _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {
     **{"radius": 2, "reflections": ()},
-    **dict.fromkeys(("gradient", "fireflies", "innovation", "antialias"), False),
+    **dict.fromkeys(("gradient", "fireflies", "choice", "innovation", "antialias"), False),
 }
 
 # What one pixel takes of the vector units, as `Task.multiply_adds` counts, read from the kernels.
@@ -241,6 +243,7 @@ TASKS = (
     Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
     Task("temporal_gradient", "temporal_gradient", _named("color", previous="history")),
     Task("innovation", "innovation", _named("color", "history_length", "motion", prediction="history")),
+    Task("choice, of 5", "choice", _named("color", "candidates", "motion", coverage="confidence"), {"usual": 3}),
     Task("prediction_gain", "prediction_gain", _named("color", "ids", candidate="history", base="previous_color")),
     Task("blend_factor", "blend_factor", _named("confidence", "motion")),
     Task("blend", "blend", _BLEND),
@@ -280,7 +283,7 @@ TASKS = (
     Task("Recirculation, of all", "Recirculation"),
     Task("Upscaler, 2", "Upscaler", jitter=(0.25, -0.125)),
     Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _pass(3)),
-    Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5}, _NETWORKS, _AROUND + 5 * _pass(3)),
+    Task("SVGF, 5 passes", "SVGF", {}, {"iterations": 5, "choice": False}, _NETWORKS, _AROUND + 5 * _pass(3)),
     Task("HalfRes", "HalfRes"),
     Task("SVGF, as published", "SVGF", {}, {"iterations": 5, **_PUBLISHED}, (), _AROUND + 5 * _pass(5)),
     Task(
@@ -360,6 +363,8 @@ def stage(folder: Path, width: int, height: int) -> None:
                 put("history", rows, hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 0.2))
     images["traced"] = quarter(Frame(images["color"]), 0).color
     images["low"] = images["color"][::2, ::2]
+    candidates = [np.float32(1 - 0.02 * passes) * images["history"][::2, ::2] for passes in range(5)]
+    images["candidates"] = np.concatenate(candidates, -1)
     light = images["history"][..., 1]
     images["history_moments"] = np.stack([light, 1.5 * light**2], -1)
     images["variance"] = 0.5 * light**2
