@@ -422,7 +422,8 @@ class SVGF:
         for passes, (each, spread) in enumerate(series):
             share = np.maximum(1 - np.abs(levels - np.float32(passes)), 0)
             begun = levels < passes
-            image = np.where(share[..., None] > 0, np.where(begun[..., None], image, -0.0) + share[..., None] * each, image)
+            mixed = np.where(begun[..., None], image, -0.0) + share[..., None] * each
+            image = np.where(share[..., None] > 0, mixed, image)
             variance = np.where(share > 0, np.where(begun, variance, -0.0) + share * spread, variance)
         return image, variance, levels
 

@@ -106,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     option("--sigma-luminance", "luminance difference that counts, in standard deviations", type=float)
     option("--feedback", "keep the first pass as history: less noise, more bias", action="store_true")
     option("--fireflies", "spread samples far brighter than their surroundings", action="store_true")
-    about = "give each part of the image as many passes as predicted new samples best; the default"
+    about = "give each part of the image as many passes as predicted new samples best; the default but for halfres"
     option("--choice", about, action=argparse.BooleanOptionalAction)
     about = "add what new samples show to be wrong with the result; the default but for taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
