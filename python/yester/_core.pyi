@@ -36,6 +36,7 @@ __all__ = [
     "atrous",
     "blend",
     "blend_factor",
+    "choice",
     "canonical",
     "clip_history",
     "consistency",
