@@ -38,7 +38,7 @@ def test_a_still_scene_converges():
     still = [sequence.cameras[0]] * FRAMES, [sequence.transforms[0]] * FRAMES
     frames = list(render_sequence(sequence.scene, still[0], transforms=still[1]))
     # In place and across surfaces, as the renderer's own mean would be: its edges are those of many samples.
-    svgf = yester.SVGF(alpha=0, iterations=0, innovation=False, **PLAIN)
+    svgf = yester.SVGF(alpha=0, iterations=0, choice=False, innovation=False, **PLAIN)
     outputs = [svgf.step(yester.Frame(frame.color)) for frame in frames]
     np.testing.assert_allclose(
         outputs[-1].color, np.mean([frame.color for frame in frames], 0, np.float64), rtol=1e-4, atol=1e-6
@@ -80,7 +80,7 @@ def test_history_and_filter_each_help(flown):
     def error(color):
         return np.mean((srgb(color) - srgb(reference))[within] ** 2)
 
-    accumulated = error(last(frames, iterations=0, **PLAIN))
+    accumulated = error(last(frames, iterations=0, choice=False, **PLAIN))
     filtered = error(last(frames, alpha=1, **PLAIN))
     both = error(last(frames, **PLAIN))
     assert accumulated < 0.5 * error(frames[-1].color)
@@ -108,7 +108,7 @@ def test_exact_motion_beats_none(moving):
 
     def quality(keep, **named):
         kept = [yester.Frame(**keep(frame.buffers()), camera=frame.camera) for frame in frames]
-        return psnr(last(kept, iterations=0, **named), reference)
+        return psnr(last(kept, iterations=0, choice=False, **named), reference)
 
     for named in ({}, PLAIN):
         exact = quality(lambda buffers: buffers, **named)

@@ -37,6 +37,7 @@ __all__ = [
     "blend",
     "blend_factor",
     "canonical",
+    "choice",
     "clip_history",
     "consistency",
     "demodulate",
