@@ -136,18 +136,15 @@ QUARTERS = (
 METHODS = (
     *PIPELINES,
     *QUARTERS,
-    *(Method(f"SVGF, {n} passes", "SVGF", pipeline(SVGF, iterations=n)) for n in (0, 1, 2, 4, 5)),
     *(
-        Method(f"SVGF, 5×5 taps, {n} passes", "SVGF, 5×5 taps", pipeline(SVGF, iterations=n, radius=2))
-        for n in (3, 4, 5)
-    ),
-    *(
-        Method(f"{family}, {n} passes", family, pipeline(SVGF, iterations=n, **options))
-        for family, options in (
-            ("SVGF, surfaces only", {"reflections": ()}),
-            ("SVGF, no antialiasing", {"reflections": (), "antialias": False}),
+        Method(f"{family}, {n} passes", family, pipeline(SVGF, iterations=n, choice=False, **options))
+        for family, options, counts in (
+            ("SVGF", {}, range(6)),
+            ("SVGF, 5×5 taps", {"radius": 2}, (3, 4, 5)),
+            ("SVGF, surfaces only", {"reflections": ()}, (1, 2, 3, 5)),
+            ("SVGF, no antialiasing", {"reflections": (), "antialias": False}, (1, 2, 3, 5)),
         )
-        for n in (1, 2, 3, 5)
+        for n in counts
     ),
     *(Method(f"BMFR, {side} px", "BMFR", pipeline(BMFR, block=side)) for side in (8, 32)),
     Method("BMFR, all features", "BMFR, all features", pipeline(BMFR, features="all")),
