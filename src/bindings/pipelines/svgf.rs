@@ -74,9 +74,9 @@ use crate::pipelines::{svgf, taa};
 ///     (0.25, 0.5, 1, 2, 4, inf) is a finer choice for very glossy scenes. Frames with a `hit_distance` are tried at
 ///     that one alone. Needs cameras, and depth.
 /// choice : bool, default True
-///     Whether each tile of 8×8 pixels gets as many passes of the filter, from none to one more than `iterations`, as predicted
-///     the samples of the frames before best (`choice`). Mirrors, textures that albedo does not tell and fine shadows keep their
-///     detail, and even surfaces are smoothed more.
+///     Whether each tile of 8×8 pixels gets as many passes of the filter, from none to one more than `iterations`, as
+///     predicted the samples of the frames before best (`choice`). Mirrors, texture that albedo does not tell and fine
+///     shadows keep their detail, and even surfaces are smoothed more.
 /// innovation : bool, default True
 ///     Whether what new samples, together with those of a few frames before, show to be wrong with the result is added to it
 ///     and to the history (`innovation`): light that moves, and what the filter or reflections blur.
@@ -93,9 +93,9 @@ use crate::pipelines::{svgf, taa};
 /// Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
 /// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
 /// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
-/// `prediction_gain`, `accumulate`, `estimate_variance`, `choice` and `innovation` (with the `exposure` of the history), `atrous`,
-/// `remodulate`, and those of `TAA`. A replay's correction is an `innovation` too, of history with the change of its samples
-/// relative to their blur by `atrous`.
+/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `choice` and `innovation` (with the `exposure` of the
+/// history), `remodulate`, and those of `TAA`. A replay's correction is an `innovation` too, of history with the change
+/// of its samples relative to their blur by `atrous`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {
     inner: svgf::Svgf,
