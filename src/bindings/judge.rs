@@ -892,8 +892,11 @@ pub fn choice_<'py>(
         );
         let mut chosen = Direct::new(py, out.0, &shapes[..2])?;
         let mut left = Direct::new(py, out.1, &shapes)?;
+        let candidates = candidates.data().pixels();
         let known = choice::Known {
-            candidates: candidates.data().pixels(),
+            candidates: (0..count)
+                .map(|k| candidates.part(3 * k..3 * k + 3))
+                .collect(),
             offset,
         };
         let color = color.data().pixels();

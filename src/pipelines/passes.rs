@@ -42,7 +42,6 @@ impl<'a> Choosing<'a> {
         before: Option<Chose>,
         look: Look,
         params: choice::Params,
-        passes: u32,
         start: &Filtered,
         levels: &'a mut [f32],
     ) -> Self {
@@ -72,7 +71,7 @@ impl<'a> Choosing<'a> {
             levels: View::new(size, 1, levels),
             shown: Image::blank(size, Smooth::CHANNELS),
             chose: Chose {
-                candidates: Candidates::blank(size, passes as usize + 1, age),
+                candidates: Candidates::none(age),
                 evidence,
                 age,
             },
@@ -82,7 +81,7 @@ impl<'a> Choosing<'a> {
     /// Takes what is wanted of the image after so many passes.
     pub fn see(&mut self, pass: u32, image: &Filtered) {
         let size = image.size();
-        self.chose.candidates.keep(pass as usize, image, size);
+        self.chose.candidates.keep(image, size);
         let take = Take {
             levels: self.levels,
             image,

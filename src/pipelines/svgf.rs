@@ -284,7 +284,7 @@ impl Pipeline for Svgf {
 
         let usual = params.atrous.iterations;
         let estimates = params.choice.is_some() || params.innovation.is_some();
-        let bright = estimates.then(|| exposure(color)).unwrap_or_default();
+        let bright = if estimates { exposure(color) } else { 0.0 };
         let mut choosing = params.choice.zip(output.choice).map(|(params, levels)| {
             let moved = reflections.as_ref().and_then(|won| won.motion.as_ref());
             let look = Look {
@@ -294,7 +294,7 @@ impl Pipeline for Svgf {
                 exposure: bright,
                 usual: usual as usize,
             };
-            Choosing::new(chose, look, params, passes, &filtered, levels)
+            Choosing::new(chose, look, params, &filtered, levels)
         });
         let mut light = None;
         for pass in 0..=passes {
@@ -763,8 +763,10 @@ impl<'a> Kernel for Finish<'a> {
             }
             for run in segments(y, width) {
                 self.light.colors(run, &mut color);
-                let found = self.innovation.zip(line.as_ref());
-                let found = found.and_then(|(found, line)| found.correction(line, run, &color));
+                let found = match (self.innovation, &line) {
+                    (Some(innovation), Some(line)) => innovation.correction(line, run, &color),
+                    _ => None,
+                };
                 if let Some(found) = found {
                     for (color, found) in color.iter_mut().zip(&found) {
                         for (color, &found) in color.iter_mut().zip(found) {
@@ -776,12 +778,12 @@ impl<'a> Kernel for Finish<'a> {
                     let history = &mut out.history[pixels(accumulate::CHANNELS)];
                     let history = history.as_chunks_mut::<{ accumulate::CHANNELS }>().0;
                     for (i, history) in history.iter_mut().enumerate() {
-                        correct_history([0, 1, 2].map(|c| found[c][i]), history);
+                        correct_history([found[0][i], found[1][i], found[2][i]], history);
                     }
                     if let Some(light) = &mut out.light {
                         let light = light[pixels(3)].as_chunks_mut::<3>().0;
                         for (i, light) in light.iter_mut().enumerate() {
-                            correct_light([0, 1, 2].map(|c| found[c][i]), light);
+                            correct_light([found[0][i], found[1][i], found[2][i]], light);
                         }
                     }
                 }
@@ -802,8 +804,8 @@ impl<'a> Kernel for Finish<'a> {
 pub(super) fn correct_history(found: [f32; 3], history: &mut [f32]) {
     let before = [history[0], history[1], history[2]];
     correct_light(found, history);
-    let moved = [0, 1, 2].map(|c| history[c] - before[c]);
-    let moved = luminance(moved[0], moved[1], moved[2]);
+    let [r, g, b] = before;
+    let moved = luminance(history[0] - r, history[1] - g, history[2] - b);
     let first = history[3];
     history[3] += moved;
     history[4] += moved * (first + first + moved);

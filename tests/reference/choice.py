@@ -144,7 +144,7 @@ class Choosing:
 
     @property
     def offset(self) -> tuple[int, int]:
-        return ((0, 0), (1, 1), (1, 0), (0, 1))[self.age % 4]
+        return ((1, 1), (1, 0), (0, 1), (0, 0))[self.age % 4]
 
     def choose(self, series: list[Tensor], fresh: Tensor, motion: Tensor, coverage: Tensor, exposure: float):
         """Mixtures (H, W, 4) of images with their variance after 0, 1, 2 … passes, and of how many (H, W)."""

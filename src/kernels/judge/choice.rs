@@ -96,42 +96,36 @@ pub fn channels(candidates: usize) -> usize {
 
 /// What a frame leaves to the next: candidates at one pixel of each 2×2, NaN where that is beyond the image.
 pub struct Candidates {
-    records: Records,
+    /// Three planes for each.
+    images: Vec<Image>,
     offset: [usize; 2],
 }
 
 impl Candidates {
     /// Of frame `age` of a sequence, none of them known yet; at the pixels that the next frame traces, where a quarter is
     /// traced and nothing moves.
-    pub fn blank(size: Size, count: usize, age: usize) -> Self {
+    pub fn none(age: usize) -> Self {
         Self {
-            records: Records::blank(known_size(size), 3 * count),
+            images: vec![],
             offset: [[1, 1], [1, 0], [0, 1], [0, 0]][age % 4],
         }
     }
 
-    /// Puts the next candidate in place.
-    pub fn keep(&mut self, candidate: usize, image: &impl Colors, size: Size) {
-        let known = self.records.size;
-        let channels = self.records.pixels().channels;
+    /// Keeps the next candidate of an image of this size.
+    pub fn keep(&mut self, image: &impl Colors, size: Size) {
+        let mut kept = Image::blank(known_size(size), 3);
         let kernel = Keep {
             image,
             size,
             offset: self.offset,
-            first: 3 * candidate,
-            channels,
         };
-        let band = BAND * known.width * channels;
-        rows::run(
-            &kernel,
-            known.height,
-            self.records.data_mut().chunks_mut(band),
-        );
+        rows::run(&kernel, kept.size.height, kept.bands());
+        self.images.push(kept);
     }
 
     pub fn known(&self) -> Known<'_> {
         Known {
-            candidates: self.records.pixels(),
+            candidates: self.images.iter().map(Image::pixels).collect(),
             offset: self.offset,
         }
     }
@@ -141,33 +135,41 @@ struct Keep<'a, C> {
     image: &'a C,
     size: Size,
     offset: [usize; 2],
-    first: usize,
-    channels: usize,
 }
 
 impl<'a, C: Colors> Kernel for Keep<'a, C> {
-    type Out = &'a mut [f32];
+    type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, records: &'a mut [f32]) {
+    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
         let [dx, dy] = self.offset;
-        let mut colors = [[0.0; SEGMENT]; 3];
-        let width = self.size.width.div_ceil(2) * self.channels;
-        for (row, records) in rows.zip(records.chunks_exact_mut(width)) {
-            let mut records = records.chunks_exact_mut(self.channels);
+        let mut colors = [[f32::NAN; SEGMENT + 1]; 3];
+        let mut kept = [[0.0; SEGMENT / 2]; 3];
+        for row in rows {
             let y = 2 * row + dy;
             for run in segments(y, self.size.width) {
-                let inside = y < self.size.height;
-                if inside {
-                    self.image.colors(run, &mut colors);
+                let mut whole = [[f32::NAN; SEGMENT]; 3];
+                if y < self.size.height {
+                    self.image.colors(run, &mut whole);
                 }
-                let pairs = records.by_ref().take(run.len.div_ceil(2));
-                for (pair, record) in pairs.enumerate() {
-                    let x = 2 * pair + dx;
-                    let there = inside && x < run.len;
-                    for (value, row) in record[self.first..][..3].iter_mut().zip(&colors) {
-                        *value = if there { row[x] } else { f32::NAN };
+                let count = run.len.div_ceil(2);
+                for (colors, whole) in colors.iter_mut().zip(&whole) {
+                    colors[..run.len].copy_from_slice(&whole[..run.len]);
+                    colors[run.len..].fill(f32::NAN);
+                }
+                for (kept, colors) in kept.iter_mut().zip(&colors) {
+                    let pairs = colors[dx..].as_chunks::<2>().0;
+                    for (kept, pair) in kept.iter_mut().zip(pairs) {
+                        *kept = pair[0];
                     }
+                }
+                let half = Run {
+                    y: row,
+                    x: run.x / 2,
+                    len: count,
+                };
+                for (part, kept) in out.parts(half).zip(&kept) {
+                    part.copy_from_slice(&kept[..count]);
                 }
             }
         }
@@ -175,10 +177,9 @@ impl<'a, C: Colors> Kernel for Keep<'a, C> {
 }
 
 /// What is known of the candidates of the frame before.
-#[derive(Clone, Copy)]
 pub struct Known<'a> {
-    /// Records, of [`known_size`].
-    pub candidates: Pixels<'a>,
+    /// Of [`known_size`].
+    pub candidates: Vec<Pixels<'a>>,
     /// Which pixel of each 2×2 they are of, in x and y.
     pub offset: [usize; 2],
 }
@@ -195,8 +196,7 @@ pub fn choice(
     params: Params,
 ) -> (Image, Records) {
     let size = tiles(coverage.size);
-    let count = known.candidates.channels / 3;
-    let numbers = channels(count);
+    let numbers = channels(known.candidates.len());
     let look = Look {
         fresh,
         known,
@@ -242,8 +242,10 @@ impl<'a, F: Colors> Kernel for Look<'a, F> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, evidence: &'a mut [f32]) {
         let Size { height, width } = self.coverage.size;
-        let numbers = channels(self.known.candidates.channels / 3);
+        let count = self.known.candidates.len();
+        let numbers = channels(count);
         let line = tiles(self.coverage.size).width * numbers;
+        let mut found = Found::new(count);
         for (row, evidence) in rows.zip(evidence.chunks_exact_mut(line)) {
             for (column, record) in evidence.chunks_exact_mut(numbers).enumerate() {
                 self.carry(row, column, record);
@@ -251,7 +253,7 @@ impl<'a, F: Colors> Kernel for Look<'a, F> {
             for y in TILE * row..(TILE * (row + 1)).min(height) {
                 for run in segments(y, width) {
                     let first = run.x / TILE * numbers;
-                    self.compare(run, evidence[first..].chunks_exact_mut(numbers));
+                    self.compare(run, &mut found, &mut evidence[first..]);
                 }
             }
         }
@@ -292,24 +294,93 @@ impl<F: Colors> Look<'_, F> {
         }
     }
 
-    /// Adds what a run's samples say.
+    /// Adds what a run's samples say to the evidence of its tiles.
     #[inline(always)]
-    fn compare<'r>(&self, run: Run, mut evidence: impl Iterator<Item = &'r mut [f32]>) {
+    fn compare(&self, run: Run, found: &mut Found, evidence: &mut [f32]) {
         let places = self.places(run);
-        if places.iter().all(|&place| place == NOWHERE) {
+        found.count = 0;
+        for (x, &place) in places[..run.len].iter().enumerate() {
+            if place != NOWHERE {
+                (found.columns[found.count], found.places[found.count]) = (x, place);
+                found.count += 1;
+            }
+        }
+        if found.count == 0 {
             return;
         }
         let mut fresh = [[0.0; SEGMENT]; 3];
         self.fresh.colors(run, &mut fresh);
-        let (numbers, step) = self.known.candidates.numbers();
-        for start in (0..run.len).step_by(TILE) {
-            let record = evidence.next().expect("as many tiles as the run has");
-            for x in start..(start + TILE).min(run.len) {
-                if places[x] != NOWHERE {
-                    let candidates = &numbers[places[x] as usize * step..][..step];
-                    self.add([0, 1, 2].map(|c| fresh[c][x]), candidates, record);
+        self.steps(&fresh, found);
+        let numbers = 2 * found.steps.len() + 1;
+        for (i, &column) in found.columns[..found.count].iter().enumerate() {
+            if found.missing[i].is_nan() {
+                continue;
+            }
+            let record = &mut evidence[column / TILE * numbers..][..numbers];
+            let (sums, count) = record.split_at_mut(numbers - 1);
+            let (gains, squares) = sums.split_at_mut(found.steps.len());
+            for ((gain, square), step) in gains.iter_mut().zip(squares).zip(&found.steps) {
+                *gain += step[i];
+                *square += step[i] * step[i];
+            }
+            count[0] += 1.0;
+        }
+    }
+
+    /// What each sample says of each step, where it and all candidates are there.
+    #[inline(always)]
+    fn steps(&self, fresh: &[Row; 3], found: &mut Found) {
+        let Found {
+            count,
+            columns,
+            places,
+            steps,
+            missing,
+        } = found;
+        let (columns, places) = (&columns[..*count], &places[..*count]);
+        let mut sample = [[0.0; SEGMENT]; 3];
+        for (sample, fresh) in sample.iter_mut().zip(fresh) {
+            for (sample, &column) in sample.iter_mut().zip(columns) {
+                *sample = fresh[column];
+            }
+        }
+        let mut next = [[0.0; SEGMENT]; 3];
+        gather(self.known.candidates[self.usual], places, &mut next);
+        let (mut middle, mut per) = ([0.0; SEGMENT], [0.0; SEGMENT]);
+        for i in 0..SEGMENT {
+            let mean = (next[0][i] + next[1][i] + next[2][i]) * (1.0 / 3.0);
+            middle[i] = larger(mean, 0.0);
+            per[i] = 1.0 / (middle[i] + self.black);
+            missing[i] = 0.0;
+        }
+        for sample in &mut sample {
+            for i in 0..SEGMENT {
+                // NaN where it is not finite, else 0.
+                missing[i] += 0.0 * sample[i];
+                let relative = (sample[i] - middle[i]) * per[i];
+                sample[i] = smaller(larger(relative, -BOUND), BOUND);
+            }
+        }
+        let mut before = [[0.0; SEGMENT]; 3];
+        for (k, &candidate) in self.known.candidates.iter().enumerate() {
+            gather(candidate, places, &mut next);
+            for next in &mut next {
+                for i in 0..SEGMENT {
+                    missing[i] += 0.0 * next[i];
+                    next[i] = (next[i] - middle[i]) * per[i];
                 }
             }
+            if k > 0 {
+                let step = &mut steps[k - 1];
+                for i in 0..SEGMENT {
+                    let gain = |c: usize| {
+                        let (next, before) = (next[c][i], before[c][i]);
+                        (next - before) * (next + before - 2.0 * sample[c][i])
+                    };
+                    step[i] = (gain(0) + gain(1) + gain(2)) * (1.0 / 3.0);
+                }
+            }
+            before = next;
         }
     }
 
@@ -324,7 +395,7 @@ impl<F: Colors> Look<'_, F> {
         let mut places = [NOWHERE; SEGMENT];
         let (right, bottom) = (width as f32, height as f32);
         let [dx, dy] = self.known.offset.map(|d| d as u32);
-        let blocks = self.known.candidates.size.width as u32;
+        let blocks = known_size(self.coverage.size).width as u32;
         for x in 0..run.len {
             let tx = ((run.x + x) as f32 + motion[0][x] + 0.5).floor();
             let ty = (run.y as f32 + motion[1][x] + 0.5).floor();
@@ -337,33 +408,37 @@ impl<F: Colors> Look<'_, F> {
         }
         places
     }
+}
 
-    /// Adds what one sample says of the candidates, if it and all of them are there.
-    #[inline(always)]
-    fn add(&self, fresh: [f32; 3], candidates: &[f32], record: &mut [f32]) {
-        let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
-        if !(finite(&fresh) && finite(candidates)) {
-            return;
+/// The pixels of a run that find the candidates, one after the other.
+struct Found {
+    count: usize,
+    columns: [usize; SEGMENT],
+    /// Where the candidates are known.
+    places: [u32; SEGMENT],
+    /// What their samples say of each step.
+    steps: Vec<Row>,
+    /// NaN where the sample or a candidate is not there, else 0.
+    missing: Row,
+}
+
+impl Found {
+    fn new(candidates: usize) -> Self {
+        Self {
+            count: 0,
+            columns: [0; SEGMENT],
+            places: [0; SEGMENT],
+            steps: vec![[0.0; SEGMENT]; candidates - 1],
+            missing: [0.0; SEGMENT],
         }
-        let candidates = candidates.as_chunks::<3>().0;
-        let [r, g, b] = candidates[self.usual];
-        let middle = larger((r + g + b) * (1.0 / 3.0), 0.0);
-        let per = 1.0 / (middle + self.black);
-        let relative = |value: f32| (value - middle) * per;
-        let sample = fresh.map(|y| smaller(larger(relative(y), -BOUND), BOUND));
-        let mut before = candidates[0].map(relative);
-        let (sums, count) = record.split_at_mut(record.len() - 1);
-        let (gains, squares) = sums.split_at_mut(candidates.len() - 1);
-        for ((next, gain), square) in candidates[1..].iter().zip(gains).zip(squares) {
-            let next = next.map(relative);
-            let [r, g, b] =
-                [0, 1, 2].map(|c| (next[c] - before[c]) * (next[c] + before[c] - 2.0 * sample[c]));
-            let step = (r + g + b) * (1.0 / 3.0);
-            *gain += step;
-            *square += step * step;
-            before = next;
-        }
-        count[0] += 1.0;
+    }
+}
+
+/// The colours of these pixels.
+#[inline(always)]
+fn gather(image: Pixels, places: &[u32], into: &mut [Row; 3]) {
+    for (channel, row) in into.iter_mut().enumerate() {
+        image.part(channel..channel + 1).gather(places, row);
     }
 }
 
