@@ -143,33 +143,28 @@ impl<'a, C: Colors> Kernel for Keep<'a, C> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
         let [dx, dy] = self.offset;
-        let mut colors = [[f32::NAN; SEGMENT + 1]; 3];
-        let mut kept = [[0.0; SEGMENT / 2]; 3];
+        let mut colors = [[0.0; SEGMENT]; 3];
         for row in rows {
             let y = 2 * row + dy;
             for run in segments(y, self.size.width) {
-                let mut whole = [[f32::NAN; SEGMENT]; 3];
                 if y < self.size.height {
-                    self.image.colors(run, &mut whole);
-                }
-                let count = run.len.div_ceil(2);
-                for (colors, whole) in colors.iter_mut().zip(&whole) {
-                    colors[..run.len].copy_from_slice(&whole[..run.len]);
-                    colors[run.len..].fill(f32::NAN);
-                }
-                for (kept, colors) in kept.iter_mut().zip(&colors) {
-                    let pairs = colors[dx..].as_chunks::<2>().0;
-                    for (kept, pair) in kept.iter_mut().zip(pairs) {
-                        *kept = pair[0];
-                    }
+                    self.image.colors(run, &mut colors);
+                    // What follows the image's last pixel is missing.
+                    colors
+                        .iter_mut()
+                        .for_each(|row| row[run.len..].fill(f32::NAN));
+                } else {
+                    colors = [[f32::NAN; SEGMENT]; 3];
                 }
                 let half = Run {
                     y: row,
                     x: run.x / 2,
-                    len: count,
+                    len: run.len.div_ceil(2),
                 };
-                for (part, kept) in out.parts(half).zip(&kept) {
-                    part.copy_from_slice(&kept[..count]);
+                for (kept, colors) in out.parts(half).zip(&colors) {
+                    for (kept, pair) in kept.iter_mut().zip(colors.as_chunks::<2>().0) {
+                        *kept = pair[dx];
+                    }
                 }
             }
         }
