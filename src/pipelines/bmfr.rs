@@ -206,7 +206,7 @@ impl Pipeline for Bmfr {
         let mut rest = None;
         if let Some(params) = params.history.innovation.filter(|_| continues) {
             let [color, length, fits] = [0..3, 5..6, 6..9].map(|part| history.pixels().part(part));
-            let (fresh, bright) = (Sampled::of(frame, texture), exposure(color));
+            let (fresh, bright) = (Sampled::of(frame, texture, None), exposure(color));
             let evidence = evidence.as_ref();
             let (found, left) = innovate(params, &fresh, &fits, length, &motion, bright, evidence);
             rows::run(&Correct(&found), size.height, history.bands());

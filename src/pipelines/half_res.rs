@@ -70,7 +70,7 @@ impl Params {
     }
 
     /// Fills a colour, as far as it can, that joins histories of so many samples.
-    pub fn fill(&self, color: Image, length: View, guide: &Guide) -> (Image, Lent) {
+    pub fn fill(&self, color: &Image, length: View, guide: &Guide) -> (Image, Lent) {
         let size = color.size;
         let mut weight = Image::blank(size, 1);
         let mut missing = vec![0; size.height.div_ceil(BAND)];

@@ -266,6 +266,7 @@ impl Pipeline for Svgf {
         let Merged {
             mut history,
             missing,
+            sample,
             guide,
             reflections,
         } = match params.merges_at_once() {
@@ -288,7 +289,7 @@ impl Pipeline for Svgf {
         let mut choosing = params.choice.zip(output.choice).map(|(params, levels)| {
             let moved = reflections.as_ref().and_then(|won| won.motion.as_ref());
             let look = Look {
-                fresh: Sampled::of(frame, texture),
+                fresh: Sampled::of(frame, texture, sample.as_ref()),
                 motion: moved.map_or(motion.pixels(), Image::pixels),
                 coverage: View::new(size, 1, output.confidence),
                 exposure: bright,
@@ -325,8 +326,8 @@ impl Pipeline for Svgf {
             .innovation
             .filter(|_| continues)
             .map(|params| {
-                let fresh = Sampled::of(frame, texture);
-                let length = history.pixels().part(5..6);
+                let fresh = Sampled::of(frame, texture, sample.as_ref());
+                let length = View::new(size, 1, &*output.history_length).into();
                 let evidence = evidence.as_ref();
                 innovate(params, &fresh, &result, length, &motion, bright, evidence)
             })
@@ -448,6 +449,8 @@ pub(super) fn without_fireflies(
 struct Merged {
     history: Records,
     missing: usize,
+    /// The light as it was sampled, where there is an image of it.
+    sample: Option<Image>,
     /// If it was needed already.
     guide: Option<Guide>,
     reflections: Option<reflections::Won>,
@@ -492,12 +495,11 @@ impl Light<'_> {
             None => Recalled::nothing(size, accumulate::CHANNELS, hold, output),
         };
         drop(memory);
-        let color = held.unwrap_or(sample);
-        let (color, lent) = match params.half_res.zip(guide.as_ref()) {
-            Some((half_res, guide)) => {
-                let (color, lent) = half_res.fill(color, known.channels(5..6), guide);
-                (color, Some(lent))
-            }
+        let color = held.as_ref().unwrap_or(&sample);
+        let filled = (params.half_res.zip(guide.as_ref()))
+            .map(|(half_res, guide)| half_res.fill(color, known.channels(5..6), guide));
+        let (color, lent) = match &filled {
+            Some((color, lent)) => (color, Some(lent)),
             None => (color, None),
         };
         let before = [0..3, 3..5, 5..6].map(|channels| known.pixels().part(channels));
@@ -507,7 +509,7 @@ impl Light<'_> {
             .map(|(all, length)| [(0..6, all), (5..6, length)]);
         let missing = accumulate(
             color.pixels(),
-            lent.as_ref().map(|lent| lent.weight.view()),
+            lent.map(|lent| lent.weight.view()),
             before,
             gradient.as_ref().map(Image::view),
             (params.by_confidence).then(|| View::new(size, 1, output.confidence)),
@@ -517,6 +519,7 @@ impl Light<'_> {
         Merged {
             history,
             missing: lent.map_or(missing, |lent| lent.missing),
+            sample: Some(sample),
             guide,
             reflections,
         }
@@ -563,6 +566,7 @@ impl Light<'_> {
         Merged {
             history,
             missing: missing.iter().sum(),
+            sample: None,
             guide: None,
             reflections: None,
         }
@@ -710,10 +714,17 @@ pub struct Sampled<'a> {
 }
 
 impl<'a> Sampled<'a> {
-    pub fn of(frame: &Frame<'a>, texture: Option<Texture<'a>>) -> Self {
-        Self {
-            color: frame.color,
-            texture,
+    /// Of a frame, or as it lies there already.
+    pub fn of(frame: &Frame<'a>, texture: Option<Texture<'a>>, light: Option<&'a Image>) -> Self {
+        match light {
+            Some(light) => Self {
+                color: light.pixels(),
+                texture: None,
+            },
+            None => Self {
+                color: frame.color,
+                texture,
+            },
         }
     }
 }
