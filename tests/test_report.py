@@ -551,7 +551,7 @@ def test_maps(page):
     # What others do not know falls back to the image.
     page.locator(".source").nth(0).select_option("OIDN high")
     shows(page, "room", 4, "OIDN high", "SVGF: error (FLIP)")
-    assert left.locator("option:disabled").count() == 3
+    assert left.locator("option:disabled").count() == 4
 
 
 def test_scenes_and_metrics(page):
