@@ -704,9 +704,8 @@ pub fn temporal_gradient<'py>(
 ///
 /// Notes
 /// -----
-/// With r = (color - prediction) / (max(prediction, 0) + exposure / 16), held to ±50, if `sparse` with the mean of
-/// max(prediction, 0) over blocks of 4×4 pixels, bilinearly between their centres, for max(prediction, 0), E its mean over blocks of 2×2 pixels and
-/// over frames: from the coarsest blocks to the finest, the mean b of what coarser ones left of E, over 3×3 blocks weighted
+/// With r = (color - prediction) / (l + exposure / 16), held to ±50, and E its mean over blocks of 2×2 pixels and over frames;
+/// l is max(prediction, 0), or with `sparse` its mean over blocks of 4×4 pixels, interpolated between their centres. From the coarsest blocks to the finest, the mean b of what coarser ones left of E, over 3×3 blocks weighted
 /// {1, 2, 1} along both axes, is kept by ``max(0, 1 - strictness v / |b|²)``, v being its variance by the squares of r, one share
 /// for the three channels. James and Stein 1961, *Estimation with Quadratic Loss*; Donoho and Johnstone 1994, *Ideal Spatial
 /// Adaptation by Wavelet Shrinkage*. A single bright sample has ``|b|² = v`` and is never news.
@@ -800,7 +799,7 @@ pub fn innovation_<'py>(
 ///     The brightness at which differences are judged, `exposure` of the image; above 0. Below a sixteenth of it errors count
 ///     as absolute, above as relative.
 /// usual : int, default 0
-///     The candidate that is chosen where nothing is known, and against which others have to stand.
+///     The candidate that is chosen where nothing is known, and that all others are compared with.
 /// strictness : float, default 0.5
 ///     How many standard errors another candidate has to be better; from 0.
 /// share : float, default 0.1
@@ -824,9 +823,11 @@ pub fn innovation_<'py>(
 ///
 /// Notes
 /// -----
-/// The gain of step k is the mean over channels of ``(a - b)(a + b - 2r)``, candidates and samples relative to the mean of the
-/// usual one, with samples held to ±8: an unbiased estimate of the difference of two squared errors. See `prediction_gain`. A
-/// tile's sums are averaged with those of its eight neighbours; nothing is chosen from fewer than 16 samples.
+/// The gain of step k is the mean over channels of ``(a - b)(a + b - 2r)``. Candidates a and b and the sample r are taken
+/// relative to the usual candidate: with m the mean of its channels, at least 0, each value v becomes
+/// ``(v - m) / (m + exposure / 16)``, and r is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of
+/// the difference of two squared errors (see `prediction_gain`). A tile's sums are averaged with those of its eight neighbours;
+/// the usual candidate is kept where that leaves fewer than 16 samples.
 #[pyfunction]
 #[pyo3(name = "choice", signature = (color, candidates, motion, coverage, evidence=None, *, offset=(0, 0), exposure=1.0,
     usual=0, strictness=0.5, share=0.1, out=None))]

@@ -16,10 +16,10 @@ pub struct Chose {
     age: usize,
 }
 
-/// What the choice asks of a frame.
+/// What of a frame the choice is made by.
 pub struct Look<'a> {
     pub fresh: Sampled<'a>,
-    /// That which history came along.
+    /// Along which history was fetched: that of reflections where they were taken.
     pub motion: Pixels<'a>,
     pub coverage: View<'a>,
     pub exposure: f32,
@@ -78,7 +78,7 @@ impl<'a> Choosing<'a> {
         }
     }
 
-    /// Takes what is wanted of the image after so many passes.
+    /// Keeps the image after so many passes as a candidate for the next frame, and adds it to the result where it was chosen.
     pub fn see(&mut self, pass: u32, image: &Filtered) {
         let size = image.size();
         self.chose.candidates.keep(image, size);
@@ -94,7 +94,7 @@ impl<'a> Choosing<'a> {
 /// How many passes each pixel shows.
 struct Level<'a> {
     chosen: Option<Levels<'a>>,
-    /// Before all passes: what is missing here is filled by as many as usual.
+    /// The image before all passes; pixels that are missing in it get the usual number, which fills them.
     start: &'a Filtered,
     usual: f32,
 }
@@ -122,7 +122,7 @@ impl<'a> Kernel for Level<'a> {
     }
 }
 
-/// Adds an image where it is shown, by its share.
+/// Adds the image after one number of passes to the result, weighted by its share in each pixel.
 struct Take<'a> {
     levels: View<'a>,
     image: &'a Filtered,
@@ -150,7 +150,7 @@ impl<'a> Kernel for Take<'a> {
             let values = color.iter().map(Row::as_slice).chain([variance]);
             for (shown, values) in shown.parts(run).zip(values) {
                 for (i, shown) in shown.iter_mut().enumerate() {
-                    // The first of two that are mixed finds nothing there.
+                    // Of two images that are mixed, that of fewer passes comes first: added to −0, it keeps its bits.
                     let begun = if self.pass > levels[i] { *shown } else { -0.0 };
                     let mixed = begun + shares[i] * values[i];
                     *shown = if shares[i] > 0.0 { mixed } else { *shown };

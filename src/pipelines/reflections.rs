@@ -74,7 +74,7 @@ impl Scores {
 /// What choosing finds.
 pub struct Won {
     pub scores: Scores,
-    /// The motion that history came along; none where it is the surface's own everywhere.
+    /// The motion along which history was fetched; None if that was the surface's own everywhere.
     pub motion: Option<Image>,
 }
 

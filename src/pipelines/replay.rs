@@ -57,8 +57,8 @@ const REPLAYED: gradient::Params = gradient::Params {
     widest: 2,
 };
 
-/// Brings history, and the light that reflections are looked for in, to the light that a replay of the frame before shows, as
-/// far as means tell it and where that is wanted. Returns the gradient of the rest.
+/// Returns the gradient by which a replay of the frame before shortens history. If it also `corrects`, history and the light
+/// in which reflections are looked for are corrected first, and the gradient is that of what the correction leaves.
 pub fn relight(
     replay: Pixels,
     before: &Before,
@@ -74,7 +74,8 @@ pub fn relight(
 
     let size = now.size;
     let known = history.pixels().part(0..3);
-    // Neither do the samples make the history, nor are any too different to be blurred together.
+    // As lengths of history, so that the prediction owes nothing to the samples; as variances, so that luminance stops no
+    // tap of the blur.
     let mut endless = Image::blank(size, 1);
     endless.data_mut().fill(1e30);
     let bright = exposure(known);

@@ -15,9 +15,10 @@
 //! 64/9 being how many tiles the average amounts to. The cheapest is chosen: another than u only where it is better by c
 //! standard errors, and none where n is below 16.
 //!
-//! Within a tile the choice is interpolated between the tiles' centres, and a number between two candidates means their
-//! mixture; so tiles do not show. Motion is followed to the nearest pixel, not resampled, as smooth candidates would gain by
-//! being resampled. What no sample is more than 8 times s away from is seen without bias; a bound lets a rare bright sample decide less.
+//! Between the centres of tiles the choice is interpolated, and a number between two candidates means their mixture, so that
+//! the tiles do not show. Motion is followed to the nearest pixel: resampling would blur the candidates, and the sharper ones
+//! more, which falsifies the comparison. The clamp at ±8 keeps one bright sample from deciding for a tile; the price is a bias
+//! where much of the light comes in rare samples brighter than that.
 //!
 //! Inputs: new samples (3), candidates (3 each; of half the size), motion (2), coverage (1), evidence (2 steps + 1; of an
 //! eighth of the size). Outputs: choice (1) and evidence, of an eighth of the size.

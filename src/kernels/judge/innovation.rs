@@ -18,8 +18,9 @@
 //! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of these
 //! weights, and d goes from level to level by bilinear interpolation. s is the share that James and Stein keep of a mean:
 //! nothing where it is no larger than chance makes it, nearly all where it is many times that. The correction is
-//! d (max(p, 0) + e/16), of the pixel's own p. The evidence for the next frame is E − d at the finest level, with its V, where the correction is fed
-//! back into what the next prediction is made of; otherwise E, as the next samples miss what these did.
+//! d (max(p, 0) + e/16), of the pixel's own p. The evidence for the next frame is E − d at the finest level, with its V,
+//! where the correction is fed back into what the next prediction is made of; otherwise E, as the next samples miss what
+//! these did.
 //!
 //! One bright sample among many has |b|² no larger than its own variance, in its frame and in those after, and is no news
 //! (James and Stein 1961, *Estimation with Quadratic Loss*; shrinkage by scales as in Donoho and Johnstone 1994, *Ideal
@@ -121,7 +122,7 @@ pub struct Known<'a> {
     pub motion: Option<Pixels<'a>>,
 }
 
-/// What is added to light, of which differences are a share.
+/// The light below which differences count as absolute: what is added to l in r.
 pub fn black(exposure: f32) -> f32 {
     (exposure * BLACK).max(f32::MIN_POSITIVE)
 }
@@ -323,7 +324,7 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
             let per = 1.0 / larger(samples, 1.0);
             let [or, og, ob, old] = before[i];
             let some = if samples > 0.0 { self.share } else { 0.0 };
-            // A sample of one block of many must do until each has one.
+            // Most blocks have no sample in a frame: they keep what they know until they get one.
             let lasts = self.around.is_some() & (samples == 0.0) & (trust[i] > 0.0);
             let w = if lasts { 1.0 } else { (1.0 - some) * trust[i] };
             let new = 1.0 - w;
