@@ -2,45 +2,20 @@
 
 use std::fmt::{self, Display};
 
-/// What is wrong with an argument; decides the Python exception.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// `ValueError`: shape, range or a combination of arguments.
-    Value,
-    /// `TypeError`: the elements are of another type.
-    Type,
-}
-
+/// An argument that cannot be worked with.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Error {
-    pub kind: Kind,
     message: String,
 }
 
+/// A value, or what is wrong with an argument.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    /// `argument: expected …, got …` as a `ValueError`.
-    pub fn value(argument: &str, expected: impl Display, got: impl Display) -> Self {
+    /// `argument: expected …, got …`.
+    pub(crate) fn value(argument: &str, expected: impl Display, got: impl Display) -> Self {
         Self {
-            kind: Kind::Value,
             message: format!("{argument}: expected {expected}, got {got}"),
-        }
-    }
-
-    /// `argument: expected …, got …` as a `TypeError`.
-    pub fn wrong_type(argument: &str, expected: impl Display, got: impl Display) -> Self {
-        Self {
-            kind: Kind::Type,
-            ..Self::value(argument, expected, got)
-        }
-    }
-
-    /// An argument that another one needs is absent.
-    pub fn needs(argument: &str, other: &str) -> Self {
-        Self {
-            kind: Kind::Value,
-            message: format!("{argument}: needs {other} as well"),
         }
     }
 }
@@ -54,7 +29,7 @@ impl Display for Error {
 impl std::error::Error for Error {}
 
 /// `Ok` when `value` lies in the range that `holds` tests and `expected` describes; NaN never does.
-pub fn in_range(
+pub(crate) fn in_range(
     argument: &str,
     value: f32,
     expected: &str,
@@ -67,13 +42,18 @@ pub fn in_range(
     }
 }
 
-/// A whole number that Python gave, if it lies in the range that `holds` tests and `expected` describes.
-pub fn whole<T: TryFrom<i64>>(
+/// A whole number, such as Python's, which may be below zero or too large for a field.
+pub(crate) trait Whole<T>: Copy + Display + TryInto<T> {}
+
+impl<T, N: Copy + Display + TryInto<T>> Whole<T> for N {}
+
+/// `value` when it lies in the range that `holds` tests and `expected` describes.
+pub(crate) fn whole<T>(
     argument: &str,
-    value: i64,
+    value: impl Whole<T>,
     expected: &str,
     holds: impl Fn(&T) -> bool,
 ) -> Result<T> {
-    let number = T::try_from(value).ok().filter(holds);
+    let number = value.try_into().ok().filter(holds);
     number.ok_or_else(|| Error::value(argument, expected, value))
 }

@@ -3,33 +3,38 @@
 //! Inside the library every channel is a plane of its own, rows from the top, so that loops over a row read and write
 //! contiguous floats. Interleaved arrays are taken apart at the door and put together on the way out.
 
+use std::fmt::{self, Display};
 use std::marker::PhantomData;
 use std::ops::Range;
 
 use crate::error::{Error, Result};
 pub use crate::memory::Value;
 use crate::memory::{Memory, prefetch};
+use crate::pixels::PixelsMut;
 use crate::rows::{self, BAND, Kernel};
 
 /// Height and width in pixels; both at least 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
+    /// Rows of pixels.
     pub height: usize,
+    /// Columns of pixels.
     pub width: usize,
 }
 
 impl Size {
     /// Coordinates of pixel centres, at +0.5, are exact in single precision below 2²³.
-    pub const LONGEST: usize = (1 << 23) - 1;
+    pub(crate) const LONGEST: usize = (1 << 23) - 1;
     /// Pixels and their neighbours are counted in 32 bits.
     const MOST: usize = 1 << 31;
 
+    /// How many pixels an image of this size has.
     pub fn pixels(self) -> usize {
         self.height * self.width
     }
 
     /// Whether images of this size can be worked on.
-    pub fn check(self, argument: &str) -> Result<()> {
+    pub(crate) fn check(self, argument: &str) -> Result<()> {
         let Self { height, width } = self;
         let fits =
             (height.max(width) <= Self::LONGEST) && (1..=Self::MOST).contains(&self.pixels());
@@ -40,22 +45,108 @@ impl Size {
             0 => "at least 1 × 1 pixels",
             _ => "sides below 2²³ and at most 2³¹ pixels",
         };
-        let got = format!("height {height} and width {width}");
-        Err(Error::value(argument, expected, got))
+        Err(Error::value(argument, expected, self))
+    }
+}
+
+impl Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "height {} and width {}", self.height, self.width)
+    }
+}
+
+/// Whether data have as many elements as they should.
+pub(crate) fn check_length(argument: &str, expected: usize, got: usize) -> Result<()> {
+    if expected == got {
+        return Ok(());
+    }
+    let expected = format!("{expected} elements");
+    Err(Error::value(argument, expected, got))
+}
+
+/// What callers outside of the crate make images of: all lengths are checked here.
+fn check_data(size: Size, channels: usize, length: usize) -> Result<()> {
+    size.check("size")?;
+    if channels == 0 {
+        return Err(Error::value("channels", "1 or more", channels));
+    }
+    check_length("data", size.pixels().saturating_mul(channels), length)
+}
+
+impl<T: Value> Image<T> {
+    /// An image of zeros.
+    ///
+    /// # Errors
+    /// If images cannot have such a size.
+    pub fn zeros(size: Size, channels: usize) -> Result<Self> {
+        check_data(size, channels, size.pixels().saturating_mul(channels))?;
+        Ok(Self::new(size, channels))
+    }
+
+    /// Height and width.
+    pub fn size(&self) -> Size {
+        self.size
+    }
+}
+
+impl<'a, T> View<'a, T> {
+    /// Views (channels, height, width) data: plane by plane.
+    ///
+    /// # Errors
+    /// If images cannot have such a size, or the data have another length.
+    pub fn planar(size: Size, channels: usize, data: &'a [T]) -> Result<Self> {
+        check_data(size, channels, data.len())?;
+        Ok(Self::new(size, channels, data))
+    }
+
+    /// Height and width.
+    pub fn size(&self) -> Size {
+        self.size
+    }
+}
+
+impl<'a, T: Copy + Default> Pixels<'a, T> {
+    /// Views (height, width, channels) data: pixel by pixel.
+    ///
+    /// # Errors
+    /// If images cannot have such a size, or the data have another length.
+    pub fn interleaved(size: Size, channels: usize, data: &'a [T]) -> Result<Self> {
+        check_data(size, channels, data.len())?;
+        Ok(Self::records(size, channels, data))
+    }
+
+    /// Height and width.
+    pub fn size(&self) -> Size {
+        self.size
+    }
+}
+
+impl<'a> PixelsMut<'a> {
+    /// (height, width, channels) data, to be written by a kernel.
+    ///
+    /// # Errors
+    /// If images cannot have such a size, or the data have another length.
+    pub fn interleaved(
+        size: Size,
+        channels: usize,
+        data: &'a mut [f32],
+    ) -> Result<impl Iterator<Item = PixelsMut<'a>>> {
+        check_data(size, channels, data.len())?;
+        Ok(Self::bands(size, channels, data))
     }
 }
 
 /// An owned planar image.
 #[derive(Clone, Debug)]
 pub struct Image<T: Value = f32> {
-    pub size: Size,
-    pub channels: usize,
+    pub(crate) size: Size,
+    pub(crate) channels: usize,
     data: Memory<T>,
 }
 
 impl<T: Value> Image<T> {
     /// All default.
-    pub fn new(size: Size, channels: usize) -> Self {
+    pub(crate) fn new(size: Size, channels: usize) -> Self {
         Self {
             size,
             channels,
@@ -64,7 +155,7 @@ impl<T: Value> Image<T> {
     }
 
     /// For who overwrites all of it.
-    pub fn blank(size: Size, channels: usize) -> Self {
+    pub(crate) fn blank(size: Size, channels: usize) -> Self {
         Self {
             size,
             channels,
@@ -72,6 +163,7 @@ impl<T: Value> Image<T> {
         }
     }
 
+    /// All planes.
     pub fn view(&self) -> View<'_, T> {
         View {
             size: self.size,
@@ -80,10 +172,12 @@ impl<T: Value> Image<T> {
         }
     }
 
+    /// The image as an argument of kernels, which take either layout.
     pub fn pixels(&self) -> Pixels<'_, T> {
         self.view().into()
     }
 
+    /// The pixels of a channel, row by row from the top.
     pub fn plane(&self, channel: usize) -> &[T] {
         self.view().plane(channel)
     }
@@ -98,21 +192,6 @@ impl<T: Value> Image<T> {
         )
     }
 
-    /// A planar copy of interleaved (height, width, channels) data.
-    pub fn from_interleaved(size: Size, channels: usize, interleaved: &[T]) -> Self {
-        let mut image = Self::blank(size, channels);
-        rows::run(
-            &Deinterleave {
-                interleaved,
-                channels,
-                width: size.width,
-            },
-            size.height,
-            image.bands(),
-        );
-        image
-    }
-
     /// The image's bands of rows, to be written by different threads.
     pub fn bands(&mut self) -> impl Iterator<Item = BandMut<'_, T>> {
         bands_of(&mut self.data, self.size)
@@ -120,6 +199,7 @@ impl<T: Value> Image<T> {
 }
 
 impl<T: Value> Image<T> {
+    /// All elements, in the order of the layout.
     pub fn data_mut(&mut self) -> &mut [T] {
         &mut self.data
     }
@@ -128,32 +208,22 @@ impl<T: Value> Image<T> {
 /// A borrowed planar image.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a, T = f32> {
-    pub size: Size,
-    pub channels: usize,
+    pub(crate) size: Size,
+    pub(crate) channels: usize,
     data: &'a [T],
 }
 
 impl<T: Copy + Send + Sync> View<'_, T> {
     /// Writes the pixels one after the other.
-    pub fn interleave(&self, into: &mut [T]) {
+    pub(crate) fn interleave(&self, into: &mut [T]) {
         let bands = into.chunks_mut(BAND * self.size.width * self.channels);
         rows::run(&Interleave { planes: *self }, self.size.height, bands);
     }
 }
 
-impl<T: Value> View<'_, T> {
-    pub fn to_image(self) -> Image<T> {
-        Image {
-            size: self.size,
-            channels: self.channels,
-            data: self.data.into(),
-        }
-    }
-}
-
 impl<'a, T> View<'a, T> {
     /// Views planar data; its length must fit, which the caller has checked against the same shape.
-    pub fn new(size: Size, channels: usize, data: &'a [T]) -> Self {
+    pub(crate) fn new(size: Size, channels: usize, data: &'a [T]) -> Self {
         assert_eq!(data.len(), size.pixels() * channels);
         Self {
             size,
@@ -162,6 +232,7 @@ impl<'a, T> View<'a, T> {
         }
     }
 
+    /// The pixels of a channel, row by row from the top.
     #[inline(always)]
     pub fn plane(&self, channel: usize) -> &'a [T] {
         let n = self.size.pixels();
@@ -178,6 +249,7 @@ impl<'a, T> View<'a, T> {
         self.data.chunks(self.size.pixels())
     }
 
+    /// A row of a channel.
     #[inline(always)]
     pub fn row(&self, channel: usize, y: usize) -> &'a [T] {
         &self.plane(channel)[y * self.size.width..][..self.size.width]
@@ -193,8 +265,8 @@ impl<'a, T> View<'a, T> {
 /// A borrowed image in either layout: planes, or records of a pixel's channels.
 #[derive(Clone, Copy, Debug)]
 pub struct Pixels<'a, T = f32> {
-    pub size: Size,
-    pub channels: usize,
+    pub(crate) size: Size,
+    pub(crate) channels: usize,
     data: &'a [T],
     /// From a pixel to the next, and from a channel to the next.
     steps: [usize; 2],
@@ -218,7 +290,7 @@ impl<'a, T> From<View<'a, T>> for Pixels<'a, T> {
 
 impl<'a, T: Copy + Default> Pixels<'a, T> {
     /// Views interleaved data; its length must fit.
-    pub fn records(size: Size, channels: usize, data: &'a [T]) -> Self {
+    pub(crate) fn records(size: Size, channels: usize, data: &'a [T]) -> Self {
         assert_eq!(data.len(), size.pixels() * channels);
         Self {
             size,
@@ -229,7 +301,7 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     }
 
     /// Consecutive channels.
-    pub fn part(self, channels: Range<usize>) -> Self {
+    pub(crate) fn part(self, channels: Range<usize>) -> Self {
         Self {
             channels: channels.len(),
             data: &self.data[channels.start * self.steps[1]..],
@@ -238,7 +310,7 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     }
 
     /// The same image as parts whose channels lie side by side: itself, or every plane.
-    pub fn side_by_side(self) -> impl Iterator<Item = Self> {
+    pub(crate) fn side_by_side(self) -> impl Iterator<Item = Self> {
         let width = if self.steps[1] == 1 { self.channels } else { 1 };
         (0..self.channels)
             .step_by(width)
@@ -246,7 +318,7 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     }
 
     #[inline(always)]
-    pub fn at(&self, pixel: usize, channel: usize) -> T {
+    pub(crate) fn at(&self, pixel: usize, channel: usize) -> T {
         self.data[pixel * self.steps[0] + channel * self.steps[1]]
     }
 
@@ -265,19 +337,19 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 
     /// All numbers, and how many lie between a pixel and the next.
     #[inline(always)]
-    pub fn numbers(&self) -> (&'a [T], usize) {
+    pub(crate) fn numbers(&self) -> (&'a [T], usize) {
         (self.data, self.steps[0])
     }
 
     /// Three channels of a pixel.
     #[inline(always)]
-    pub fn vector(&self, pixel: usize) -> [T; 3] {
+    pub(crate) fn vector(&self, pixel: usize) -> [T; 3] {
         [0, 1, 2].map(|channel| self.at(pixel, channel))
     }
 
     /// The first channel of these pixels.
     #[inline(always)]
-    pub fn gather(&self, pixels: &[u32], into: &mut [T]) {
+    pub(crate) fn gather(&self, pixels: &[u32], into: &mut [T]) {
         let (data, step) = (self.data, self.steps[0]);
         for (to, &pixel) in into.iter_mut().zip(pixels) {
             *to = data[pixel as usize * step];
@@ -286,7 +358,12 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 
     /// The first three channels of these pixels; `records` is scratch.
     #[inline(always)]
-    pub fn gather_vectors(&self, pixels: &[u32], records: &mut [[T; 4]], into: [&mut [T]; 3]) {
+    pub(crate) fn gather_vectors(
+        &self,
+        pixels: &[u32],
+        records: &mut [[T; 4]],
+        into: [&mut [T]; 3],
+    ) {
         if self.steps[1] == 1 {
             // One load for each, of a number too many.
             let records = &mut records[..pixels.len()];
@@ -303,7 +380,7 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 
     /// Copies a channel of a run.
     #[inline(always)]
-    pub fn load(&self, run: Run, channel: usize, into: &mut [T]) {
+    pub(crate) fn load(&self, run: Run, channel: usize, into: &mut [T]) {
         self.follow(run, channel);
         self.copy(run, channel, into);
     }
@@ -348,9 +425,12 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 }
 
 impl<T: Value> Pixels<'_, T> {
-    /// A copy of records, or of a single plane.
-    pub fn to_records(self) -> Records<T> {
-        assert_eq!(self.steps[0], self.channels);
+    /// A copy in records.
+    pub(crate) fn to_records(self) -> Records<T> {
+        if self.steps[0] != self.channels {
+            let planes = &self.data[..self.size.pixels() * self.channels];
+            return Records::of(View::new(self.size, self.channels, planes));
+        }
         let mut records = Records::blank(self.size, self.channels);
         let band = BAND * self.size.width * self.channels;
         let outs = self.data.chunks(band).zip(records.data.chunks_mut(band));
@@ -360,6 +440,7 @@ impl<T: Value> Pixels<'_, T> {
 }
 
 impl Pixels<'_> {
+    /// A planar copy.
     pub fn to_planes(self) -> Image {
         let mut image = Image::blank(self.size, self.channels);
         rows::run(&ToPlanes { pixels: self }, self.size.height, image.bands());
@@ -368,7 +449,7 @@ impl Pixels<'_> {
 
     /// Copies the first `N` channels of a run: all at once where they lie side by side.
     #[inline(always)]
-    pub fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
+    pub(crate) fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
         let start = (run.y * self.size.width + run.x) * self.steps[0];
         let records = |channels: usize| &self.data[start..][..run.len * channels];
         if self.steps[1] == 1 {
@@ -423,13 +504,13 @@ fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
 /// An owned image of records.
 #[derive(Clone, Debug)]
 pub struct Records<T: Value = f32> {
-    pub size: Size,
+    pub(crate) size: Size,
     channels: usize,
     data: Memory<T>,
 }
 
 impl<T: Value> Records<T> {
-    pub fn new(size: Size, channels: usize) -> Self {
+    pub(crate) fn new(size: Size, channels: usize) -> Self {
         Self {
             size,
             channels,
@@ -438,7 +519,7 @@ impl<T: Value> Records<T> {
     }
 
     /// For who overwrites all of it.
-    pub fn blank(size: Size, channels: usize) -> Self {
+    pub(crate) fn blank(size: Size, channels: usize) -> Self {
         Self {
             size,
             channels,
@@ -446,16 +527,19 @@ impl<T: Value> Records<T> {
         }
     }
 
+    /// An interleaved copy.
     pub fn of(image: View<T>) -> Self {
         let mut records = Self::blank(image.size, image.channels);
         image.interleave(&mut records.data);
         records
     }
 
+    /// All elements, in the order of the layout.
     pub fn data_mut(&mut self) -> &mut [T] {
         &mut self.data
     }
 
+    /// The image as an argument of kernels, which take either layout.
     pub fn pixels(&self) -> Pixels<'_, T> {
         Pixels::records(self.size, self.channels, &self.data)
     }
@@ -486,10 +570,12 @@ pub struct BandMut<'a, T = f32> {
 }
 
 impl<T> BandMut<'_, T> {
+    /// How many planes there are.
     pub fn channels(&self) -> usize {
         self.planes.len()
     }
 
+    /// A row of a channel; `y` counts from the image's top.
     #[inline(always)]
     pub fn row(&mut self, channel: usize, y: usize) -> &mut [T] {
         &mut self.planes[channel][(y - self.rows.start) * self.width..][..self.width]
@@ -497,7 +583,7 @@ impl<T> BandMut<'_, T> {
 
     /// The run's pixels in each channel.
     #[inline(always)]
-    pub fn parts(&mut self, run: Run) -> impl ExactSizeIterator<Item = &mut [T]> {
+    pub(crate) fn parts(&mut self, run: Run) -> impl ExactSizeIterator<Item = &mut [T]> {
         let start = (run.y - self.rows.start) * self.width + run.x;
         self.planes
             .iter_mut()
@@ -506,7 +592,7 @@ impl<T> BandMut<'_, T> {
 
     /// Asks for what follows a run in each channel.
     #[inline(always)]
-    pub fn follow(&self, run: Run) {
+    pub(crate) fn follow(&self, run: Run) {
         let next = (run.y - self.rows.start) * self.width + run.x + run.len;
         for plane in &self.planes {
             prefetch(plane, next, run.len);
@@ -515,7 +601,7 @@ impl<T> BandMut<'_, T> {
 
     /// Writes a run's records: plane by plane, or as they are where the band has the records of an image for its row.
     #[inline(always)]
-    pub fn put(&mut self, run: Run, records: &[T], channels: usize)
+    pub(crate) fn put(&mut self, run: Run, records: &[T], channels: usize)
     where
         T: Copy,
     {
@@ -795,28 +881,6 @@ pub fn interleave<'a, T: Copy + 'a>(
     }
 }
 
-struct Deinterleave<'a, T> {
-    interleaved: &'a [T],
-    channels: usize,
-    width: usize,
-}
-
-impl<'a, T: Copy + Send + Sync + 'a> Kernel for Deinterleave<'a, T> {
-    type Out = BandMut<'a, T>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a, T>) {
-        for y in rows {
-            // Part by part, so that every channel finds the records in the first-level cache.
-            for run in segments(y, self.width) {
-                let start = (y * self.width + run.x) * self.channels;
-                let records = &self.interleaved[start..][..run.len * self.channels];
-                deinterleave(records, out.parts(run));
-            }
-        }
-    }
-}
-
 struct Copies<'a, T>(PhantomData<&'a T>);
 
 impl<'a, T: Value> Kernel for Copies<'a, T> {
@@ -874,7 +938,7 @@ mod tests {
         for (height, width) in [(1, 1), (1, 7), (33, 5), (16, 1), (17, 3)] {
             for channels in 1..5 {
                 let data: Vec<f32> = (0..height * width * channels).map(|i| i as f32).collect();
-                let image = Image::from_interleaved(Size { height, width }, channels, &data);
+                let image = Pixels::records(Size { height, width }, channels, &data).to_planes();
                 assert_eq!(image.plane(channels - 1)[0], (channels - 1) as f32);
                 let mut back = vec![0.0; data.len()];
                 image.view().interleave(&mut back);

@@ -117,20 +117,11 @@ impl<S: Simd> Lanes<S> {
     }
 
     /// The first lane.
-    #[inline(always)]
+    #[cfg(test)]
     pub fn first(self) -> f32 {
         let mut first = [0.0];
         self.store(&mut first, 0);
         first[0]
-    }
-
-    /// Times a factor, plus a term, rounded once: not for kernels, as not every level has an instruction for it.
-    #[inline(always)]
-    pub fn mul_add(self, factor: Self, term: Self) -> Self {
-        self.with(
-            self.simd
-                .mul_add_e_f32s(self.values, factor.values, term.values),
-        )
     }
 
     #[inline(always)]

@@ -1,6 +1,49 @@
-//! Yester: temporal reprojection and denoising of rendered frames.
+//! Yester: temporal reprojection and denoising of rendered frames, on any CPU.
 //!
-//! A frame flows through the kernels in the order of their folders:
+//! [`pipelines`] are whole methods that work on a sequence frame by frame: they carry what earlier frames saw to the current
+//! one along motion vectors, judge how far it may be trusted, merge it with the new samples, and smooth the noise that is
+//! left. Every buffer of a [`Frame`](pipelines::Frame) but its colour is optional. Two frames, denoised:
+//!
+//! ```
+//! use yester::pipelines::svgf::{Params, Svgf};
+//! use yester::pipelines::{Frame, Pipeline, Results};
+//! use yester::{Pixels, Size};
+//!
+//! # fn main() -> yester::error::Result<()> {
+//! let size = Size { height: 48, width: 64 };
+//! let mut svgf = Svgf::new(Params::default())?;
+//! let mut results = Results::new(&svgf, size)?;
+//! for number in 0..2 {
+//!     // A renderer gives these: three channels of each pixel side by side, rows from the top.
+//!     let noise = |i: usize| (i * 2654435761 + number * 97) % 1000;
+//!     let color: Vec<f32> = (0..3 * size.pixels()).map(|i| noise(i) as f32 / 1000.0).collect();
+//!     let depth = vec![1.0; size.pixels()];
+//!     let motion = vec![0.0; 2 * size.pixels()];
+//!
+//!     let mut frame = Frame::new(Pixels::interleaved(size, 3, &color)?);
+//!     frame.surface.depth = Some(Pixels::interleaved(size, 1, &depth)?);
+//!     frame.motion = Some(Pixels::interleaved(size, 2, &motion)?);
+//!     let (summary, mistake) = svgf.step(&frame, results.output())?;
+//!     assert_eq!(summary.missing, 0);
+//!     assert!(mistake.is_none());
+//! }
+//! // A uniform image under noise: what is left of it is far less than there was.
+//! let mean = results.color.iter().sum::<f32>() / results.color.len() as f32;
+//! assert!(results.color.iter().all(|value| (value - mean).abs() < 0.2));
+//! assert!(results.history_length.iter().all(|&length| length == 2.0));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! [`kernels`] are their building blocks, one module each, which begins with the formula and its source.
+//!
+//! All cores work, with the widest vector instructions that the CPU has. The environment lowers that: `YESTER_THREADS` to a
+//! number of threads, `YESTER_SIMD` to `baseline`, `avx2`, `avx512` or `neon`; see [`Settings`]. Results have the same bits
+//! with all of them. The feature `python` adds the extension module of the Python package; nothing else needs it.
+//!
+//! # Inside
+//!
+//! A frame flows through the kernels in the order of their folders. In Python, numpy's arrays are at both ends:
 //!
 //! ```text
 //!   numpy ── bindings ──► planar views                          arrays are checked and taken apart, once
@@ -21,75 +64,24 @@
 //! ```
 //!
 //! `demodulate` and `remodulate` take the texture off before and put it back after; `morphological_aa` smooths the edges
-//! of an image that has no history. [`pipelines`] are lists of these kernels that keep the history; [`rows`] runs them
+//! of an image that has no history. Pipelines are lists of these kernels that keep the history; `rows` runs them
 //! all, on every core and with the instructions that the CPU has.
 
-pub mod bindings;
-pub mod bordered;
+#[cfg(feature = "python")]
+mod bindings;
+mod bordered;
 pub mod error;
-pub mod image;
+mod image;
 pub mod kernels;
-pub mod lanes;
-pub mod limits;
-pub mod math;
-pub mod memory;
+mod lanes;
+mod math;
+mod memory;
 pub mod pipelines;
-pub mod pixels;
-pub mod rows;
+mod pixels;
+mod rows;
 
-use pyo3::prelude::*;
-
-/// The compiled half of `yester`; its public names are re-exported there.
-#[pymodule(gil_used = false)]
-mod _core {
-    use super::*;
-
-    #[pymodule_export]
-    use bindings::arrays::canonical;
-    #[pymodule_export]
-    use bindings::camera::{Camera, dilate_motion, jitter_, motion_vectors, virtual_motion_};
-    #[pymodule_export]
-    use bindings::fetch::reproject_;
-    #[pymodule_export]
-    use bindings::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
-    #[pymodule_export]
-    use bindings::judge::{
-        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, consistency_, exposure_,
-        innovation_, prediction_gain, temporal_gradient,
-    };
-    #[pymodule_export]
-    use bindings::merge::{Accumulated, accumulate_, blend_, resolve_};
-    #[pymodule_export]
-    use bindings::pipelines::bmfr::BMFR;
-    #[pymodule_export]
-    use bindings::pipelines::half_res::HalfRes;
-    #[pymodule_export]
-    use bindings::pipelines::recirculation::Recirculation;
-    #[pymodule_export]
-    use bindings::pipelines::svgf::SVGF;
-    #[pymodule_export]
-    use bindings::pipelines::taa::TAA;
-    #[pymodule_export]
-    use bindings::pipelines::upscaler::Upscaler;
-    #[pymodule_export]
-    use bindings::pipelines::{Output, Pipeline};
-    #[pymodule_export]
-    use bindings::regress::regress_;
-    #[pymodule_export]
-    use bindings::scatter::{pull_push_, recirculate_, splat_};
-    #[pymodule_export]
-    use bindings::smooth::{
-        atrous_, demodulate_, estimate_variance_, fix_history_, morphological_aa_, remodulate_,
-        suppress_fireflies_,
-    };
-    #[pymodule_export]
-    use bindings::upscale::{disocclusion_, resample_, sharpen_, thin_features_};
-    #[pymodule_export]
-    use bindings::{machine_limits, settings};
-
-    #[pymodule_init]
-    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        rows::Settings::from_environment()?;
-        module.add("__version__", env!("CARGO_PKG_VERSION"))
-    }
-}
+pub use glam;
+pub use image::{BandMut, Image, Pixels, Records, Size, Value, View};
+pub use memory::OutOfMemory;
+pub use pixels::PixelsMut;
+pub use rows::Settings;

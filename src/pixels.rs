@@ -11,18 +11,22 @@ use crate::rows::{self, BAND};
 
 /// A band of rows of a mutable image.
 pub enum PixelsMut<'a> {
+    /// Plane by plane.
     Planar(BandMut<'a>),
     /// Of as many channels as are written.
     Interleaved {
+        /// The band's first row.
         top: usize,
+        /// Columns of the image.
         width: usize,
+        /// Pixel by pixel.
         data: &'a mut [f32],
     },
 }
 
 impl<'a> PixelsMut<'a> {
     /// The bands of (height, width, channels) data.
-    pub fn bands(
+    pub(crate) fn bands(
         size: Size,
         channels: usize,
         data: &'a mut [f32],
@@ -39,13 +43,13 @@ impl<'a> PixelsMut<'a> {
     }
 
     /// The bands of planes that lie one after the other.
-    pub fn planar(size: Size, data: &'a mut [f32]) -> impl Iterator<Item = PixelsMut<'a>> {
+    pub(crate) fn planar(size: Size, data: &'a mut [f32]) -> impl Iterator<Item = PixelsMut<'a>> {
         bands_of(data, size).map(PixelsMut::Planar)
     }
 
     /// Overwrites a run of as many channels as there are rows.
     #[inline(always)]
-    pub fn write<'r>(
+    pub(crate) fn write<'r>(
         &mut self,
         run: Run,
         rows: impl IntoIterator<Item = &'r [f32], IntoIter: ExactSizeIterator>,

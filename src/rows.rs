@@ -212,6 +212,7 @@ impl Level {
 /// What this machine has, lowered by the environment.
 #[derive(Debug)]
 pub struct Settings {
+    /// At least 1.
     pub threads: usize,
     level: Level,
 }
@@ -252,8 +253,8 @@ impl Settings {
         Ok(SETTINGS.get_or_init(|| Self { threads, level }))
     }
 
-    pub fn get() -> &'static Self {
-        Self::from_environment().expect("the environment is checked when the module is imported")
+    pub(crate) fn get() -> &'static Self {
+        Self::from_environment().expect("the environment is checked before any kernel runs")
     }
 
     /// The instruction set's name, as `YESTER_SIMD` has it.

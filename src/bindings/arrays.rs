@@ -1,6 +1,7 @@
 //! numpy in, numpy out: the checks that every argument passes once, and the copies at the door.
 
 use std::cell::RefCell;
+use std::fmt::Display;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
@@ -12,17 +13,24 @@ use pyo3::exceptions::{PyMemoryError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::error::{Error, Kind};
+use crate::error::Error;
 use crate::image::{Image, Pixels, Size, Value, View};
 use crate::memory::OutOfMemory;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
-        match error.kind {
-            Kind::Value => PyValueError::new_err(error.to_string()),
-            Kind::Type => PyTypeError::new_err(error.to_string()),
-        }
+        PyValueError::new_err(error.to_string())
     }
+}
+
+/// An argument of another type than expected.
+pub fn wrong_type(argument: &str, expected: impl Display, got: impl Display) -> PyErr {
+    PyTypeError::new_err(Error::value(argument, expected, got).to_string())
+}
+
+/// An argument that another one needs is absent.
+pub fn needs(argument: &str, other: &str) -> PyErr {
+    PyValueError::new_err(format!("{argument}: needs {other} as well"))
 }
 
 /// Does work without the interpreter; memory that cannot be had is a `MemoryError`.
@@ -127,7 +135,7 @@ impl Number for f32 {
                 "bfloat16" => ": pass x.astype(numpy.float32)".into(),
                 _ => String::new(),
             };
-            return Err(Error::wrong_type(name, Self::NAME, dtype + &advice).into());
+            return Err(wrong_type(name, Self::NAME, dtype + &advice));
         }
         as_contiguous(array, "float32")
     }
@@ -142,7 +150,7 @@ impl Number for f64 {
         kind: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
         if !matches!(kind, "f" | "i" | "u") {
-            return Err(Error::wrong_type(name, Self::NAME, array.getattr("dtype")?).into());
+            return Err(wrong_type(name, Self::NAME, array.getattr("dtype")?));
         }
         as_contiguous(array, "float64")
     }
@@ -157,7 +165,7 @@ impl Number for u32 {
         kind: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
         if !matches!(kind, "i" | "u") {
-            return Err(Error::wrong_type(name, Self::NAME, array.getattr("dtype")?).into());
+            return Err(wrong_type(name, Self::NAME, array.getattr("dtype")?));
         }
         if array.getattr("size")?.extract::<usize>()? > 0 {
             for extreme in ["min", "max"] {
@@ -215,7 +223,7 @@ fn unreadable(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
     } else {
         return error;
     };
-    Error::wrong_type(name, "an array", got).into()
+    wrong_type(name, "an array", got)
 }
 
 /// The shapes that a buffer may have.
@@ -394,23 +402,25 @@ impl<'a, T: Number> Interleaved<'a, T> {
     pub fn pixels(self) -> Pixels<'a, T> {
         Pixels::records(self.size, self.channels, self.data)
     }
+}
 
-    pub fn planes(self) -> Planes<'a, T> {
+impl<'a> Interleaved<'a, f32> {
+    pub fn planes(self) -> Planes<'a> {
         match self.channels {
             1 => Planes::Borrowed(View::new(self.size, 1, self.data)),
-            _ => Planes::Owned(Image::from_interleaved(self.size, self.channels, self.data)),
+            _ => Planes::Owned(self.pixels().to_planes()),
         }
     }
 }
 
 /// A planar image that is borrowed where the array already was planar.
-pub enum Planes<'a, T: Value = f32> {
-    Borrowed(View<'a, T>),
-    Owned(Image<T>),
+pub enum Planes<'a> {
+    Borrowed(View<'a>),
+    Owned(Image),
 }
 
-impl<T: Number> Planes<'_, T> {
-    pub fn view(&self) -> View<'_, T> {
+impl Planes<'_> {
+    pub fn view(&self) -> View<'_> {
         match self {
             Self::Borrowed(view) => *view,
             Self::Owned(image) => image.view(),
@@ -430,11 +440,6 @@ impl<T: Element + Value> Outgoing<T> {
         let Size { height, width } = image.size;
         let channels = (image.channels > 1).then_some(image.channels);
         let shape = [height, width].into_iter().chain(channels).collect();
-        Self { image, shape }
-    }
-
-    /// What was computed from [`Interleaved::flat`] images of this shape.
-    pub fn flat(image: Image<T>, shape: Vec<usize>) -> Self {
         Self { image, shape }
     }
 
@@ -472,7 +477,7 @@ impl<'py, T: Element> Out<'py, T> {
             let got = value
                 .getattr("dtype")
                 .unwrap_or(value.get_type().into_any());
-            return Err(Error::wrong_type("out", expected, got).into());
+            return Err(wrong_type("out", expected, got));
         };
         if array.shape() != shape {
             return Err(Error::value("out", expected, shape_text(array.shape())).into());

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::arrays::{
-    self, Channels, Direct, Input, MOTION, Out, choice, detached, matrix4, points, vector,
+    self, Channels, Direct, Input, MOTION, Out, choice, detached, matrix4, needs, points, vector,
 };
 use crate::error::{Error, whole};
 use crate::image::Size;
@@ -442,14 +442,15 @@ pub fn motion_vectors<'py>(
         }
         let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
         if transforms.is_some() && ids.is_none() {
-            return Err(Error::needs("transforms", "ids").into());
+            return Err(needs("transforms", "ids"));
         }
         let transforms = transforms.unwrap_or_default().into_iter();
         let transforms: Vec<_> = transforms
             .map(|(id, matrix)| {
                 Ok((
                     id,
-                    pinhole::matrix(matrix4(&matrix, &format!("transforms[{id}]"))?),
+                    DMat4::from_cols_array_2d(&matrix4(&matrix, &format!("transforms[{id}]"))?)
+                        .transpose(),
                 ))
             })
             .collect::<PyResult<_>>()?;
@@ -584,7 +585,7 @@ pub fn dilate_motion<'py>(
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let depth = Input::<f32>::optional(depth, "depth", Channels::One, motion.size())?;
         if nearest && depth.is_none() {
-            return Err(Error::needs("choose=\"nearest\"", "depth").into());
+            return Err(needs("choose=\"nearest\"", "depth"));
         }
         let out = Out::given(out, motion.shape())?;
         let depth = depth.as_ref().filter(|_| nearest).map(Input::data);

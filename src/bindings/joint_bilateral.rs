@@ -3,7 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, detached, vector};
+use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, detached, needs, vector};
 use super::camera::Camera;
 use super::smooth::{GuideArgs, GuideData};
 use crate::error::Error;
@@ -194,7 +194,7 @@ pub fn joint_bilateral_upsample_<'py>(
         ("ids", ids, low_ids),
     ] {
         if low.is_some() && full.is_none() {
-            return Err(Error::needs(&format!("low_{name}"), name).into());
+            return Err(needs(&format!("low_{name}"), name));
         }
     }
     let (upsampled, out) = {

@@ -5,14 +5,15 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, choice, detached, parts,
+    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, choice, detached, needs,
+    parts,
 };
 use super::camera::{Camera, check_size};
 use super::merge::AlphaArg;
-use crate::error::{Error, in_range, whole};
+use crate::error::{Error, whole};
 use crate::image::{Pixels, bands_of};
 use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, check_plane_test};
+use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
 use crate::kernels::judge::{
     alternation, anti_lag, blend_factor, choice, consistency, exposure, gradient, innovation,
     neighborhood, prediction,
@@ -65,6 +66,25 @@ pub struct SurfaceArgs<'py> {
     color: Pair<Input<'py>>,
     camera: Option<pinhole::Camera>,
     params: surface::Params,
+}
+
+/// The plane test needs depths, normals and motion with a change of depth.
+fn check_plane_test(depth: bool, normal: bool, motion_channels: usize) -> PyResult<()> {
+    if !depth {
+        return Err(needs("previous_camera", "depth"));
+    }
+    if !normal {
+        return Err(needs("previous_camera", "normal"));
+    }
+    if motion_channels != 3 {
+        return Err(Error::value(
+            "motion",
+            "shape (H, W, 3) for the plane test of previous_camera",
+            "(H, W, 2)",
+        )
+        .into());
+    }
+    Ok(())
 }
 
 type Arg<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
@@ -132,8 +152,8 @@ fn pair<'py, T>(
     match args {
         [Some(now), Some(before)] => Ok(Some([check(now, names[0])?, check(before, names[1])?])),
         [None, None] => Ok(None),
-        [Some(_), None] => Err(Error::needs(names[0], names[1]).into()),
-        [None, Some(_)] => Err(Error::needs(names[1], names[0]).into()),
+        [Some(_), None] => Err(needs(names[0], names[1])),
+        [None, Some(_)] => Err(needs(names[1], names[0])),
     }
 }
 
@@ -567,9 +587,7 @@ pub fn alternation_<'py>(
     exposure: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    in_range("exposure", exposure, "a finite number above 0", |v| {
-        v > 0.0 && v.is_finite()
-    })?;
+    exposure::check(exposure)?;
     let next = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
@@ -739,9 +757,7 @@ pub fn innovation_<'py>(
         levels: innovation::Params::levels(levels)?,
     };
     params.check()?;
-    in_range("exposure", exposure, "a finite number above 0", |v| {
-        v > 0.0 && v.is_finite()
-    })?;
+    exposure::check(exposure)?;
     let (correction, left) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
@@ -851,9 +867,7 @@ pub fn choice_<'py>(
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
     let params = choice::Params { strictness, share };
     params.check()?;
-    in_range("exposure", exposure, "a finite number above 0", |v| {
-        v > 0.0 && v.is_finite()
-    })?;
+    exposure::check(exposure)?;
     let side = |value| whole("offset", value, "0 or 1", |&n: &usize| n <= 1);
     let offset = [side(offset.0)?, side(offset.1)?];
     let (chosen, left) = {
@@ -958,7 +972,9 @@ pub fn prediction_gain<'py>(
     radius: i64,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let radius = whole("radius", radius, "0 to 16 pixels", |&n: &usize| n <= 16)?;
+    let radius = whole("radius", radius, "0 to 16 pixels", |&n| {
+        n <= prediction::MOST
+    })?;
     let gain = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::arrays::{
     COLOR, Channels, Direct, Input, Interleaved, Out, choice, detached, parts, points,
 };
-use crate::error::{Error, in_range};
+use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::merge::{accumulate, blend, resolve};
 use crate::pixels::PixelsMut;
@@ -207,12 +207,7 @@ pub fn resolve_<'py>(
         let got = format!("{} axes", outer.len() + 1);
         return Err(Error::value("offsets", "shape (N, 2)", got).into());
     }
-    if let Some(far) = offsets
-        .iter()
-        .find(|offset| !offset.iter().all(|d| d.abs() <= 0.5))
-    {
-        return Err(Error::value("offsets", "pixels from -0.5 to 0.5", format!("{far:?}")).into());
-    }
+    offsets.iter().copied().try_for_each(resolve::check)?;
     let image = {
         let images: Vec<_> = samples.try_iter()?.collect::<PyResult<_>>()?;
         if images.is_empty() || images.len() != offsets.len() {
@@ -341,9 +336,7 @@ impl<'py> AlphaArg<'py> {
         let is_image = alpha.is_instance_of::<PyUntypedArray>() || axes.is_ok_and(|axes| axes > 0);
         match alpha.extract() {
             Ok(share) if !is_image => {
-                in_range("alpha", share, "a share from 0 to 1", |v| {
-                    (0.0..=1.0).contains(&v)
-                })?;
+                blend::check_alpha(share)?;
                 Ok(Self::Constant(share))
             }
             _ => {

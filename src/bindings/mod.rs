@@ -1,27 +1,85 @@
 //! numpy in, numpy out: one file per kernel folder and one for the pipelines. Every check of an argument is here or in
 //! a kernel's `Params::check`, once; kernels run without the interpreter's lock.
 
-pub mod arrays;
-pub mod camera;
-pub mod fetch;
-pub mod joint_bilateral;
-pub mod judge;
-pub mod merge;
-pub mod pipelines;
-pub mod regress;
-pub mod scatter;
-pub mod smooth;
-pub mod upscale;
+// Classes have the names that Python has.
+#![allow(clippy::upper_case_acronyms)]
+
+mod arrays;
+mod camera;
+mod fetch;
+mod joint_bilateral;
+mod judge;
+mod limits;
+mod merge;
+mod pipelines;
+mod regress;
+mod scatter;
+mod smooth;
+mod upscale;
 
 use pyo3::prelude::*;
 
-use crate::limits::limits;
 use crate::rows::Settings;
+
+/// The compiled half of `yester`; its public names are re-exported there.
+#[pymodule(gil_used = false)]
+mod _core {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use super::arrays::canonical;
+    #[pymodule_export]
+    use super::camera::{Camera, dilate_motion, jitter_, motion_vectors, virtual_motion_};
+    #[pymodule_export]
+    use super::fetch::reproject_;
+    #[pymodule_export]
+    use super::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
+    #[pymodule_export]
+    use super::judge::{
+        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, consistency_, exposure_,
+        innovation_, prediction_gain, temporal_gradient,
+    };
+    #[pymodule_export]
+    use super::merge::{Accumulated, accumulate_, blend_, resolve_};
+    #[pymodule_export]
+    use super::pipelines::bmfr::BMFR;
+    #[pymodule_export]
+    use super::pipelines::half_res::HalfRes;
+    #[pymodule_export]
+    use super::pipelines::recirculation::Recirculation;
+    #[pymodule_export]
+    use super::pipelines::svgf::SVGF;
+    #[pymodule_export]
+    use super::pipelines::taa::TAA;
+    #[pymodule_export]
+    use super::pipelines::upscaler::Upscaler;
+    #[pymodule_export]
+    use super::pipelines::{Output, Pipeline};
+    #[pymodule_export]
+    use super::regress::regress_;
+    #[pymodule_export]
+    use super::scatter::{pull_push_, recirculate_, splat_};
+    #[pymodule_export]
+    use super::smooth::{
+        atrous_, demodulate_, estimate_variance_, fix_history_, morphological_aa_, remodulate_,
+        suppress_fireflies_,
+    };
+    #[pymodule_export]
+    use super::upscale::{disocclusion_, resample_, sharpen_, thin_features_};
+    #[pymodule_export]
+    use super::{machine_limits, settings};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::rows::Settings::from_environment()?;
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}
 
 /// The number of threads and the instruction set that kernels run with: what the machine has, lowered by
 /// `YESTER_THREADS` and `YESTER_SIMD`.
 #[pyfunction]
-pub fn settings() -> PyResult<(usize, &'static str)> {
+fn settings() -> PyResult<(usize, &'static str)> {
     let settings = Settings::from_environment()?;
     Ok((settings.threads, settings.level_name()))
 }
@@ -29,6 +87,6 @@ pub fn settings() -> PyResult<(usize, &'static str)> {
 /// Bytes that a copy can read and write, and multiply-adds, per second: the limits of this machine, measured with the threads and
 /// instructions in use.
 #[pyfunction]
-pub fn machine_limits(py: Python<'_>) -> (f64, f64) {
-    py.detach(limits)
+fn machine_limits(py: Python<'_>) -> (f64, f64) {
+    py.detach(limits::limits)
 }

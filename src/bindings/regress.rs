@@ -3,9 +3,10 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Direct, Input, Interleaved, Out, choice, detached, parts};
+use super::arrays::{
+    COLOR, Channels, Direct, Input, Interleaved, Out, choice, detached, needs, parts,
+};
 use super::camera::{Camera, check_size, place};
-use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::camera::pinhole;
 use crate::kernels::smooth::regress::{self, Features, Place};
@@ -96,7 +97,7 @@ pub fn regress_<'py>(
             .as_ref()
             .is_some_and(|geometry| geometry.channels() == 1)
         {
-            return Err(Error::needs("geometry", "camera").into());
+            return Err(needs("geometry", "camera"));
         }
         let Size { height, width } = size;
         let [first, second] = parts(out.as_ref())?;

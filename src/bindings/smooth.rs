@@ -4,10 +4,9 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
 use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, parts,
+    COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, needs, parts,
 };
 use super::camera::{Camera, check_size};
-use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::camera::pinhole::{self, Rays};
 use crate::kernels::judge::surface::Surface;
@@ -37,7 +36,7 @@ impl<'py> GuideArgs<'py> {
             check_size("camera", camera, size)?;
             for (name, given) in [("depth", depth.is_some()), ("normal", normal.is_some())] {
                 if !given {
-                    return Err(Error::needs("camera", name).into());
+                    return Err(needs("camera", name));
                 }
             }
         }

@@ -8,7 +8,7 @@
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Pipeline, Summary, Upkeep};
+use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep};
 use super::svgf::{
     self, Memory, Recalled, Sampled, check_continues, correct_history, correct_light, illumination,
     innovate, recall, without_fireflies,
@@ -18,7 +18,7 @@ use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::innovation::Innovation;
+use crate::kernels::judge::innovation::{self, Innovation};
 use crate::kernels::merge::accumulate::{self, accumulate};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
@@ -27,6 +27,7 @@ use crate::kernels::smooth::regress::{self, Features, Place, regress};
 use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel};
 
+/// Parameters of [`Bmfr`].
 #[derive(Clone, Debug)]
 pub struct Params {
     /// Of the history; what is of the spatial filter alone does not count.
@@ -39,9 +40,31 @@ pub struct Params {
     pub antialias: Option<taa::Params>,
 }
 
+/// By our own measurements.
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            history: svgf::Params {
+                gradient: true,
+                innovation: Some(innovation::Params::default()),
+                ..svgf::Params::textbook()
+            },
+            regress: regress::Params {
+                block: 16,
+                ..Default::default()
+            },
+            fitted_alpha: 0.1,
+            antialias: Some(taa::Params::DENOISED),
+        }
+    }
+}
+
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         self.history.check()?;
+        self.regress.check()?;
+        self.antialias.iter().try_for_each(taa::Params::check)?;
         in_range(
             "fitted_alpha",
             self.fitted_alpha,
@@ -69,6 +92,7 @@ const BLACK: f32 = 1.0 / 1024.0;
 /// Channels of a history image: those of [`accumulate`], and the accumulated fits.
 const CHANNELS: usize = accumulate::CHANNELS + 3;
 
+/// Block-wise multi-order feature regression.
 pub struct Bmfr {
     params: Params,
     upkeep: Upkeep,
@@ -79,6 +103,7 @@ pub struct Bmfr {
 }
 
 impl Bmfr {
+    /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
         Ok(Self {
@@ -91,7 +116,9 @@ impl Bmfr {
     }
 }
 
-impl Pipeline for Bmfr {
+impl Pipeline for Bmfr {}
+
+impl Steps for Bmfr {
     fn upkeep(&mut self) -> &mut Upkeep {
         &mut self.upkeep
     }

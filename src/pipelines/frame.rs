@@ -5,38 +5,134 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 use super::motion_check::{Check, Mistake};
 use crate::error::{Error, Result};
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, segments};
+use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, check_length, segments};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
 use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Settings};
 
-/// One frame's buffers.
+/// One frame's buffers: its colour, and what else the renderer knows of it. All have one size.
+#[derive(Clone, Copy)]
 pub struct Frame<'a> {
+    /// 3 channels; linear, scene-referred and unclamped. Samples with NaN or infinity count as missing.
     pub color: Pixels<'a>,
+    /// 3 channels; the reflectance of the visible surface, 0 to 1; zeros where nothing was hit.
     pub albedo: Option<Pixels<'a>>,
+    /// 3 channels; light that the visible surface emits: the part of the colour that has no noise.
     pub emission: Option<Pixels<'a>>,
-    /// Its colour is the albedo.
+    /// Depth, normals and ids of the visible surface. Pipelines take its colour from `albedo`.
     pub surface: Surface<'a>,
+    /// 3 channels; world space; not finite where nothing was hit.
     pub position: Option<Pixels<'a>>,
+    /// 2 or 3 channels; previous minus current position in pixels, x right, y down, without jitter; the third channel is
+    /// previous minus current depth.
     pub motion: Option<Pixels<'a>>,
+    /// 3 channels; the previous frame rendered again with its camera and random numbers, but this frame's scene. NaN where
+    /// another surface shows.
     pub replay: Option<Pixels<'a>>,
+    /// 1 channel; distance from the surface to what it reflects, +inf for the environment.
     pub hit_distance: Option<Pixels<'a>>,
+    /// 1 channel; how little of the history [`upscaler`](super::upscaler) may show, 0 (all of it) to 1 (nothing).
     pub reactive: Option<Pixels<'a>>,
+    /// Without jitter, and of the frame's size.
     pub camera: Option<Camera>,
+    /// Offset of the samples from their pixel centres in pixels, x right, y down; −0.5 to 0.5.
     pub jitter: Option<[f64; 2]>,
 }
 
 impl<'a> Frame<'a> {
-    pub fn geometry(&self) -> Option<Geometry<'a>> {
+    /// A frame of which only the colour is known.
+    pub fn new(color: Pixels<'a>) -> Self {
+        Self {
+            color,
+            albedo: None,
+            emission: None,
+            surface: Surface::default(),
+            position: None,
+            motion: None,
+            replay: None,
+            hit_distance: None,
+            reactive: None,
+            camera: None,
+            jitter: None,
+        }
+    }
+
+    /// The frame with its albedo as the surface's colour, if all buffers have the channels that they should and the size
+    /// of the colour.
+    fn checked(&self) -> Result<Self> {
+        let Surface {
+            depth,
+            normal,
+            ids,
+            object_normal,
+            ..
+        } = self.surface;
+        let size = self.color.size;
+        size.check("color")?;
+        let buffers = [
+            ("color", Some(self.color), 3..=3),
+            ("albedo", self.albedo, 3..=3),
+            ("emission", self.emission, 3..=3),
+            ("depth", depth, 1..=1),
+            ("normal", normal, 3..=3),
+            ("object_normal", object_normal, 3..=3),
+            ("position", self.position, 3..=3),
+            ("motion", self.motion, 2..=3),
+            ("replay", self.replay, 3..=3),
+            ("hit_distance", self.hit_distance, 1..=1),
+            ("reactive", self.reactive, 1..=1),
+        ];
+        let buffers = buffers.into_iter().filter_map(|(name, buffer, wanted)| {
+            let buffer = buffer?;
+            Some((name, buffer.size, buffer.channels, wanted))
+        });
+        let ids = ids.map(|ids| ("ids", ids.size, ids.channels, 1..=1));
+        for (name, own, channels, wanted) in buffers.chain(ids) {
+            if own != size {
+                return Err(Error::value(name, size, own));
+            }
+            if !wanted.contains(&channels) {
+                let expected = match (*wanted.start(), *wanted.end()) {
+                    (1, _) => "1 channel".into(),
+                    (few, most) if few == most => format!("{few} channels"),
+                    (few, most) => format!("{few} or {most} channels"),
+                };
+                return Err(Error::value(name, expected, channels));
+            }
+        }
+        if let Some(camera) = self.camera.filter(|camera| camera.size != size) {
+            return Err(Error::value("camera", size, camera.size));
+        }
+        if let Some(jitter) = self.jitter
+            && !jitter.iter().all(|d| d.abs() <= 0.5)
+        {
+            let got = format!("{jitter:?}");
+            return Err(Error::value("jitter", "offsets from -0.5 to 0.5", got));
+        }
+        let color = self.albedo;
+        Ok(Self {
+            surface: Surface {
+                color,
+                ..self.surface
+            },
+            ..*self
+        })
+    }
+
+    pub(super) fn geometry(&self) -> Option<Geometry<'a>> {
         (self.position.map(Geometry::Position)).or(self.surface.depth.map(Geometry::Depth))
     }
 
     /// The motion that came with the frame; or, if both cameras are known and where surfaces are, computed; or none. Where
     /// it came without change of depth, that is completed from the cameras, as far as they tell the same motion.
-    pub fn motion(&self, previous: Option<&Camera>, used: &mut Vec<&'static str>) -> Motion<'a> {
+    pub(super) fn motion(
+        &self,
+        previous: Option<&Camera>,
+        used: &mut Vec<&'static str>,
+    ) -> Motion<'a> {
         let cameras = self.camera.as_ref().zip(previous);
         match self.motion {
             Some(motion) => {
@@ -166,23 +262,115 @@ impl Motion<'_> {
     }
 }
 
-/// Where a step writes its results: records of colour, and a number for each pixel of the others.
+/// What a pipeline writes beyond what all write.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Extras {
+    /// [`Output::variance`].
+    pub variance: bool,
+    /// [`Output::choice`].
+    pub choice: bool,
+}
+
+/// Where a step writes its results: an element for each pixel of [`Pipeline::output_size`], row by row from the top.
 pub struct Output<'a> {
+    /// Three elements for each pixel: its channels side by side. Finite everywhere.
     pub color: &'a mut [f32],
-    /// Of the luminance, where the pipeline estimates it.
+    /// Variance of the filtered luminance, before albedo is put back; for pipelines that estimate it.
     pub variance: Option<&'a mut [f32]>,
+    /// Samples that went into each pixel.
     pub history_length: &'a mut [f32],
+    /// Weight of the history's footprint that was accepted, 0 to 1; 0 where the pixel starts anew.
     pub confidence: &'a mut [f32],
+    /// Bits of [`rejection`](crate::kernels::judge::surface::rejection): the tests that history failed.
     pub rejection: &'a mut [u8],
-    /// What was chosen, where the pipeline chooses.
+    /// Passes of the filter that each pixel shows; for pipelines that choose.
     pub choice: Option<&'a mut [f32]>,
 }
 
+impl Output<'_> {
+    fn check(&self, size: Size, extras: Extras) -> Result<()> {
+        size.check("output")?;
+        for (name, given, wanted) in [
+            ("variance", self.variance.is_some(), extras.variance),
+            ("choice", self.choice.is_some(), extras.choice),
+        ] {
+            if given != wanted {
+                let text = |there| if there { "Some" } else { "None" };
+                return Err(Error::value(name, text(wanted), text(given)));
+            }
+        }
+        let length = |buffer: &Option<&mut [f32]>| buffer.as_ref().map(|buffer| buffer.len());
+        let pixels = size.pixels();
+        for (name, wanted, got) in [
+            ("color", 3 * pixels, Some(self.color.len())),
+            ("variance", pixels, length(&self.variance)),
+            ("history_length", pixels, Some(self.history_length.len())),
+            ("confidence", pixels, Some(self.confidence.len())),
+            ("rejection", pixels, Some(self.rejection.len())),
+            ("choice", pixels, length(&self.choice)),
+        ] {
+            check_length(name, wanted, got.unwrap_or(wanted))?;
+        }
+        Ok(())
+    }
+}
+
+/// Memory for the results of a pipeline's steps, which each step overwrites.
+#[derive(Clone, Debug)]
+pub struct Results {
+    /// As [`Output::color`].
+    pub color: Vec<f32>,
+    /// As [`Output::variance`].
+    pub variance: Option<Vec<f32>>,
+    /// As [`Output::history_length`].
+    pub history_length: Vec<f32>,
+    /// As [`Output::confidence`].
+    pub confidence: Vec<f32>,
+    /// As [`Output::rejection`].
+    pub rejection: Vec<u8>,
+    /// As [`Output::choice`].
+    pub choice: Option<Vec<f32>>,
+}
+
+impl Results {
+    /// For what a pipeline makes of frames of a size.
+    ///
+    /// # Errors
+    /// If images cannot have such a size.
+    pub fn new(pipeline: &impl Pipeline, size: Size) -> Result<Self> {
+        let size = pipeline.output_size(size);
+        size.check("size")?;
+        let (n, extras) = (size.pixels(), pipeline.extras());
+        let zeros = || vec![0.0; n];
+        Ok(Self {
+            color: vec![0.0; 3 * n],
+            variance: extras.variance.then(zeros),
+            history_length: zeros(),
+            confidence: zeros(),
+            rejection: vec![0; n],
+            choice: extras.choice.then(zeros),
+        })
+    }
+
+    /// To be written by a step.
+    pub fn output(&mut self) -> Output<'_> {
+        Output {
+            color: &mut self.color,
+            variance: self.variance.as_deref_mut(),
+            history_length: &mut self.history_length,
+            confidence: &mut self.confidence,
+            rejection: &mut self.rejection,
+            choice: self.choice.as_deref_mut(),
+        }
+    }
+}
+
 /// What else a step knows.
+#[derive(Clone, Debug)]
 pub struct Summary {
     /// Names of the buffers that took part.
     pub used: Vec<&'static str>,
-    /// Samples that were not finite.
+    /// Pixels whose sample was not finite.
     pub missing: usize,
 }
 
@@ -193,15 +381,28 @@ pub struct Upkeep {
     check: Check,
 }
 
-/// A method that works on a sequence frame by frame.
-pub trait Pipeline {
+/// What [`Pipeline`] is made of. It is out of reach for other crates, so that every step is checked.
+pub trait Steps {
     fn upkeep(&mut self) -> &mut Upkeep;
 
     /// Forgets the history.
     fn forget(&mut self);
 
-    /// Works on the next frame; after an error, everything is as before.
+    /// Works on the next frame, which is checked; after an error, everything is as before.
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary>;
+}
+
+/// A method that works on a sequence frame by frame.
+pub trait Pipeline: Steps {
+    /// The size of the results for frames of a size.
+    fn output_size(&self, size: Size) -> Size {
+        size
+    }
+
+    /// What is written beyond what all pipelines write.
+    fn extras(&self) -> Extras {
+        Extras::default()
+    }
 
     /// Forgets the sequence; the next frame is a first one.
     fn reset(&mut self) {
@@ -209,8 +410,20 @@ pub trait Pipeline {
         self.forget();
     }
 
-    /// Works on the next frame, in memory that earlier ones have left, and looks at its motion. A panic resets the pipeline.
+    /// Works on the next frame of the sequence. Also returned is what seems wrong with the motion, which is asked once, at
+    /// the second frame.
+    ///
+    /// # Errors
+    /// If a buffer has another size or other channels than it should, the size changes without a [`reset`](Self::reset), or
+    /// the pipeline needs a buffer that is absent. The history is then as before.
+    ///
+    /// # Panics
+    /// If memory cannot be had, with [`OutOfMemory`](crate::OutOfMemory). The pipeline is reset, and usable.
     fn step(&mut self, frame: &Frame, output: Output) -> Result<(Summary, Option<Mistake>)> {
+        Settings::from_environment()?;
+        let frame = &frame.checked()?;
+        output.check(self.output_size(frame.color.size), self.extras())?;
+        // In memory that earlier steps have left.
         let mut upkeep = std::mem::take(self.upkeep());
         let next = AssertUnwindSafe(|| upkeep.reserve.serve(|| self.next(frame, output)));
         let summary = catch_unwind(next).unwrap_or_else(|panic| {
@@ -225,10 +438,359 @@ pub trait Pipeline {
 
 /// Frames of a sequence have one size.
 pub fn check_size(before: Size, now: Size) -> Result<()> {
-    let text = |Size { height, width }: Size| format!("height {height} and width {width}");
     if before == now {
         return Ok(());
     }
-    let expected = format!("{}, as in earlier frames (or reset() before)", text(before));
-    Err(Error::value("frame", expected, text(now)))
+    let expected = format!("{before}, as in earlier frames (or reset() before)");
+    Err(Error::value("frame", expected, now))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::marker::PhantomData;
+
+    use super::*;
+    use crate::kernels::judge::{innovation, neighborhood};
+    use crate::pipelines::{bmfr, half_res, recirculation, svgf, taa, upscaler};
+
+    const SIZE: Size = Size {
+        height: 37,
+        width: 45,
+    };
+
+    /// A frame's buffers, pixel by pixel.
+    struct Buffers {
+        color: Vec<f32>,
+        albedo: Vec<f32>,
+        normal: Vec<f32>,
+        depth: Vec<f32>,
+        motion: Vec<f32>,
+        ids: Vec<u32>,
+    }
+
+    impl Buffers {
+        fn new(number: usize) -> Self {
+            let noise = |i: usize| ((i * 2_654_435_761 + number * 977) % 1009) as f32 / 1009.0;
+            let n = SIZE.pixels();
+            Self {
+                color: (0..3 * n).map(noise).collect(),
+                albedo: (0..3 * n).map(|i| 0.2 + 0.6 * noise(i / 24)).collect(),
+                normal: (0..3 * n).map(|i| [0.1, 0.2, 1.0][i % 3]).collect(),
+                depth: (0..n).map(|i| 1.0 + 0.01 * noise(i / 9)).collect(),
+                motion: (0..3 * n).map(|i| [0.75, -1.5, 0.0][i % 3]).collect(),
+                ids: (0..n).map(|i| (i % 45 / 20) as u32).collect(),
+            }
+        }
+
+        fn frame(&self) -> Frame<'_> {
+            let view =
+                |channels, data| Some(Pixels::interleaved(SIZE, channels, data).expect("fits"));
+            Frame {
+                albedo: view(3, &self.albedo),
+                surface: Surface {
+                    depth: view(1, &self.depth),
+                    normal: view(3, &self.normal),
+                    ids: Some(Pixels::interleaved(SIZE, 1, &self.ids).expect("fits")),
+                    ..Default::default()
+                },
+                motion: view(3, &self.motion),
+                camera: Some(camera()),
+                ..Frame::new(view(3, &self.color).expect("given"))
+            }
+        }
+    }
+
+    fn camera() -> Camera {
+        let matrix = [
+            [1.0, 0.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+        ];
+        Camera::new(matrix, SIZE).expect("a projection")
+    }
+
+    fn svgf() -> svgf::Svgf {
+        svgf::Svgf::new(svgf::Params::default()).expect("in range")
+    }
+
+    /// The bits of some frames' results.
+    fn bits(pipeline: &mut impl Pipeline, frames: impl IntoIterator<Item = usize>) -> Vec<u32> {
+        let mut results = Results::new(pipeline, SIZE).expect("a size");
+        let mut bits = vec![];
+        for number in frames {
+            let buffers = Buffers::new(number);
+            let step = pipeline.step(&buffers.frame(), results.output());
+            step.expect("a whole frame");
+            let more = results.history_length.iter().chain(&results.confidence);
+            bits.extend(results.color.iter().chain(more).map(|v| v.to_bits()));
+        }
+        bits
+    }
+
+    #[test]
+    fn every_pipeline_runs_by_default() {
+        fn runs(mut pipeline: impl Pipeline) {
+            bits(&mut pipeline, 0..3);
+        }
+        runs(svgf());
+        runs(svgf::Svgf::new(svgf::Params::textbook()).expect("in range"));
+        runs(svgf::Svgf::new(half_res::Params::default().svgf()).expect("in range"));
+        runs(bmfr::Bmfr::new(bmfr::Params::default()).expect("in range"));
+        runs(taa::Taa::new(taa::Params::default()).expect("in range"));
+        let params = recirculation::Params::default();
+        runs(recirculation::Recirculation::new(params).expect("in range"));
+        runs(upscaler::Upscaler::new(upscaler::Params::default()).expect("in range"));
+    }
+
+    #[test]
+    fn frames_in_planes_give_the_same_bits() {
+        let [mut one, mut other] = [svgf(), svgf()];
+        let expected = bits(&mut one, 0..3);
+        let mut results = Results::new(&other, SIZE).expect("a size");
+        let mut got = vec![];
+        for number in 0..3 {
+            let buffers = Buffers::new(number);
+            let frame = buffers.frame();
+            let planes = [
+                Some(frame.color),
+                frame.albedo,
+                frame.surface.normal,
+                frame.motion,
+            ];
+            let planes = planes.map(|buffer| buffer.expect("given").to_planes());
+            let [color, albedo, normal, motion] = planes.each_ref().map(Image::pixels);
+            let frame = Frame {
+                color,
+                albedo: Some(albedo),
+                motion: Some(motion),
+                surface: Surface {
+                    normal: Some(normal),
+                    ..frame.surface
+                },
+                ..frame
+            };
+            other.step(&frame, results.output()).expect("a whole frame");
+            let more = results.history_length.iter().chain(&results.confidence);
+            got.extend(results.color.iter().chain(more).map(|v| v.to_bits()));
+        }
+        assert!(expected == got);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_an_error() {
+        let buffers = Buffers::new(0);
+        let whole = buffers.frame();
+        let small = Size {
+            height: SIZE.height - 1,
+            ..SIZE
+        };
+        let short = vec![0.5; 3 * small.pixels()];
+        let small_image = Pixels::interleaved(small, 3, &short).ok();
+        let flat = whole.surface.depth;
+        let with = |surface| Frame { surface, ..whole };
+        let camera = Camera::new(camera().world_to_clip, small).ok();
+        let frames = [
+            (
+                "albedo: expected height 37 and width 45, got height 36 and width 45",
+                Frame {
+                    albedo: small_image,
+                    ..whole
+                },
+            ),
+            (
+                "color: expected 3 channels, got 1",
+                Frame::new(flat.expect("given")),
+            ),
+            (
+                "motion: expected 2 or 3 channels, got 1",
+                Frame {
+                    motion: flat,
+                    ..whole
+                },
+            ),
+            (
+                "depth: expected 1 channel, got 3",
+                with(Surface {
+                    depth: whole.albedo,
+                    ..whole.surface
+                }),
+            ),
+            (
+                "normal: expected 3 channels, got 1",
+                with(Surface {
+                    normal: flat,
+                    ..whole.surface
+                }),
+            ),
+            ("camera: expected height 37", Frame { camera, ..whole }),
+            (
+                "jitter: expected offsets",
+                Frame {
+                    jitter: Some([0.0, f64::NAN]),
+                    ..whole
+                },
+            ),
+        ];
+        let mut pipeline = svgf();
+        let mut results = Results::new(&pipeline, SIZE).expect("a size");
+        bits(&mut pipeline, 0..2);
+        for (message, frame) in frames {
+            let error = pipeline.step(&frame, results.output()).err();
+            let error = error.expect(message).to_string();
+            assert!(error.starts_with(message), "{error}");
+        }
+        let outputs: [(&str, fn(&mut Output)); 4] = [
+            ("color: expected 4995 elements", |output| {
+                output.color = &mut []
+            }),
+            ("rejection: expected 1665 elements", |output| {
+                output.rejection = &mut []
+            }),
+            ("variance: expected Some, got None", |output| {
+                output.variance = None
+            }),
+            ("choice: expected Some, got None", |output| {
+                output.choice = None
+            }),
+        ];
+        for (message, spoil) in outputs {
+            let mut output = results.output();
+            spoil(&mut output);
+            let error = pipeline.step(&whole, output).err();
+            let error = error.expect(message).to_string();
+            assert!(error.starts_with(message), "{error}");
+        }
+        // A sequence of one size, and after errors as if nothing had been.
+        let other = Frame::new(small_image.expect("fits"));
+        let mut smaller = Results::new(&pipeline, small).expect("a size");
+        assert!(pipeline.step(&other, smaller.output()).is_err());
+        assert!(bits(&mut pipeline, [2]) == bits(&mut svgf(), 0..3)[2 * 5 * SIZE.pixels()..]);
+    }
+
+    #[test]
+    fn data_of_another_length_are_no_view() {
+        let [zero, line] = [0, 1].map(|height| Size { height, width: 4 });
+        assert!(Pixels::interleaved(line, 3, &[0.0; 12]).is_ok());
+        assert!(Pixels::interleaved(line, 3, &[0.0; 11]).is_err());
+        assert!(Pixels::<f32>::interleaved(zero, 3, &[]).is_err());
+        assert!(Pixels::<f32>::interleaved(line, 0, &[]).is_err());
+        assert!(crate::View::planar(line, 2, &[0.0; 9]).is_err());
+        assert!(crate::PixelsMut::interleaved(line, 2, &mut [0.0; 9]).is_err());
+        let huge = Size {
+            height: usize::MAX,
+            width: usize::MAX,
+        };
+        assert!(Pixels::interleaved(huge, 3, &[0.0]).is_err());
+        assert!(Image::<f32>::zeros(huge, 1).is_err());
+        assert!(Results::new(&svgf(), huge).is_err());
+    }
+
+    #[test]
+    fn parameters_out_of_range_are_errors() {
+        fn refused(made: Result<impl Sized>, message: &str) {
+            let error = made.err().expect(message).to_string();
+            assert_eq!(error, message);
+        }
+        let svgf = |spoil: fn(&mut svgf::Params)| {
+            let mut params = svgf::Params::default();
+            spoil(&mut params);
+            svgf::Svgf::new(params)
+        };
+        let iterations = svgf(|params| params.atrous.iterations = 17);
+        refused(iterations, "iterations: expected 0 to 16 passes, got 17");
+        let radius = svgf(|params| params.atrous.radius = 0);
+        refused(radius, "radius: expected 1 or 2 taps, got 0");
+        let radius = svgf(|params| params.variance.radius = usize::MAX);
+        let message = format!("radius: expected 0 to 16 pixels, got {}", usize::MAX);
+        refused(radius, &message);
+        let levels = svgf(|params| {
+            params.innovation = Some(innovation::Params {
+                levels: 9,
+                ..Default::default()
+            });
+        });
+        refused(levels, "levels: expected 1 to 8, got 9");
+        let window = svgf(|params| {
+            let clip = neighborhood::Params {
+                radius: 3,
+                ..taa::Params::DENOISED.clip
+            };
+            params.antialias = Some(taa::Params {
+                clip,
+                ..taa::Params::DENOISED
+            });
+        });
+        refused(window, "window: expected a radius of 1 or 2, got 3");
+        let mut params = bmfr::Params::default();
+        params.regress.block = 3;
+        let message = "block: expected 4 to 256 pixels, got 3";
+        refused(bmfr::Bmfr::new(params), message);
+        let mut params = recirculation::Params::default();
+        params.pull_push.factor = 1;
+        let made = recirculation::Recirculation::new(params);
+        refused(made, "factor: expected 2 to 16, got 1");
+    }
+
+    /// SVGF with a kernel that panics.
+    struct Breaking {
+        svgf: svgf::Svgf,
+        breaks: bool,
+    }
+
+    struct Panics<'a>(PhantomData<&'a f32>);
+
+    impl<'a> Kernel for Panics<'a> {
+        type Out = BandMut<'a>;
+
+        fn rows(&self, rows: Range<usize>, _: BandMut<'a>) {
+            assert!(rows.start == 0, "a kernel that panics, on purpose");
+        }
+    }
+
+    impl Pipeline for Breaking {
+        fn extras(&self) -> Extras {
+            self.svgf.extras()
+        }
+    }
+
+    impl Steps for Breaking {
+        fn upkeep(&mut self) -> &mut Upkeep {
+            self.svgf.upkeep()
+        }
+
+        fn forget(&mut self) {
+            self.svgf.forget();
+        }
+
+        fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+            let summary = self.svgf.next(frame, output);
+            if self.breaks {
+                let mut image = Image::new(frame.color.size, 1);
+                let kernel = Panics(PhantomData);
+                rows::run(&kernel, frame.color.size.height, image.bands());
+            }
+            summary
+        }
+    }
+
+    #[test]
+    fn a_panic_in_a_kernel_leaves_a_pipeline_that_begins_anew() {
+        let mut pipeline = Breaking {
+            svgf: svgf(),
+            breaks: false,
+        };
+        let mut results = Results::new(&pipeline, SIZE).expect("a size");
+        let expected = bits(&mut svgf(), 0..3);
+        for _ in 0..2 {
+            assert!(bits(&mut pipeline, 0..3) == expected);
+            pipeline.breaks = true;
+            let buffers = Buffers::new(3);
+            let step =
+                AssertUnwindSafe(|| pipeline.step(&buffers.frame(), results.output()).is_ok());
+            assert!(catch_unwind(step).is_err());
+            pipeline.breaks = false;
+        }
+        assert!(bits(&mut pipeline, 0..3) == expected);
+    }
 }

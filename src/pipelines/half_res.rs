@@ -10,7 +10,7 @@ use std::ops::Range;
 use super::{svgf, taa};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
-use crate::kernels::judge::neighborhood;
+use crate::kernels::judge::{innovation, neighborhood};
 use crate::kernels::merge::accumulate::{self, count_missing};
 use crate::kernels::smooth::atrous;
 use crate::kernels::smooth::guide::Guide;
@@ -18,10 +18,12 @@ use crate::kernels::smooth::joint_bilateral::{self, reconstruct};
 use crate::math::is_present;
 use crate::rows::{self, BAND, Kernel};
 
+/// Parameters for frames of which a part is traced; [`Params::svgf`] makes a pipeline of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// w: how much of a sample a reconstructed one is, where nothing else is known; above 0 to 1; 0.1.
     pub weight: f32,
+    /// How samples are borrowed.
     pub window: joint_bilateral::Params,
 }
 
@@ -35,6 +37,7 @@ impl Default for Params {
 }
 
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("weight", self.weight, "a share above 0 to 1", |v| {
             v > 0.0 && v <= 1.0
@@ -65,12 +68,13 @@ impl Params {
             reflections: vec![0.5, 2.0],
             antialias: Some(antialias),
             half_res: Some(self),
-            ..Default::default()
+            innovation: Some(innovation::Params::default()),
+            ..svgf::Params::textbook()
         }
     }
 
     /// Fills a colour, as far as it can, that joins histories of so many samples.
-    pub fn fill(&self, color: &Image, length: View, guide: &Guide) -> (Image, Lent) {
+    pub(crate) fn fill(&self, color: &Image, length: View, guide: &Guide) -> (Image, Lent) {
         let size = color.size;
         let mut weight = Image::blank(size, 1);
         let mut missing = vec![0; size.height.div_ceil(BAND)];
@@ -89,7 +93,7 @@ impl Params {
 }
 
 /// What of a colour is reconstructed.
-pub struct Lent {
+pub(crate) struct Lent {
     /// How much of a sample each pixel is.
     pub weight: Image,
     /// Pixels that had no sample.

@@ -1,13 +1,32 @@
-//! Whole denoisers: lists of kernels, with the state that goes from frame to frame.
+//! Whole methods: lists of kernels, with the state that goes from frame to frame.
+//!
+//! | pipeline | what it makes of frames |
+//! |---|---|
+//! | [`Svgf`] | denoised ones; with [`half_res::Params::svgf`], of frames of which a part is traced |
+//! | [`Bmfr`] | denoised ones, by regression |
+//! | [`Taa`] | antialiased ones, of frames with little noise |
+//! | [`Upscaler`] | larger ones, by what their jitter shows |
+//! | [`Recirculation`] | whole ones, of frames of which a part is traced |
+//!
+//! All are used in the same way: see [`Pipeline`], [`Frame`] and [`Results`]. `Params::default()` is what the class of the
+//! Python package has by default.
 
 pub mod bmfr;
-pub mod frame;
+mod frame;
 pub mod half_res;
-pub mod motion_check;
-pub mod passes;
+mod motion_check;
+mod passes;
 pub mod recirculation;
-pub mod reflections;
-pub mod replay;
+mod reflections;
+mod replay;
 pub mod svgf;
 pub mod taa;
 pub mod upscaler;
+
+pub use bmfr::Bmfr;
+pub use frame::{Extras, Frame, Output, Pipeline, Results, Summary};
+pub use motion_check::Mistake;
+pub use recirculation::Recirculation;
+pub use svgf::Svgf;
+pub use taa::Taa;
+pub use upscaler::Upscaler;

@@ -26,9 +26,9 @@
 use std::marker::PhantomData;
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Pipeline, Summary, Upkeep, check_size};
+use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep, check_size};
 use super::taa::blacken_missing;
-use crate::error::{Error, Result, whole};
+use crate::error::{Error, Result, Whole, whole};
 use crate::image::{
     BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, deinterleave, interleave,
     segments,
@@ -45,9 +45,12 @@ use crate::math::is_present;
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel};
 
+/// Parameters of [`Recirculation`].
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
+    /// How what was known is scattered.
     pub splat: splat::Params,
+    /// How holes are filled.
     pub pull_push: pull_push::Params,
     /// Its `fetch` says how history comes to where it appears now.
     pub recirculate: recirculate::Params,
@@ -63,7 +66,15 @@ pub const INNOVATION: innovation::Params = innovation::Params {
     ..innovation::Params::DEFAULT
 };
 
+/// The preset "best".
+impl Default for Params {
+    fn default() -> Self {
+        Self::BEST
+    }
+}
+
 impl Params {
+    /// Names of presets.
     pub const PRESETS: [(&str, Self); 2] = [("best", Self::BEST), ("seed", Self::SEED)];
 
     /// Whether history is fetched.
@@ -106,12 +117,15 @@ impl Params {
         ..Self::BEST
     };
 
-    pub fn nearness(nearness: i64) -> Result<u32> {
+    pub(crate) fn nearness(nearness: impl Whole<u32>) -> Result<u32> {
         whole("nearness", nearness, "0 to 4", |n| (0..=4).contains(n))
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         self.splat.check()?;
+        self.pull_push.check()?;
+        Self::nearness(self.nearness)?;
         if let Some(innovation) = &self.innovation {
             innovation.check()?;
         }
@@ -142,6 +156,7 @@ struct Recalled {
 
 const CHANNELS: usize = 6;
 
+/// Whole pictures from frames of which a part of the pixels is traced. Frames need a camera, and depth or position.
 pub struct Recirculation {
     params: Params,
     upkeep: Upkeep,
@@ -149,6 +164,7 @@ pub struct Recirculation {
 }
 
 impl Recirculation {
+    /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
         Ok(Self {
@@ -159,7 +175,9 @@ impl Recirculation {
     }
 }
 
-impl Pipeline for Recirculation {
+impl Pipeline for Recirculation {}
+
+impl Steps for Recirculation {
     fn upkeep(&mut self) -> &mut Upkeep {
         &mut self.upkeep
     }

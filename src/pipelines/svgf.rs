@@ -9,7 +9,9 @@ use std::ops::Range;
 
 use pulp::Simd;
 
-use super::frame::{Frame, Motion, Output, Pipeline, Summary, SurfaceRecords, Upkeep, check_size};
+use super::frame::{
+    Extras, Frame, Motion, Output, Pipeline, Steps, Summary, SurfaceRecords, Upkeep, check_size,
+};
 use super::half_res;
 use super::passes::{self, Choosing, Look, Smooth};
 use super::reflections::{self, Own};
@@ -38,11 +40,16 @@ use crate::math::luminance;
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
-#[derive(Clone, Debug, Default)]
+/// Parameters of [`Svgf`].
+#[derive(Clone, Debug)]
 pub struct Params {
+    /// The tests that history must pass.
     pub surface: surface::Params,
+    /// How samples join the history.
     pub accumulate: accumulate::Params,
+    /// How the variance is estimated.
     pub variance: variance::Params,
+    /// The filter.
     pub atrous: atrous::Params,
     /// Whether the first pass of the filter, instead of its input, is the next frame's history.
     pub feedback: bool,
@@ -53,6 +60,7 @@ pub struct Params {
     /// Whether changes of light correct and shorten history where frames have replays, and shorten it by estimate where
     /// they have none.
     pub gradient: bool,
+    /// Whether outliers are held down.
     pub fireflies: Option<fireflies::Params>,
     /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best.
     pub choice: Option<choice::Params>,
@@ -66,7 +74,51 @@ pub struct Params {
     pub half_res: Option<half_res::Params>,
 }
 
+/// By our own measurements.
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            accumulate: accumulate::Params {
+                alpha: 0.2,
+                ..Default::default()
+            },
+            atrous: atrous::Params {
+                iterations: 3,
+                radius: 1,
+                sigma_luminance: 3.0,
+                ..Default::default()
+            },
+            gradient: true,
+            choice: Some(choice::Params::default()),
+            innovation: Some(innovation::Params::default()),
+            reflections: vec![0.5, 2.0],
+            antialias: Some(taa::Params::DENOISED),
+            ..Self::textbook()
+        }
+    }
+}
+
 impl Params {
+    /// Accumulation, variance and filter alone.
+    pub fn textbook() -> Self {
+        Self {
+            surface: surface::Params::default(),
+            accumulate: accumulate::Params::default(),
+            variance: variance::Params::default(),
+            atrous: atrous::Params::default(),
+            feedback: false,
+            same_albedo: false,
+            by_confidence: false,
+            gradient: false,
+            fireflies: None,
+            choice: None,
+            innovation: None,
+            reflections: vec![],
+            antialias: None,
+            half_res: None,
+        }
+    }
+
     /// The same guide serves the variance and the filter.
     pub fn with_sigmas(mut self, sigmas: Sigmas) -> Self {
         self.variance.sigmas = sigmas;
@@ -101,6 +153,7 @@ impl Params {
         !looks_around && self.reflections.is_empty()
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         self.surface.check()?;
         self.accumulate.check()?;
@@ -110,6 +163,10 @@ impl Params {
         self.innovation
             .iter()
             .try_for_each(innovation::Params::check)?;
+        self.fireflies
+            .iter()
+            .try_for_each(fireflies::Params::check)?;
+        self.antialias.iter().try_for_each(taa::Params::check)?;
         self.half_res.iter().try_for_each(half_res::Params::check)?;
         for &distance in &self.reflections {
             in_range("reflections", distance, "distances above 0", |v| v > 0.0)?;
@@ -201,6 +258,7 @@ impl Recalled {
     }
 }
 
+/// Spatiotemporal variance-guided filtering.
 pub struct Svgf {
     params: Params,
     upkeep: Upkeep,
@@ -209,11 +267,7 @@ pub struct Svgf {
 }
 
 impl Svgf {
-    /// Whether its output says how many passes were chosen.
-    pub fn chooses(&self) -> bool {
-        self.params.choice.is_some()
-    }
-
+    /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
         Ok(Self {
@@ -226,6 +280,15 @@ impl Svgf {
 }
 
 impl Pipeline for Svgf {
+    fn extras(&self) -> Extras {
+        Extras {
+            variance: true,
+            choice: self.params.choice.is_some(),
+        }
+    }
+}
+
+impl Steps for Svgf {
     fn upkeep(&mut self) -> &mut Upkeep {
         &mut self.upkeep
     }

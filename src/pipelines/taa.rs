@@ -13,7 +13,7 @@
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Pipeline, Summary, SurfaceRecords, Upkeep, check_size};
+use super::frame::{Frame, Output, Pipeline, Steps, Summary, SurfaceRecords, Upkeep, check_size};
 use crate::error::Result;
 use crate::image::{Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window, dilate_motion};
@@ -34,16 +34,22 @@ use crate::math::is_present;
 use crate::pixels::{PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel};
 
+/// Parameters of [`Taa`].
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Which neighbours' motion a pixel may take; its own alone if none.
     pub dilate: Option<Window>,
+    /// How history is read.
     pub filter: Filter,
+    /// What of the neighbourhood holds history.
     pub clip: neighborhood::Params,
+    /// Weight of the new sample.
     pub blend_factor: blend_factor::Params,
+    /// What else weighs the two.
     pub blend: blend::Params,
     /// How a frame with known jitter is brought to pixel centres.
     pub reconstruct: Option<resolve::Filter>,
+    /// The tests that history must pass.
     pub limits: Limits,
     /// Whether changes of light, estimated, shorten history.
     pub gradient: bool,
@@ -58,12 +64,15 @@ pub struct Params {
 /// The tests that history must pass; by default none.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
+    /// Relative difference of depth.
     pub relative_depth: Option<Threshold>,
     /// Replaces the relative depth for frames with cameras, depths, normals and motion of 3 channels.
     pub plane_distance: Option<Threshold>,
+    /// Degrees.
     pub normal_angle: Option<Threshold>,
     /// Of the albedo's luminance.
     pub relative_albedo: Option<Threshold>,
+    /// Whether ids must be equal.
     pub ids: bool,
 }
 
@@ -114,7 +123,15 @@ const GRADIENT: gradient::Params = gradient::Params {
     widest: 5,
 };
 
+/// The preset "best".
+impl Default for Params {
+    fn default() -> Self {
+        Self::BEST
+    }
+}
+
 impl Params {
+    /// Names of presets.
     pub const PRESETS: [(&str, Self); 5] = [
         ("best", Self::BEST),
         ("denoised", Self::DENOISED),
@@ -123,6 +140,7 @@ impl Params {
         ("filament", Self::FILAMENT),
     ];
 
+    /// Names of windows for `dilate`.
     pub const DILATIONS: [(&str, Option<Window>); 3] = [
         ("3x3", Some(Window::Square)),
         ("cross", Some(Window::Cross)),
@@ -240,8 +258,12 @@ impl Params {
         ..Self::BEST
     };
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         self.clip.check()?;
+        self.innovation
+            .iter()
+            .try_for_each(innovation::Params::check)?;
         self.limits.thresholds().check()?;
         anti_lag::check("anti_lag", self.anti_lag)?;
         self.blend_factor.check()?;
@@ -260,7 +282,7 @@ const CHANNELS: usize = 4;
 
 /// How history is judged: the tests that it must pass; and to be written, its length, its coverage and the tests that it
 /// failed.
-pub struct Details<'a> {
+pub(crate) struct Details<'a> {
     pub tests: Tests<'a>,
     pub history_length: &'a mut [f32],
     pub confidence: &'a mut [f32],
@@ -290,7 +312,7 @@ impl<'a> Details<'a> {
 }
 
 /// Merges colours into the history of those before.
-pub struct Stage {
+pub(crate) struct Stage {
     params: Params,
     /// Of the last frame.
     history: Option<Records>,
@@ -572,6 +594,7 @@ pub fn blacken_missing(row: &mut [f32]) {
     }
 }
 
+/// Temporal antialiasing.
 pub struct Taa {
     stage: Stage,
     upkeep: Upkeep,
@@ -583,6 +606,7 @@ pub struct Taa {
 }
 
 impl Taa {
+    /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
         Ok(Self {
@@ -595,7 +619,9 @@ impl Taa {
     }
 }
 
-impl Pipeline for Taa {
+impl Pipeline for Taa {}
+
+impl Steps for Taa {
     fn upkeep(&mut self) -> &mut Upkeep {
         &mut self.upkeep
     }

@@ -11,7 +11,7 @@
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Pipeline, Summary, Upkeep, check_size};
+use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep, check_size};
 use crate::error::{Error, Result, in_range};
 use crate::image::{Image, Pixels, Records, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{Choice, Window, dilate_motion};
@@ -23,7 +23,7 @@ use crate::kernels::judge::disocclusion::{self, disocclusion};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient::{self, temporal_gradient};
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
-use crate::kernels::judge::surface::{self, Surface, Tests, rejection};
+use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, rejection};
 use crate::kernels::judge::thin_features::thin_features;
 use crate::kernels::merge::accumulate::count_missing;
 use crate::kernels::merge::blend::{Weighting, mix};
@@ -33,6 +33,7 @@ use crate::math::{is_present, saturate};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel};
 
+/// Parameters of [`Upscaler`].
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Pixels of the output to one of the input, along each side; 1 to 4; 2.
@@ -70,7 +71,27 @@ const FETCH: reproject::Params = reproject::Params {
     dering: true,
 };
 
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            scale: 2.0,
+            blend_factor: blend_factor::Params {
+                alpha: 0.06,
+                fast_alpha: 0.5,
+                speed: Threshold {
+                    full: 0.0,
+                    none: 1.0,
+                },
+            },
+            separation: 0.05,
+            lifetime: 16.0,
+            sharpness: 0.0,
+        }
+    }
+}
+
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         if !(1.0..=4.0).contains(&self.scale) {
             return Err(Error::value("scale", "a number from 1 to 4", self.scale));
@@ -96,6 +117,7 @@ const CHANNELS: usize = 5;
 const SAMPLES: usize = 3;
 const LOCK: usize = 4;
 
+/// Temporal upscaling.
 pub struct Upscaler {
     params: Params,
     upkeep: Upkeep,
@@ -110,6 +132,7 @@ struct Before {
 }
 
 impl Upscaler {
+    /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
         Ok(Self {
@@ -118,14 +141,15 @@ impl Upscaler {
             before: None,
         })
     }
+}
 
-    /// The size of what comes out for frames of a size.
-    pub fn scaled(&self, size: Size) -> Size {
+impl Pipeline for Upscaler {
+    fn output_size(&self, size: Size) -> Size {
         self.params.scaled(size)
     }
 }
 
-impl Pipeline for Upscaler {
+impl Steps for Upscaler {
     fn upkeep(&mut self) -> &mut Upkeep {
         &mut self.upkeep
     }
@@ -135,7 +159,7 @@ impl Pipeline for Upscaler {
     }
 
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
-        let (small, large) = (frame.color.size, self.scaled(frame.color.size));
+        let (small, large) = (frame.color.size, self.params.scaled(frame.color.size));
         if let Some(before) = &self.before {
             check_size(before.size, small)?;
         }

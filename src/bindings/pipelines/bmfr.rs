@@ -2,13 +2,13 @@
 
 use pyo3::prelude::*;
 
-use super::{Extras, FrameArgs, Output, Pipeline, Room};
+use super::{FrameArgs, Output, Pipeline};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
 use crate::kernels::judge::{innovation, surface};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{fireflies, regress};
-use crate::pipelines::frame::Pipeline as _;
+use crate::pipelines::Pipeline as _;
 use crate::pipelines::{bmfr, svgf, taa};
 
 /// Block-wise multi-order feature regression of a sequence of frames.
@@ -101,7 +101,7 @@ impl BMFR {
                 gradient,
                 fireflies: fireflies.then(fireflies::Params::default),
                 innovation: innovation.then(innovation::Params::default),
-                ..Default::default()
+                ..svgf::Params::textbook()
             },
             regress: regress::Params {
                 block: regress::Params::block(block)?,
@@ -140,9 +140,7 @@ impl BMFR {
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        let frame = FrameArgs::new(frame)?;
-        let room = Room::new(py, out, frame.size(), Extras::default())?;
-        frame.step(py, room, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

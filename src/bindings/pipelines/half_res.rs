@@ -2,12 +2,12 @@
 
 use pyo3::prelude::*;
 
-use super::{Extras, FrameArgs, Output, Pipeline, Room};
+use super::{FrameArgs, Output, Pipeline};
 use crate::error::whole;
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{atrous, fireflies, joint_bilateral};
-use crate::pipelines::frame::Pipeline as _;
+use crate::pipelines::Pipeline as _;
 use crate::pipelines::{half_res, svgf};
 
 /// Denoising of frames of which only a part is traced: one pixel of each 2×2, another one in each frame.
@@ -142,13 +142,7 @@ impl HalfRes {
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        let frame = FrameArgs::new(frame)?;
-        let extras = Extras {
-            variance: true,
-            choice: self.inner.chooses(),
-        };
-        let room = Room::new(py, out, frame.size(), extras)?;
-        frame.step(py, room, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

@@ -16,14 +16,14 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::bindings::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, detached,
+    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, detached, wrong_type,
 };
 use crate::bindings::camera::Camera;
 use crate::error::Error;
 use crate::image::{Size, Value};
 use crate::kernels::camera::pinhole;
 use crate::kernels::judge::surface::Surface;
-use crate::pipelines::frame;
+use crate::pipelines::{self, Extras};
 
 /// A method that works on a sequence frame by frame.
 ///
@@ -140,13 +140,6 @@ pub struct Output {
     missing: usize,
 }
 
-/// What a pipeline's output has beyond what all have.
-#[derive(Clone, Copy, Default)]
-struct Extras {
-    variance: bool,
-    choice: bool,
-}
-
 /// The arrays that a step writes: those of an earlier output, or new ones.
 struct Room<'py> {
     color: Direct<'py>,
@@ -204,8 +197,8 @@ impl<'py> Room<'py> {
         })
     }
 
-    fn data(&mut self) -> PyResult<frame::Output<'_>> {
-        Ok(frame::Output {
+    fn data(&mut self) -> PyResult<pipelines::Output<'_>> {
+        Ok(pipelines::Output {
             color: self.color.data()?,
             variance: self.variance.as_mut().map(Direct::data).transpose()?,
             choice: self.choice.as_mut().map(Direct::data).transpose()?,
@@ -215,7 +208,7 @@ impl<'py> Room<'py> {
         })
     }
 
-    fn output(self, py: Python<'py>, summary: frame::Summary) -> PyResult<Output> {
+    fn output(self, py: Python<'py>, summary: pipelines::Summary) -> PyResult<Output> {
         let [variance, choice] =
             [self.variance, self.choice].map(|array| array.map(Direct::array).transpose());
         Ok(Output {
@@ -338,9 +331,11 @@ impl<'py> FrameArgs<'py> {
     fn new(frame: &Bound<'py, PyAny>) -> PyResult<Self> {
         let class = frame.py().import("yester.frame")?.getattr("Frame")?;
         if !frame.is_instance(&class)? {
-            return Err(
-                Error::wrong_type("frame", "a yester.Frame", frame.get_type().name()?).into(),
-            );
+            return Err(wrong_type(
+                "frame",
+                "a yester.Frame",
+                frame.get_type().name()?,
+            ));
         }
         let mut floats = [const { None }; 11];
         for (buffer, (name, channels)) in floats.iter_mut().zip(Self::FLOATS) {
@@ -369,9 +364,11 @@ impl<'py> FrameArgs<'py> {
     fn step(
         self,
         py: Python<'py>,
-        mut room: Room<'py>,
-        pipeline: &mut (impl frame::Pipeline + Send),
+        out: Option<&Bound<'py, Output>>,
+        pipeline: &mut (impl pipelines::Pipeline + Send),
     ) -> PyResult<Output> {
+        let size = pipeline.output_size(self.size());
+        let mut room = Room::new(py, out, size, pipeline.extras())?;
         let output = room.data()?;
         let buffer = |name| self.buffer(name).map(Interleaved::pixels);
         let surface = Surface {
@@ -379,9 +376,9 @@ impl<'py> FrameArgs<'py> {
             normal: buffer("normal"),
             ids: self.ids.as_ref().map(|ids| ids.data().pixels()),
             object_normal: buffer("object_normal"),
-            color: buffer("albedo"),
+            color: None,
         };
-        let frame = frame::Frame {
+        let frame = pipelines::Frame {
             color: buffer("color").expect("every frame has colour"),
             albedo: buffer("albedo"),
             emission: buffer("emission"),

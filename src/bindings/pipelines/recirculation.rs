@@ -2,10 +2,10 @@
 
 use pyo3::prelude::*;
 
-use super::{Extras, FrameArgs, Output, Pipeline, Room};
+use super::{FrameArgs, Output, Pipeline};
 use crate::bindings::arrays::choice;
 use crate::kernels::fetch::pull_push;
-use crate::pipelines::frame::Pipeline as _;
+use crate::pipelines::Pipeline as _;
 use crate::pipelines::recirculation;
 
 /// Whole pictures from frames of which a part of the pixels is traced.
@@ -88,7 +88,11 @@ impl Recirculation {
         tolerance: Option<f32>,
         innovation: Option<bool>,
     ) -> PyResult<PyClassInitializer<Self>> {
-        let mut params = choice("preset", preset, &recirculation::Params::PRESETS)?;
+        let mut params = choice(
+            "preset",
+            preset,
+            &recirculation::Params::PRESETS,
+        )?;
         let holes = &mut params.pull_push;
         holes.factor = factor.map_or(Ok(holes.factor), pull_push::Params::factor)?;
         holes.levels = levels.map_or(Ok(holes.levels), pull_push::Params::levels)?;
@@ -139,9 +143,7 @@ impl Recirculation {
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        let frame = FrameArgs::new(frame)?;
-        let room = Room::new(py, out, frame.size(), Extras::default())?;
-        frame.step(py, room, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

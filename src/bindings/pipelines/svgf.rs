@@ -2,13 +2,13 @@
 
 use pyo3::prelude::*;
 
-use super::{Extras, FrameArgs, Output, Pipeline, Room};
+use super::{FrameArgs, Output, Pipeline};
 use crate::bindings::judge::Bounds;
 use crate::kernels::judge::{choice, innovation, surface};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
-use crate::pipelines::frame::Pipeline as _;
+use crate::pipelines::Pipeline as _;
 use crate::pipelines::{svgf, taa};
 
 /// Spatiotemporal variance-guided filtering of a sequence of frames.
@@ -207,13 +207,7 @@ impl SVGF {
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        let frame = FrameArgs::new(frame)?;
-        let extras = Extras {
-            variance: true,
-            choice: self.inner.chooses(),
-        };
-        let room = Room::new(py, out, frame.size(), extras)?;
-        frame.step(py, room, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

@@ -2,13 +2,13 @@
 
 use pyo3::prelude::*;
 
-use super::{Extras, FrameArgs, Output, Pipeline, Room};
+use super::{FrameArgs, Output, Pipeline};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::judge::{innovation, neighborhood};
 use crate::kernels::merge::blend;
-use crate::pipelines::frame::Pipeline as _;
+use crate::pipelines::Pipeline as _;
 use crate::pipelines::taa;
 
 /// Temporal antialiasing of a sequence of frames.
@@ -190,9 +190,7 @@ impl TAA {
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        let frame = FrameArgs::new(frame)?;
-        let room = Room::new(py, out, frame.size(), Extras::default())?;
-        frame.step(py, room, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

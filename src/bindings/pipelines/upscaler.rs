@@ -2,10 +2,10 @@
 
 use pyo3::prelude::*;
 
-use super::{Extras, FrameArgs, Output, Pipeline, Room};
+use super::{FrameArgs, Output, Pipeline};
 use crate::bindings::judge::Bounds;
 use crate::kernels::judge::blend_factor;
-use crate::pipelines::frame::Pipeline as _;
+use crate::pipelines::Pipeline as _;
 use crate::pipelines::upscaler;
 
 /// Temporal upscaling of a sequence of frames.
@@ -110,9 +110,7 @@ impl Upscaler {
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
     ) -> PyResult<Output> {
-        let frame = FrameArgs::new(frame)?;
-        let room = Room::new(py, out, self.inner.scaled(frame.size()), Extras::default())?;
-        frame.step(py, room, &mut self.inner)
+        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
     /// Forgets the sequence; the next frame is a first one.

@@ -23,18 +23,21 @@ pub enum Window {
 }
 
 impl Window {
+    /// Their names.
     pub const NAMES: [(&str, Self); 2] = [("3x3", Self::Square), ("cross", Self::Cross)];
 }
 
 /// Whose motion is taken.
 #[derive(Clone, Copy, Debug)]
 pub enum Choice<'a> {
+    /// That of the least depth.
     Nearest(View<'a>),
+    /// The longest.
     Longest,
 }
 
 /// The motion around the pixels of a row.
-pub struct Dilation<'a> {
+pub(crate) struct Dilation<'a> {
     motion: Pixels<'a>,
     choice: Choice<'a>,
     window: Window,
@@ -155,6 +158,7 @@ struct Dilate<'a> {
     window: Window,
 }
 
+/// Writes the motion of the chosen neighbour.
 pub fn dilate_motion<'a>(
     motion: Pixels<'a>,
     choice: Choice<'a>,

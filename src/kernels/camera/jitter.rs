@@ -10,15 +10,21 @@
 //!
 //! Output: offsets from the pixel's centre, in pixels, in [−½, ½).
 
+/// Where the offsets come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sequence {
+    /// Radical inverses in bases 2 and 3.
     Halton,
+    /// Roberts's additive recurrence.
     R2,
+    /// A lattice, from left to right.
     RotatedGrid,
+    /// The same lattice, each point farthest from all before it.
     BlueNoise,
 }
 
 impl Sequence {
+    /// Their names.
     pub const NAMES: [(&str, Self); 4] = [
         ("halton", Self::Halton),
         ("r2", Self::R2),

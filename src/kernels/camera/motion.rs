@@ -25,12 +25,14 @@ use crate::rows::{self, Kernel};
 /// What is known of where the pixels' surfaces are.
 #[derive(Clone, Copy)]
 pub enum Geometry<'a> {
+    /// View-space z (1), +inf where nothing was hit.
     Depth(Pixels<'a>),
+    /// World space (3), not finite where nothing was hit.
     Position(Pixels<'a>),
 }
 
 /// What the pixels of a run show.
-pub struct Shown {
+pub(crate) struct Shown {
     /// Where it appears, in pixels.
     pub x: [f64; SEGMENT],
     pub y: [f64; SEGMENT],
@@ -93,6 +95,7 @@ impl Shown {
 pub struct Transforms(Vec<(u32, DAffine3)>);
 
 impl Transforms {
+    /// By id; an error if a matrix is not affine.
     pub fn new(mut transforms: Vec<(u32, DMat4)>) -> Result<Self> {
         for (id, matrix) in &transforms {
             let name = format!("transforms[{id}]");

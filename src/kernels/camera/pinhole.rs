@@ -6,7 +6,7 @@
 //! With h = A·X + b = depth · (u, v, 1) for a pixel (u, v), the camera stands at C = −A⁻¹b and a point of known depth
 //! is X = C + depth · D(u, v), D(u, v) = A⁻¹(u, v, 1) (Hartley and Zisserman, *Multiple View Geometry*, chapter 6).
 
-use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3, Vec3};
 
 use crate::error::{Error, Result};
 use crate::image::Size;
@@ -14,25 +14,29 @@ use crate::image::Size;
 /// A 4×4 matrix as numpy has it: a list of rows.
 pub type Rows4 = [[f64; 4]; 4];
 
+/// A pinhole camera and the size of its image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    pub world_to_clip: Rows4,
-    pub size: Size,
+    pub(crate) world_to_clip: Rows4,
+    pub(crate) size: Size,
     /// World to (u, v, 1) · depth, without its translation.
     to_pixel: DMat3,
     translation: DVec3,
     from_pixel: DMat3,
-    pub position: DVec3,
+    pub(crate) position: DVec3,
 }
 
 /// Which side of the image a field of view spans.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FovAxis {
+    /// The width.
     X,
+    /// The height.
     Y,
 }
 
 impl Camera {
+    /// From the product of projection and view, for column vectors; an error if it is no perspective projection.
     pub fn new(world_to_clip: Rows4, size: Size) -> Result<Self> {
         size.check("width, height")?;
         if !world_to_clip.iter().flatten().all(|v| v.is_finite()) {
@@ -163,6 +167,7 @@ impl Camera {
         (h.truncate() * (1.0 / h.z), h.z)
     }
 
+    /// The world point that a pixel shows at a depth.
     #[inline(always)]
     pub fn unproject(&self, pixel: DVec2, depth: f64) -> DVec3 {
         self.position + self.ray(pixel) * depth
@@ -200,12 +205,12 @@ impl Camera {
         rows
     }
 
-    pub fn forward(&self) -> DVec3 {
+    pub(crate) fn forward(&self) -> DVec3 {
         self.to_pixel.row(2)
     }
 
     /// How many pixels, by area, a unit square shows at unit depth, facing the camera.
-    pub fn pixels_per_unit(&self) -> f64 {
+    pub(crate) fn pixels_per_unit(&self) -> f64 {
         self.to_pixel.determinant().abs()
     }
 }
@@ -223,7 +228,7 @@ pub struct Rays {
 
 impl Rays {
     #[inline(always)]
-    pub fn at(&self, x: f32, y: f32) -> Vec3 {
+    pub(crate) fn at(&self, x: f32, y: f32) -> Vec3 {
         self.corner + self.dx * x + self.dy * y
     }
 }
@@ -235,7 +240,7 @@ impl Rays {
 /// the motion (h − h_z p)/h_z needs the small E alone, so that no digits cancel, and is zero where E and t are. At
 /// infinity, z = 1 and t does not count.
 #[derive(Clone, Copy)]
-pub struct Warp {
+pub(crate) struct Warp {
     turn: DMat3,
     shift: DVec3,
 }
@@ -269,10 +274,6 @@ impl Warp {
         let nearer = if before > 0.0 { nearer } else { f64::NAN };
         [moved[0] as f32, moved[1] as f32, nearer as f32]
     }
-}
-
-pub fn matrix(rows: Rows4) -> DMat4 {
-    DMat4::from_cols_array_2d(&rows).transpose()
 }
 
 #[cfg(test)]
@@ -323,7 +324,7 @@ mod tests {
 
     #[test]
     fn camera_space_is_left_handed() {
-        let m = matrix(camera().world_to_camera());
+        let m = glam::DMat4::from_cols_array_2d(&camera().world_to_camera()).transpose();
         assert!((m.determinant() + 1.0).abs() < 1e-12);
         assert!((m.transform_point3(DVec3::ZERO).z - 30f64.sqrt()).abs() < 1e-12);
         assert!(m.transform_point3(camera().position).length() < 1e-12);

@@ -21,7 +21,7 @@ use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
 /// Two cameras between which reflections move.
-pub struct Mirrored<'a> {
+pub(crate) struct Mirrored<'a> {
     camera: &'a Camera,
     warp: Warp,
 }

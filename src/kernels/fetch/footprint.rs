@@ -9,13 +9,16 @@ pub const MIN_COVERAGE: f32 = 0.01;
 /// How history is read between pixel centres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
+    /// The nearest pixel.
     Nearest,
+    /// The nearest 2×2 pixels.
     Bilinear,
     /// A 4×4 kernel where all its taps may be used, bilinear elsewhere.
     Wide(Wide),
 }
 
 impl Filter {
+    /// Their names.
     pub const NAMES: [(&str, Self); 5] = [
         ("nearest", Self::Nearest),
         ("bilinear", Self::Bilinear),
@@ -38,20 +41,20 @@ pub enum Wide {
 
 impl Wide {
     /// The weights of the columns and of the rows, which together sum to one.
-    pub fn weights(self, f: [f32; 2]) -> [[f32; 4]; 2] {
+    pub(crate) fn weights(self, f: [f32; 2]) -> [[f32; 4]; 2] {
         match self {
             Self::CatmullRom | Self::CatmullRom5 => product(cubic, self.has_corners(), f),
             Self::Lanczos2 => product(lanczos, true, f),
         }
     }
 
-    pub const fn has_corners(self) -> bool {
+    pub(crate) const fn has_corners(self) -> bool {
         !matches!(self, Self::CatmullRom5)
     }
 
     /// The columns that count in a row.
     #[inline(always)]
-    pub fn columns(corners: bool, row: usize) -> std::ops::Range<usize> {
+    pub(crate) fn columns(corners: bool, row: usize) -> std::ops::Range<usize> {
         if corners || matches!(row, 1 | 2) {
             0..4
         } else {
@@ -103,7 +106,7 @@ fn lanczos(f: f32) -> [f32; 4] {
 }
 
 /// Pixels of the previous frame, with weights.
-pub struct Taps<const N: usize> {
+pub(crate) struct Taps<const N: usize> {
     taps: [(usize, f32); N],
     count: usize,
 }
@@ -139,14 +142,14 @@ impl<const N: usize> Taps<N> {
 
 /// The motion of a run of pixels; the third channel, if there is one, is the change of depth.
 #[derive(Clone, Copy)]
-pub struct Motion<'a> {
+pub(crate) struct Motion<'a> {
     pub x: &'a [f32],
     pub y: &'a [f32],
     pub depth: Option<&'a [f32]>,
 }
 
 /// Room for the motion of a run.
-pub struct MotionLanes([Lane; 3]);
+pub(crate) struct MotionLanes([Lane; 3]);
 
 impl MotionLanes {
     pub fn zeroed() -> Self {
@@ -172,7 +175,7 @@ impl MotionLanes {
 
 /// The 2×2 pixels of the previous frame around where each pixel of a run comes from: upper left, upper right, lower left
 /// and lower right. They lie inside, wherever the pixel comes from; what does not has no weight.
-pub struct Footprints {
+pub(crate) struct Footprints {
     size: Size,
     /// In index space (pixel centres at whole numbers).
     from: [Lane; 2],
@@ -459,7 +462,7 @@ impl Footprints {
 }
 
 /// The weights of a wide kernel, and whom it serves.
-pub struct WideLanes {
+pub(crate) struct WideLanes {
     pub along: [Lane; 4],
     pub down: [Lane; 4],
     /// The upper left tap.

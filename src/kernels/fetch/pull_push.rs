@@ -16,10 +16,11 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, whole};
+use crate::error::{Result, Whole, whole};
 use crate::image::{BandMut, Image, Pixels, Size, View};
 use crate::rows::{self, BAND, Kernel};
 
+/// The pyramid of [`pull_push`].
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// By how much each level is smaller to a side; 2 to 16; 2.
@@ -38,12 +39,19 @@ impl Default for Params {
 }
 
 impl Params {
-    pub fn factor(factor: i64) -> Result<usize> {
+    pub(crate) fn factor(factor: impl Whole<usize>) -> Result<usize> {
         whole("factor", factor, "2 to 16", |n| (2..=16).contains(n))
     }
 
-    pub fn levels(levels: i64) -> Result<usize> {
+    pub(crate) fn levels(levels: impl Whole<usize>) -> Result<usize> {
         whole("levels", levels, "1 or more", |&n| n >= 1)
+    }
+
+    /// Whether all are in range.
+    pub fn check(&self) -> Result<()> {
+        Self::factor(self.factor)?;
+        Self::levels(self.levels)?;
+        Ok(())
     }
 }
 

@@ -28,6 +28,7 @@ use crate::rows::{self, Kernel, Part};
 /// Channels that are fetched at once: a vector of most CPUs.
 const WIDEST: usize = 8;
 
+/// How [`reproject`] reads history.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Bilinear.
@@ -39,7 +40,7 @@ pub struct Params {
 }
 
 /// Where history is read, and what of it counts.
-pub struct Fetch<'a> {
+pub(crate) struct Fetch<'a> {
     size: Size,
     /// Channels side by side.
     history: Vec<Pixels<'a>>,
@@ -48,7 +49,7 @@ pub struct Fetch<'a> {
 }
 
 /// What a run of pixels fetches.
-pub struct Fetched {
+pub(crate) struct Fetched {
     footprints: Footprints,
     wide: WideLanes,
     /// The weights of the 2×2 taps, which sum to one.

@@ -29,6 +29,7 @@ use crate::image::{Pixels, Size};
 use crate::kernels::camera::pinhole::{Camera, Warp};
 use crate::rows::{self, BAND, Kernel};
 
+/// What a point covers.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Difference of depth, as a share of it, from which on points belong to another surface; above 0; 0.1.
@@ -47,6 +48,7 @@ impl Default for Params {
 }
 
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("tolerance", self.tolerance, "a share above 0", |v| v > 0.0)?;
         in_range("reach", self.reach, "0 to 1 pixels", |v| {
@@ -59,7 +61,9 @@ impl Params {
 /// background), and whose quality is.
 #[derive(Clone, Copy)]
 pub struct Points<'a> {
+    /// Any number of channels.
     pub color: Pixels<'a>,
+    /// View-space z in the previous camera (1).
     pub depth: Pixels<'a>,
     /// From the pixels' centres; none if not given.
     pub offset: Option<Pixels<'a>>,
@@ -71,9 +75,13 @@ pub struct Points<'a> {
 
 /// What is to be written: records of colour and offset, and a number for each pixel of the others.
 pub struct Splats<'a> {
+    /// As many channels as the points have, side by side; NaN where no point is.
     pub color: &'a mut [f32],
+    /// In the current camera.
     pub depth: &'a mut [f32],
+    /// From the pixel's centre, x and y side by side.
     pub offset: &'a mut [f32],
+    /// 0 where no point is.
     pub quality: &'a mut [f32],
 }
 
@@ -99,6 +107,7 @@ const LARGEST: f32 = 16.0;
 /// By how much more than they grow points cover, so that no rounding leaves cracks between them.
 const MARGIN: f32 = 1.01;
 
+/// Scatters points from the second camera to the first, which is the current one.
 pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Splats) {
     let Pixels { size, channels, .. } = points.color;
     let count = rows::bands(size.height).count();

@@ -36,7 +36,9 @@ const PACE: f32 = 0.125;
 /// What is remembered, and the coverage of that, 0 where there is none.
 #[derive(Clone, Copy)]
 pub struct Known<'a> {
+    /// Of [`CHANNELS`] channels, where the pixel is now.
     pub memory: Pixels<'a>,
+    /// 0 to 1; none counts as 1.
     pub coverage: Option<View<'a>>,
 }
 
@@ -46,6 +48,7 @@ struct Alternation<'a> {
     exposure: f32,
 }
 
+/// Writes the next memory.
 pub fn alternation<'a>(
     color: Pixels<'a>,
     known: Option<Known<'a>>,
@@ -63,7 +66,7 @@ pub fn alternation<'a>(
 
 /// The share of history that should not be clipped.
 #[inline(always)]
-pub fn hold(count: f32) -> f32 {
+pub(crate) fn hold(count: f32) -> f32 {
     larger(count - 1.0, 0.0).min(1.0)
 }
 

@@ -30,6 +30,7 @@ pub fn check(name: &str, strength: f32) -> Result<()> {
     })
 }
 
+/// Writes the shortened lengths.
 pub fn anti_lag<'a>(
     length: View<'a>,
     history: Pixels<'a>,
@@ -69,7 +70,7 @@ impl<'a> Kernel for AntiLag<'a> {
 
 /// Shortens the lengths of a run.
 #[inline(always)]
-pub fn shorten(lengths: &mut [f32], history: &[Row; 3], clipped: &[Row; 3], strength: f32) {
+pub(crate) fn shorten(lengths: &mut [f32], history: &[Row; 3], clipped: &[Row; 3], strength: f32) {
     let n = lengths.len().min(SEGMENT);
     let [hr, hg, hb] = history.each_ref().map(|row| &row[..n]);
     let [kr, kg, kb] = clipped.each_ref().map(|row| &row[..n]);

@@ -17,6 +17,7 @@ use crate::math::saturate;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
+/// Weights of the new sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Share under full confidence and slow motion; 0 to 1; 0.05.
@@ -28,6 +29,7 @@ pub struct Params {
 }
 
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         for (name, value) in [("alpha", self.alpha), ("fast_alpha", self.fast_alpha)] {
             in_range(name, value, "a share from 0 to 1", |v| {
@@ -44,6 +46,7 @@ struct BlendFactor<'a> {
     params: Params,
 }
 
+/// Writes the weight of the new sample.
 pub fn blend_factor<'a>(
     confidence: View<'a>,
     motion: Option<Pixels<'a>>,
@@ -78,7 +81,7 @@ impl<'a> Kernel for BlendFactor<'a> {
 impl Params {
     /// The shares of a run.
     #[inline(always)]
-    pub fn shares(self, confidence: &[f32], motion: Option<Motion>, shares: &mut Row) {
+    pub(crate) fn shares(self, confidence: &[f32], motion: Option<Motion>, shares: &mut Row) {
         let Self {
             alpha: least,
             fast_alpha,

@@ -30,6 +30,7 @@ use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, se
 use crate::pixels::{Colors, Row, larger, smaller};
 use crate::rows::{self, BAND, Kernel};
 
+/// What it takes for another candidate than the usual one.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// c: how many standard errors a candidate must be better than the usual one; ≥ 0; 0.5.
@@ -48,6 +49,7 @@ impl Default for Params {
 }
 
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range(
             "strictness",
@@ -124,6 +126,7 @@ impl Candidates {
         self.images.push(kept);
     }
 
+    /// As an argument of [`choice`] for the next frame.
     pub fn known(&self) -> Known<'_> {
         Known {
             candidates: self.images.iter().map(Image::pixels).collect(),
@@ -499,7 +502,7 @@ impl Decide<'_> {
 }
 
 /// The candidates that pixels show, interpolated between the tiles that chose them.
-pub struct Levels<'a>(pub &'a Image);
+pub(crate) struct Levels<'a>(pub &'a Image);
 
 impl Levels<'_> {
     #[inline(always)]

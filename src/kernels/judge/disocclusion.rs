@@ -30,6 +30,7 @@ pub fn check(separation: f32) -> Result<()> {
     })
 }
 
+/// Writes how much of a pixel was hidden, 0 to 1.
 pub fn disocclusion<'a>(
     depth: View<'a>,
     motion: Pixels<'a>,

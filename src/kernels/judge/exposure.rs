@@ -8,6 +8,7 @@
 
 use std::ops::Range;
 
+use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
 use crate::math::{is_present, luminance};
 use crate::pixels::{LANES, Row};
@@ -15,6 +16,14 @@ use crate::rows::{self, Kernel};
 
 const FACTOR: f64 = 8.0;
 
+/// Whether a number can be the exposure of other kernels.
+pub fn check(exposure: f32) -> Result<()> {
+    in_range("exposure", exposure, "a finite number above 0", |v| {
+        v > 0.0 && v.is_finite()
+    })
+}
+
+/// The exposure of an image: its radiance that a tone curve takes for 1.
 pub fn exposure(color: Pixels) -> f32 {
     let height = color.size.height;
     let mut sums = Image::new(Size { height, width: 1 }, 2);

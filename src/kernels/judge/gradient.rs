@@ -15,12 +15,13 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range, whole};
+use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{Pixels, Run, Size, View};
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{LANES, STRIP, larger};
 use crate::rows::{self, BAND, Kernel};
 
+/// What counts as a change, and how far it is looked for.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// z: standard errors that count as noise; ≥ 0; 2.
@@ -42,19 +43,20 @@ impl Default for Params {
 }
 
 impl Params {
-    pub fn passes(name: &str, value: i64) -> Result<u32> {
+    pub(crate) fn passes(name: &str, value: impl Whole<u32>) -> Result<u32> {
         whole(name, value, "0 to 8 passes", |&n| n <= 8)
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("noise", self.noise, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
         })?;
+        Self::passes("passes", self.passes)?;
+        Self::passes("widest", self.widest)?;
         let known = format!("at least as many as passes, {}", self.passes);
-        whole("widest", i64::from(self.widest), &known, |&n: &u32| {
-            n >= self.passes
-        })
-        .map(|_| ())
+        whole("widest", self.widest, &known, |&n: &u32| n >= self.passes)?;
+        Ok(())
     }
 }
 

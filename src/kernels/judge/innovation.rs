@@ -34,7 +34,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range, whole};
+use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{
     BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, deinterleave, interleave, segments,
 };
@@ -42,6 +42,7 @@ use crate::math::{is_present, saturate};
 use crate::pixels::{Colors, PixelsMut, Row, larger, smaller};
 use crate::rows::{self, BAND, Kernel};
 
+/// What counts as wrong, and over which blocks it is looked for.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// c: how far above chance a difference must be; ≥ 0; 3.
@@ -63,6 +64,7 @@ impl Default for Params {
 }
 
 impl Params {
+    /// The defaults, for constants.
     pub const DEFAULT: Self = Self {
         strictness: 3.0,
         share: 0.5,
@@ -71,11 +73,13 @@ impl Params {
         sparse: false,
     };
 
-    pub fn levels(value: i64) -> Result<u32> {
+    pub(crate) fn levels(value: impl Whole<u32>) -> Result<u32> {
         whole("levels", value, "1 to 8", |n| (1..=8).contains(n))
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        Self::levels(self.levels)?;
         in_range(
             "strictness",
             self.strictness,
@@ -123,7 +127,7 @@ pub struct Known<'a> {
 }
 
 /// The light below which differences count as absolute: what is added to l in r.
-pub fn black(exposure: f32) -> f32 {
+pub(crate) fn black(exposure: f32) -> f32 {
     (exposure * BLACK).max(f32::MIN_POSITIVE)
 }
 
@@ -744,16 +748,16 @@ fn squared_weights(place: usize, count: usize) -> [f32; 3] {
 }
 
 /// A row of what was found, on its way to the pixels: one block further to each side.
-pub struct Line([Vec<f32>; 3]);
+pub(crate) struct Line([Vec<f32>; 3]);
 
 impl Innovation {
-    pub fn line(&self) -> Line {
+    pub(crate) fn line(&self) -> Line {
         Line([(); 3].map(|()| vec![0.0; self.found.size.width + 2]))
     }
 
     /// Goes to the image's row `y`.
     #[inline(always)]
-    pub fn go_to(&self, y: usize, line: &mut Line) {
+    pub(crate) fn go_to(&self, y: usize, line: &mut Line) {
         for (channel, row) in line.0.iter_mut().enumerate() {
             between_rows(self.found.view(), channel, y, row);
         }
@@ -761,7 +765,12 @@ impl Innovation {
 
     /// The correction of a run of that row, by what was predicted; none where nothing was found.
     #[inline(always)]
-    pub fn correction(&self, line: &Line, run: Run, predicted: &[Row; 3]) -> Option<[Row; 3]> {
+    pub(crate) fn correction(
+        &self,
+        line: &Line,
+        run: Run,
+        predicted: &[Row; 3],
+    ) -> Option<[Row; 3]> {
         let rows = line.0.each_ref();
         let rows = rows.map(|row| &row[run.x / 2..][..run.len.div_ceil(2) + 2]);
         if rows.iter().all(|row| row.iter().all(|&d| d == 0.0)) {
@@ -779,7 +788,7 @@ impl Innovation {
     }
 
     /// Corrects the records of an image of what was predicted.
-    pub fn correct(&self, size: Size, colors: &mut [f32]) {
+    pub(crate) fn correct(&self, size: Size, colors: &mut [f32]) {
         let kernel = Correct {
             innovation: self,
             width: size.width,
@@ -809,7 +818,7 @@ impl Innovation {
 
 /// No light is less than none. What is missing stays so.
 #[inline(always)]
-pub fn corrected(light: f32, found: f32) -> f32 {
+pub(crate) fn corrected(light: f32, found: f32) -> f32 {
     let light = light + found;
     if light < 0.0 { 0.0 } else { light }
 }

@@ -8,7 +8,7 @@ pub mod consistency;
 pub mod disocclusion;
 pub mod exposure;
 pub mod gradient;
-pub mod hull;
+pub(crate) mod hull;
 pub mod innovation;
 pub mod neighborhood;
 pub mod prediction;

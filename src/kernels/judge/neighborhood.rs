@@ -26,6 +26,7 @@
 
 use std::ops::Range;
 
+use super::exposure;
 use super::hull::{Polygon, enter_hulls, enter_slabs, toward};
 use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
@@ -34,14 +35,22 @@ use crate::math::is_present;
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, put, smaller};
 use crate::rows::{self, BAND, Kernel, Part};
 
+/// What of the neighbourhood holds history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounds {
+    /// The range of each channel.
     MinMax,
+    /// The mean of the ranges of the square and of the cross.
     Rounded,
+    /// The mean ± γ standard deviations.
     Variance,
+    /// What the range and the variance have in common.
     Intersection,
+    /// A polytope of thirteen slabs around the convex hull.
     Hull,
+    /// The convex hull.
     ExactHull,
+    /// The convex hull in chrominance, with the range of Y.
     ChromaHull,
 }
 
@@ -51,22 +60,33 @@ impl Bounds {
     }
 }
 
+/// The space in which bounds are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Space {
+    /// Linear.
     Rgb,
+    /// Luma and two chromas.
     YCoCg,
+    /// After the tone curve.
     ToneMappedRgb,
+    /// YCoCg after the tone curve.
     ToneMappedYCoCg,
 }
 
+/// How a colour outside of the bounds is brought to them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response {
+    /// Channel by channel.
     Clamp,
+    /// On the way to the box's centre.
     Center,
+    /// On the way to the current colour.
     Current,
+    /// Onto the ellipsoid; for [`Bounds::Variance`].
     Ellipsoid,
 }
 
+/// Bounds, the space in which they are taken, and what becomes of colours outside.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Variance.
@@ -84,6 +104,7 @@ pub struct Params {
 }
 
 impl Params {
+    /// Names of bounds.
     pub const BOUNDS: [(&str, Bounds); 7] = [
         ("minmax", Bounds::MinMax),
         ("rounded", Bounds::Rounded),
@@ -93,27 +114,32 @@ impl Params {
         ("exact-hull", Bounds::ExactHull),
         ("chroma-hull", Bounds::ChromaHull),
     ];
+    /// Names of spaces.
     pub const SPACES: [(&str, Space); 4] = [
         ("rgb", Space::Rgb),
         ("ycocg", Space::YCoCg),
         ("tonemapped-rgb", Space::ToneMappedRgb),
         ("tonemapped-ycocg", Space::ToneMappedYCoCg),
     ];
+    /// Names of responses.
     pub const RESPONSES: [(&str, Response); 4] = [
         ("clamp", Response::Clamp),
         ("center", Response::Center),
         ("current", Response::Current),
         ("ellipsoid", Response::Ellipsoid),
     ];
+    /// Names of windows, and their radii.
     pub const WINDOWS: [(&str, isize); 2] = [("3x3", 1), ("5x5", 2)];
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        if !Self::WINDOWS.iter().any(|(_, r)| *r == self.radius) {
+            return Err(Error::value("window", "a radius of 1 or 2", self.radius));
+        }
         in_range("gamma", self.gamma, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
         })?;
-        in_range("exposure", self.exposure, "a finite number above 0", |v| {
-            v > 0.0 && v.is_finite()
-        })?;
+        exposure::check(self.exposure)?;
         let response = name_of(self.response, &Self::RESPONSES);
         let bounds = name_of(self.bounds, &Self::BOUNDS);
         if self.response == Response::Ellipsoid && self.bounds != Bounds::Variance {
@@ -163,7 +189,7 @@ impl Space {
         }
     }
 
-    pub fn is_tone_mapped(self) -> bool {
+    pub(crate) fn is_tone_mapped(self) -> bool {
         matches!(self, Self::ToneMappedRgb | Self::ToneMappedYCoCg)
     }
 
@@ -192,19 +218,19 @@ fn from_ycocg([y, co, cg]: Color) -> Color {
 }
 
 #[inline(always)]
-pub fn brightest([r, g, b]: Color) -> f32 {
+pub(crate) fn brightest([r, g, b]: Color) -> f32 {
     larger(larger(larger(r, g), b), 0.0)
 }
 
 #[inline(always)]
-pub fn tone_mapped(rgb: Color, exposure: f32) -> Color {
+pub(crate) fn tone_mapped(rgb: Color, exposure: f32) -> Color {
     let scale = 1.0 / (exposure + brightest(rgb));
     rgb.map(|c| c * scale)
 }
 
 /// Toned, `most` is most / (e + most); whatever is brighter is scaled down to it.
 #[inline(always)]
-pub fn untone_mapped(rgb: Color, exposure: f32, most: f32) -> Color {
+pub(crate) fn untone_mapped(rgb: Color, exposure: f32, most: f32) -> Color {
     let bright = brightest(rgb);
     let shown = bright.min(most / (exposure + most));
     let scale = exposure / (1.0 - shown) * if bright > shown { shown / bright } else { 1.0 };
@@ -268,7 +294,7 @@ impl<'a> Kernel for Clip<'a> {
 }
 
 /// The colours around the pixels of a row.
-pub struct Window {
+pub(crate) struct Window {
     params: Params,
     /// As they are.
     pub colors: Rolling<3>,
@@ -401,7 +427,7 @@ impl Window {
 }
 
 /// Of the neighbourhoods of a run's pixels, in the space of the box; nothing counts where there are none.
-pub struct Around<'a> {
+pub(crate) struct Around<'a> {
     pub count: &'a Row,
     pub mean: &'a [Row; 3],
     pub low: &'a [Row; 3],

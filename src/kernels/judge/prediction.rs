@@ -22,7 +22,10 @@ use crate::rows::{self, LanesKernel};
 /// The offset of relMSE, by which dark pixels do not count beyond measure.
 const EPSILON: f32 = 0.01;
 
-/// Writes the gain of a candidate.
+/// Most pixels of the window to each side.
+pub const MOST: usize = 16;
+
+/// Writes the gain of a candidate; `radius` is that of the window, 0 to [`MOST`] pixels.
 pub fn prediction_gain<'a>(
     candidate: Pixels<'a>,
     base: Pixels<'a>,
@@ -41,7 +44,12 @@ pub fn prediction_gain<'a>(
 
 /// Of a run of pixels; not finite where something is missing.
 #[inline(always)]
-pub fn terms(candidate: [&[f32]; 3], base: [&[f32]; 3], color: [&[f32]; 3], terms: &mut [f32]) {
+pub(crate) fn terms(
+    candidate: [&[f32]; 3],
+    base: [&[f32]; 3],
+    color: [&[f32]; 3],
+    terms: &mut [f32],
+) {
     let len = terms.len();
     let [k, h, c] = [candidate, base, color].map(|image| image.map(|row| &row[..len]));
     for i in 0..len {
@@ -56,7 +64,7 @@ pub fn terms(candidate: [&[f32]; 3], base: [&[f32]; 3], color: [&[f32]; 3], term
 }
 
 /// The ids of the rows around one, of every so many rows of an image.
-pub struct Ids<'a> {
+pub(crate) struct Ids<'a> {
     ids: Option<Pixels<'a, u32>>,
     every: usize,
     rows: Rolling<1, u32>,
@@ -88,7 +96,7 @@ impl<'a> Ids<'a> {
 
 /// The mean of the terms, which are those of rows around a run, over windows: 0 where none is finite.
 #[inline(always)]
-pub fn mean<S: Simd>(
+pub(crate) fn mean<S: Simd>(
     simd: S,
     run: Run,
     height: usize,

@@ -42,16 +42,24 @@ pub mod rejection {
 /// Up to `full` a difference is trusted, beyond `none` it is not; the ramp between is linear.
 #[derive(Clone, Copy, Debug)]
 pub struct Threshold {
+    /// Differences up to here are fully trusted.
     pub full: f32,
+    /// Differences beyond are not trusted.
     pub none: f32,
 }
 
 impl Threshold {
+    /// All or nothing.
     pub const fn hard(at: f32) -> Self {
         Self { full: at, none: at }
     }
 
-    pub fn check(self, name: &str, expected: &str, holds: impl Fn(f32) -> bool) -> Result<()> {
+    pub(crate) fn check(
+        self,
+        name: &str,
+        expected: &str,
+        holds: impl Fn(f32) -> bool,
+    ) -> Result<()> {
         in_range(name, self.full, expected, &holds)?;
         in_range(name, self.none, expected, &holds)?;
         if self.full > self.none {
@@ -70,7 +78,7 @@ impl Threshold {
 
     /// The trust in a difference that is measured in the given unit; 0 in NaN.
     #[inline(always)]
-    pub fn trust(self, difference: f32, unit: f32) -> f32 {
+    pub(crate) fn trust(self, difference: f32, unit: f32) -> f32 {
         self.trust_if::<true>(difference, unit)
     }
 
@@ -92,6 +100,7 @@ impl Threshold {
     }
 }
 
+/// The thresholds of the tests.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Relative difference of depth; > 0; 0.1.
@@ -119,7 +128,7 @@ impl Default for Params {
 }
 
 impl Params {
-    pub fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         self.relative_depth
             .check("relative_depth", "a share above 0", |v| v > 0.0)?;
         self.plane_distance
@@ -141,9 +150,13 @@ impl Params {
 /// What is known of the surfaces of one frame.
 #[derive(Clone, Copy, Default)]
 pub struct Surface<'a> {
+    /// View-space z (1), +inf where nothing was hit.
     pub depth: Option<Pixels<'a>>,
+    /// World space (3); only directions count.
     pub normal: Option<Pixels<'a>>,
+    /// Of object, mesh or material (1).
     pub ids: Option<Pixels<'a, u32>>,
+    /// Normals in the object's own space (3).
     pub object_normal: Option<Pixels<'a>>,
     /// Whose luminance is compared: that of the image, or of the albedo.
     pub color: Option<Pixels<'a>>,
@@ -171,10 +184,10 @@ pub struct Tests<'a> {
 }
 
 /// A number for each pixel of a run.
-pub type Lane<T = f32> = [T; SEGMENT];
+pub(crate) type Lane<T = f32> = [T; SEGMENT];
 
 /// What the pixels of a run expect of their history.
-pub struct Expected {
+pub(crate) struct Expected {
     depth: Lane,
     /// Relative to the previous camera.
     point: [Lane; 3],
@@ -201,7 +214,7 @@ impl Expected {
 }
 
 /// Square footprints of a run of pixels.
-pub struct Places<'a> {
+pub(crate) struct Places<'a> {
     /// The upper left ones.
     pub at: &'a [u32],
     pub spans: &'a Spans,
@@ -219,7 +232,7 @@ pub struct Places<'a> {
 type Beside<T = f32> = [T; SEGMENT + LANES];
 
 /// Pixels of the previous frame, and what is thought of them.
-pub struct Judged {
+pub(crate) struct Judged {
     others: Others,
     trust: Lane,
     failed: Lane<u32>,
@@ -345,6 +358,7 @@ impl Seen<'_> {
 }
 
 impl<'a> Tests<'a> {
+    /// Compares what both surfaces have. The rays are those of the previous camera, for the plane test.
     pub fn new(
         now: impl Into<Surface<'a>>,
         before: impl Into<Surface<'a>>,
@@ -397,14 +411,20 @@ impl<'a> Tests<'a> {
     }
 
     /// Whether nothing is tested.
-    pub fn accept_all(&self) -> bool {
+    pub(crate) fn accept_all(&self) -> bool {
         let untested = self.depth.is_none() && self.direction.is_none() && self.ids.is_none();
         untested && self.color.is_none() && self.params.speed.is_none()
     }
 
     /// What the pixels of a run expect where they come from: at index-space positions `from`, after `motion`.
     #[inline(always)]
-    pub fn expect(&self, run: Run, from: [&[f32]; 2], motion: Motion, expected: &mut Expected) {
+    pub(crate) fn expect(
+        &self,
+        run: Run,
+        from: [&[f32]; 2],
+        motion: Motion,
+        expected: &mut Expected,
+    ) {
         let len = run.len;
         if let Some([now, _]) = self.depth {
             let depths = &mut expected.depth[..len];
@@ -462,7 +482,7 @@ impl<'a> Tests<'a> {
     /// Judges the taps that are `chosen`, by row and column, and tells for each what trust there is in those of some of the
     /// run's pixels, and the bits of the tests that leave none.
     #[inline(always)]
-    pub fn judge(
+    pub(crate) fn judge(
         &self,
         expected: &Expected,
         places: Places,
@@ -620,7 +640,7 @@ impl<'a> Tests<'a> {
 
     /// The trust of pixel `i` of the run in the previous frame's pixel (x, y).
     #[inline(always)]
-    pub fn trust(&self, expected: &Expected, i: usize, [x, y]: [f32; 2], at: usize) -> f32 {
+    pub(crate) fn trust(&self, expected: &Expected, i: usize, [x, y]: [f32; 2], at: usize) -> f32 {
         let mut trust = expected.trust[i];
         if let Some([_, before]) = self.ids {
             trust *= same(expected.id[i], before.at(at, 0));
@@ -731,22 +751,4 @@ fn distance(a: [f32; 3], b: [f32; 3], along: [f32; 3]) -> f32 {
 #[inline(always)]
 fn brightness([r, g, b]: [f32; 3]) -> f32 {
     luminance(r, g, b)
-}
-
-/// The plane test needs depths, normals and motion with a change of depth.
-pub fn check_plane_test(depth: bool, normal: bool, motion_channels: usize) -> Result<()> {
-    if !depth {
-        return Err(Error::needs("previous_camera", "depth"));
-    }
-    if !normal {
-        return Err(Error::needs("previous_camera", "normal"));
-    }
-    if motion_channels != 3 {
-        return Err(Error::value(
-            "motion",
-            "shape (H, W, 3) for the plane test of previous_camera",
-            "(H, W, 2)",
-        ));
-    }
-    Ok(())
 }

@@ -22,6 +22,7 @@ pub fn check(similarity: f32) -> Result<()> {
     })
 }
 
+/// Writes 1 where a feature is thin, else 0.
 pub fn thin_features<'a>(
     color: Pixels<'a>,
     similarity: f32,

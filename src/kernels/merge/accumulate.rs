@@ -24,6 +24,7 @@ use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{PixelsMut, Row, larger, smaller};
 use crate::rows::{self, Kernel};
 
+/// Least weights of the new sample, and when history is shortened.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Smallest share of the new sample; 0 to 1; 0.05.
@@ -45,6 +46,7 @@ impl Default for Params {
 }
 
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("alpha", self.alpha, "a share from 0 to 1", |v| {
             (0.0..=1.0).contains(&v)
@@ -155,7 +157,7 @@ impl<'a, const PARTS: usize> Kernel for Accumulate<'a, PARTS> {
 
 /// Of a run, held to [0, 1].
 #[inline(always)]
-pub fn load_shares(image: View, run: Run, shares: &mut Row) {
+pub(crate) fn load_shares(image: View, run: Run, shares: &mut Row) {
     let values = &image.row(0, run.y)[run.x..][..run.len];
     for (share, &value) in shares.iter_mut().zip(values) {
         *share = saturate(value);
@@ -164,7 +166,7 @@ pub fn load_shares(image: View, run: Run, shares: &mut Row) {
 
 /// Pixels of a row whose sample is missing.
 #[inline(always)]
-pub fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
+pub(crate) fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
     r.iter()
         .zip(g)
         .zip(b)
@@ -173,7 +175,7 @@ pub fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
 }
 
 #[inline(always)]
-pub fn tenth_power(x: f32) -> f32 {
+pub(crate) fn tenth_power(x: f32) -> f32 {
     let square = x * x;
     let fourth = square * square;
     fourth * fourth * square
@@ -183,7 +185,7 @@ impl Params {
     /// Merges new colours into the channels of a history, by how much of a sample each is, above 0 to 1, by how much the
     /// light has changed, and by the confidence in the history, both 0 to 1.
     #[inline(always)]
-    pub fn merge(
+    pub(crate) fn merge(
         self,
         colors: &[Row; 3],
         [weights, changes, confidences]: [&Row; 3],

@@ -16,17 +16,23 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
+use crate::kernels::judge::exposure;
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
 use crate::rows::{self, Kernel};
 
+/// What beside α weighs the two colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weighting {
+    /// Nothing.
     None,
+    /// 1/(e + luminance).
     Tone,
+    /// The likeness of their luminances.
     Luminance,
 }
 
+/// How colours are weighed beside α.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// None.
@@ -38,33 +44,42 @@ pub struct Params {
 }
 
 impl Params {
+    /// Names of weightings.
     pub const WEIGHTINGS: [(&str, Weighting); 3] = [
         ("none", Weighting::None),
         ("tone", Weighting::Tone),
         ("luminance", Weighting::Luminance),
     ];
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("flicker", self.flicker, "a share from 0 to 1", |v| {
             (0.0..=1.0).contains(&v)
         })?;
-        in_range("exposure", self.exposure, "a finite number above 0", |v| {
-            v > 0.0 && v.is_finite()
-        })
+        exposure::check(self.exposure)
     }
+}
+
+/// Whether a number can be the share of the new sample.
+pub fn check_alpha(share: f32) -> Result<()> {
+    in_range("alpha", share, "a share from 0 to 1", |v| {
+        (0.0..=1.0).contains(&v)
+    })
 }
 
 /// One share for all pixels, or one for each.
 #[derive(Clone, Copy)]
 pub enum Alpha<'a> {
+    /// 0 to 1.
     Constant(f32),
+    /// 0 to 1 for each pixel.
     Map(View<'a>),
 }
 
 impl Alpha<'_> {
     /// The shares of a run.
     #[inline(always)]
-    pub fn read(&self, run: Run, shares: &mut [f32]) {
+    pub(crate) fn read(&self, run: Run, shares: &mut [f32]) {
         let shares = &mut shares[..run.len];
         match self {
             Self::Constant(alpha) => shares.fill(*alpha),
@@ -85,6 +100,7 @@ struct Blend<'a> {
     params: Params,
 }
 
+/// Writes the blended colours.
 pub fn blend<'a>(
     color: Pixels<'a>,
     history: Pixels<'a>,
@@ -136,7 +152,13 @@ impl<'a> Kernel for Blend<'a> {
 
 /// Lessens the shares where history lies near the border of what surrounds the pixel.
 #[inline(always)]
-pub fn calm(colors: &Rolling<3>, run: Run, history: &[Row; 3], flicker: f32, shares: &mut Row) {
+pub(crate) fn calm(
+    colors: &Rolling<3>,
+    run: Run,
+    history: &[Row; 3],
+    flicker: f32,
+    shares: &mut Row,
+) {
     let n = lanes(run);
     let mut lows: Columns = [f32::INFINITY; _];
     let mut highs: Columns = [f32::NEG_INFINITY; _];
@@ -165,7 +187,7 @@ pub fn calm(colors: &Rolling<3>, run: Run, history: &[Row; 3], flicker: f32, sha
 
 /// Blends a run by the shares of its colours.
 #[inline(always)]
-pub fn mix(
+pub(crate) fn mix(
     color: [&[f32]; 3],
     history: &[Row; 3],
     shares: &Row,

@@ -25,6 +25,7 @@ use crate::math::is_present;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
+/// Blur, and how quality weighs.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// How far the outer places are along the motion, b; 0 to 1; ¼.
@@ -52,6 +53,7 @@ impl Default for Params {
 }
 
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("blur", self.blur, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
         let [low, high] = self.share;
@@ -69,12 +71,14 @@ impl Params {
 }
 
 /// Motion that is as long is not known.
-pub const FARTHEST: f32 = 1e6;
+pub(crate) const FARTHEST: f32 = 1e6;
 
 /// Colour, and its quality.
 #[derive(Clone, Copy)]
 pub struct Known<'a> {
+    /// 3 channels.
     pub color: Pixels<'a>,
+    /// 0 where there is none.
     pub quality: Pixels<'a>,
 }
 

@@ -20,6 +20,7 @@ use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::pixels::{PixelsMut, larger, smaller};
 use crate::rows::{self, Kernel};
 
+/// Names of the filters that serve here.
 pub const FILTERS: [(&str, Filter); 4] = [
     ("nearest", Filter::Nearest),
     ("bilinear", Filter::Bilinear),
@@ -93,7 +94,7 @@ fn places(from: usize, to: usize, offset: f64) -> impl Iterator<Item = f64> {
 }
 
 /// The sample next to each place of an axis.
-pub fn nearest(from: usize, to: usize, offset: f64) -> Vec<usize> {
+pub(crate) fn nearest(from: usize, to: usize, offset: f64) -> Vec<usize> {
     places(from, to, offset)
         .map(|x| ((x + 0.5).floor().max(0.0) as usize).min(from - 1))
         .collect()

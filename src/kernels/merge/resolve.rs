@@ -14,15 +14,21 @@
 
 use std::ops::Range;
 
+use crate::error::{Error, Result};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, lanes};
 use crate::rows::{self, BAND, Kernel};
 
+/// How samples weigh by their distance from the pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
+    /// The pixel itself.
     Box,
+    /// Linear, two pixels wide.
     Tent,
+    /// A window like a Gaussian, 3.3 pixels wide.
     BlackmanHarris,
+    /// The cubic of Mitchell and Netravali, four pixels wide.
     Mitchell,
 }
 
@@ -33,6 +39,7 @@ const REACH: usize = 2;
 const WINDOW: usize = 2 * REACH + 1;
 
 impl Filter {
+    /// Their names.
     pub const NAMES: [(&str, Self); 4] = [
         ("box", Self::Box),
         ("tent", Self::Tent),
@@ -56,6 +63,15 @@ impl Filter {
             Self::Mitchell => (-7.0 / 3.0 * x * x * x + 12.0 * x * x - 20.0 * x + 32.0 / 3.0) / 6.0,
         }
     }
+}
+
+/// Whether samples may lie so far, right and down, beside their pixels' centres.
+pub fn check(offset: [f64; 2]) -> Result<()> {
+    if offset.iter().all(|d| d.abs() <= 0.5) {
+        return Ok(());
+    }
+    let got = format!("{offset:?}");
+    Err(Error::value("offsets", "pixels from -0.5 to 0.5", got))
 }
 
 /// Writes the reconstruction of frames, each with how far its samples lie beside their pixels' centres, by at most half

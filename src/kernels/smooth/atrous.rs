@@ -21,13 +21,14 @@ use pulp::Simd;
 use super::guide::{Center, Comparison, Guide, Sigmas};
 use super::variance::{floored, floored_all};
 use crate::bordered::{Before, Bordered, BorderedBand, Chain, Columns, Layout, Link};
-use crate::error::{Result, in_range, whole};
+use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
 use crate::lanes::Lanes;
 use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, LanesKernel};
 
+/// Passes, and what stops them.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Passes; 0 to 16; 5.
@@ -36,6 +37,7 @@ pub struct Params {
     pub radius: usize,
     /// Luminance difference that counts as one, in standard deviations; > 0; 4.
     pub sigma_luminance: f32,
+    /// How far surfaces may differ.
     pub sigmas: Sigmas,
 }
 
@@ -55,21 +57,24 @@ impl Params {
     pub const MOST: u32 = 16;
 
     /// A number of passes.
-    pub fn iterations(value: i64) -> Result<u32> {
+    pub(crate) fn iterations(value: impl Whole<u32>) -> Result<u32> {
         whole("iterations", value, "0 to 16 passes", |&n| n <= Self::MOST)
     }
 
     /// Taps to each side.
-    pub fn radius(value: i64) -> Result<usize> {
+    pub(crate) fn radius(value: impl Whole<usize>) -> Result<usize> {
         whole("radius", value, "1 or 2 taps", |n| (1..=2).contains(n))
     }
 
     /// Pixels from the farthest tap to the centre.
-    pub fn reach(&self) -> usize {
+    pub(crate) fn reach(&self) -> usize {
         (self.radius << self.iterations) / 2
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        Self::iterations(self.iterations)?;
+        Self::radius(self.radius)?;
         in_range(
             "sigma_luminance",
             self.sigma_luminance,
@@ -113,7 +118,7 @@ pub fn atrous<'a>(
 }
 
 /// An image on its way through the passes.
-pub struct Filtered {
+pub(crate) struct Filtered {
     image: Bordered,
     /// The channel of the variance, and that of the next.
     variances: [usize; 2],
@@ -198,13 +203,13 @@ impl<'a> Kernel for Load<'a> {
 
 /// Where a row's variance belongs, to be settled when it is there.
 #[inline(always)]
-pub fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
+pub(crate) fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
     image.row(VARIANCES[0], y)
 }
 
 /// Makes a row's variance ready, and puts its colour in place.
 #[inline(always)]
-pub fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
+pub(crate) fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
     for v in image.row(VARIANCES[0], y) {
         *v = if v.is_finite() { floored(*v) } else { 0.0 };
     }

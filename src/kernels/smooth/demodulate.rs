@@ -31,14 +31,18 @@ const LEAST: f32 = 1.0 / 32.0;
 /// What light falls on.
 #[derive(Clone, Copy)]
 pub struct Texture<'a> {
+    /// 3 channels, 0 to 1.
     pub albedo: Pixels<'a>,
+    /// 3 channels.
     pub emission: Option<Pixels<'a>>,
 }
 
 /// Whether texture comes off or is put back.
 #[derive(Clone, Copy)]
 pub enum Way {
+    /// Colour becomes light.
     Off,
+    /// Light becomes colour.
     Back,
 }
 
@@ -81,7 +85,7 @@ impl<'a> Kernel for Modulate<'a> {
 impl Texture<'_> {
     /// Changes a run's values.
     #[inline(always)]
-    pub fn modulate(&self, way: Way, run: Run, values: &mut [Row; 3]) {
+    pub(crate) fn modulate(&self, way: Way, run: Run, values: &mut [Row; 3]) {
         let mut albedo = [[0.0; SEGMENT]; 3];
         self.albedo
             .read(run, albedo.each_mut().map(|row| &mut row[..]));

@@ -20,13 +20,14 @@ use pulp::Simd;
 
 use super::guide::{Comparison, Guide, Sigmas};
 use crate::bordered::{Bordered, BorderedBand};
-use crate::error::{Result, in_range, whole};
+use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, segments};
 use crate::lanes::Lanes;
 use crate::math::{exp2_weight, is_present, luminance};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, LanesKernel};
 
+/// What counts as a firefly, and what becomes of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// t: standard deviations above the mean; ≥ 0; 2.
@@ -35,6 +36,7 @@ pub struct Params {
     pub radius: usize,
     /// Whether what exceeds the limit is spread; true.
     pub redistribute: bool,
+    /// How far surfaces may differ.
     pub sigmas: Sigmas,
 }
 
@@ -50,11 +52,13 @@ impl Default for Params {
 }
 
 impl Params {
-    pub fn radius(value: i64) -> Result<usize> {
+    pub(crate) fn radius(value: impl Whole<usize>) -> Result<usize> {
         whole("radius", value, "1 to 16 pixels", |n| (1..=16).contains(n))
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        Self::radius(self.radius)?;
         in_range("threshold", self.threshold, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
         })?;

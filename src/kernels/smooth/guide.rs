@@ -24,6 +24,7 @@ use crate::lanes::{Classes, Lanes};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel};
 
+/// How far surfaces may differ before they stop a filter.
 #[derive(Clone, Copy, Debug)]
 pub struct Sigmas {
     /// κ: how sharply differences of normals count; ≥ 0; 128.
@@ -45,6 +46,7 @@ impl Default for Sigmas {
 }
 
 impl Sigmas {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("sigma_normal", self.normal, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
@@ -56,7 +58,7 @@ impl Sigmas {
 
 /// The buffers of one frame in the form in which filters want them: without NaN or infinity.
 pub struct Guide {
-    pub layout: Layout,
+    pub(crate) layout: Layout,
     /// All alike where neither depth nor ids are known.
     class: Bordered<u32>,
     normal: Option<Bordered>,
@@ -102,12 +104,12 @@ impl Guide {
         guide
     }
 
-    pub fn compares_planes(&self) -> bool {
+    pub(crate) fn compares_planes(&self) -> bool {
         matches!(self.depth, Some(Depth::Plane(..)))
     }
 
     /// For kernels: what is compared, and how strictly.
-    pub fn compare(&self, sigmas: &Sigmas) -> Comparison<'_> {
+    pub(crate) fn compare(&self, sigmas: &Sigmas) -> Comparison<'_> {
         let [class] = self.class.planes();
         Comparison {
             layout: self.layout,
@@ -129,7 +131,7 @@ impl Guide {
 
 /// Borrowed planes of a guide.
 #[derive(Clone, Copy)]
-pub struct Comparison<'a> {
+pub(crate) struct Comparison<'a> {
     layout: Layout,
     /// The first row that is in it, and how many numbers there are in a plane.
     top: usize,
@@ -154,7 +156,7 @@ enum Depths<'a> {
 /// With D(x, y) the ray of a pixel, which is linear in x and y, a point of depth Z′ seen Δ pixels away from the pixel (x, y)
 /// of depth Z and normal n is n·(X′ − X) = Z′ (n·D + Δx n·∂D/∂x + Δy n·∂D/∂y) − Z n·D from its plane.
 #[derive(Clone, Copy)]
-pub struct Center<S: Simd> {
+pub(crate) struct Center<S: Simd> {
     pub at: usize,
     class: Classes<S>,
     normal: [Lanes<S>; 3],

@@ -19,12 +19,14 @@ use crate::lanes::{Lanes, WIDEST};
 use crate::math::exp2_weight;
 use crate::rows::{self, LanesKernel};
 
+/// Which pixels are fixed, and from how far.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Histories below this are fixed; ≥ 0; 3.
     pub max_length: f32,
     /// Distance of the taps, in pixels, for no history; 1 to 64; 14.
     pub stride: f32,
+    /// How far surfaces may differ.
     pub sigmas: Sigmas,
 }
 
@@ -49,6 +51,7 @@ impl Params {
         (self.stride / (1.0 + length.max(0.0)) + 0.5).max(1.0) as usize
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range(
             "max_length",
@@ -70,6 +73,7 @@ struct Fix<'a> {
     params: Params,
 }
 
+/// Returns the fixed colours; the guide is for taps up to [`Params::reach`].
 pub fn fix_history(color: View, length: View, guide: &Guide, params: Params) -> Image {
     let mut fixed = Image::blank(color.size, 3);
     let kernel = Fix {

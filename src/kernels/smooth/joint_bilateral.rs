@@ -19,19 +19,21 @@ use pulp::Simd;
 
 use super::guide::{Comparison, Guide, Sigmas};
 use crate::bordered::{Bordered, BorderedBand, Layout, Tap};
-use crate::error::{Result, in_range, whole};
+use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, Value, segments};
 use crate::lanes::Lanes;
 use crate::math::{LOG2_E, exp2_weight, is_present};
 use crate::pixels::Row;
 use crate::rows::{self, Kernel, LanesKernel};
 
+/// The window, and what stops it.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// r: samples to each side that count, where they are as dense as can be; 1 to 16; 2.
     pub radius: usize,
     /// σ: distance of samples that counts as one standard deviation; > 0; 1.
     pub sigma: f32,
+    /// How far surfaces may differ.
     pub sigmas: Sigmas,
 }
 
@@ -47,13 +49,15 @@ impl Default for Params {
 
 impl Params {
     /// A window's radius.
-    pub fn radius(value: i64) -> Result<usize> {
+    pub(crate) fn radius(value: impl Whole<usize>) -> Result<usize> {
         whole("radius", value, "1 to 16 samples", |&n| {
             (1..=16).contains(&n)
         })
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        Self::radius(self.radius)?;
         in_range("sigma", self.sigma, "a number above 0", |v| v > 0.0)?;
         self.sigmas.check()
     }
@@ -62,6 +66,7 @@ impl Params {
 /// Where in the full image the samples of a small one lie.
 #[derive(Clone, Copy, Debug)]
 pub struct Grid {
+    /// The size of the full image.
     pub full: Size,
     /// s; 1 to 16.
     pub scale: usize,
@@ -70,11 +75,13 @@ pub struct Grid {
 }
 
 impl Grid {
-    pub fn scale(value: i64) -> Result<usize> {
+    pub(crate) fn scale(value: impl Whole<usize>) -> Result<usize> {
         whole("scale", value, "1 to 16 pixels", |&n| (1..=16).contains(&n))
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        Self::scale(self.scale)?;
         let last = self.scale as f32 - 1.0;
         let expected = format!("0 to {last} pixels right and down");
         (self.offset.into_iter())
@@ -101,7 +108,7 @@ impl Grid {
     }
 
     /// A full image that has the values of a small one where its samples lie, and `outside` elsewhere.
-    pub fn scatter<T: Value>(&self, low: Pixels<T>, outside: T) -> Image<T> {
+    pub(crate) fn scatter<T: Value>(&self, low: Pixels<T>, outside: T) -> Image<T> {
         let mut image = Image::blank(self.full, low.channels);
         let kernel = Scatter {
             grid: *self,

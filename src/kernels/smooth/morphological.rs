@@ -26,11 +26,12 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range, whole};
+use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Image, View};
 use crate::math::{is_present, luminance};
 use crate::rows::{self, Kernel};
 
+/// What counts as an edge, and how far it is followed.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Difference of brightness, which is 0 to 1, that is not yet a discontinuity; ≥ 0; 0.1.
@@ -41,12 +42,14 @@ pub struct Params {
 
 impl Params {
     /// A length of search.
-    pub fn max_length(value: i64) -> Result<usize> {
+    pub(crate) fn max_length(value: impl Whole<usize>) -> Result<usize> {
         let range = |n: &usize| (1..=128).contains(n);
         whole("max_length", value, "1 to 128 pixels", range)
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        Self::max_length(self.max_length)?;
         in_range("threshold", self.threshold, "a finite number from 0", |v| {
             v >= 0.0 && v.is_finite()
         })
@@ -57,6 +60,7 @@ impl Params {
 const BELOW: usize = 0;
 const RIGHT: usize = 1;
 
+/// Returns the antialiased colours.
 pub fn morphological_aa(color: View, params: Params) -> Image {
     let size = color.size;
     let mut brightness = Image::new(size, 1);

@@ -25,7 +25,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, whole};
+use crate::error::{Result, Whole, whole};
 use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Rays;
@@ -46,12 +46,16 @@ const NOTHING: f64 = 1e-14;
 /// do our measurements, in which 1 takes more features to the same error and 8 loses.
 const PENALTY: f64 = 3.0;
 
+/// Which features a fit has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Choice {
+    /// All that are known.
     All,
+    /// As few as serve.
     Fewest,
 }
 
+/// Blocks and features.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Side of a block in pixels; 4 to 256; 32.
@@ -73,10 +77,17 @@ impl Default for Params {
 }
 
 impl Params {
+    /// Names of choices.
     pub const FEATURES: [(&str, Choice); 2] = [("fewest", Choice::Fewest), ("all", Choice::All)];
 
-    pub fn block(value: i64) -> Result<usize> {
+    pub(crate) fn block(value: impl Whole<usize>) -> Result<usize> {
         whole("block", value, "4 to 256 pixels", |n| (4..=256).contains(n))
+    }
+
+    /// Whether all are in range.
+    pub fn check(&self) -> Result<()> {
+        Self::block(self.block)?;
+        Ok(())
     }
 
     /// The blocks along a side of the image.
@@ -95,13 +106,16 @@ impl Params {
 /// What a fit is made of.
 #[derive(Clone, Copy)]
 pub struct Features<'a> {
+    /// 3 channels.
     pub normal: Option<Pixels<'a>>,
+    /// Where the points are.
     pub place: Option<Place<'a>>,
 }
 
 /// Where surfaces are.
 #[derive(Clone, Copy)]
 pub enum Place<'a> {
+    /// World space (3).
     Position(Pixels<'a>),
     /// Along the rays.
     Depth(Pixels<'a>, Rays),

@@ -19,6 +19,7 @@ use crate::math::is_present;
 use crate::pixels::{PixelsMut, Rolling, Row, larger, smaller};
 use crate::rows::{self, Kernel};
 
+/// How much is sharpened.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// 0, which leaves all as it is, to 1; 0.5.
@@ -28,6 +29,7 @@ pub struct Params {
 }
 
 impl Params {
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         check_strength("strength", self.strength)?;
         in_range("exposure", self.exposure, "a finite number above 0", |v| {
@@ -36,7 +38,7 @@ impl Params {
     }
 }
 
-pub fn check_strength(name: &str, strength: f32) -> Result<()> {
+pub(crate) fn check_strength(name: &str, strength: f32) -> Result<()> {
     in_range(name, strength, "a share from 0 to 1", |v| {
         (0.0..=1.0).contains(&v)
     })
@@ -45,6 +47,7 @@ pub fn check_strength(name: &str, strength: f32) -> Result<()> {
 /// The strongest λ.
 const LARGEST: f32 = -3.0 / 16.0;
 
+/// Writes the sharpened colours.
 pub fn sharpen<'a>(
     color: Pixels<'a>,
     params: Params,

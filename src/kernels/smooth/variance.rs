@@ -13,13 +13,14 @@ use pulp::Simd;
 
 use super::guide::{Center, Comparison, Guide, Sigmas};
 use crate::bordered::Tap;
-use crate::error::{Result, in_range, whole};
+use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Pixels, bands_of, segments};
 use crate::lanes::{Lanes, Mask, WIDEST};
 use crate::math::exp2_weights;
 use crate::pixels::Rolling;
 use crate::rows::{self, LanesKernel};
 
+/// Which variances are estimated in space, and over which window.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Samples from which the temporal variance is trusted; ≥ 1; 3.5: not a whole number, so that rounding of
@@ -27,6 +28,7 @@ pub struct Params {
     pub min_length: f32,
     /// The window reaches so many pixels to each side; 0 to 16; 3.
     pub radius: usize,
+    /// How far surfaces may differ.
     pub sigmas: Sigmas,
 }
 
@@ -42,11 +44,13 @@ impl Default for Params {
 
 impl Params {
     /// A window's radius.
-    pub fn radius(value: i64) -> Result<usize> {
+    pub(crate) fn radius(value: impl Whole<usize>) -> Result<usize> {
         whole("radius", value, "0 to 16 pixels", |&n| n <= 16)
     }
 
+    /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        Self::radius(self.radius)?;
         in_range(
             "min_length",
             self.min_length,
@@ -61,10 +65,10 @@ impl Params {
 const TOGETHER: usize = 4;
 
 /// Below this, a variance is 0.
-pub const SMALLEST: f32 = 1e-30;
+pub(crate) const SMALLEST: f32 = 1e-30;
 
 #[inline(always)]
-pub fn floored(variance: f32) -> f32 {
+pub(crate) fn floored(variance: f32) -> f32 {
     if variance >= SMALLEST { variance } else { 0.0 }
 }
 
@@ -77,12 +81,13 @@ pub struct Estimate<'a> {
 }
 
 /// What it reads for a row.
-pub struct Around {
+pub(crate) struct Around {
     moments: Rolling<2>,
     /// Of the row's pixels.
     length: Vec<f32>,
 }
 
+/// Writes the variance.
 pub fn estimate_variance(estimate: &Estimate, variance: &mut [f32]) {
     let size = estimate.moments.size;
     rows::run_lanes(estimate, size.height, bands_of(variance, size));
@@ -114,7 +119,7 @@ impl<'a> Estimate<'a> {
 
     /// Room for what rows read.
     #[inline(always)]
-    pub fn around(&self) -> Around {
+    pub(crate) fn around(&self) -> Around {
         let width = self.moments.size.width;
         Around {
             moments: Rolling::new(width, self.params.radius),
@@ -124,7 +129,7 @@ impl<'a> Estimate<'a> {
 
     /// Of row `y`, which is below the one before unless it is the first.
     #[inline(always)]
-    pub fn row<S: Simd>(
+    pub(crate) fn row<S: Simd>(
         &self,
         simd: S,
         y: usize,
@@ -235,6 +240,6 @@ fn known<S: Simd>(m1: Lanes<S>, m2: Lanes<S>) -> Mask<S> {
 
 /// The same of neighbouring pixels.
 #[inline(always)]
-pub fn floored_all<S: Simd>(variance: Lanes<S>) -> Lanes<S> {
+pub(crate) fn floored_all<S: Simd>(variance: Lanes<S>) -> Lanes<S> {
     variance.or_all(variance.at_least(SMALLEST), 0.0)
 }
