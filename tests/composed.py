@@ -609,11 +609,11 @@ class BMFR:
 class Recirculation:
     BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat", "innovation": True}  # noqa: RUF012
     BEST |= {"blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
-    SEED = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}  # noqa: RUF012
-    SEED |= {"innovation": False}
+    TEXTBOOK = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5)}  # noqa: RUF012
+    TEXTBOOK |= {"innovation": False}
 
     def __init__(self, preset="best", **given):
-        params = self.BEST | (self.SEED if preset == "seed" else {}) | given
+        params = self.BEST | (self.TEXTBOOK if preset == "textbook" else {}) | given
         self.pyramid = {name: params[name] for name in ("factor", "levels")}
         self.blend = {name: params[name] for name in ("share", "fade", "limit")}
         self.blur, self.tolerance = params["blur"], np.float32(params["tolerance"])

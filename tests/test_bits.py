@@ -22,7 +22,7 @@ def digest() -> str:
             data = b"".join(array.tobytes() for array in arrays(function(**given)))
             lines.append(f"{name} {size} {hashlib.sha256(data).hexdigest()}")
     pipelines = [yester.SVGF(), yester.SVGF(reflections=(), choice=False), yester.TAA()]
-    pipelines += [yester.BMFR(), yester.HalfRes(), yester.Recirculation(), yester.Recirculation("seed")]
+    pipelines += [yester.BMFR(), yester.HalfRes(), yester.Recirculation(), yester.Recirculation("textbook")]
     pipelines += [yester.Upscaler(1.5, sharpness=0.5)]
     rng = np.random.default_rng(0)
     before = None

@@ -157,7 +157,7 @@ def test_every_method(tmp_path, method):
         ("--feedback", None, "bmfr", "svgf"),
         ("--choice", None, "bmfr", "svgf, halfres"),
         ("--innovation", None, "oidn", "svgf, taa, bmfr, halfres, recirculation, temporal-oidn"),
-        ("--preset", "seed", "svgf", "taa"),
+        ("--preset", "textbook", "svgf", "taa"),
         ("--block", 8, "svgf", "bmfr"),
         ("--features", "all", "taa", "bmfr"),
         ("--quality", "fast", "svgf", "oidn, temporal-oidn"),

@@ -137,7 +137,7 @@ def test_chart_of_own_files(own, tmp_path):
 
 def test_chart_without_references(own, tmp_path):
     """What needs one is left out, and that is said."""
-    result = run("chart", own / "shot", "--no-peers", "--methods", "TAA seed", "-o", tmp_path)
+    result = run("chart", own / "shot", "--no-peers", "--methods", "TAA textbook", "-o", tmp_path)
     assert result.stderr.splitlines() == [ALONE]
     for row in table(tmp_path / "points.csv"):
         assert [key for key in METRICS if row[key]] == ["warped_error"]
@@ -210,8 +210,8 @@ def test_doors(tmp_path):
     assert all(row["psnr"] for row in rows)
     files(tmp_path)
 
-    result = run("chart", *given, "--doors", "no ids", "--methods", "TAA seed, alpha 0.1", "-o", tmp_path / "one")
-    assert result.stdout.splitlines()[1].startswith("TAA seed, alpha 0.1, no ids")
+    result = run("chart", *given, "--doors", "no ids", "--methods", "TAA textbook, alpha 0.1", "-o", tmp_path / "one")
+    assert result.stdout.splitlines()[1].startswith("TAA textbook, alpha 0.1, no ids")
     assert len(table(tmp_path / "one" / "doors.csv")) == 2 * 2
 
     result = run("chart", *given, "--ablate", "--doors", "no ids", "-o", tmp_path / "ablated")
@@ -249,7 +249,7 @@ def test_groups(tmp_path):
 def test_missing_peers_are_named(own, tmp_path, modules, absent, there):
     """And the others are charted."""
     arguments = ("chart", own / "shot", "--references", own / "truth", "--metrics", "psnr", "-o", tmp_path)
-    methods = ("--methods", "TAA seed, alpha 0.1", *there)
+    methods = ("--methods", "TAA textbook, alpha 0.1", *there)
     result = without(modules, *arguments, *methods)
     lines = result.stderr.splitlines()
     assert [line.split(": ")[:2] for line in lines] == [["not here", name] for name in absent]

@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pytest
 import yester
+from compare import assert_same_bits
 
 CALLS = {
     "SVGF()": yester.SVGF,
@@ -101,3 +102,22 @@ def test_the_largest_numbers_do_not_turn_black(pipeline):
         color = steps.step(frame).color
         assert np.isfinite(color).all()
         assert color.min() > 1e36
+
+
+@pytest.mark.parametrize("make", [yester.TAA, yester.Recirculation])
+def test_the_former_name_of_textbook_serves_with_a_warning(make):
+    camera = yester.Camera([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1], [0, 0, 1, 0]], 9, 7)
+    with pytest.warns(DeprecationWarning, match=r'^preset: "seed" is now "textbook"$'):
+        former = make("seed")
+    current = make("textbook")
+    random = np.random.default_rng(0)
+    for _ in range(3):
+        frame = yester.Frame(random.random((7, 9, 3)), depth=np.ones((7, 9)), camera=camera)
+        assert_same_bits(former.step(frame).color, current.step(frame).color)
+
+
+def test_no_preset_is_called_so_by_the_error():
+    with pytest.raises(ValueError, match="textbook") as error:
+        yester.TAA("seeds")
+    assert "'seed'" not in str(error.value)
+    assert '"seed"' not in str(error.value)

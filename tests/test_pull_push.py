@@ -96,7 +96,7 @@ def test_all_holes_stay(levels):
         assert not known.any()
 
 
-def test_the_seed_s_pyramid():
+def test_the_pyramid_of_the_textbook():
     """1, 4, 16 and back: holes are filled half a block of sixteen beyond what is known, and half a block of four."""
     color = np.full((64, 64), np.nan, np.float32)
     color[:16, :16] = 1

@@ -162,7 +162,7 @@ def test_out_of_range(argument, values):
         ("nearness", -1),
         ("nearness", 5),
         ("history", "gather"),
-        ("preset", "textbook"),
+        ("preset", "karis"),
     ],
 )
 def test_pipelines_refuse_it_too(argument, value):
@@ -202,7 +202,7 @@ CHOICES = [
     {},
     {"factor": 4, "levels": 2, "blur": 0.0, "tolerance": 0.01},
     {"blur": 1.0, "share": (0.1, 0.8), "fade": 2.0, "limit": 3.0, "nearness": 3},
-    {"preset": "seed"},
+    {"preset": "textbook"},
     {"history": "fetch", "blur": 0.0, "nearness": 0, "innovation": True},
     {"innovation": False},
 ]
@@ -227,7 +227,7 @@ def test_bits_are_those_of_the_functions(names, options):
     assert set(got.used) == used
 
 
-@pytest.mark.parametrize("options", [{}, {"nearness": 2}, {"preset": "seed"}])
+@pytest.mark.parametrize("options", [{}, {"nearness": 2}, {"preset": "textbook"}])
 def test_reference_pipeline(options):
     """As the references give it, but for points on borders of pixels, of which each frame passes on a few."""
     pipeline, other = yester.Recirculation(**options), reference.Recirculation(**options)
@@ -243,11 +243,11 @@ def test_reference_pipeline(options):
 
 def test_the_preset_is_what_it_says():
     given = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5), "innovation": False}
-    pipeline, other, plain = yester.Recirculation("seed"), yester.Recirculation(**given), yester.Recirculation()
+    pipeline, other, plain = yester.Recirculation("textbook"), yester.Recirculation(**given), yester.Recirculation()
     for frame in frames_of(("depth", "motion"), count=3):
-        seed, best = pipeline.step(frame).color, plain.step(frame).color
-        assert_same_bits(seed, other.step(frame).color)
-    assert np.abs(seed - best).max() > 0.1
+        textbook, best = pipeline.step(frame).color, plain.step(frame).color
+        assert_same_bits(textbook, other.step(frame).color)
+    assert np.abs(textbook - best).max() > 0.1
 
 
 def test_near_samples_override_distant_ones():
@@ -465,7 +465,7 @@ def test_steps_write_into_an_earlier_output():
         reusing.step(frame, out=yester.TAA().step(yester.Frame(np.ones((5, 7, 3), np.float32))))
 
 
-LIT = [{}, {"preset": "seed", "innovation": True}, {"history": "fetch"}]
+LIT = [{}, {"preset": "textbook", "innovation": True}, {"history": "fetch"}]
 
 
 def lit_frames(side, count, change, *, size=(64, 96), noise=0.3):

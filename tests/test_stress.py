@@ -394,13 +394,15 @@ def test_too_short_to_endure():
 
 def test_run(tmp_path):
     names = ["light goes off, noisy", "three frames"]
-    report = stress.run(tmp_path / "new", names, ["SVGF", "TAA seed"], quick=True)
+    report = stress.run(tmp_path / "new", names, ["SVGF", "TAA textbook"], quick=True)
     assert report.folder == tmp_path / "new"
     assert [(t.case, t.method) for t in report.trials] == [
-        (name, method) for name in names for method in ("input", "SVGF", "TAA seed")
+        (name, method) for name in names for method in ("input", "SVGF", "TAA textbook")
     ]
     written = sorted(path.relative_to(report.folder).as_posix() for path in report.folder.rglob("*.*"))
-    slugs = [f"worst/{name}-{m}.png" for name in ("light-goes-off-noisy", "three-frames") for m in ("svgf", "taa-seed")]
+    slugs = [
+        f"worst/{name}-{m}.png" for name in ("light-goes-off-noisy", "three-frames") for m in ("svgf", "taa-textbook")
+    ]
     assert written == ["stress.csv", "stress.md", *slugs]
     with Image.open(report.folder / slugs[0]) as picture:
         assert picture.size == (3 * 4 * failures.WIDTH, 3 * failures.HEIGHT)
@@ -423,7 +425,7 @@ def test_run(tmp_path):
     for words in (*FAILURES, *(limit.measure for limit in stress.LIMITS)):
         assert words in text
 
-    again = stress.run(tmp_path / "again", names, ["SVGF", "TAA seed"], quick=True)
+    again = stress.run(tmp_path / "again", names, ["SVGF", "TAA textbook"], quick=True)
     for name in ("stress.csv", "stress.md", *slugs):
         assert (again.folder / name).read_bytes() == (report.folder / name).read_bytes()
 
@@ -460,3 +462,9 @@ def test_frames_are_not_copied_needlessly():
     other = failures.replaced(frame, depth=None)
     assert other.color is frame.color
     assert other.depth is None
+
+
+def test_the_former_name_of_a_method_serves_with_a_warning(tmp_path):
+    with pytest.warns(DeprecationWarning, match="'TAA seed' is now 'TAA textbook'"):
+        report = stress.run(tmp_path, ["three-frames"], ["TAA seed"], quick=True)
+    assert {trial.method for trial in report.trials} == {"input", "TAA textbook"}

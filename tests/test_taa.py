@@ -233,7 +233,7 @@ def test_everything_is_used_that_is_there():
         for frame in frames_of(names, 2):
             out = taa.step(frame)
         assert sorted(out.used) == sorted(used)
-    taa = yester.TAA("seed")
+    taa = yester.TAA("textbook")
     out = [taa.step(frame) for frame in frames_of(NAMES, 2)][-1]
     assert out.used == ("motion",), "it neither reconstructs nor dilates"
     for doubts, used in (
@@ -241,7 +241,7 @@ def test_everything_is_used_that_is_there():
         ({"plane_distance": 0.01}, {"depth", "plane", "normal"}),
         ({"normal_angle": 25, "ids": True}, {"normal", "object_normal", "ids"}),
     ):
-        taa = yester.TAA("seed", **doubts)
+        taa = yester.TAA("textbook", **doubts)
         first, second = (taa.step(frame).used for frame in frames_of(SURFACE, 2))
         assert first == ("motion",), "nothing is known of the frame before"
         assert len(second) == len(set(second))
@@ -277,7 +277,7 @@ def flight(number: int) -> yester.Camera:
 
 
 @pytest.mark.parametrize(
-    ("preset", "factor"), [("best", 20), ("denoised", 15), ("seed", 35), ("karis", 15), ("filament", 14)]
+    ("preset", "factor"), [("best", 20), ("denoised", 15), ("textbook", 35), ("karis", 15), ("filament", 14)]
 )
 def test_a_still_image_converges_to_the_supersampled(preset, factor):
     """From the sixteenth frame on, by the factor below the error of samples at the centres, and never above it."""
@@ -348,7 +348,7 @@ def test_length_counts_samples():
     """Equal shares at first, then at least alpha: the mean of the first ten samples, where nothing is clipped."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(0.4, 0.6, (14, 8, 9, 3)).astype(np.float32)
-    taa = yester.TAA("seed", alpha=0.1, fast_alpha=0.1, gamma=1e6, box="variance")
+    taa = yester.TAA("textbook", alpha=0.1, fast_alpha=0.1, gamma=1e6, box="variance")
     for number, color in enumerate(samples, 1):
         out = taa.step(yester.Frame(color))
         assert (out.history_length == min(number, 10)).all()

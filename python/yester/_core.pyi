@@ -235,7 +235,7 @@ class BMFR(Pipeline):
 class TAA(Pipeline):
     def __new__(
         cls,
-        preset: Literal["best", "denoised", "seed", "karis", "filament"] = "best",
+        preset: Literal["best", "denoised", "textbook", "karis", "filament"] = "best",
         *,
         alpha: float | None = None,
         fast_alpha: float | None = None,
@@ -266,7 +266,7 @@ class TAA(Pipeline):
 class Recirculation(Pipeline):
     def __new__(
         cls,
-        preset: Literal["best", "seed"] = "best",
+        preset: Literal["best", "textbook"] = "best",
         *,
         factor: int | None = None,
         levels: int | None = None,

@@ -110,7 +110,7 @@ def _parser() -> argparse.ArgumentParser:
     option("--choice", about, action=argparse.BooleanOptionalAction)
     about = "add what new samples show to be wrong with the result; the default but for taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
-    option("--preset", "best, denoised, seed, karis or filament")
+    option("--preset", "best, denoised, textbook, karis or filament")
     option("--block", "side of the blocks in pixels, 4 to 256", type=int)
     option("--features", "fewest or all that a block has")
     option("--quality", "fast, balanced or high")
@@ -347,7 +347,7 @@ def _chart(options: argparse.Namespace) -> None:
     _need("study", "OpenEXR", "PIL", "flip_evaluator", "matplotlib", "skimage", "tqdm")
     from .study import ablation, doors, harm, points
     from .study.chart import chart
-    from .study.methods import METHODS
+    from .study.methods import METHODS, current_name
     from .study.metrics import METRICS
     from .study.peers import peers
 
@@ -367,11 +367,12 @@ def _chart(options: argparse.Namespace) -> None:
         entered = [door for door in doors.DOORS if door.name in names]
     found, absent = ([], {}) if options.no_peers or options.ablate else peers()
     every = [*METHODS, *found]
-    for one in options.methods or ():
+    wanted = tuple(current_name(name) for name in options.methods or ())
+    for one in wanted:
         if not any(m.name.startswith(one) for m in every):
             known = "; ".join([*(m.name for m in every), *(f"(not here) {name}" for name in absent)])
             raise ValueError(f"--methods: expected beginnings of {known}, got {one}")
-    methods = [m for m in every if not options.methods or m.name.startswith(tuple(options.methods))]
+    methods = [m for m in every if not wanted or m.name.startswith(wanted)]
     given = _recordings(options)
     folder = _writable(options.output)
     for name, remedy in absent.items():

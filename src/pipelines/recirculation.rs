@@ -75,7 +75,7 @@ impl Default for Params {
 
 impl Params {
     /// Names of presets.
-    pub const PRESETS: [(&str, Self); 2] = [("best", Self::BEST), ("seed", Self::SEED)];
+    pub const PRESETS: [(&str, Self); 2] = [("best", Self::BEST), ("textbook", Self::TEXTBOOK)];
 
     /// Whether history is fetched.
     pub const HISTORIES: [(&str, bool); 2] = [("splat", false), ("fetch", true)];
@@ -102,7 +102,7 @@ impl Params {
     };
 
     /// As the diary has it; it gives neither the range of the shares nor the weight of depth.
-    pub const SEED: Self = Self {
+    pub const TEXTBOOK: Self = Self {
         pull_push: pull_push::Params {
             factor: 4,
             levels: 2,

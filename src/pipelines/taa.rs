@@ -135,7 +135,7 @@ impl Params {
     pub const PRESETS: [(&str, Self); 5] = [
         ("best", Self::BEST),
         ("denoised", Self::DENOISED),
-        ("seed", Self::SEED),
+        ("textbook", Self::TEXTBOOK),
         ("karis", Self::KARIS),
         ("filament", Self::FILAMENT),
     ];
@@ -148,7 +148,7 @@ impl Params {
     ];
 
     /// The core equation: the range of the neighbourhood, a twentieth of the new sample.
-    pub const SEED: Self = Self {
+    pub const TEXTBOOK: Self = Self {
         dilate: None,
         filter: Filter::Bilinear,
         clip: neighborhood::Params {
@@ -187,15 +187,15 @@ impl Params {
             bounds: Bounds::Rounded,
             space: Space::YCoCg,
             response: Response::Center,
-            ..Self::SEED.clip
+            ..Self::TEXTBOOK.clip
         },
         blend: blend::Params {
             weighting: Weighting::Tone,
             flicker: 0.2,
-            ..Self::SEED.blend
+            ..Self::TEXTBOOK.blend
         },
         reconstruct: Some(resolve::Filter::BlackmanHarris),
-        ..Self::SEED
+        ..Self::TEXTBOOK
     };
 
     /// After Filament's temporal antialiasing: filter, box, response, weights and share.
@@ -206,19 +206,19 @@ impl Params {
             bounds: Bounds::Intersection,
             space: Space::YCoCg,
             response: Response::Current,
-            ..Self::SEED.clip
+            ..Self::TEXTBOOK.clip
         },
         blend_factor: blend_factor::Params {
             alpha: 0.12,
             fast_alpha: 0.12,
-            ..Self::SEED.blend_factor
+            ..Self::TEXTBOOK.blend_factor
         },
         blend: blend::Params {
             weighting: Weighting::Tone,
-            ..Self::SEED.blend
+            ..Self::TEXTBOOK.blend
         },
         reconstruct: Some(resolve::Filter::BlackmanHarris),
-        ..Self::SEED
+        ..Self::TEXTBOOK
     };
 
     /// What our own measurements choose for frames without noise.
@@ -228,7 +228,7 @@ impl Params {
         clip: neighborhood::Params {
             bounds: Bounds::Variance,
             space: Space::ToneMappedYCoCg,
-            ..Self::SEED.clip
+            ..Self::TEXTBOOK.clip
         },
         // What stands still may be averaged for longer than what is resampled every time.
         blend_factor: blend_factor::Params {
@@ -240,7 +240,7 @@ impl Params {
             },
         },
         reconstruct: Some(resolve::Filter::BlackmanHarris),
-        ..Self::SEED
+        ..Self::TEXTBOOK
     };
 
     /// The same for frames that a denoiser has smoothed, whose history is the worse for what was wrong in each of them.

@@ -13,7 +13,7 @@ from .splat import splat
 
 BEST = {"factor": 2, "levels": None, "nearness": 0, "history": "splat", "innovation": True}
 BEST |= {"blur": 0.25, "share": (0.0, 1.0), "fade": 64.0, "limit": 8.0, "tolerance": 0.1}
-SEED = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5), "innovation": False}
+TEXTBOOK = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5), "innovation": False}
 
 
 class Output(NamedTuple):
@@ -31,7 +31,7 @@ class Recirculation:
     """
 
     def __init__(self, preset="best", **given):
-        params = BEST | (SEED if preset == "seed" else {}) | given
+        params = BEST | (TEXTBOOK if preset == "textbook" else {}) | given
         self.pyramid = {name: params[name] for name in ("factor", "levels")}
         self.blend = {name: params[name] for name in ("share", "fade", "limit")}
         self.blur, self.tolerance, self.nearness = params["blur"], params["tolerance"], params["nearness"]

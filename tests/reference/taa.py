@@ -17,7 +17,7 @@ from .neighborhood import clip_history
 from .reproject import reproject
 from .resolve import resolve
 
-SEED = {
+TEXTBOOK = {
     "dilate": "none",
     "filter": "bilinear",
     "box": "minmax",
@@ -40,7 +40,7 @@ SEED = {
     "anti_lag": 0.0,
     "alternation": False,
 }
-KARIS = SEED | {
+KARIS = TEXTBOOK | {
     "dilate": "cross",
     "box": "rounded",
     "space": "ycocg",
@@ -49,7 +49,7 @@ KARIS = SEED | {
     "flicker": 0.2,
     "reconstruct": True,
 }
-FILAMENT = SEED | {
+FILAMENT = TEXTBOOK | {
     "dilate": "3x3",
     "filter": "catmull-rom-5",
     "box": "intersection",
@@ -60,7 +60,7 @@ FILAMENT = SEED | {
     "weighting": "tone",
     "reconstruct": True,
 }
-BEST = SEED | {
+BEST = TEXTBOOK | {
     "dilate": "3x3",
     "filter": "catmull-rom",
     "box": "variance",
@@ -70,7 +70,7 @@ BEST = SEED | {
     "reconstruct": True,
 }
 DENOISED = BEST | {"gamma": 0.75, "response": "center", "alpha": 0.1, "fast_alpha": 0.3}
-PRESETS = {"best": BEST, "denoised": DENOISED, "seed": SEED, "karis": KARIS, "filament": FILAMENT}
+PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KARIS, "filament": FILAMENT}
 
 
 class Antialiased(NamedTuple):
@@ -191,7 +191,7 @@ class TAA:
 
     Parameters
     ----------
-    preset : "best", "denoised", "seed", "karis" or "filament"
+    preset : "best", "denoised", "textbook", "karis" or "filament"
     innovation : whether what is shown is corrected by what the frames' own samples say of it; the history is not
     **overrides : settings that replace the preset's
     """

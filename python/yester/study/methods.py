@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
@@ -13,7 +15,18 @@ from numpy.typing import NDArray
 
 from yester import BMFR, SVGF, TAA, Frame, HalfRes
 
-__all__ = ["METHODS", "PIPELINES", "QUARTERS", "Method", "Result", "Step", "on_part", "pipeline", "quarter"]
+__all__ = [
+    "METHODS",
+    "PIPELINES",
+    "QUARTERS",
+    "Method",
+    "Result",
+    "Step",
+    "current_name",
+    "on_part",
+    "pipeline",
+    "quarter",
+]
 
 
 class Result(NamedTuple):
@@ -114,7 +127,15 @@ def on_part(part: Callable[[Frame, int], Frame], start: Callable[[], Step]) -> C
     return start_on_part
 
 
-_TAA = ("best", "denoised", "seed", "karis", "filament")
+def current_name(name: str) -> str:
+    """What a method, or a beginning of names, is called now. Warns of a name from before."""
+    current = re.sub(r"^TAA seed\b", "TAA textbook", name)
+    if current != name:
+        warnings.warn(f"methods: {name!r} is now {current!r}", DeprecationWarning, stacklevel=3)
+    return current
+
+
+_TAA = ("best", "denoised", "textbook", "karis", "filament")
 
 #: Every pipeline and preset as it comes, and `SVGF` with less and more of what costs most.
 PIPELINES = (

@@ -25,7 +25,7 @@ from yester import Camera, Frame
 from yester.io.files import beside
 
 from .failures import FAILURES, SCENARIOS, Scenario, Shot, replaced
-from .methods import PIPELINES, Method, Result, Step
+from .methods import PIPELINES, Method, Result, Step, current_name
 from .metrics import Picture, edge_sharpness, flicker, ghost, lag, psnr, relmse, srgb
 from .raycast import Light, Rectangle, Scene, Sphere, Thing, checker, noise, shoot, translate, truth, turn, value_noise
 
@@ -393,7 +393,8 @@ def run(
         If a name is unknown, or there are too few frames.
     """
     staged = _chosen("scenarios", scenarios, {scenario.name: scenario for scenario in SCENARIOS})
-    chosen = _chosen("methods", methods, {method.name: method for method in pipelines})
+    named = None if methods is None else [current_name(name) for name in methods]
+    chosen = _chosen("methods", named, {method.name: method for method in pipelines})
     if quick:
         frames, strains, endurance = frames or 16, False, 0
     if frames is not None and frames < 2:

@@ -177,7 +177,7 @@ _MOMENTS = "OpenCV blur + sqrBoxFilter"
 _WINDOWS = ("OpenCV joint bilateral, 5x5", "OpenCV guided filter, 5x5")
 _NETWORKS = ("OIDN fast", "OIDN balanced", "OIDN high")
 
-_SEED: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp"}
+_TEXTBOOK: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp"}
 _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {
@@ -235,7 +235,7 @@ TASKS = (
     Task("consistency", "consistency", _named("motion", *_TESTS)),
     Task("clip_history, variance", "clip_history", _named("history", "color"), {}, (_MOMENTS,), _CLIP),
     Task("clip_history, blended", "clip_history", _BLEND, {}, (_MOMENTS,), _CLIP + _MIX),
-    Task("clip_history, minmax", "clip_history", _named("history", "color"), _SEED, ("OpenCV erode + dilate",)),
+    Task("clip_history, minmax", "clip_history", _named("history", "color"), _TEXTBOOK, ("OpenCV erode + dilate",)),
     Task("clip_history, hull", "clip_history", _named("history", "color"), _HULL | {"box": "hull"}),
     Task("clip_history, exact hull", "clip_history", _named("history", "color"), _HULL),
     Task("exposure", "exposure", _named("color")),

@@ -11,7 +11,7 @@ use std::ffi::CString;
 use std::sync::OnceLock;
 
 use numpy::{Element, PyArrayDyn, PyUntypedArrayMethods};
-use pyo3::exceptions::PyUserWarning;
+use pyo3::exceptions::{PyDeprecationWarning, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
@@ -303,6 +303,16 @@ impl Output {
             shape[1], shape[0], self.missing
         ))
     }
+}
+
+/// The name that a preset has now. The one that it had before serves for one more release.
+fn renamed<'a>(py: Python<'_>, preset: &'a str) -> PyResult<&'a str> {
+    if preset != "seed" {
+        return Ok(preset);
+    }
+    let category = py.get_type::<PyDeprecationWarning>();
+    PyErr::warn(py, &category, c"preset: \"seed\" is now \"textbook\"", 1)?;
+    Ok("textbook")
 }
 
 /// The buffers of a `yester.Frame`, which has checked them; borrowing them costs nothing.

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline};
+use super::{FrameArgs, Output, Pipeline, renamed};
 use crate::bindings::arrays::choice;
 use crate::kernels::fetch::pull_push;
 use crate::pipelines::Pipeline as _;
@@ -20,7 +20,7 @@ use crate::pipelines::recirculation;
 ///
 /// Parameters
 /// ----------
-/// preset : {"best", "seed"}, default "best"
+/// preset : {"best", "textbook"}, default "best"
 ///     Where the other parameters come from that are not given: our own measurements; the method as its source
 ///     describes it, with ``factor=4, levels=2, nearness=1, history="fetch", share=(0.1, 0.5)``.
 /// factor : int, optional
@@ -64,7 +64,7 @@ use crate::pipelines::recirculation;
 ///
 /// Fetched history takes one `recirculate` (with `fetch`) of the image shown last, blur and all, along the motion of
 /// the filled samples. No test tells whether it shows the same surface. It is read between pixels in every frame, which
-/// softens it, and averages noise: the notebook `recirculation.ipynb` has both, beside the other choices of "seed".
+/// softens it, and averages noise: the notebook `recirculation.ipynb` has both, beside the other choices of "textbook".
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct Recirculation {
     inner: recirculation::Recirculation,
@@ -76,6 +76,7 @@ impl Recirculation {
     #[pyo3(signature = (preset="best", *, factor=None, levels=None, nearness=None, history=None, blur=None, share=None,
         fade=None, limit=None, tolerance=None, innovation=None))]
     fn new(
+        py: Python<'_>,
         preset: &str,
         factor: Option<i64>,
         levels: Option<i64>,
@@ -90,7 +91,7 @@ impl Recirculation {
     ) -> PyResult<PyClassInitializer<Self>> {
         let mut params = choice(
             "preset",
-            preset,
+            renamed(py, preset)?,
             &recirculation::Params::PRESETS,
         )?;
         let holes = &mut params.pull_push;

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline};
+use super::{FrameArgs, Output, Pipeline, renamed};
 use crate::bindings::arrays::choice;
 use crate::bindings::judge::Bounds;
 use crate::kernels::fetch::footprint::Filter;
@@ -21,7 +21,7 @@ use crate::pipelines::taa;
 ///
 /// Parameters
 /// ----------
-/// preset : {"best", "denoised", "seed", "karis", "filament"}, default "best"
+/// preset : {"best", "denoised", "textbook", "karis", "filament"}, default "best"
 ///     Where the other parameters come from that are not given: our own measurements, on frames without noise and on
 ///     denoised ones; the textbook equation (range of the 3×3 pixels, clamped, 5 % of the new sample); after Karis 2014,
 ///     *High Quality Temporal Supersampling*, and after Google's Filament, whose techniques these have, not every constant.
@@ -71,7 +71,7 @@ use crate::pipelines::taa;
 /// Notes
 /// -----
 /// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
-/// tell their jitter, but for "seed"), `motion_vectors`, `dilate_motion`, `reproject` without fallback, `blend_factor`,
+/// tell their jitter, but for "textbook"), `motion_vectors`, `dilate_motion`, `reproject` without fallback, `blend_factor`,
 /// `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`.
 /// The share of the N-th sample of a pixel is at least 1/N. With a gradient λ, N becomes N (1 - λ)¹⁰ before, and the share a
 /// ``lerp(a, 1, λ)``, as in `accumulate`.
@@ -88,6 +88,7 @@ impl TAA {
         plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
         innovation=false))]
     fn new(
+        py: Python<'_>,
         preset: &str,
         alpha: Option<f32>,
         fast_alpha: Option<f32>,
@@ -120,7 +121,7 @@ impl TAA {
         ) -> PyResult<T> {
             name.map_or(Ok(preset), |name| choice(argument, name, names))
         }
-        let mut params = choice("preset", preset, &taa::Params::PRESETS)?;
+        let mut params = choice("preset", renamed(py, preset)?, &taa::Params::PRESETS)?;
         params.dilate = or(dilate, "dilate", &taa::Params::DILATIONS, params.dilate)?;
         params.filter = or(filter, "filter", &Filter::NAMES, params.filter)?;
         let factor = &mut params.blend_factor;
