@@ -466,5 +466,5 @@ def test_frames_are_not_copied_needlessly():
 
 def test_the_former_name_of_a_method_serves_with_a_warning(tmp_path):
     with pytest.warns(DeprecationWarning, match="'TAA seed' is now 'TAA textbook'"):
-        report = stress.run(tmp_path, ["three-frames"], ["TAA seed"], quick=True)
+        report = stress.run(tmp_path, ["three frames"], ["TAA seed"], quick=True)
     assert {trial.method for trial in report.trials} == {"input", "TAA textbook"}
