@@ -288,6 +288,9 @@ struct Pool {
     next: OnceLock<Box<Pool>>,
 }
 
+/// Bytes of a thread's stack. Unoptimised builds, in which nothing that is inlined shares its place, overflow the usual 2 MB.
+const STACK: usize = 8 << 20;
+
 fn pool() -> Option<&'static rayon::ThreadPool> {
     static FIRST: OnceLock<Box<Pool>> = OnceLock::new();
     let threads = Settings::get().threads;
@@ -301,6 +304,7 @@ fn pool() -> Option<&'static rayon::ThreadPool> {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .thread_name(|i| format!("yester-{i}"))
+                .stack_size(STACK)
                 .build();
             Box::new(Pool {
                 process,
