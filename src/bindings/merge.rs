@@ -151,7 +151,17 @@ pub fn accumulate_<'py>(
                 .zip(PixelsMut::bands(size, 2, moments))
                 .zip(PixelsMut::bands(size, 1, lengths))
                 .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
-            accumulate::accumulate(color, weight, history, gradient, confidence, params, merged)
+            let samples = accumulate::Samples {
+                size: color.size,
+                color: &color,
+                weight,
+                gradient,
+            };
+            let history = accumulate::Images {
+                parts: history,
+                confidence,
+            };
+            accumulate::accumulate(samples, &history, params, merged, std::iter::repeat(()))
         })?;
         (merged, missing)
     };

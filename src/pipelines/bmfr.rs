@@ -8,20 +8,20 @@
 
 use std::ops::Range;
 
+use super::correction::{correct_history, correct_light, innovate};
 use super::frame::{Frame, Output, Pipeline, Summary, Upkeep};
-use super::svgf::{
-    self, Memory, Recalled, Sampled, check_continues, correct_history, correct_light, illumination,
-    innovate, recall, without_fireflies,
-};
+use super::illumination::{Illumination, illumination, texture, without_fireflies};
+use super::recall::{Memory, Recalled, recall};
+use super::svgf;
 use super::taa::{self, Stage, blacken_missing};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, View, segments};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
-use crate::kernels::merge::accumulate::{self, accumulate};
+use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
-use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
+use crate::kernels::smooth::demodulate::{Way, modulate};
 use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::regress::{self, Features, Place, regress};
 use crate::pixels::PixelsMut;
@@ -73,6 +73,8 @@ pub struct Bmfr {
     params: Params,
     upkeep: Upkeep,
     memory: Option<Memory>,
+    /// What was seen to be wrong and is not yet corrected.
+    evidence: Option<Records>,
     /// Frames since the sequence began.
     age: usize,
     antialias: Option<Stage>,
@@ -86,6 +88,7 @@ impl Bmfr {
             params,
             upkeep: Upkeep::default(),
             memory: None,
+            evidence: None,
             age: 0,
         })
     }
@@ -98,22 +101,20 @@ impl Pipeline for Bmfr {
 
     fn forget(&mut self) {
         self.memory = None;
+        self.evidence = None;
         self.age = 0;
         self.antialias.iter_mut().for_each(Stage::reset);
     }
 
     fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
         if let Some(memory) = &self.memory {
-            check_continues(memory, frame)?;
+            memory.check(frame)?;
         }
         let size = frame.color.size;
         let params = &self.params;
         let mut used = vec![];
 
-        let texture = frame.albedo.map(|albedo| Texture {
-            albedo,
-            emission: frame.emission,
-        });
+        let texture = texture(frame);
         let sample = illumination(frame.color, texture);
         let rays = frame.camera.as_ref().map(Camera::rays);
         let hold = |known: Option<Pixels>| {
@@ -125,7 +126,7 @@ impl Pipeline for Bmfr {
         };
 
         let mut memory = self.memory.take();
-        let evidence = memory.as_mut().and_then(|memory| memory.evidence.take());
+        let evidence = self.evidence.take();
         let continues = memory.is_some();
         let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
@@ -135,13 +136,16 @@ impl Pipeline for Bmfr {
             held,
             gradient,
             ..
-        } = match &mut memory {
-            Some(memory) => {
-                let (params, motion) = (&params.history, &motion);
-                recall(params, memory, frame, motion, &sample, hold, &mut output)
-            }
-            None => Recalled::nothing(size, CHANNELS, hold, &mut output),
-        };
+        } = recall(
+            &params.history,
+            memory.as_mut(),
+            CHANNELS,
+            frame,
+            &motion,
+            &sample,
+            hold,
+            &mut output,
+        );
         drop(memory);
         let color = held.unwrap_or(sample);
         let parts = [0..3, 3..5, 5..6, 6..9];
@@ -150,16 +154,19 @@ impl Pipeline for Bmfr {
         let mut history = Image::blank(size, CHANNELS);
         let (accumulated, fitted) = history.data_mut().split_at_mut(6 * size.pixels());
         let merged = PixelsMut::planar(size, accumulated).map(|all| [(0..6, all)]);
-        let change = gradient.as_ref().map(Image::view);
-        let missing = accumulate(
-            color.pixels(),
-            None,
-            [light, moments, lengths],
-            change,
-            (params.history.by_confidence).then(|| View::new(size, 1, output.confidence)),
-            params.history.accumulate,
-            merged,
-        );
+        let samples = Samples {
+            size,
+            color: &color.pixels(),
+            weight: None,
+            gradient: gradient.as_ref().map(Image::view),
+        };
+        let images = Images {
+            parts: [light, moments, lengths],
+            confidence: (params.history.by_confidence)
+                .then(|| View::new(size, 1, output.confidence)),
+        };
+        let nothing = std::iter::repeat(());
+        let missing = accumulate(samples, &images, params.history.accumulate, merged, nothing);
 
         let accumulated = Pixels::from(View::new(size, accumulate::CHANNELS, accumulated));
 
@@ -206,7 +213,7 @@ impl Pipeline for Bmfr {
         let mut rest = None;
         if let Some(params) = params.history.innovation.filter(|_| continues) {
             let [color, length, fits] = [0..3, 5..6, 6..9].map(|part| history.pixels().part(part));
-            let (fresh, bright) = (Sampled::of(frame, texture, None), exposure(color));
+            let (fresh, bright) = (Illumination::of(frame), exposure(color));
             let evidence = evidence.as_ref();
             let (found, left) = innovate(params, &fresh, &fits, length, &motion, bright, evidence);
             rows::run(&Correct(&found), size.height, history.bands());
@@ -258,9 +265,8 @@ impl Pipeline for Bmfr {
         );
         self.age += 1;
         let kept = Records::of(history.view());
-        let mut memory = Memory::new(frame, kept, &params.history, !continues);
-        memory.evidence = rest;
-        self.memory = Some(memory);
+        self.memory = Some(Memory::new(frame, kept, &params.history, !continues));
+        self.evidence = rest;
         Ok(Summary { used, missing })
     }
 }

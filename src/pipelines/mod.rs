@@ -1,10 +1,11 @@
 //! Whole denoisers: lists of kernels, with the state that goes from frame to frame.
 
 pub mod bmfr;
+mod correction;
 pub mod frame;
-pub mod half_res;
+mod illumination;
 pub mod motion_check;
-pub mod passes;
+mod recall;
 pub mod recirculation;
 pub mod reflections;
 pub mod replay;

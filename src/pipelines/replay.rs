@@ -9,8 +9,10 @@
 
 use std::ops::Range;
 
+use super::correction::{correct_history, correct_light};
 use super::frame::Frame;
-use super::svgf::{correct_history, correct_light, find_gradient, illumination};
+use super::illumination::illumination;
+use super::recall::find_gradient;
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, segments};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient;

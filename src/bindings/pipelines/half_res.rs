@@ -6,9 +6,9 @@ use super::{Extras, FrameArgs, Output, Pipeline, Room};
 use crate::error::whole;
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::{atrous, fireflies, joint_bilateral};
+use crate::kernels::smooth::{atrous, fireflies, joint_bilateral, lend};
 use crate::pipelines::frame::Pipeline as _;
-use crate::pipelines::{half_res, svgf};
+use crate::pipelines::svgf;
 
 /// Denoising of frames of which only a part is traced: one pixel of each 2×2, another one in each frame.
 ///
@@ -93,7 +93,7 @@ impl HalfRes {
             radius: joint_bilateral::Params::radius(radius)?,
             ..Default::default()
         };
-        let whole = half_res::Params { weight, window }.svgf();
+        let whole = svgf::Params::half_res(lend::Params { weight, window });
         let params = svgf::Params {
             accumulate: accumulate::Params {
                 alpha,

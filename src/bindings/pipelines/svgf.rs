@@ -176,7 +176,7 @@ impl SVGF {
             innovation: innovation.then(innovation::Params::default),
             reflections,
             antialias: antialias.then_some(taa::Params::DENOISED),
-            half_res: None,
+            lend: None,
         };
         let inner = svgf::Svgf::new(params)?;
         Ok(Pipeline::made(Self { inner }))

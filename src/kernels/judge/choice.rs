@@ -27,7 +27,7 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
-use crate::pixels::{Colors, Row, larger, smaller};
+use crate::pixels::{Colors, LANES, Row, larger, rows_of, smaller};
 use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
@@ -97,31 +97,49 @@ pub fn channels(candidates: usize) -> usize {
 
 /// What a frame leaves to the next: candidates at one pixel of each 2×2, NaN where that is beyond the image.
 pub struct Candidates {
+    size: Size,
     /// Three planes for each.
     images: Vec<Image>,
     offset: [usize; 2],
 }
 
+/// A row of a candidate.
+pub type CandidateRow<'a> = [&'a mut [f32]; 3];
+
 impl Candidates {
     /// Of frame `age` of a sequence, none of them known yet; at the pixels that the next frame traces, where a quarter is
     /// traced and nothing moves.
-    pub fn none(age: usize) -> Self {
+    pub fn none(age: usize, size: Size) -> Self {
         Self {
+            size,
             images: vec![],
             offset: [[1, 1], [1, 0], [0, 1], [0, 0]][age % 4],
         }
     }
 
-    /// Keeps the next candidate of an image of this size.
-    pub fn keep(&mut self, image: &impl Colors, size: Size) {
-        let mut kept = Image::blank(known_size(size), 3);
-        let kernel = Keep {
-            image,
-            size,
-            offset: self.offset,
-        };
-        rows::run(&kernel, kept.size.height, kept.bands());
-        self.images.push(kept);
+    /// Which column of two is kept.
+    pub fn column(&self) -> usize {
+        self.offset[0]
+    }
+
+    /// Adds a candidate, to be written: for each row of the image the row that keeps its pixels, if one does.
+    pub fn add(&mut self) -> impl Iterator<Item = Option<CandidateRow<'_>>> {
+        let (Size { height, width }, kept) = (self.size, known_size(self.size));
+        self.images.push(Image::blank(kept, 3));
+        let image = self.images.last_mut().expect("one was added");
+        let mut rows = rows_of::<3>(image);
+        let mine = self.offset[1];
+        if kept.width * 2 > width && self.offset[0] == 1 {
+            rows.iter_mut()
+                .flatten()
+                .for_each(|row| row[kept.width - 1] = f32::NAN);
+        }
+        if kept.height * 2 > height && mine == 1 {
+            let last = rows.pop().expect("at least one row");
+            last.into_iter().for_each(|row| row.fill(f32::NAN));
+        }
+        let mut rows = rows.into_iter();
+        (0..height).map(move |y| (y % 2 == mine).then(|| rows.next()).flatten())
     }
 
     pub fn known(&self) -> Known<'_> {
@@ -132,42 +150,17 @@ impl Candidates {
     }
 }
 
-struct Keep<'a, C> {
-    image: &'a C,
-    size: Size,
-    offset: [usize; 2],
-}
-
-impl<'a, C: Colors> Kernel for Keep<'a, C> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let [dx, dy] = self.offset;
-        let mut colors = [[0.0; SEGMENT]; 3];
-        for row in rows {
-            let y = 2 * row + dy;
-            for run in segments(y, self.size.width) {
-                if y < self.size.height {
-                    self.image.colors(run, &mut colors);
-                    // What follows the image's last pixel is missing.
-                    colors
-                        .iter_mut()
-                        .for_each(|row| row[run.len..].fill(f32::NAN));
-                } else {
-                    colors = [[f32::NAN; SEGMENT]; 3];
-                }
-                let half = Run {
-                    y: row,
-                    x: run.x / 2,
-                    len: run.len.div_ceil(2),
-                };
-                for (kept, colors) in out.parts(half).zip(&colors) {
-                    for (kept, pair) in kept.iter_mut().zip(colors.as_chunks::<2>().0) {
-                        *kept = pair[dx];
-                    }
-                }
-            }
+/// Keeps one column of two of a run.
+#[inline(always)]
+pub fn keep(column: usize, run: Run, colors: &[Row; 3], row: &mut CandidateRow) {
+    for (kept, colors) in row.iter_mut().zip(colors) {
+        let colors = colors[..run.len].as_chunks::<2>();
+        let kept = &mut kept[run.x / 2..];
+        for (kept, pair) in kept.iter_mut().zip(colors.0) {
+            *kept = pair[column];
+        }
+        if let (0, [last]) = (column, colors.1) {
+            kept[colors.0.len()] = *last;
         }
     }
 }
@@ -334,6 +327,8 @@ impl<F: Colors> Look<'_, F> {
             missing,
         } = found;
         let (columns, places) = (&columns[..*count], &places[..*count]);
+        // Whole vectors: what follows the last is not read.
+        let filled = count.next_multiple_of(LANES).min(SEGMENT);
         let mut sample = [[0.0; SEGMENT]; 3];
         for (sample, fresh) in sample.iter_mut().zip(fresh) {
             for (sample, &column) in sample.iter_mut().zip(columns) {
@@ -343,14 +338,14 @@ impl<F: Colors> Look<'_, F> {
         let mut next = [[0.0; SEGMENT]; 3];
         gather(self.known.candidates[self.usual], places, &mut next);
         let (mut middle, mut per) = ([0.0; SEGMENT], [0.0; SEGMENT]);
-        for i in 0..SEGMENT {
+        for i in 0..filled {
             let mean = (next[0][i] + next[1][i] + next[2][i]) * (1.0 / 3.0);
             middle[i] = larger(mean, 0.0);
             per[i] = 1.0 / (middle[i] + self.black);
             missing[i] = 0.0;
         }
         for sample in &mut sample {
-            for i in 0..SEGMENT {
+            for i in 0..filled {
                 // NaN where it is not finite, else 0.
                 missing[i] += 0.0 * sample[i];
                 let relative = (sample[i] - middle[i]) * per[i];
@@ -361,14 +356,14 @@ impl<F: Colors> Look<'_, F> {
         for (k, &candidate) in self.known.candidates.iter().enumerate() {
             gather(candidate, places, &mut next);
             for next in &mut next {
-                for i in 0..SEGMENT {
+                for i in 0..filled {
                     missing[i] += 0.0 * next[i];
                     next[i] = (next[i] - middle[i]) * per[i];
                 }
             }
             if k > 0 {
                 let step = &mut steps[k - 1];
-                for i in 0..SEGMENT {
+                for i in 0..filled {
                     let gain = |c: usize| {
                         let (next, before) = (next[c][i], before[c][i]);
                         (next - before) * (next + before - 2.0 * sample[c][i])
@@ -502,26 +497,38 @@ impl Decide<'_> {
 pub struct Levels<'a>(pub &'a Image);
 
 impl Levels<'_> {
+    /// Writes the levels of a run that begins with a tile.
     #[inline(always)]
     pub fn read(&self, run: Run, into: &mut [f32]) {
+        const PARTS: usize = 2 * TILE;
         let Size { height, width } = self.0.size;
-        let (top, bottom, down) = between(run.y, height);
-        let [upper, lower] = [top, bottom].map(|row| self.0.view().row(0, row));
-        for (i, level) in into.iter_mut().enumerate() {
-            let (left, right, across) = between(run.x + i, width);
-            let above = upper[left] + across * (upper[right] - upper[left]);
-            let below = lower[left] + across * (lower[right] - lower[left]);
-            *level = above + down * (below - above);
+        // In halves of a pixel from the centre of the first tile.
+        let from = 2 * run.y as isize + 1 - TILE as isize;
+        let down = from.rem_euclid(PARTS as isize) as f32 / PARTS as f32;
+        let row = |row: isize| {
+            let row = row.clamp(0, height as isize - 1);
+            self.0.view().row(0, row as usize)
+        };
+        let above = from.div_euclid(PARTS as isize);
+        let (upper, lower) = (row(above), row(above + 1));
+        let tile = |column: isize| {
+            let at = column.clamp(0, width as isize - 1) as usize;
+            upper[at] + down * (lower[at] - upper[at])
+        };
+        let first = (run.x / TILE) as isize;
+        let (half, mut left) = (TILE / 2, tile(first - 1));
+        for (k, start) in (0..into.len() + half).step_by(TILE).enumerate() {
+            let right = tile(first + k as isize);
+            for part in 0..TILE {
+                let across = (2 * part + 1) as f32 / PARTS as f32;
+                if let Some(level) = (start + part)
+                    .checked_sub(half)
+                    .and_then(|i| into.get_mut(i))
+                {
+                    *level = left + across * (right - left);
+                }
+            }
+            left = right;
         }
     }
-}
-
-/// The tiles between whose centres a pixel's lies, and how far it is from the first to the second.
-#[inline(always)]
-fn between(pixel: usize, tiles: usize) -> (usize, usize, f32) {
-    let from = (2 * pixel + 1) as isize - TILE as isize;
-    let first = from.div_euclid(2 * TILE as isize);
-    let part = from.rem_euclid(2 * TILE as isize) as f32 / (2 * TILE) as f32;
-    let held = |tile: isize| tile.clamp(0, tiles as isize - 1) as usize;
-    (held(first), held(first + 1), part)
 }

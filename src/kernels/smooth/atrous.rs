@@ -105,7 +105,7 @@ pub fn atrous<'a>(
     let mut image = Filtered::new(guide.layout);
     rows::run(&Load { color, variance }, size.height, image.bands());
     for iteration in 0..params.iterations {
-        image.filter(guide, params, iteration);
+        image.filter(guide, params, iteration, &(), std::iter::repeat(()));
     }
     let variances = bands_of(filtered_variance, size);
     let outs = (filtered.zip(variances)).map(|(color, variance)| Outs { color, variance });
@@ -138,45 +138,84 @@ impl Filtered {
         self.image.bands()
     }
 
-    /// Runs pass `iteration`, from 0.
-    pub fn filter(&mut self, guide: &Guide, params: Params, iteration: u32) {
+    /// Runs pass `iteration`, from 0. Each row goes to the sink as soon as it is filtered, with that row of its outputs.
+    pub fn filter<K: Sink>(
+        &mut self,
+        guide: &Guide,
+        params: Params,
+        iteration: u32,
+        sink: &K,
+        outs: impl Iterator<Item = K::Row>,
+    ) {
         let step = 1 << iteration;
-        let (variance, chains) = self.image.chains(step, params.radius, self.variances);
+        let (variance, chains) = (self.image).chains(step, params.radius, self.variances, outs);
         let pass = Pass {
             variance,
             guide,
             params,
             step,
+            sink,
         };
         let parts = chains.into_iter().map(|chain| (chain.range(), chain));
         rows::run_lane_parts(&pass, parts.collect());
         self.variances.reverse();
     }
 
-    /// NaN where the image is missing.
     #[inline(always)]
-    pub fn luminance(&self, run: Run) -> &[f32] {
-        &self.image.row(LUMINANCE, run.y)[run.x..][..run.len]
-    }
-
-    #[inline(always)]
-    pub fn variance(&self, y: usize) -> &[f32] {
-        self.image.row(self.variances[0], y)
+    pub fn row(&self, y: usize) -> FilteredRow<'_> {
+        FilteredRow {
+            channels: self.image.rows(y),
+            variance: self.image.row(self.variances[0], y),
+        }
     }
 }
 
 impl Colors for Filtered {
-    /// NaN where it is missing.
     #[inline(always)]
     fn colors(&self, run: Run, color: &mut [Row; 3]) {
-        let rows = self.image.rows::<IN_PLACE>(run.y);
-        let [r, g, b, l] = rows.map(|row| &row[run.x..][..run.len]);
+        self.row(run.y).colors(run, color);
+    }
+}
+
+/// A row of an image between passes.
+pub struct FilteredRow<'a> {
+    channels: [&'a [f32]; IN_PLACE],
+    pub variance: &'a [f32],
+}
+
+impl FilteredRow<'_> {
+    /// A part of the row; NaN where the image is missing.
+    #[inline(always)]
+    pub fn colors(&self, run: Run, color: &mut [Row; 3]) {
+        let [r, g, b, l] = self.channels.map(|row| &row[run.x..][..run.len]);
         for (out, plane) in color.iter_mut().zip([r, g, b]) {
             for ((out, &value), &l) in out.iter_mut().zip(plane).zip(l) {
                 *out = if l.is_nan() { f32::NAN } else { value };
             }
         }
     }
+
+    /// Luminance, NaN where the image is missing.
+    #[inline(always)]
+    pub fn luminance(&self, run: Run) -> &[f32] {
+        &self.channels[LUMINANCE][run.x..][..run.len]
+    }
+}
+
+/// Reads each row that a pass has filtered, while it is still in cache, instead of in a sweep of its own.
+pub trait Sink: Sync {
+    /// One row of the sink's outputs.
+    type Row: Send;
+
+    fn take(&self, y: usize, filtered: FilteredRow, out: &mut Self::Row);
+}
+
+/// Takes nothing.
+impl Sink for () {
+    type Row = ();
+
+    #[inline(always)]
+    fn take(&self, _: usize, _: FilteredRow, (): &mut ()) {}
 }
 
 struct Load<'a> {
@@ -193,6 +232,16 @@ impl<'a> Kernel for Load<'a> {
             variance_of(&mut out, y).copy_from_slice(self.variance.row(y));
             settle(self.color, y, &mut out);
         }
+    }
+}
+
+/// A row that is ready.
+#[inline(always)]
+pub fn ready<'b>(image: &'b mut BorderedBand, y: usize) -> FilteredRow<'b> {
+    let [r, g, b, l, v] = image.rows::<{ IN_PLACE + 1 }>(y);
+    FilteredRow {
+        channels: [r, g, b, l],
+        variance: v,
     }
 }
 
@@ -254,7 +303,7 @@ impl<'a> Kernel for Unload<'a> {
         for y in rows {
             out.variance
                 .row(0, y)
-                .copy_from_slice(self.image.variance(y));
+                .copy_from_slice(self.image.row(y).variance);
             for run in segments(y, self.image.size().width) {
                 self.image.colors(run, &mut values);
                 out.color.write(run, values.each_ref().map(Row::as_slice));
@@ -263,15 +312,19 @@ impl<'a> Kernel for Unload<'a> {
     }
 }
 
-struct Pass<'a> {
+struct Pass<'a, K> {
     variance: &'a [f32],
     guide: &'a Guide,
     params: Params,
     step: usize,
+    sink: &'a K,
 }
 
-impl<'a> LanesKernel for Pass<'a> {
-    type Out = Chain<'a, IN_PLACE>;
+impl<'a, K: Sink> LanesKernel for Pass<'a, K>
+where
+    K::Row: 'a,
+{
+    type Out = Chain<'a, IN_PLACE, K::Row>;
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, _: Range<usize>, chain: Self::Out) {
@@ -282,10 +335,10 @@ impl<'a> LanesKernel for Pass<'a> {
     }
 }
 
-impl Pass<'_> {
+impl<K: Sink> Pass<'_, K> {
     #[inline(always)]
-    fn filter<S: Simd, const RADIUS: usize>(&self, simd: S, chain: Chain<IN_PLACE>) {
-        let layout = self.guide.layout;
+    fn filter<S: Simd, const RADIUS: usize>(&self, simd: S, chain: Chain<IN_PLACE, K::Row>) {
+        let (layout, sink) = (self.guide.layout, self.sink);
         let around = Around::<RADIUS> {
             layout,
             variance: self.variance,
@@ -294,12 +347,12 @@ impl Pass<'_> {
         };
         // The first passes' steps as constants; each has memory for its taps.
         match self.step {
-            1 => around.rows(simd, [1, isize::MAX], chain),
-            2 => around.rows(simd, [2, isize::MAX], chain),
-            4 => around.rows(simd, [4, isize::MAX], chain),
-            8 => around.rows(simd, [8, isize::MAX], chain),
-            16 => around.rows(simd, [16, isize::MAX], chain),
-            step => around.rows(simd, [step as isize, layout.farthest()], chain),
+            1 => around.rows(simd, [1, isize::MAX], chain, sink),
+            2 => around.rows(simd, [2, isize::MAX], chain, sink),
+            4 => around.rows(simd, [4, isize::MAX], chain, sink),
+            8 => around.rows(simd, [8, isize::MAX], chain, sink),
+            16 => around.rows(simd, [16, isize::MAX], chain, sink),
+            step => around.rows(simd, [step as isize, layout.farthest()], chain, sink),
         }
     }
 }
@@ -348,7 +401,13 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
 
     /// For taps that are `step` apart, but not farther to the side than the `farthest`.
     #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, [step, farthest]: [isize; 2], mut chain: Chain<IN_PLACE>) {
+    fn rows<S: Simd, K: Sink>(
+        &self,
+        simd: S,
+        [step, farthest]: [isize; 2],
+        mut chain: Chain<IN_PLACE, K::Row>,
+        sink: &K,
+    ) {
         let Size { width, height } = self.layout.size;
         for link in 0..chain.len {
             let Link {
@@ -356,6 +415,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
                 around,
                 mut out,
                 apart,
+                extra,
             } = chain.link(link);
             let lines = self.lines(y, step, &around);
             // The border continues the rows; above the first and below the last row, these do.
@@ -372,6 +432,11 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
                 }
                 v.store(apart, x);
             }
+            let filtered = FilteredRow {
+                channels: out.map(|row| &*row),
+                variance: apart,
+            };
+            sink.take(y, filtered, extra);
         }
         chain.replicate();
     }
