@@ -210,7 +210,7 @@ impl<'a, C: Colors, H: History<Out: 'a>, const PARTS: usize> Kernel
     }
 }
 
-/// Of a run, held to [0, 1].
+/// Loads a run, clamped to [0, 1].
 #[inline(always)]
 pub fn load_shares(image: View, run: Run, shares: &mut Row) {
     let values = &image.row(0, run.y)[run.x..][..run.len];
@@ -219,7 +219,7 @@ pub fn load_shares(image: View, run: Run, shares: &mut Row) {
     }
 }
 
-/// Pixels of a row whose sample is missing.
+/// Counts the pixels of a row that have no finite sample.
 #[inline(always)]
 pub fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
     r.iter()
@@ -237,8 +237,8 @@ pub fn tenth_power(x: f32) -> f32 {
 }
 
 impl Params {
-    /// Merges new colours into the channels of a history, by how much of a sample each is, above 0 to 1, by how much the
-    /// light has changed, and by the confidence in the history, both 0 to 1.
+    /// Merges new colours into a history. `weights` say how much of a sample each colour is, above 0 to 1; `changes` are the
+    /// temporal gradient and `confidences` the trust in the history, both 0 to 1.
     #[inline(always)]
     pub fn merge(
         self,

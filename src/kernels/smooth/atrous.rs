@@ -80,10 +80,10 @@ impl Params {
     }
 }
 
-/// Between passes an image has colour (0 to 2), luminance (3) and variance (4 or 5). A missing pixel is black with NaN for
-/// luminance, which makes every weight with it zero; so is the border.
+/// Channels between passes: colour (0 to 2), luminance (3) and variance (4 or 5). Missing pixels and the padding are black
+/// with NaN for luminance, which makes their weight as taps zero.
 const LUMINANCE: usize = 3;
-/// What a pass overwrites in its place. The variance it does not, as it is read in the rows above and below.
+/// Channels that a pass overwrites in place. Variance alternates between two, since its 3×3 blur reads neighbouring rows.
 const IN_PLACE: usize = 4;
 const VARIANCES: [usize; 2] = [4, 5];
 
@@ -112,10 +112,10 @@ pub fn atrous<'a>(
     rows::run(&Unload { image: &image }, size.height, outs);
 }
 
-/// An image on its way through the passes.
+/// An image between passes.
 pub struct Filtered {
     image: Bordered,
-    /// The channel of the variance, and that of the next.
+    /// Channels of the current variance and of the next pass's.
     variances: [usize; 2],
 }
 
@@ -133,7 +133,7 @@ impl Filtered {
         self.image.layout.size
     }
 
-    /// To be loaded.
+    /// Bands, to be filled before the first pass.
     pub fn bands(&mut self) -> impl Iterator<Item = BorderedBand<'_>> {
         self.image.bands()
     }
@@ -235,7 +235,7 @@ impl<'a> Kernel for Load<'a> {
     }
 }
 
-/// A row that is ready.
+/// A row that [`settle`] has finished.
 #[inline(always)]
 pub fn ready<'b>(image: &'b mut BorderedBand, y: usize) -> FilteredRow<'b> {
     let [r, g, b, l, v] = image.rows::<{ IN_PLACE + 1 }>(y);
@@ -245,13 +245,13 @@ pub fn ready<'b>(image: &'b mut BorderedBand, y: usize) -> FilteredRow<'b> {
     }
 }
 
-/// Where a row's variance belongs, to be settled when it is there.
+/// A row's variance, to be written before [`settle`].
 #[inline(always)]
 pub fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
     image.row(VARIANCES[0], y)
 }
 
-/// Makes a row's variance ready, and puts its colour in place.
+/// Completes a row whose variance has been written: sanitises the variance and loads the colour.
 #[inline(always)]
 pub fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
     for v in image.row(VARIANCES[0], y) {
@@ -265,10 +265,10 @@ pub fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
     }
 }
 
-/// 2¹²⁰, with which sums of all taps stay finite.
+/// Colours are clamped to ±2¹²⁰, so that sums over all taps stay finite.
 const MOST: f32 = f32::from_bits((120 + 127) << 23);
 
-/// Puts a run's colour in place, held to what can be summed.
+/// Loads the colour of a run, clamped, and its luminance.
 #[inline(always)]
 fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
     let rows = out.rows::<IN_PLACE>(run.y);
@@ -345,7 +345,7 @@ impl<K: Sink> Pass<'_, K> {
             guide: self.guide.compare(&self.params.sigmas),
             sigma_luminance: self.params.sigma_luminance,
         };
-        // The first passes' steps as constants; each has memory for its taps.
+        // Constant steps let the compiler fold the addresses of taps; the padding holds them all.
         match self.step {
             1 => around.rows(simd, [1, isize::MAX], chain, sink),
             2 => around.rows(simd, [2, isize::MAX], chain, sink),
@@ -357,7 +357,7 @@ impl<K: Sink> Pass<'_, K> {
     }
 }
 
-/// What a pass reads, but for what it overwrites.
+/// The inputs that a pass does not overwrite.
 struct Around<'a, const RADIUS: usize> {
     layout: Layout,
     variance: &'a [f32],
@@ -365,10 +365,10 @@ struct Around<'a, const RADIUS: usize> {
     sigma_luminance: f32,
 }
 
-/// A row of taps, cut out of all that a pass reads. As rows are of one length, one look at it is enough for all.
+/// One row of taps in every input. The slices have the same length, so that one bounds check serves them all.
 #[derive(Clone, Copy)]
 struct Line<'a> {
-    /// How many rows below the pixels' own, and log₂ of what this makes of a tap's weight.
+    /// Rows below the centre, and log₂ of the kernel's weight for that distance.
     down: isize,
     own: f32,
     channels: [&'a [f32]; IN_PLACE],
@@ -376,8 +376,8 @@ struct Line<'a> {
     guide: Comparison<'a>,
 }
 
-/// What taps are compared with. Luminance and sharpness, log₂e over the difference that counts as one, are 0 where a centre
-/// is missing, so that they do not count.
+/// What taps are compared with. `sharpness` is log₂e over the luminance difference that counts as one. Both luminance and
+/// sharpness are 0 where the centre is missing, so that any tap may fill it.
 struct Like<S: Simd> {
     center: Center<S>,
     luminance: Lanes<S>,
@@ -392,14 +392,14 @@ struct Sums<S: Simd> {
 }
 
 impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
-    /// log₂ of a tap's own weight, by its steps along each axis.
+    /// log₂ of the kernel's weight, by steps along one axis.
     const KERNEL: &'static [f32] = if RADIUS == 1 {
         &LOG2_LINEAR
     } else {
         &LOG2_CUBIC
     };
 
-    /// For taps that are `step` apart, but not farther to the side than the `farthest`.
+    /// Filters the rows of a chain. Taps are `step` apart and at most `farthest` pixels to the side.
     #[inline(always)]
     fn rows<S: Simd, K: Sink>(
         &self,
@@ -418,7 +418,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
                 extra,
             } = chain.link(link);
             let lines = self.lines(y, step, &around);
-            // The border continues the rows; above the first and below the last row, these do.
+            // Rows outside the image repeat the first and the last one; columns are padded likewise.
             let cut = |y| self.layout.cut(self.variance, y);
             let near = [
                 cut(y.saturating_sub(1)),
@@ -441,7 +441,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         chain.replicate();
     }
 
-    /// The pixels from (x, y) on.
+    /// Filters one register of pixels, from (x, y) on.
     #[inline(always)]
     fn filter<S: Simd>(
         &self,
@@ -456,7 +456,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         let [r, g, b, l] = Lanes::load_all(simd, own.channels, at);
         let known = l.is_number();
         let sharpness = self.sharpness(simd, at, near, l);
-        // A pixel is like itself, and counts as one.
+        // The centre has weight 1.
         let mut sums = Sums {
             weight: Lanes::all(simd, 1.0).or_all(known, 0.0),
             color: [r, g, b],
@@ -468,7 +468,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
             sharpness: sharpness.or_all(known, 0.0),
         };
         if RADIUS == 1 {
-            // All at once, as three are too few for chains as long as that of the exponential.
+            // All eight at once: three would not hide the latency of the exponential.
             let whole = Columns::new([-1, 0, 1], step, farthest);
             let beside = Columns::new([-1, 1], step, farthest);
             let [_, above, own, below, _] = lines;
@@ -493,7 +493,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
             }
         }
         let some = sums.weight.above(0.0);
-        // One division instead of five; weights are large enough.
+        // One division instead of five. The centre's weight keeps the sum away from subnormals.
         let share = Lanes::all(simd, 1.0) / sums.weight;
         for channel in &mut sums.color {
             *channel = (*channel * share).or_all(some, 0.0);
@@ -504,7 +504,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         ([r, g, b, l], v)
     }
 
-    /// The lines around row y, its own in the middle; with radius 1, the first and the last are not looked at.
+    /// The five rows of taps around row y. With radius 1 the outer two are not read.
     #[inline(always)]
     fn lines<'b>(&self, y: usize, step: isize, around: &[Before<'b, IN_PLACE>]) -> [Line<'b>; 5]
     where
@@ -526,7 +526,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         }
     }
 
-    /// The line so many steps below; another, without weight, in the place of one that lies outside.
+    /// The row of taps so many steps below. Outside the image some other row stands in, with weight zero.
     #[inline(always)]
     fn line<'b>(
         &self,
@@ -555,8 +555,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         }
     }
 
-    /// log₂e over the difference from the centres' luminance that counts as one; the rows of variance `near` are that above,
-    /// their own and that below.
+    /// log₂e over the luminance difference that counts as one, from the variance blurred over three rows.
     #[inline(always)]
     fn sharpness<S: Simd>(
         &self,
@@ -574,7 +573,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
     }
 }
 
-/// Of the weights of a line's taps.
+/// log₂ of the weights of a row of taps.
 #[inline(always)]
 fn exponents<S: Simd, const N: usize>(
     simd: S,
@@ -601,7 +600,7 @@ fn exponents<S: Simd, const N: usize>(
     exponents
 }
 
-/// Adds a line's taps.
+/// Adds a row of taps to the sums.
 #[inline(always)]
 fn add<S: Simd, const N: usize>(
     simd: S,
@@ -630,7 +629,7 @@ fn add<S: Simd, const N: usize>(
     }
 }
 
-/// Along a row.
+/// Blurs by {1, 2, 1}/4 along a row.
 #[inline(always)]
 fn blurred<S: Simd>(simd: S, plane: &[f32], at: usize) -> Lanes<S> {
     let [left, own, right] = [

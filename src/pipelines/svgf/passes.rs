@@ -257,25 +257,38 @@ impl Shown<'_> {
         let values = [r, g, b, &variance[run.x..][..run.len]];
         // Most parts of a row show another pass: their memory is left alone.
         for start in (0..run.len).step_by(LANES) {
-            let part = start..(start + LANES).min(run.len);
-            let levels = &levels[part.clone()];
-            let mut shares = [0.0; LANES];
-            for (share, &level) in shares.iter_mut().zip(levels) {
-                *share = larger(1.0 - (level - pass).abs(), 0.0);
-            }
+            let levels = part(levels, start, pass - 1.0);
+            let shares = levels.map(|level| larger(1.0 - (level - pass).abs(), 0.0));
             if shares == [0.0; LANES] {
                 continue;
             }
-            for (shown, values) in self.image.iter_mut().zip(values) {
-                let shown = &mut shown[run.x..][part.clone()];
-                let values = &values[part.clone()];
-                for i in 0..levels.len() {
+            for (image, values) in self.image.iter_mut().zip(values) {
+                let image = &mut image[run.x..][..run.len];
+                let (mut shown, values) = (part(image, start, 0.0), part(values, start, 0.0));
+                for i in 0..LANES {
                     // Of two images that are mixed, that of fewer passes comes first: added to −0, it keeps its bits.
                     let begun = if pass > levels[i] { shown[i] } else { -0.0 };
                     let mixed = begun + shares[i] * values[i];
                     shown[i] = if shares[i] > 0.0 { mixed } else { shown[i] };
                 }
+                match image[start..].first_chunk_mut() {
+                    Some(whole) => *whole = shown,
+                    None => image[start..].copy_from_slice(&shown[..run.len - start]),
+                }
             }
+        }
+    }
+}
+
+/// A vector of a row, filled up where the row ends.
+#[inline(always)]
+fn part(row: &[f32], start: usize, beyond: f32) -> [f32; LANES] {
+    match row[start..].first_chunk() {
+        Some(whole) => *whole,
+        None => {
+            let mut part = [beyond; LANES];
+            part[..row.len() - start].copy_from_slice(&row[start..]);
+            part
         }
     }
 }
