@@ -1,6 +1,7 @@
 //! Whole denoisers: lists of kernels, with the state that goes from frame to frame.
 
 pub mod bmfr;
+pub mod correction;
 pub mod frame;
 pub mod half_res;
 pub mod motion_check;

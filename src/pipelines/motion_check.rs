@@ -13,7 +13,7 @@
 
 use std::fmt::{self, Display};
 
-use super::frame::{Frame, find_motion};
+use super::frame::{Frame, still_motion};
 use crate::image::{Pixels, Records, Size};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
@@ -156,12 +156,11 @@ fn by_cameras(
     camera: &Camera,
     previous: &Camera,
 ) -> Option<Mistake> {
-    let cameras = Some((camera, previous));
     // Where nothing was hit, some renderers write a position at the origin, a depth of 0, or one of 1e10, which alone is
     // far enough to be right.
     let depth = frame.surface.depth;
     let geometry = depth.map(Geometry::Depth).or(frame.geometry());
-    let expected = find_motion(frame.color.size, cameras, geometry, &mut vec![]);
+    let expected = still_motion(frame.color.size, geometry?, camera, previous);
     let expected = expected.pixels();
     let placed = |pixel| depth.is_none_or(|depth| depth.at(pixel, 0) > 0.0);
     let pairs: Vec<_> = moved(motion)
