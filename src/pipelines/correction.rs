@@ -1,11 +1,15 @@
-//! Correction: what new samples show to be wrong with a result is added to it, and to the history that it was made of.
+//! Correction: the innovation of new samples is added to a result, and to the history that it was made of.
 
-use crate::image::{Pixels, Records};
-use crate::kernels::judge::innovation::{self, Innovation, innovation};
-use crate::pixels::Colors;
+use std::ops::Range;
 
-/// Finds what new samples show to be wrong with a prediction, by this frame's and by the evidence of frames before, which
-/// comes along the motion. Returns it with the evidence for the next frame.
+use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, bands_of, segments};
+use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
+use crate::math::luminance;
+use crate::pixels::{Colors, Row};
+use crate::rows::{self, Kernel};
+
+/// Estimates what new samples show to be wrong with a prediction, and the evidence for the next frame. `evidence` is the last
+/// frame's, which comes along the motion.
 pub fn innovate(
     params: innovation::Params,
     fresh: &impl Colors,
@@ -20,4 +24,61 @@ pub fn innovate(
         motion: Some(motion),
     });
     innovation(fresh, prediction, length, known, exposure, params)
+}
+
+/// Corrects the planes of a prediction, and those of a history: its colour, and the moments of luminance if it has any.
+pub fn correct(found: &Innovation, size: Size, prediction: &mut [f32], history: &mut [f32]) {
+    let kernel = Correct {
+        found,
+        width: size.width,
+    };
+    let outs = bands_of(prediction, size).zip(bands_of(history, size));
+    rows::run(&kernel, size.height, outs);
+}
+
+struct Correct<'a> {
+    found: &'a Innovation,
+    width: usize,
+}
+
+impl<'a> Kernel for Correct<'a> {
+    type Out = (BandMut<'a>, BandMut<'a>);
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, (mut prediction, mut history): Self::Out) {
+        let mut line = self.found.line();
+        let mut predicted = [[0.0; SEGMENT]; 3];
+        for y in rows {
+            self.found.go_to(y, &mut line);
+            for run in segments(y, self.width) {
+                for (row, plane) in predicted.iter_mut().zip(prediction.parts(run)) {
+                    row[..run.len].copy_from_slice(plane);
+                }
+                if let Some(found) = self.found.correction(&line, run, &predicted) {
+                    correct_run(&found, prediction.parts(run));
+                    correct_run(&found, history.parts(run));
+                }
+            }
+        }
+    }
+}
+
+/// Corrects the colour of a run, and its moments, which move with the luminance so that their variance stays.
+#[inline(always)]
+fn correct_run<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut [f32]>) {
+    let mut moved = [[0.0; SEGMENT]; 3];
+    for ((found, moved), plane) in found.iter().zip(&mut moved).zip(planes.by_ref()) {
+        for ((value, &found), moved) in plane.iter_mut().zip(found).zip(moved) {
+            let before = *value;
+            *value = corrected(before, found);
+            *moved = *value - before;
+        }
+    }
+    if let (Some(first), Some(second)) = (planes.next(), planes.next()) {
+        for (i, (first, second)) in first.iter_mut().zip(second).enumerate() {
+            let moved = luminance(moved[0][i], moved[1][i], moved[2][i]);
+            *second += moved * (*first + *first + moved);
+            *first += moved;
+        }
+    }
 }
