@@ -62,6 +62,8 @@ const FITS: Range<usize> = accumulate::CHANNELS..accumulate::CHANNELS + 3;
 /// What one frame leaves to the next.
 struct State {
     memory: Memory,
+    /// The innovation that was found and not corrected.
+    evidence: Option<Records>,
     /// Frames since the sequence began.
     age: usize,
 }
@@ -100,9 +102,11 @@ impl Pipeline for Bmfr {
             check_continues(&state.memory, frame)?;
         }
         let params = &self.params;
-        let (mut memory, age) = self.state.take().map(|s| (s.memory, s.age)).unzip();
-        let (first, age) = (memory.is_none(), age.unwrap_or(0));
-        let evidence = memory.as_mut().and_then(|memory| memory.evidence.take());
+        let (memory, evidence, age) = match self.state.take() {
+            Some(state) => (Some(state.memory), state.evidence, state.age),
+            None => (None, None, 0),
+        };
+        let first = memory.is_none();
         let inputs = Inputs::new(frame, memory.as_ref());
         let Inputs {
             texture, features, ..
@@ -127,10 +131,9 @@ impl Pipeline for Bmfr {
         (output.history_length).copy_from_slice(history.plane(LENGTH.start));
 
         let kept = Records::of(history.view());
-        let mut memory = Memory::new(frame, kept, &params.history, first);
-        memory.evidence = evidence;
         self.state = Some(State {
-            memory,
+            memory: Memory::new(frame, kept, &params.history, first),
+            evidence,
             age: age + 1,
         });
         let used = inputs.used;
@@ -222,7 +225,7 @@ impl<'a> Inputs<'a> {
         let size = history.size;
         let [light, length, fits] = [LIGHT, LENGTH, FITS].map(|part| history.pixels().part(part));
         let fresh = Sampled::of(self.frame, self.texture, None);
-        let (motion, bright) = (self.motion.pixels(), exposure(light));
+        let (motion, bright) = (&self.motion, exposure(light));
         let (found, rest) = innovate(params, &fresh, &fits, length, motion, bright, evidence);
         let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
         correct(&found, size, fits, accumulated);

@@ -1,32 +1,52 @@
-//! Correction: the innovation of new samples is added to a result, and to the history that it was made of.
+//! Corrections by the innovation ([`crate::kernels::judge::innovation`]), of the result and of the history behind it.
 
 use std::ops::Range;
 
+use super::frame::Motion;
 use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, bands_of, segments};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::math::luminance;
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, Kernel};
 
-/// Estimates what new samples show to be wrong with a prediction, and the evidence for the next frame. `evidence` is the last
-/// frame's, which comes along the motion.
+/// What a frame's samples show to be wrong with a prediction of them, and the evidence for the next frame.
 pub fn innovate(
     params: innovation::Params,
     fresh: &impl Colors,
     prediction: &impl Colors,
     length: Pixels,
-    motion: Pixels,
+    motion: &Motion,
     exposure: f32,
     evidence: Option<&Records>,
 ) -> (Innovation, Records) {
     let known = evidence.map(|evidence| innovation::Known {
         evidence: evidence.pixels(),
-        motion: Some(motion),
+        motion: Some(motion.pixels()),
     });
     innovation(fresh, prediction, length, known, exposure, params)
 }
 
-/// Corrects the planes of a prediction, and those of a history: its colour, and the moments of luminance if it has any.
+/// Corrects the colour of one pixel's history. Its moments move with it, and their variance stays.
+#[inline(always)]
+pub fn correct_history(correction: [f32; 3], history: &mut [f32]) {
+    let before = [history[0], history[1], history[2]];
+    correct_light(correction, history);
+    let [r, g, b] = before;
+    let moved = luminance(history[0] - r, history[1] - g, history[2] - b);
+    let first = history[3];
+    history[3] += moved;
+    history[4] += moved * (first + first + moved);
+}
+
+#[inline(always)]
+pub fn correct_light(correction: [f32; 3], light: &mut [f32]) {
+    for (light, correction) in light.iter_mut().zip(correction) {
+        *light = corrected(*light, correction);
+    }
+}
+
+/// Corrects the planes of a prediction, and those of a history: colour, and then moments if it has any. Both are corrected by
+/// the prediction's colour.
 pub fn correct(found: &Innovation, size: Size, prediction: &mut [f32], history: &mut [f32]) {
     let kernel = Correct {
         found,
@@ -63,7 +83,7 @@ impl<'a> Kernel for Correct<'a> {
     }
 }
 
-/// Corrects the colour of a run, and its moments, which move with the luminance so that their variance stays.
+/// Corrects the colour of a run, and moments if they follow: [`correct_history`], plane by plane.
 #[inline(always)]
 fn correct_run<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut [f32]>) {
     let mut moved = [[0.0; SEGMENT]; 3];

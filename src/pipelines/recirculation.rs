@@ -28,7 +28,7 @@ mod samples;
 use self::history::{Points, filled_depth, motion_along, report_known};
 use self::samples::{Fresh, find_samples};
 use super::correction::{correct, innovate};
-use super::frame::{Frame, Output, Pipeline, Summary, Upkeep, check_size, names, show};
+use super::frame::{Frame, Motion, Output, Pipeline, Summary, Upkeep, check_size, names, show};
 use crate::error::{Error, Result, whole};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::motion::Geometry;
@@ -297,13 +297,13 @@ fn fetched(
 fn add_innovation(
     params: innovation::Params,
     fresh: &Fresh,
-    motion: &Image,
+    motion: &Motion,
     evidence: Option<&Records>,
     length: &[f32],
     shown: &mut Image,
     carried: &mut [f32],
 ) -> Records {
-    let (size, motion) = (shown.size, motion.pixels());
+    let size = shown.size;
     let (prediction, length) = (shown.pixels(), Pixels::records(size, 1, length));
     let bright = exposure(prediction);
     let (found, rest) = innovate(params, fresh, &prediction, length, motion, bright, evidence);

@@ -19,7 +19,9 @@ pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
 use super::correction::innovate;
 pub use super::frame::blacken_missing;
-use super::frame::{Frame, Output, Pipeline, Report, Summary, SurfaceRecords, Upkeep, check_size};
+use super::frame::{
+    Frame, Motion, Output, Pipeline, Report, Summary, SurfaceRecords, Upkeep, check_size,
+};
 use super::svgf::find_gradient;
 use crate::error::Result;
 use crate::image::{Image, Pixels, Records, View};
@@ -234,7 +236,7 @@ impl Pipeline for Taa {
         );
         let evidence = (params.innovation.zip(before.as_ref())).map(|(params, before)| {
             let evidence = before.evidence.as_ref();
-            correct(params, frame.color, motion.pixels(), evidence, &mut output)
+            correct(params, frame.color, &motion, evidence, &mut output)
         });
         self.state = Some(State {
             camera: frame.camera,
@@ -272,7 +274,7 @@ fn resolve_jitter(
 fn correct(
     params: innovation::Params,
     fresh: Pixels,
-    motion: Pixels,
+    motion: &Motion,
     evidence: Option<&Records>,
     output: &mut Output,
 ) -> Records {

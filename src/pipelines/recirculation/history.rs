@@ -4,13 +4,13 @@ use std::ops::Range;
 
 use super::State;
 use super::samples::Fresh;
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, bands_of, segments};
+use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, bands_of, segments};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::splat::{self, Splats, splat};
 use crate::kernels::judge::surface::rejection;
 use crate::kernels::merge::recirculate::{self, Known};
-use crate::pipelines::frame::{Output, still_motion};
+use crate::pipelines::frame::{Motion, Output, still_motion};
 use crate::rows::{self, BAND, Kernel};
 
 /// Channels of a point's colour: colour 0 to 2, drift 3 to 5.
@@ -176,11 +176,11 @@ impl<'a> Kernel for Settle<'a> {
 }
 
 /// The motion of pixels at these depths: a still scene's, plus the drift of what moves by itself.
-pub fn motion_along(depth: Pixels, drift: Pixels, [camera, previous]: [&Camera; 2]) -> Image {
+pub fn motion_along<'a>(depth: Pixels, drift: Pixels, cameras: [&Camera; 2]) -> Motion<'a> {
     let size = depth.size;
-    let mut motion = still_motion(size, Geometry::Depth(depth), camera, previous);
+    let mut motion = still_motion(size, Geometry::Depth(depth), cameras[0], cameras[1]);
     rows::run(&AddDrift(drift), size.height, motion.bands());
-    motion
+    Motion::Computed(motion)
 }
 
 struct AddDrift<'a>(Pixels<'a>);

@@ -9,7 +9,7 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::pull_push::pull_push;
 use crate::kernels::merge::recirculate::{self, Known, recirculate};
 use crate::math::is_present;
-use crate::pipelines::frame::{Frame, still_motion};
+use crate::pipelines::frame::{Frame, Motion, still_motion};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel};
 
@@ -116,7 +116,7 @@ impl<'a> Fresh<'a> {
     pub fn join(
         &self,
         known: Known,
-        motion: &Image,
+        motion: &Motion,
         params: recirculate::Params,
         color: &mut [f32],
         quality: &mut [f32],
