@@ -30,7 +30,7 @@ use self::samples::{Fresh, find_samples};
 use super::correction::{correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Summary, Upkeep, check_size, names, show};
 use crate::error::{Error, Result, whole};
-use crate::image::{Image, Pixels, Records, View};
+use crate::image::{Image, Pixels, Records, Size, View};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::{pull_push, splat};
@@ -161,13 +161,18 @@ impl Pipeline for Recirculation {
         let before = self.state.take();
         let previous = before.as_ref().map(|before| before.camera);
         let (samples, missing) = find_samples(frame, geometry, &camera, previous.as_ref());
-        let fresh = Fresh::fill(samples, frame.color, self.params);
+        let mut fresh = Fresh::fill(samples, frame.color, self.params);
         let join = match self.params.recirculate.fetch {
             true => fetched,
             false => splatted,
         };
         let cameras = [&camera, previous.as_ref().unwrap_or(&camera)];
-        self.state = Some(join(before, fresh, cameras, self.params, &mut output));
+        let mut joined = join(before, &mut fresh, cameras, self.params, &mut output);
+        if let Some(params) = self.params.innovation.filter(|_| previous.is_some()) {
+            joined.correct(params, &fresh, output.history_length);
+        }
+        show(joined.shown(), output.color);
+        self.state = Some(joined.state);
         let position = matches!(geometry, Geometry::Position(_));
         let used = names([
             ("camera", true),
@@ -183,130 +188,115 @@ impl Pipeline for Recirculation {
     }
 }
 
+/// New samples and history, joined.
+struct Joined {
+    /// Still with the last frame's evidence.
+    state: State,
+    motion: Motion<'static>,
+    /// If other than the colour that is carried on.
+    shown: Option<Image>,
+}
+
 /// Joins new samples with the points of the past, scattered to where they appear now.
 fn splatted(
     before: Option<State>,
-    mut fresh: Fresh,
+    fresh: &mut Fresh,
     cameras: [&Camera; 2],
     params: Params,
     output: &mut Output,
-) -> State {
-    let size = fresh.size();
-    let (innovation, continues) = (params.innovation, before.is_some());
+) -> Joined {
+    let (size, continues) = (fresh.size(), before.is_some());
     let (mut points, evidence) = match before {
         Some(before) => Points::splat(before, cameras[0], params.splat),
         None => (Points::none(size), None),
     };
     let mut color = Image::blank(size, history::CHANNELS);
     let (carried, drift) = color.data_mut().split_at_mut(3 * size.pixels());
-    points.settle(&mut fresh, drift, params.splat.tolerance, continues, output);
-    let motion = motion_along(
-        points.depth.pixels(),
-        View::new(size, 3, drift).into(),
-        cameras,
-    );
-    let join = |params, color: &mut [f32], quality: &mut [f32]| {
-        fresh.join(points.known(), &motion, params, color, quality);
-    };
+    points.settle(fresh, drift, params.splat.tolerance, continues, output);
+    let drift = View::new(size, 3, drift).into();
+    let motion = motion_along(points.depth.pixels(), drift, cameras);
+    let (known, length) = (points.known(), &mut *output.history_length);
     let (mut quality, mut shown) = (Records::blank(size, 1), Image::blank(size, 3));
     let sharp = recirculate::Params {
         blur: 0.0,
         ..params.recirculate
     };
-    join(sharp, carried, quality.data_mut());
-    join(params.recirculate, shown.data_mut(), output.history_length);
-    let evidence = (innovation.filter(|_| continues)).map(|params| {
-        let evidence = evidence.as_ref();
-        add_innovation(
-            params,
-            &fresh,
-            &motion,
-            evidence,
-            output.history_length,
-            &mut shown,
-            carried,
-        )
-    });
-    show(shown.view(), output.color);
-    State {
+    fresh.join(known, &motion, sharp, carried, quality.data_mut());
+    fresh.join(known, &motion, params.recirculate, shown.data_mut(), length);
+    let state = State {
         color,
         quality,
         place: Some([points.depth, points.offset]),
         evidence,
         camera: *cameras[0],
+    };
+    Joined {
+        state,
+        motion,
+        shown: Some(shown),
     }
 }
 
 /// Joins new samples with the image that was shown last, read along the motion.
 fn fetched(
     before: Option<State>,
-    fresh: Fresh,
+    fresh: &mut Fresh,
     cameras: [&Camera; 2],
     params: Params,
     output: &mut Output,
-) -> State {
-    let size = fresh.size();
-    let (innovation, continues) = (params.innovation, before.is_some());
-    let past = before.unwrap_or_else(|| State {
-        color: Image::new(size, 3),
-        quality: Records::new(size, 1),
-        place: None,
-        evidence: None,
-        camera: *cameras[0],
-    });
-    let (depth, drift) = (filled_depth(&fresh), fresh.filled.pixels().part(4..7));
+) -> Joined {
+    let (size, continues) = (fresh.size(), before.is_some());
+    let past = before.unwrap_or_else(|| State::nothing(size, *cameras[0]));
+    let (depth, drift) = (filled_depth(fresh), fresh.filled.pixels().part(4..7));
     let motion = motion_along(depth.pixels(), drift, cameras);
     let known = Known {
         color: past.color.pixels(),
         quality: past.quality.pixels(),
     };
-    let (mut color, mut quality) = (Image::blank(size, 3), Records::blank(size, 1));
-    fresh.join(
-        known,
-        &motion,
-        params.recirculate,
-        color.data_mut(),
-        quality.data_mut(),
-    );
+    let mut state = State::nothing(size, *cameras[0]);
+    let (color, quality) = (state.color.data_mut(), state.quality.data_mut());
+    fresh.join(known, &motion, params.recirculate, color, quality);
     report_known(known.quality, motion.pixels(), continues, output);
-    (output.history_length).copy_from_slice(quality.pixels().numbers().0);
-    let evidence = (innovation.filter(|_| continues)).map(|params| {
-        let evidence = past.evidence.as_ref();
-        add_innovation(
-            params,
-            &fresh,
-            &motion,
-            evidence,
-            output.history_length,
-            &mut color,
-            &mut [],
-        )
-    });
-    show(color.view(), output.color);
-    State {
-        color,
-        quality,
-        place: None,
-        evidence,
-        camera: *cameras[0],
+    output.history_length.copy_from_slice(quality);
+    state.evidence = past.evidence;
+    Joined {
+        state,
+        motion,
+        shown: None,
     }
 }
 
-/// Corrects the result and the planes that are carried on by what new samples show to be wrong with the result. Returns the
-/// evidence for the next frame.
-fn add_innovation(
-    params: innovation::Params,
-    fresh: &Fresh,
-    motion: &Motion,
-    evidence: Option<&Records>,
-    length: &[f32],
-    shown: &mut Image,
-    carried: &mut [f32],
-) -> Records {
-    let size = shown.size;
-    let (prediction, length) = (shown.pixels(), Pixels::records(size, 1, length));
-    let bright = exposure(prediction);
-    let (found, rest) = innovate(params, fresh, &prediction, length, motion, bright, evidence);
-    correct(&found, size, shown.data_mut(), carried);
-    rest
+impl State {
+    /// A state without history, for history that is fetched.
+    fn nothing(size: Size, camera: Camera) -> Self {
+        Self {
+            color: Image::new(size, 3),
+            quality: Records::new(size, 1),
+            place: None,
+            evidence: None,
+            camera,
+        }
+    }
+}
+
+impl Joined {
+    fn shown(&self) -> View<'_> {
+        let carried = self.state.color.channels(0..3);
+        self.shown.as_ref().map_or(carried, Image::view)
+    }
+
+    /// Corrects the result, and the colour that is carried on, by what new samples show to be wrong with the result.
+    fn correct(&mut self, params: innovation::Params, fresh: &Fresh, length: &[f32]) {
+        let prediction = Pixels::from(self.shown());
+        let size = prediction.size;
+        let (length, bright) = (Pixels::records(size, 1, length), exposure(prediction));
+        let (motion, evidence) = (&self.motion, self.state.evidence.as_ref());
+        let (found, rest) = innovate(params, fresh, &prediction, length, motion, bright, evidence);
+        let carried = &mut self.state.color.data_mut()[..3 * size.pixels()];
+        match &mut self.shown {
+            Some(shown) => correct(&found, size, shown.data_mut(), carried),
+            None => correct(&found, size, carried, &mut []),
+        }
+        self.state.evidence = Some(rest);
+    }
 }
