@@ -141,7 +141,7 @@ impl Pipeline for Bmfr {
     }
 }
 
-/// A frame as the passes take it.
+/// A frame's buffers as the passes read them.
 struct Inputs<'a> {
     frame: &'a Frame<'a>,
     motion: Motion<'a>,
@@ -187,8 +187,7 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// Reprojects the history, and suppresses the sample's fireflies if asked to. Writes the output's confidence and
-    /// rejection.
+    /// Reprojects the history, and suppresses fireflies if `params` have it. Writes the output's confidence and rejection.
     fn reproject(
         &self,
         params: &svgf::Params,
@@ -239,7 +238,7 @@ impl<'a> Inputs<'a> {
     }
 }
 
-/// Accumulates the new sample in a new history. Returns it, still without fits, and the number of missing samples.
+/// Accumulates the new sample. Returns the new history, its fits not yet written, and the number of missing samples.
 fn merge(
     params: &svgf::Params,
     sample: &Image,
@@ -261,7 +260,7 @@ fn merge(
     (history, missing)
 }
 
-/// The light with its texture.
+/// Light with its texture put back.
 fn remodulate(light: View, texture: Texture) -> Image {
     let mut color = Image::blank(light.size, 3);
     let out = color.bands().map(PixelsMut::Planar);

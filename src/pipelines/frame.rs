@@ -232,11 +232,10 @@ pub struct Summary {
     pub missing: usize,
 }
 
-/// The names of the buffers that took part.
-pub fn names<const N: usize>(
-    buffers: [(&'static str, bool); N],
-) -> impl Iterator<Item = &'static str> {
-    (buffers.into_iter()).filter_map(|(name, used)| used.then_some(name))
+/// The names of the buffers that took part, given whether each did.
+pub fn names<const N: usize>(buffers: [(&'static str, bool); N]) -> Vec<&'static str> {
+    let used = |(name, used): (_, bool)| used.then_some(name);
+    buffers.into_iter().filter_map(used).collect()
 }
 
 /// What every pipeline keeps from frame to frame beside its history.

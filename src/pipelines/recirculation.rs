@@ -44,7 +44,7 @@ pub struct Params {
     pub pull_push: pull_push::Params,
     /// Its `fetch` tells whether history is fetched or splatted.
     pub recirculate: recirculate::Params,
-    /// k: holes are filled by samples weighted by the inverse of their depth to this power; 0 to 4; 0.
+    /// k: where holes are filled, samples are weighted by the inverse of their depth to this power; 0 to 4; 0.
     pub nearness: u32,
     /// Corrects the result and the history by the innovation of new samples.
     pub innovation: Option<innovation::Params>,
@@ -114,10 +114,10 @@ impl Params {
 
 /// What one frame leaves to the next.
 struct State {
-    /// Followed by the drift, if history is splatted.
+    /// If history is splatted, its last three channels are the drift: the motion of points that move by themselves.
     color: Image,
     quality: Records,
-    /// Depth, and the offset from the pixel's centre, if history is splatted.
+    /// Depth, and offset from the pixel's centre, if history is splatted.
     place: Option<[Records; 2]>,
     /// The innovation that was found and not corrected, from the second frame on.
     evidence: Option<Records>,
@@ -181,10 +181,7 @@ impl Pipeline for Recirculation {
             ("motion", frame.motion.is_some() && previous.is_some()),
             ("jitter", frame.jitter.is_some()),
         ]);
-        Ok(Summary {
-            used: used.collect(),
-            missing,
-        })
+        Ok(Summary { used, missing })
     }
 }
 

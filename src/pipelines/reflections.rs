@@ -53,7 +53,7 @@ pub struct Memory {
     pub scores: Scores,
 }
 
-/// How the candidates have done so far.
+/// The candidates' record over the frames so far.
 pub struct Scores {
     /// The average gain of each.
     pub image: Records,
@@ -188,9 +188,9 @@ struct Candidates<'a> {
     scores: usize,
 }
 
-/// What is found in the rows in which candidates are evaluated, of each candidate.
+/// Of each candidate, in the rows in which they are evaluated:
 struct Evaluated {
-    /// Terms of the gain: NaN where nothing was fetched, infinite where they are unknown.
+    /// The gain's terms: NaN where nothing was fetched, infinite where a sample or a prediction is missing.
     errors: Image,
     /// The average gain so far.
     scores: Image,
@@ -311,9 +311,9 @@ impl Candidates<'_> {
 struct Evaluate<'a> {
     candidates: &'a Candidates<'a>,
     motion: Pixels<'a>,
-    /// Light and scores, along that motion.
+    /// Fetches light and scores along that motion.
     base: Fetch<'a>,
-    /// Light.
+    /// Fetches light along a candidate's motion.
     fetch: Fetch<'a>,
     color: View<'a>,
 }
@@ -418,7 +418,7 @@ struct TakeWinners<'a> {
     candidates: &'a Candidates<'a>,
     evaluated: Evaluated,
     ids: Option<Pixels<'a, u32>>,
-    /// History.
+    /// Fetches history along the winners' motion.
     fetch: Fetch<'a>,
     size: Size,
 }
@@ -547,7 +547,7 @@ impl TakeWinners<'_> {
     }
 }
 
-/// Writes the winners' history, coverage and motion; there are mostly few, so pixel by pixel.
+/// Writes the winners' history, coverage and motion: pixel by pixel, as winners are mostly few.
 #[inline(always)]
 fn replace(run: Run, winner: &[u32], fetched: &Fetched, motion: &[Row; 2], out: &mut Outs) {
     let records = fetched.values(0).as_chunks::<CHANNELS>().0;

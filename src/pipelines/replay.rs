@@ -53,7 +53,7 @@ impl Before {
     }
 }
 
-/// Same random numbers, same noise: no part of a difference counts as noise, and small windows suffice.
+/// Correlated renders have the same noise, so no part of their difference counts as noise, and small windows suffice.
 const REPLAYED: gradient::Params = gradient::Params {
     noise: 0.0,
     passes: 2,

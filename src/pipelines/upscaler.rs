@@ -39,9 +39,9 @@ use crate::pixels::{PixelsMut, Row};
 pub struct Params {
     /// Pixels of the output to one of the input, along each side; 1 to 4; 2.
     pub scale: f64,
-    /// Least weight of one more sample in the history.
+    /// Least blend factor of a sample.
     pub blend_factor: blend_factor::Params,
-    /// Relative difference of depth from which on a surface was hidden by another; 0 to 1; 0.05.
+    /// Relative difference of depth above which a nearer surface hid a farther one; 0 to 1; 0.05.
     pub separation: f32,
     /// Frames after which the lock of a thin feature opens; above 0; 16.
     pub lifetime: f32,
@@ -173,12 +173,7 @@ impl Pipeline for Upscaler {
         };
         let (shown, report) = output.parts(large);
         let history = merge.run(report);
-        let sharpening = sharpen::Params {
-            strength: params.sharpness,
-            exposure,
-        };
-        let out = PixelsMut::bands(large, 3, shown);
-        sharpen(history.pixels().part(0..3), sharpening, out);
+        show_sharpened(&history, params.sharpness, exposure, shown);
         self.state = Some(State {
             size: fresh.size,
             history,
@@ -217,7 +212,7 @@ impl Past {
     }
 }
 
-/// How far each pixel was hidden in the last frame; not at all if there is no depth.
+/// 1 where a pixel's surface was hidden in the last frame; 0 everywhere without depth.
 fn find_disoccluded(depth: Option<View>, motion: Pixels, separation: f32) -> Image {
     let mut disoccluded = Image::new(motion.size, 1);
     if let Some(depth) = depth {
@@ -234,13 +229,19 @@ fn find_thin_features(color: Pixels) -> Image {
     thin
 }
 
-/// History within the box of the new colours.
+/// Clips history to the box of the new colours' neighbourhood.
 fn clip(history: Pixels, color: Pixels, exposure: f32) -> Image {
     let mut clipped = Image::blank(color.size, 3);
     let out = clipped.bands().map(PixelsMut::Planar);
     let clip = neighborhood::Params { exposure, ..CLIP };
     clip_history(history, color, None, clip, out);
     clipped
+}
+
+fn show_sharpened(history: &Records, strength: f32, exposure: f32, shown: &mut [f32]) {
+    let color = history.pixels().part(0..3);
+    let out = PixelsMut::bands(color.size, 3, shown);
+    sharpen(color, sharpen::Params { strength, exposure }, out);
 }
 
 /// Counts the missing samples.

@@ -13,7 +13,7 @@ use crate::kernels::smooth::regress::{self, Features, regress};
 use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel};
 
-/// Corners of the blocks, frame by frame, in eighths of their side.
+/// The blocks' offset, frame by frame, in eighths of their side.
 const OFFSETS: [[i64; 2]; 8] = [
     [0, 0],
     [4, 4],
@@ -25,7 +25,7 @@ const OFFSETS: [[i64; 2]; 8] = [
     [7, 5],
 ];
 
-/// The largest albedo of an emitter.
+/// An emitter is a pixel whose albedo is no larger.
 const BLACK: f32 = 1.0 / 1024.0;
 
 /// Fits the accumulated light; `age` counts the frames of the sequence.
@@ -54,7 +54,7 @@ pub fn fit(
     fit
 }
 
-/// Writes the accumulated fits of a history: those of the reprojected one with a new fit.
+/// Writes a history's fits: a new fit, accumulated with those of the reprojected history.
 pub fn accumulate_fits(fit: &Records, known: &Image, least: f32, history: &mut Image) {
     let size = fit.size;
     let mut factor = Image::blank(size, 1);
@@ -73,7 +73,7 @@ pub fn accumulate_fits(fit: &Records, known: &Image, least: f32, history: &mut I
     blend(fit.pixels(), known, Alpha::Map(factor.view()), plain, out);
 }
 
-/// 1, or NaN where the albedo is black.
+/// The regression's weights: 1, or NaN for emitters.
 struct LeaveEmitters<'a>(Pixels<'a>);
 
 impl<'a> Kernel for LeaveEmitters<'a> {

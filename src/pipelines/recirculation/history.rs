@@ -62,8 +62,8 @@ impl Points {
         }
     }
 
-    /// Decides what each pixel's point is: the new sample's place, the old point's, or the filled depth at the pixel's
-    /// centre. A point whose depth a sample contradicts is dropped; a filled pixel that the point outweighs is dropped, too.
+    /// Decides where each pixel's point lies: at the new sample; else where the old point is; else at the filled depth, in
+    /// the pixel's centre. Drops old points whose depth a sample contradicts, and filled pixels that an old point outweighs.
     /// Writes planes of drift, and the output's confidence and rejection.
     pub fn settle(
         &mut self,
@@ -104,8 +104,8 @@ impl Points {
     }
 }
 
-/// Filled pixels do not join a point of so many times their quality: they would blur it, and nothing that stands still would
-/// ever be as sharp as its samples.
+/// A filled pixel does not join a point of more than so many times its quality: it would blur the point, and a still scene
+/// would never become as sharp as its samples.
 const OUTWEIGHS: f32 = 8.0;
 
 struct Settle<'a> {
@@ -115,7 +115,7 @@ struct Settle<'a> {
     /// Of the points.
     drift: Pixels<'a>,
     tolerance: f32,
-    /// Whether there was a frame before.
+    /// False in a first frame, in which no history is missed.
     continues: bool,
 }
 
@@ -175,7 +175,7 @@ impl<'a> Kernel for Settle<'a> {
     }
 }
 
-/// The motion of pixels at these depths: a still scene's, plus the drift of what moves by itself.
+/// The motion of pixels at these depths: a still scene's plus the drift.
 pub fn motion_along<'a>(depth: Pixels, drift: Pixels, cameras: [&Camera; 2]) -> Motion<'a> {
     let size = depth.size;
     let mut motion = still_motion(size, Geometry::Depth(depth), cameras[0], cameras[1]);
@@ -225,7 +225,7 @@ impl<'a> Kernel for Invert<'a> {
     }
 }
 
-/// Reports for each pixel whether motion leads to a pixel that was known.
+/// Writes the output's confidence and rejection: whether motion leads to a pixel that was known.
 pub fn report_known(quality: Pixels, motion: Pixels, continues: bool, output: &mut Output) {
     let found = Found {
         quality,

@@ -17,14 +17,14 @@ use crate::rows::{self, BAND, Kernel};
 /// 4 to 6, the motion beyond that of a still scene.
 const CHANNELS: usize = 7;
 
-/// The traced samples; NaN in pixels without.
+/// A frame's samples; NaN in pixels that were not traced.
 pub struct Samples {
     color: Records,
     /// Depth, and the offset from the pixel's centre.
     place: Records,
 }
 
-/// Finds the samples of a frame, and counts the pixels without: those whose colour or place is unknown.
+/// Finds the samples of a frame, the pixels whose colour and place are known, and counts the other pixels.
 pub fn find_samples(
     frame: &Frame,
     geometry: Geometry,
@@ -70,7 +70,7 @@ pub struct Fresh<'a> {
 }
 
 impl<'a> Fresh<'a> {
-    /// Fills the holes between samples, near ones weighing more with more nearness.
+    /// Fills the holes between samples.
     pub fn fill(samples: Samples, own: Pixels<'a>, params: Params) -> Self {
         let Samples { color, place } = samples;
         let size = own.size;
@@ -112,7 +112,7 @@ impl<'a> Fresh<'a> {
         self.color.size
     }
 
-    /// Blends with what was known, by quality. Writes planes of colour, and quality.
+    /// Blends with history by quality. Writes planes of colour, and quality.
     pub fn join(
         &self,
         known: Known,
@@ -175,7 +175,7 @@ impl<'a> Kernel for Weigh<'a> {
     }
 }
 
-/// Sorts the samples of a frame from the pixels without.
+/// Separates the samples of a frame from its holes.
 struct Sort<'a> {
     color: Pixels<'a>,
     geometry: Geometry<'a>,

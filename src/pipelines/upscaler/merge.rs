@@ -33,7 +33,8 @@ pub const CHANNELS: usize = 5;
 const SAMPLES: usize = 3;
 const LOCK: usize = 4;
 
-/// The gradient, times this, from which on nothing is held: a quarter of the light.
+/// History is held less the larger the temporal gradient, and not at all where this times the gradient reaches 1: where a
+/// quarter of the light has changed.
 const CHANGE: f32 = 4.0;
 
 pub struct Merge<'a> {
@@ -94,8 +95,8 @@ impl<'a> Kernel for Merge<'a> {
     }
 }
 
-/// What the merge finds of a run: the samples and the lock of its history, the trust in it and the tests that it failed, how
-/// far it is held, and the blend factor of the new samples.
+/// Per pixel of a run: samples and lock of the merged history, trust in the old one, the tests that it failed, how far it is
+/// held, and the blend factor of the new samples.
 struct Found {
     samples: Row,
     lock: Row,
