@@ -74,6 +74,25 @@ impl Sweep<'_> {
         (history, missing.iter().sum())
     }
 
+    /// Clips the history of a run except where colours alternate, and shortens it where it was clipped.
+    #[inline(always)]
+    fn clip(&self, run: Run, window: &mut Window, past: &mut Past) {
+        let unclipped = past.color;
+        window.clip(run, &mut past.color);
+        if let Some(returns) = &self.returns {
+            let mut holds = [0.0; SEGMENT];
+            returns.load(run, 0, &mut holds[..run.len]);
+            holds.iter_mut().for_each(|count| *count = hold(*count));
+            let (clipped, before) = (past.color, unclipped.each_ref().map(Row::as_slice));
+            let held = &mut past.color;
+            mix(before, &clipped, &holds, Weighting::None, 1.0, held);
+        }
+        if self.params.anti_lag > 0.0 {
+            let length = &mut past.length[..run.len];
+            anti_lag::shorten(length, &unclipped, &past.color, self.params.anti_lag);
+        }
+    }
+
     /// The blend factors of a run. Turns the lengths of the reprojected history into those of the merged one.
     #[inline(always)]
     fn blend_factors(
@@ -110,64 +129,31 @@ impl<'a> Kernel for Sweep<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
-        let Params {
-            clip,
-            blend,
-            anti_lag: strength,
-            ..
-        } = self.params;
+        let Params { clip, blend, .. } = self.params;
         let size = self.color.size;
         let mut window = Window::new(size.width, clip);
         let mut past = Past::new(self);
         let mut own_motion = MotionLanes::zeroed();
-        let mut merged = [[0.0; SEGMENT]; 3];
-        let [mut factors, mut holds] = [[0.0; SEGMENT]; 2];
+        let (mut factors, mut merged) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 3]);
         for y in rows.clone() {
-            window.roll(self.color, y, y == rows.start);
-            past.roll(y, y == rows.start);
+            let first = y == rows.start;
+            window.roll(self.color, y, first);
+            if let Some(dilation) = &mut past.dilation {
+                dilation.roll(y, first);
+            }
             let out = &mut outs[(y - rows.start) / BAND];
             for run in segments(y, size.width) {
                 let motion = own_motion.load(&self.motion, run);
                 past.fetch(run, motion, self.fetch.as_ref());
-                let unclipped = past.color;
-                window.clip(run, &mut past.color);
-                if let Some(returns) = &self.returns {
-                    returns.load(run, 0, &mut holds[..run.len]);
-                    holds.iter_mut().for_each(|count| *count = hold(*count));
-                    let (clipped, before) = (past.color, unclipped.each_ref().map(Row::as_slice));
-                    mix(
-                        before,
-                        &clipped,
-                        &holds,
-                        Weighting::None,
-                        1.0,
-                        &mut past.color,
-                    );
-                }
-                if strength > 0.0 {
-                    let length = &mut past.length[..run.len];
-                    anti_lag::shorten(length, &unclipped, &past.color, strength);
-                }
+                self.clip(run, &mut window, &mut past);
                 let colors = window.colors.own(run);
                 self.blend_factors(run, colors, motion, &mut past, &mut factors);
+                let old = &past.color;
                 if blend.flicker < 1.0 {
-                    calm(
-                        &window.colors,
-                        run,
-                        &past.color,
-                        blend.flicker,
-                        &mut factors,
-                    );
+                    calm(&window.colors, run, old, blend.flicker, &mut factors);
                 }
-                let (weighting, exposure) = (blend.weighting, blend.exposure);
-                mix(
-                    colors,
-                    &past.color,
-                    &factors,
-                    weighting,
-                    exposure,
-                    &mut merged,
-                );
+                let (weighting, bright) = (blend.weighting, blend.exposure);
+                mix(colors, old, &factors, weighting, bright, &mut merged);
                 *out.missing += count_missing(colors.map(|row| &row[..run.len]));
                 out.write(run, &past, &mut merged);
             }
@@ -198,13 +184,6 @@ impl<'a> Past<'a> {
             length: [0.0; SEGMENT],
             coverage: [0.0; SEGMENT],
             rejection: [0; SEGMENT],
-        }
-    }
-
-    #[inline(always)]
-    fn roll(&mut self, y: usize, first: bool) {
-        if let Some(dilation) = &mut self.dilation {
-            dilation.roll(y, first);
         }
     }
 
