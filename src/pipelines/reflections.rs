@@ -124,12 +124,12 @@ pub fn choose(
         scores: distances.len(),
     };
     let evaluated = candidates.evaluate(memory, &own, color);
-    let motion = own.motion.part(0..2).to_planes();
-    let motion = candidates.take_winners(
+    let mut motion = own.motion.part(0..2).to_planes();
+    candidates.take_winners(
         evaluated,
         history,
         frame.surface.ids,
-        motion,
+        &mut motion,
         carried,
         coverage,
         &mut scores,
@@ -223,11 +223,11 @@ impl<'a> Candidates<'a> {
         evaluated: Evaluated,
         history: Pixels,
         ids: Option<Pixels<u32>>,
-        mut motion: Image,
+        motion: &mut Image,
         carried: &mut Image,
         coverage: &mut [f32],
         scores: &mut Scores,
-    ) -> Image {
+    ) {
         let size = motion.size;
         let kernel = TakeWinners {
             candidates: self,
@@ -252,7 +252,6 @@ impl<'a> Candidates<'a> {
         rows::run_lanes(&kernel, size.height, outs);
         drop(won);
         scores.evaluated = scores.evaluated.iter().map(Tiles::grown).collect();
-        motion
     }
 }
 
