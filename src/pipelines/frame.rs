@@ -1,24 +1,25 @@
 //! What goes into a pipeline and what comes out, one frame at a time.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 use super::motion_check::{Check, Mistake};
 use crate::error::{Error, Result};
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, segments};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
 use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, BAND, Kernel};
 
 /// One frame's buffers.
 pub struct Frame<'a> {
     pub color: Pixels<'a>,
     pub albedo: Option<Pixels<'a>>,
     pub emission: Option<Pixels<'a>>,
-    /// Its colour is the albedo.
+    /// The buffers that surface tests compare; their colour is the albedo.
     pub surface: Surface<'a>,
     pub position: Option<Pixels<'a>>,
     pub motion: Option<Pixels<'a>>,
@@ -30,55 +31,42 @@ pub struct Frame<'a> {
 }
 
 impl<'a> Frame<'a> {
+    /// Positions, or else depth.
     pub fn geometry(&self) -> Option<Geometry<'a>> {
         (self.position.map(Geometry::Position)).or(self.surface.depth.map(Geometry::Depth))
     }
 
-    /// The motion that came with the frame; or, if both cameras are known and where surfaces are, computed; or none. Where
-    /// it came without change of depth, that is completed from the cameras, as far as they tell the same motion.
+    /// The motion that came with the frame; else that of a still scene, if both cameras and the geometry are known; else
+    /// zero. If it came without change of depth, the cameras complete it.
     pub fn motion(&self, previous: Option<&Camera>, used: &mut Vec<&'static str>) -> Motion<'a> {
+        let size = self.color.size;
+        used.extend(self.motion.map(|_| "motion"));
         let cameras = self.camera.as_ref().zip(previous);
-        match self.motion {
-            Some(motion) => {
-                used.push("motion");
-                let still = cameras.zip(self.geometry());
-                match still.filter(|_| motion.channels == 2) {
-                    Some((cameras, geometry)) => {
-                        let still = find_motion(motion.size, Some(cameras), Some(geometry), used);
-                        Motion::Completed(complete(motion, still))
-                    }
-                    None => Motion::Given(motion),
-                }
-            }
-            None => {
-                let size = self.color.size;
-                Motion::Computed(find_motion(size, cameras, self.geometry(), used))
-            }
+        let still = (cameras.zip(self.geometry()))
+            .filter(|_| self.motion.is_none_or(|motion| motion.channels == 2))
+            .map(|((camera, previous), geometry)| {
+                used.push("camera");
+                still_motion(size, geometry, camera, previous)
+            });
+        match (self.motion, still) {
+            (Some(motion), Some(still)) => Motion::Completed(complete(motion, still)),
+            (Some(motion), None) => Motion::Given(motion),
+            (None, Some(still)) => Motion::Computed(still),
+            (None, None) => Motion::Computed(Image::new(size, 2)),
         }
     }
 }
 
-/// The motion of what stands still, if both cameras are known and where surfaces are; or none.
-pub fn find_motion(
-    size: Size,
-    cameras: Option<(&Camera, &Camera)>,
-    geometry: Option<Geometry>,
-    used: &mut Vec<&'static str>,
-) -> Image {
-    match cameras.zip(geometry) {
-        Some(((camera, previous), geometry)) => {
-            used.push("camera");
-            let mut motion = Image::blank(size, 3);
-            let out = motion.bands().map(PixelsMut::Planar);
-            let still = Transforms::default();
-            motion_vectors(geometry, camera, previous, None, &still, out);
-            motion
-        }
-        None => Image::new(size, 2),
-    }
+/// The motion, with change of depth, of a scene in which only the camera moves.
+pub fn still_motion(size: Size, geometry: Geometry, camera: &Camera, previous: &Camera) -> Image {
+    let mut motion = Image::blank(size, 3);
+    let still = Transforms::default();
+    let out = PixelsMut::planar(size, motion.data_mut());
+    motion_vectors(geometry, camera, previous, None, &still, out);
+    motion
 }
 
-/// What the next frame's tests ask of a frame's surfaces; in records, as all that is fetched in several channels.
+/// A copy of the buffers that the next frame's surface tests read; interleaved, as a tap reads all channels of a pixel.
 pub struct SurfaceRecords {
     depth: Option<Records>,
     normal: Option<Records>,
@@ -109,11 +97,11 @@ impl SurfaceRecords {
     }
 }
 
-/// Pixels in which a motion may differ from that of the cameras and still be theirs.
+/// Pixels by which a motion may differ from the still scene's and count as the same.
 const SAME_MOTION: f32 = 0.5;
 
-/// A motion without change of depth gets that of what stands still where it moves like it, and none elsewhere: objects that
-/// move by themselves are expected at the depth that they have.
+/// Adds the change of depth to a motion of two channels: the still scene's where both motions agree, 0 elsewhere, so that an
+/// object that moves by itself is expected to keep its depth.
 fn complete(motion: Pixels, mut still: Image) -> Image {
     let height = motion.size.height;
     rows::run(&Complete(motion), height, still.bands());
@@ -146,9 +134,9 @@ impl<'a> Kernel for Complete<'a> {
 
 pub enum Motion<'a> {
     Given(Pixels<'a>),
-    /// From the cameras, of what stands still.
+    /// Of a still scene, from the cameras; or zero.
     Computed(Image),
-    /// Given, with the change of depth that cameras tell.
+    /// Given without change of depth, which the cameras added.
     Completed(Image),
 }
 
@@ -160,35 +148,100 @@ impl Motion<'_> {
         }
     }
 
-    /// Whether the change of depth is that of the pixel's own surface, as the test against planes needs it.
+    /// Whether the change of depth is exact at every pixel, as the plane test needs it: a completed one is a guess where
+    /// objects move by themselves.
     pub fn tells_depth(&self) -> bool {
         self.pixels().channels == 3 && !matches!(self, Self::Completed(_))
     }
 }
 
-/// Where a step writes its results: records of colour, and a number for each pixel of the others.
+/// Where a step writes its results: colour interleaved, one number per pixel for the others.
 pub struct Output<'a> {
     pub color: &'a mut [f32],
-    /// Of the luminance, where the pipeline estimates it.
+    /// Of the result's luminance, for pipelines that estimate it.
     pub variance: Option<&'a mut [f32]>,
     pub history_length: &'a mut [f32],
     pub confidence: &'a mut [f32],
     pub rejection: &'a mut [u8],
-    /// What was chosen, where the pipeline chooses.
+    /// The filter passes that each pixel shows, for pipelines that choose their number.
     pub choice: Option<&'a mut [f32]>,
 }
 
-/// What else a step knows.
+impl Output<'_> {
+    /// The colour, and the report band by band.
+    pub fn parts(&mut self, size: Size) -> (&mut [f32], Vec<Report<'_>>) {
+        let report = (bands_of(self.history_length, size))
+            .zip(bands_of(self.confidence, size))
+            .zip(bands_of(self.rejection, size))
+            .map(|((history_length, confidence), rejection)| Report {
+                history_length,
+                confidence,
+                rejection,
+            });
+        (self.color, report.collect())
+    }
+}
+
+/// A band of the outputs that say how much history a pixel has, and why it has no more.
+pub struct Report<'a> {
+    pub history_length: BandMut<'a>,
+    pub confidence: BandMut<'a>,
+    pub rejection: BandMut<'a, u8>,
+}
+
+impl Report<'_> {
+    #[inline(always)]
+    pub fn write(&mut self, run: Run, length: &Row, confidence: &Row, rejection: &[u8; SEGMENT]) {
+        self.history_length.put(run, &length[..run.len], 1);
+        self.confidence.put(run, &confidence[..run.len], 1);
+        self.rejection.put(run, &rejection[..run.len], 1);
+    }
+}
+
+/// Writes the result interleaved, black where no sample was ever seen.
+pub fn show(color: View, into: &mut [f32]) {
+    color.interleave(into);
+    let bands = into.chunks_mut(BAND * color.size.width * 3);
+    rows::run(&Blacken(PhantomData), color.size.height, bands);
+}
+
+struct Blacken<'a>(PhantomData<&'a f32>);
+
+impl<'a> Kernel for Blacken<'a> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows(&self, _: Range<usize>, color: &'a mut [f32]) {
+        blacken_missing(color);
+    }
+}
+
+/// Makes missing values black.
+#[inline(always)]
+pub fn blacken_missing(row: &mut [f32]) {
+    for value in row {
+        *value = if value.is_finite() { *value } else { 0.0 };
+    }
+}
+
+/// What else a step reports.
 pub struct Summary {
     /// Names of the buffers that took part.
     pub used: Vec<&'static str>,
-    /// Samples that were not finite.
+    /// The number of missing samples.
     pub missing: usize,
+}
+
+/// The names of the buffers that took part, given whether each did.
+pub fn names<const N: usize>(buffers: [(&'static str, bool); N]) -> Vec<&'static str> {
+    let used = |(name, used): (_, bool)| used.then_some(name);
+    buffers.into_iter().filter_map(used).collect()
 }
 
 /// What every pipeline keeps from frame to frame beside its history.
 #[derive(Default)]
 pub struct Upkeep {
+    /// Memory for the next frame's images.
     reserve: Reserve,
     check: Check,
 }
@@ -197,19 +250,20 @@ pub struct Upkeep {
 pub trait Pipeline {
     fn upkeep(&mut self) -> &mut Upkeep;
 
-    /// Forgets the history.
+    /// Drops the history.
     fn forget(&mut self);
 
-    /// Works on the next frame; after an error, everything is as before.
+    /// Runs the passes on the next frame. An error leaves the state as it was.
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary>;
 
-    /// Forgets the sequence; the next frame is a first one.
+    /// Starts a new sequence.
     fn reset(&mut self) {
         *self.upkeep() = Upkeep::default();
         self.forget();
     }
 
-    /// Works on the next frame, in memory that earlier ones have left, and looks at its motion. A panic resets the pipeline.
+    /// Runs the passes on the next frame, with images in memory that earlier frames freed, and checks the frame's motion. A
+    /// panic resets the pipeline.
     fn step(&mut self, frame: &Frame, output: Output) -> Result<(Summary, Option<Mistake>)> {
         let mut upkeep = std::mem::take(self.upkeep());
         let next = AssertUnwindSafe(|| upkeep.reserve.serve(|| self.next(frame, output)));
@@ -223,7 +277,7 @@ pub trait Pipeline {
     }
 }
 
-/// Frames of a sequence have one size.
+/// Refuses a frame whose size differs from the sequence's.
 pub fn check_size(before: Size, now: Size) -> Result<()> {
     let text = |Size { height, width }: Size| format!("height {height} and width {width}");
     if before == now {

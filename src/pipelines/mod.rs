@@ -1,4 +1,4 @@
-//! Whole denoisers: lists of kernels, with the state that goes from frame to frame.
+//! Pipelines: lists of kernels, each with the state that goes from frame to frame.
 
 pub mod bmfr;
 mod correction;

@@ -9,9 +9,9 @@ use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::{correct_history, correct_light};
-use crate::pipelines::frame::Output;
+use crate::pipelines::frame::{Output, blacken_missing};
 use crate::pipelines::illumination::texture;
-use crate::pipelines::taa::{Stage, blacken_missing};
+use crate::pipelines::taa::Stage;
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel};
 
