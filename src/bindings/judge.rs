@@ -17,6 +17,7 @@ use crate::kernels::judge::{
     alternation, anti_lag, blend_factor, choice, consistency, exposure, gradient, innovation,
     neighborhood, prediction,
 };
+use crate::kernels::merge::blend::clip_and_blend;
 use crate::pixels::PixelsMut;
 
 /// A threshold: a number, or the differences up to which trust is full and beyond which there is none.
@@ -370,7 +371,10 @@ pub fn clip_history_<'py>(
         let alpha = alpha.as_ref().map(AlphaArg::data);
         out.fill(py, history.shape(), |clipped| {
             let clipped = PixelsMut::bands(new.size, 3, clipped);
-            neighborhood::clip_history(old, new, alpha, params, clipped);
+            match alpha {
+                Some(alpha) => clip_and_blend(new, old, alpha, params, clipped),
+                None => neighborhood::clip_history(old, new, params, clipped),
+            }
         })?
     };
     clipped.array()

@@ -229,7 +229,7 @@ impl Pipeline for Upscaler {
         let mut clipped = Image::blank(large, 3);
         let out = clipped.bands().map(PixelsMut::Planar);
         let clip = neighborhood::Params { exposure, ..CLIP };
-        clip_history(history.into(), color.pixels(), None, clip, out);
+        clip_history(history.into(), color.pixels(), clip, out);
 
         let mut next = Records::blank(large, CHANNELS);
         let kernel = Merge {

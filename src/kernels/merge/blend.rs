@@ -16,9 +16,10 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
+use crate::kernels::judge::neighborhood::{self, Window};
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weighting {
@@ -128,6 +129,58 @@ impl<'a> Kernel for Blend<'a> {
                 }
                 let own = colors.own(run);
                 mix(own, &history, &shares, weighting, exposure, &mut blended);
+                out.write(run, blended.each_ref().map(Row::as_slice));
+            }
+        }
+    }
+}
+
+struct ClipBlend<'a> {
+    color: Pixels<'a>,
+    history: Pixels<'a>,
+    alpha: Alpha<'a>,
+    clip: neighborhood::Params,
+}
+
+/// Clips history to the neighbourhood of `color`, then blends without weighting. Fused, so that clipped history never
+/// leaves the cache.
+pub fn clip_and_blend<'a>(
+    color: Pixels<'a>,
+    history: Pixels<'a>,
+    alpha: Alpha<'a>,
+    clip: neighborhood::Params,
+    blended: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let height = color.size.height;
+    let kernel = ClipBlend {
+        color,
+        history,
+        alpha,
+        clip,
+    };
+    rows::run_far(&kernel, height, clip.radius as usize, blended);
+}
+
+impl<'a> Kernel for ClipBlend<'a> {
+    type Out = Vec<PixelsMut<'a>>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+        let size = self.color.size;
+        let mut window = Window::new(size.width, self.clip);
+        let mut clipped = [[0.0; SEGMENT]; 3];
+        let mut blended = [[0.0; SEGMENT]; 3];
+        let mut alphas = [0.0; SEGMENT];
+        for y in rows.clone() {
+            window.roll(self.color, y, y == rows.start);
+            let out = &mut outs[(y - rows.start) / BAND];
+            for run in segments(y, size.width) {
+                self.history
+                    .read(run, clipped.each_mut().map(Row::as_mut_slice));
+                window.clip(run, &mut clipped);
+                self.alpha.read(run, &mut alphas);
+                let own = window.colors.own(run);
+                mix(own, &clipped, &alphas, Weighting::None, 1.0, &mut blended);
                 out.write(run, blended.each_ref().map(Row::as_slice));
             }
         }
