@@ -85,17 +85,17 @@ const SMALLEST_EXPONENT: f32 = -64.0;
 
 /// 2^x for weights: x ≤ 0, zero below 2^-64 and for NaN. Relative error below 2e-7.
 ///
-/// Adding 1.5·2^23 rounds x to an integer and leaves it in the low mantissa bits; a shift moves it into the exponent. The
-/// fraction in [-½, ½] goes through the minimax polynomial (relative error) of degree five with value 1 at 0. The result
-/// for an x below the cut-off is garbage and is masked to zero.
+/// Adding 1.5·2^23 rounds x to an integer and leaves it in the low mantissa bits; a shift moves it into the exponent.
+/// The fraction in [-½, ½] goes through the minimax polynomial (relative error) of degree five with value 1 at 0. The
+/// result for an x below the cut-off is garbage and is masked to zero.
 #[inline(always)]
 pub fn exp2_weight<S: Simd>(x: Lanes<S>) -> Lanes<S> {
     let [weight] = exp2_weights([x]);
     weight
 }
 
-/// [`exp2_weight`] of N vectors at once. The steps are interleaved, because one evaluation is a single chain of dependent
-/// instructions and would leave the CPU waiting.
+/// [`exp2_weight`] of N vectors at once. The steps are interleaved, because one evaluation is a single chain of
+/// dependent instructions and would leave the CPU waiting.
 #[inline(always)]
 pub fn exp2_weights<S: Simd, const N: usize>(x: [Lanes<S>; N]) -> [Lanes<S>; N] {
     const ROUND: f32 = 12_582_912.0; // 1.5 · 2^23

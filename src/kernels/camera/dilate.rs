@@ -1,11 +1,12 @@
 //! Dilated motion: each pixel takes the motion of the nearest surface around it.
 //!
-//! Along an edge, jittered samples of a pixel hit foreground and background in turn. If its history followed whichever the
-//! current sample hits, the edge would never be antialiased; if it follows the foreground, the edge moves as one (Karis
-//! 2014, *High Quality Temporal Supersampling*). Without depth, the longest motion stands in for the nearest.
+//! Along an edge, jittered samples of a pixel hit foreground and background in turn. If its history followed whichever
+//! the current sample hits, the edge would never be antialiased; if it follows the foreground, the edge moves as one
+//! (Karis 2014, *High Quality Temporal Supersampling*). Without depth, the longest motion stands in for the nearest.
 //!
-//! Inputs: motion (2 or 3), depth (1, optional). Output: motion. Motion that is not finite is never chosen; depth that is
-//! NaN or not above 0 counts as infinite. Ties go to the pixel itself, then to the first neighbour from the top left.
+//! Inputs: motion (2 or 3), depth (1, optional). Output: motion. Motion that is not finite is never chosen; depth that
+//! is NaN or not above 0 counts as infinite. Ties go to the pixel itself, then to the first neighbour from the top
+//! left.
 
 use std::ops::Range;
 
@@ -38,8 +39,8 @@ pub struct Dilation<'a> {
     motion: Pixels<'a>,
     choice: Choice<'a>,
     window: Window,
-    /// Rank, then the channels of motion; the lowest rank wins. The rank is the depth, or minus the squared length. It is
-    /// `f32::MAX` for infinite depth and infinity for unknown motion.
+    /// Rank, then the channels of motion; the lowest rank wins. The rank is the depth, or minus the squared length. It
+    /// is `f32::MAX` for infinite depth and infinity for unknown motion.
     rows: Rolling<4>,
 }
 

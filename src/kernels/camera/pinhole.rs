@@ -232,8 +232,8 @@ impl Rays {
 ///
 /// A point that appears at the pixel p = (u, v, 1) at depth z is X = C + z A⁻¹p. The other camera saw T·X at
 ///   h = z (p + E p) + t,  E = A′ T A⁻¹ − 1,  t = A′ T·C + b′.
-/// The motion (h − h_z p)/h_z is computed from the small E and t alone, which avoids cancellation and makes it exactly zero
-/// where they are. At infinity, z = 1 and t does not count.
+/// The motion (h − h_z p)/h_z is computed from the small E and t alone, which avoids cancellation and makes it exactly
+/// zero where they are. At infinity, z = 1 and t does not count.
 #[derive(Clone, Copy)]
 pub struct Warp {
     turn: DMat3,
@@ -257,8 +257,8 @@ impl Warp {
         }
     }
 
-    /// Previous minus current pixel position and depth of the point at a pixel position. `near` is 1, or 0 for background,
-    /// whose change of depth is 0. NaN where the point was not in front of the other camera.
+    /// Previous minus current pixel position and depth of the point at a pixel position. `near` is 1, or 0 for
+    /// background, whose change of depth is 0. NaN where the point was not in front of the other camera.
     #[inline(always)]
     pub fn motion(&self, [x, y]: [f64; 2], depth: f64, near: f64) -> [f32; 3] {
         let turned = self.turn * DVec3::new(x, y, 1.0) * depth + self.shift * near;

@@ -7,8 +7,9 @@
 //! follow specular light in this way). The motion is project(previous, V) − project(current, X), for h = 0 the surface's
 //! own. For curved or moving mirrors it is an approximation without bound on the error.
 //!
-//! Inputs: geometry as for [`super::motion`], h (1), from 0 to +inf (the environment). Output: (H, W, 2), in pixels; NaN
-//! where h is NaN or negative, or V was not in front of the previous camera. Background pixels move with the environment.
+//! Inputs: geometry as for [`super::motion`], h (1), from 0 to +inf (the environment). Output: (H, W, 2), in pixels;
+//! NaN where h is NaN or negative, or V was not in front of the previous camera. Background pixels move with the
+//! environment.
 
 use std::ops::Range;
 

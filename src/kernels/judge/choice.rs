@@ -1,28 +1,28 @@
 //! Choice: which of several predictions is best, tile by tile, judged by new samples that none of them has seen.
 //!
-//! The candidates p₀, p₁, … are a series, such as the images after 0, 1, … passes of a filter. A new sample y is an unbiased
-//! estimate of the reference, and (a − y)² − (b − y)² is linear in it (see [`super::prediction`]). With μ the mean of the
-//! default candidate's channels, at least 0, s = μ + e/16 for the exposure e, aₖ = (pₖ − μ)/s and
-//! r = clamp((y − μ)/s, ±8), step k from candidate k − 1 to k costs
+//! The candidates p₀, p₁, … are a series, such as the images after 0, 1, … passes of a filter. A new sample y is an
+//! unbiased estimate of the reference, and (a − y)² − (b − y)² is linear in it (see [`super::prediction`]). With μ the
+//! mean of the default candidate's channels, at least 0, s = μ + e/16 for the exposure e, aₖ = (pₖ − μ)/s and r =
+//! clamp((y − μ)/s, ±8), step k from candidate k − 1 to k costs
 //!   dₖ = mean over channels of (aₖ − aₖ₋₁)(aₖ + aₖ₋₁ − 2r),
 //! negative where the step brings the image nearer to the reference.
 //! **Evidence.** The previous frame's candidates are stored at one pixel of each 2×2. Pixels of the new frame that have
-//! history and whose motion ends nearest to a stored pixel are compared there. Tiles of 8×8 sum dₖ, dₖ² and their number n.
-//! The sums of earlier frames are reprojected by the motion of the tile's centre, interpolated bilinearly between tiles, and
-//! decay by 1 − β a frame.
-//! **Decision.** With the sums G of d, V of d² and n averaged over neighbouring tiles by {1, 2, 1}/4 ⊗ {1, 2, 1}/4, the cost
-//! of candidate j relative to the default u is
+//! history and whose motion ends nearest to a stored pixel are compared there. Tiles of 8×8 sum dₖ, dₖ² and their
+//! number n. The sums of earlier frames are reprojected by the motion of the tile's centre, interpolated bilinearly
+//! between tiles, and decay by 1 − β a frame.
+//! **Decision.** With the sums G of d, V of d² and n averaged over neighbouring tiles by {1, 2, 1}/4 ⊗ {1, 2, 1}/4, the
+//! cost of candidate j relative to the default u is
 //!   Σ ±Gₖ/n + c √(Σ Vₖ/n / (64/9 n)),  k over the steps between u and j, + beyond u and − before it,
-//! 64/9 being the effective number of tiles in the average. The cheapest candidate wins: one other than u must be better by
-//! c standard errors, and where n is below 16, u stays.
+//! 64/9 being the effective number of tiles in the average. The cheapest candidate wins: one other than u must be
+//! better by c standard errors, and where n is below 16, u stays.
 //!
-//! The choice is interpolated between tile centres, and a fractional choice mixes two candidates, so that tiles do not show.
-//! Motion is rounded to the nearest pixel: resampling would blur sharp candidates more than smooth ones and bias the
-//! comparison. The clamp at ±8 keeps a single bright sample from deciding for a tile, at the price of a bias where much of
-//! the light comes in rare samples brighter than that.
+//! The choice is interpolated between tile centres, and a fractional choice mixes two candidates, so that tiles do not
+//! show. Motion is rounded to the nearest pixel: resampling would blur sharp candidates more than smooth ones and bias
+//! the comparison. The clamp at ±8 keeps a single bright sample from deciding for a tile, at the price of a bias where
+//! much of the light comes in rare samples brighter than that.
 //!
-//! Inputs: new samples (3), candidates (3 each; of half the size), motion (2), coverage (1), evidence (2 steps + 1; of an
-//! eighth of the size). Outputs: choice (1) and evidence, of an eighth of the size.
+//! Inputs: new samples (3), candidates (3 each; of half the size), motion (2), coverage (1), evidence (2 steps + 1; of
+//! an eighth of the size). Outputs: choice (1) and evidence, of an eighth of the size.
 
 use std::ops::Range;
 
@@ -103,8 +103,8 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// Empty, for frame `age` of a sequence. The stored pixel cycles through the 2×2 in the order in which sequences that
-    /// trace a quarter of the pixels do, so that, without motion, it is the one that the next frame traces.
+    /// Empty, for frame `age` of a sequence. The stored pixel cycles through the 2×2 in the order in which sequences
+    /// that trace a quarter of the pixels do, so that, without motion, it is the one that the next frame traces.
     pub fn none(age: usize) -> Self {
         Self {
             images: vec![],

@@ -5,10 +5,10 @@
 //!   segment, that of one a point.
 //! - [`enter_hulls`]: the exact hull of the colours. With the target as origin, a ray along w leaves the hull of the
 //!   colours q at the parameter t = max 1/Σμ over all w = Σ μ q, μ ≥ 0. By linear programming three colours attain the
-//!   maximum: all triples are tried, and by Cramer's rule each takes one determinant and three shared with other triples.
-//!   A hull thinner than a millionth of the largest coordinate counts as flat: then pairs of colours stand for triples
-//!   (in the plane) or single colours (on a line), for rays that stay within that distance of the triangle or segment
-//!   that the colours form with the target. In float64.
+//!   maximum: all triples are tried, and by Cramer's rule each takes one determinant and three shared with other
+//!   triples. A hull thinner than a millionth of the largest coordinate counts as flat: then pairs of colours stand for
+//!   triples (in the plane) or single colours (on a line), for rays that stay within that distance of the triangle or
+//!   segment that the colours form with the target. In float64.
 //! - [`enter_slabs`]: the smallest intersection of slabs along thirteen directions (a 26-DOP: axes and diagonals of the
 //!   cube) that holds the colours. It contains their exact hull, and takes minima and maxima alone.
 
@@ -171,8 +171,8 @@ fn along(direction: [f32; 3], color: Color) -> f32 {
     direction[0] * color[0] + direction[1] * color[1] + direction[2] * color[2]
 }
 
-/// Moves each of `n` colours towards its target until it enters the 26-DOP of its neighbourhood; NaN for colours that are
-/// inside or have no valid neighbours.
+/// Moves each of `n` colours towards its target until it enters the 26-DOP of its neighbourhood; NaN for colours that
+/// are inside or have no valid neighbours.
 #[inline(always)]
 pub fn enter_slabs<const N: usize>(
     n: usize,
@@ -245,8 +245,8 @@ fn of(vectors: &[Wide; 3], l: usize) -> [f64; 3] {
     [vectors[0][l], vectors[1][l], vectors[2][l]]
 }
 
-/// Moves each of `n` colours towards its target until it enters the exact hull of its neighbourhood; NaN for colours that
-/// are inside or have no valid neighbours.
+/// Moves each of `n` colours towards its target until it enters the exact hull of its neighbourhood; NaN for colours
+/// that are inside or have no valid neighbours.
 #[inline(always)]
 pub fn enter_hulls<const N: usize>(
     n: usize,

@@ -1,34 +1,36 @@
 //! Innovation: what a prediction gets wrong, estimated from new samples that it has not seen.
 //!
-//! New samples y are noisy but unbiased; a prediction p is steady but lags and blurs. The mean of y − p is the error of p.
-//! It is measured relative to the light, so that dark and bright places count alike, and bounded:
+//! New samples y are noisy but unbiased; a prediction p is steady but lags and blurs. The mean of y − p is the error of
+//! p. It is measured relative to the light, so that dark and bright places count alike, and bounded:
 //!   r = clamp((y − p) / (l + e/16), ±50), l = max(p, 0), e the exposure.
 //! Where samples are sparse, a prediction made of few of them is noisy itself, and dividing by it biases r: r is large
-//! where p is dark by chance, small where p contains a bright sample. There l is the mean of max(p, 0) over blocks of 4×4
-//! pixels, interpolated bilinearly between their centres.
+//! where p is dark by chance, small where p contains a bright sample. There l is the mean of max(p, 0) over blocks of
+//! 4×4 pixels, interpolated bilinearly between their centres.
 //! **Evidence.** Blocks of 2×2 pixels hold the mean r̄ of r over their valid samples and its variance v: the mean of
-//! |r|² (1 + 4/N²) divided by the number of samples. N is the length of history, at least 1; the second factor accounts for
-//! a short history that consists of those very samples. Uncorrected evidence of earlier frames is reprojected along the
-//! motion, from the nearest block:
+//! |r|² (1 + 4/N²) divided by the number of samples. N is the length of history, at least 1; the second factor accounts
+//! for a short history that consists of those very samples. Uncorrected evidence of earlier frames is reprojected along
+//! the motion, from the nearest block:
 //!   E ← (1 − w) r̄ + w E′,  V ← (1 − w)² v + w² V′,  w = (1 − β) · mean of clamp(N − 1, 0, 1),
-//! with β = 0 for blocks without samples. With sparse samples, a block without any keeps its evidence (w = 1); one that has
-//! none to keep (w = 0) is unknown: its V is NaN, and all means below leave it out. Persistent differences are so believed
-//! sooner than flickering ones.
-//! **Shrinkage.** Each coarser level averages E over 2×2 blocks, and V with the squares of the same weights. From coarse to
-//! fine, with d the correction found by coarser levels:
+//! with β = 0 for blocks without samples. With sparse samples, a block without any keeps its evidence (w = 1); one that
+//! has none to keep (w = 0) is unknown: its V is NaN, and all means below leave it out. Persistent differences are so
+//! believed sooner than flickering ones.
+//! **Shrinkage.** Each coarser level averages E over 2×2 blocks, and V with the squares of the same weights. From
+//! coarse to fine, with d the correction found by coarser levels:
 //!   b = ⟨E − d⟩,  s = max(0, 1 − c ⟨V⟩² / |b|²),  d ← d + s b,
-//! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of these
-//! weights, and d is upsampled bilinearly from level to level. s is James and Stein's shrinkage factor: 0 for a mean no
-//! larger than chance makes it, nearly 1 for one many times that. The correction is d (max(p, 0) + e/16), with the pixel's
-//! own p. If the correction is fed back into the history from which the next prediction is made, the evidence passed on is
-//! the rest, E − d at the finest level, with its V; otherwise it is E, because the next prediction will have the same error.
+//! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of
+//! these weights, and d is upsampled bilinearly from level to level. s is James and Stein's shrinkage factor: 0 for a
+//! mean no larger than chance makes it, nearly 1 for one many times that. The correction is d (max(p, 0) + e/16), with
+//! the pixel's own p. If the correction is fed back into the history from which the next prediction is made, the
+//! evidence passed on is the rest, E − d at the finest level, with its V; otherwise it is E, because the next
+//! prediction will have the same error.
 //!
-//! A single bright sample among many has |b|² no larger than its own variance, in its frame and the following ones, and is
-//! not believed (James and Stein 1961, *Estimation with Quadratic Loss*; shrinkage by scales as in Donoho and Johnstone
-//! 1994, *Ideal Spatial Adaptation by Wavelet Shrinkage*; y − p is the innovation of Kalman 1960, *A New Approach to Linear
-//! Filtering and Prediction Problems*). Limits: light that comes in samples more than 50 times brighter than the mean is
-//! underestimated. Where motion magnifies, several blocks fetch the same evidence and V counts it as independent: at a
-//! magnification of a tenth per frame, one in seven samples of 30 times the light is wrongly believed for a frame.
+//! A single bright sample among many has |b|² no larger than its own variance, in its frame and the following ones, and
+//! is not believed (James and Stein 1961, *Estimation with Quadratic Loss*; shrinkage by scales as in Donoho and
+//! Johnstone 1994, *Ideal Spatial Adaptation by Wavelet Shrinkage*; y − p is the innovation of Kalman 1960, *A New
+//! Approach to Linear Filtering and Prediction Problems*). Limits: light that comes in samples more than 50 times
+//! brighter than the mean is underestimated. Where motion magnifies, several blocks fetch the same evidence and V
+//! counts it as independent: at a magnification of a tenth per frame, one in seven samples of 30 times the light is
+//! wrongly believed for a frame.
 //!
 //! Inputs: new samples (3), prediction (3), N (1), motion (2), evidence of the previous frame (4: E, V; half size).
 //! Outputs: correction (3), evidence. A pixel whose sample or prediction is missing adds no evidence.
@@ -494,7 +496,8 @@ impl<'a, P: Colors> Kernel for Average<'a, P> {
     }
 }
 
-/// One coarser level: means of 2×2 blocks and the variances of these means. A block cut by the border averages what it has.
+/// One coarser level: means of 2×2 blocks and the variances of these means. A block cut by the border averages what it
+/// has.
 struct Pool<'a> {
     finer: View<'a>,
     /// True if blocks may be unknown.
@@ -737,7 +740,8 @@ fn known(variance: f32) -> f32 {
     if variance.is_nan() { 0.0 } else { 1.0 }
 }
 
-/// Squares of the weights {1, 2, 1} along an axis. At a border, the replicated block's weights are added before squaring.
+/// Squares of the weights {1, 2, 1} along an axis. At a border, the replicated block's weights are added before
+/// squaring.
 #[inline(always)]
 fn squared_weights(place: usize, count: usize) -> [f32; 3] {
     let (first, last) = (place == 0, place + 1 == count);

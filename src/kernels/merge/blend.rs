@@ -6,9 +6,9 @@
 //! - **luminance**: α grows up to fourfold where luminances differ, lerp(4α, α, (1 − δ)²) with
 //!   δ = |l − l′| / max(l, l′, 0.2 e) (Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*).
 //!
-//! Against flicker, α may be reduced where history lies near the minimum or maximum luminance of the neighbourhood: there
-//! it has most likely just been clipped, and the next frame would clip it to the other side (Karis 2014). With
-//! d = min(l_h − l_min, l_max − l_h) / (½(l_max − l_min)) in [0, 1] and k = lerp(flicker, 1, d): α·k, but 1 stays 1.
+//! Against flicker, α may be reduced where history lies near the minimum or maximum luminance of the neighbourhood:
+//! there it has most likely just been clipped, and the next frame would clip it to the other side (Karis 2014). With d
+//! = min(l_h − l_min, l_max − l_h) / (½(l_max − l_min)) in [0, 1] and k = lerp(flicker, 1, d): α·k, but 1 stays 1.
 //!
 //! Inputs: colour (3), history (3), α (1). Output: colour (3). Where one side is missing, the other is copied.
 

@@ -3,8 +3,8 @@
 //! Each pixel takes from both images the mean of three taps along its motion v,
 //!   c = ⅓ Σ image(p + k b v),  k = −1, 0, 1,
 //! a motion blur like that of a shutter open for 2 b of a frame; taps are bilinear over valid pixels. The quality of
-//! history falls with the length of the motion, to a half over h pixels, and the blend factor s is the new image's fraction
-//! of the total quality, clamped to a range:
+//! history falls with the length of the motion, to a half over h pixels, and the blend factor s is the new image's
+//! fraction of the total quality, clamped to a range:
 //!   q' = q_r / (1 + |v|/h),  s = clamp(q_f / (q_f + q'), s₀, s₁),  c = c_r + s (c_f − c_r).
 //! The quality passed on is q = min(q_f + q', limit): the higher it is, the less a new sample changes the pixel.
 //!

@@ -3,16 +3,17 @@
 //! Sample q of the image lies at q + offset. A pixel of the new grid, at x in the image's pixels, becomes
 //!   Σ k(d.x) k(d.y) c / Σ k(d.x) k(d.y),  d = q + offset − x,
 //! over the 4×4 samples around it, with k one of the filters of [`super::super::fetch`]: Lanczos with two lobes (as in
-//! FSR 2), Catmull-Rom, or the tent of bilinear interpolation; "nearest" copies a sample. Deringing clamps the first two to
-//! the range of the nearest 2×2 samples. The information that a frame has about a pixel depends on how near its samples are:
+//! FSR 2), Catmull-Rom, or the tent of bilinear interpolation; "nearest" copies a sample. Deringing clamps the first
+//! two to the range of the nearest 2×2 samples. The information that a frame has about a pixel depends on how near its
+//! samples are:
 //!   weight = Σ g(s·d.x) g(s·d.y),
-//! with s the ratio of the new resolution to the image's and g the density of a normal distribution with standard deviation
-//! 0.33: the weight is in samples per pixel, 1/s² on average (Karis 2014, *High Quality Temporal Supersampling*, weights
-//! samples by a similar curve, twice as wide).
+//! with s the ratio of the new resolution to the image's and g the density of a normal distribution with standard
+//! deviation 0.33: the weight is in samples per pixel, 1/s² on average (Karis 2014, *High Quality Temporal
+//! Supersampling*, weights samples by a similar curve, twice as wide).
 //!
-//! Inputs: image of any channels, offset in its pixels. Outputs: image of the new size, weight (1). Missing samples do not
-//! count ("nearest" copies them); NaN where the sum of the remaining filter weights is not positive. There is no low-pass
-//! filter: downsampling aliases.
+//! Inputs: image of any channels, offset in its pixels. Outputs: image of the new size, weight (1). Missing samples do
+//! not count ("nearest" copies them); NaN where the sum of the remaining filter weights is not positive. There is no
+//! low-pass filter: downsampling aliases.
 
 use std::ops::Range;
 

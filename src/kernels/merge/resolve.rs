@@ -7,7 +7,8 @@
 //! - **tent**: 1 − |d|;
 //! - **blackman-harris**: the four-term window of that name, 3.3 pixels wide (Karis 2014, *High Quality Temporal
 //!   Supersampling*);
-//! - **mitchell**: the cubic with B = C = ⅓ (Mitchell and Netravali 1988, *Reconstruction Filters in Computer Graphics*).
+//! - **mitchell**: the cubic with B = C = ⅓ (Mitchell and Netravali 1988, *Reconstruction Filters in Computer
+//!   Graphics*).
 //!
 //! Inputs: images of any channels, and an offset in pixels for each. Output: one image. Missing samples do not count;
 //! NaN where the sum of the remaining weights is not positive.
@@ -58,7 +59,8 @@ impl Filter {
     }
 }
 
-/// Reconstructs one image from frames and their jitter offsets, at most half a pixel. Returns the number of missing samples.
+/// Reconstructs one image from frames and their jitter offsets, at most half a pixel. Returns the number of missing
+/// samples.
 pub fn resolve<'a>(
     frames: &'a [(Pixels<'a>, [f64; 2])],
     filter: Filter,

@@ -4,16 +4,16 @@
 //! ([`super::guide`]). The centre is left out, so that a firefly does not raise its own limit:
 //!   limit = max(mean + t·deviation, (1 + t)·expected)
 //! (NRD's anti-firefly has a 9×9 window and t = 2). `expected` is the luminance of history at the pixel: a sample that
-//! history predicts, such as a highlight, is not a firefly. Discarding the excess e = l − limit would darken the image, so
-//! it is distributed, in its own colour, over the window's pixels of the same surface, the centre included:
+//! history predicts, such as a highlight, is not a firefly. Discarding the excess e = l − limit would darken the image,
+//! so it is distributed, in its own colour, over the window's pixels of the same surface, the centre included:
 //!   out_q = c_q (1 − e_q / l_q) + Σ_p w_qp c_p (e_p / l_p) / W_p,   W_p = Σ_q w_pq.
 //!
-//! To be used before demodulation: spread as illumination, the excess of a dark texture would be multiplied by the albedo
-//! of its brighter neighbours.
+//! To be used before demodulation: spread as illumination, the excess of a dark texture would be multiplied by the
+//! albedo of its brighter neighbours.
 //!
-//! Inputs: colour (3), expected colour (3, optional), guide. Outputs: colour (3), removed luminance (1): e. Missing pixels
-//! stay missing, do not count and receive nothing. Where the weights without the centre sum to less than two pixels, there
-//! is no limit.
+//! Inputs: colour (3), expected colour (3, optional), guide. Outputs: colour (3), removed luminance (1): e. Missing
+//! pixels stay missing, do not count and receive nothing. Where the weights without the centre sum to less than two
+//! pixels, there is no limit.
 
 use std::ops::Range;
 
@@ -114,7 +114,8 @@ pub fn suppress_fireflies<'a>(
     found.removed
 }
 
-/// Channels of the input with a halo: colour and luminance, 0 where missing, then log₂ of each pixel's validity: 0 or −∞.
+/// Channels of the input with a halo: colour and luminance, 0 where missing, then log₂ of each pixel's validity: 0 or
+/// −∞.
 const CHANNELS: usize = 5;
 const LUMINANCE: usize = 3;
 const OWN: usize = 4;

@@ -2,16 +2,16 @@
 //!
 //! A pixel takes Σwc/Σw over the samples up to r·s pixels to each side, each weighted by
 //!   w = exp(−|Δ|² / (2 (σ s)²)) · guide,
-//! Δ the distance in pixels and `guide` the similarity of the two surfaces (see [`super::guide`]). Guide buffers have full
-//! resolution even where colour was traced at every s-th pixel of rows and columns, so that geometric edges stay sharp
-//! (Kopf, Cohen, Lischinski and Uyttendaele 2007, *Joint Bilateral Upsampling*).
+//! Δ the distance in pixels and `guide` the similarity of the two surfaces (see [`super::guide`]). Guide buffers have
+//! full resolution even where colour was traced at every s-th pixel of rows and columns, so that geometric edges stay
+//! sharp (Kopf, Cohen, Lischinski and Uyttendaele 2007, *Joint Bilateral Upsampling*).
 //!
 //! - [`reconstruct`]: samples anywhere in a full image, s = 1; they keep their bits, and only missing pixels are filled.
 //! - [`joint_bilateral_upsample`]: an image of ⌈H/s⌉×⌈W/s⌉ samples, one in each block of s×s pixels, which becomes H×W.
 //!   Blocks cut by the border have their sample in the last pixel inside.
 //!
-//! Inputs: colour (3), the guide of the pixels, and that of the samples if it differs. Output: colour (3). Missing samples
-//! do not count; a pixel without similar samples is missing, too.
+//! Inputs: colour (3), the guide of the pixels, and that of the samples if it differs. Output: colour (3). Missing
+//! samples do not count; a pixel without similar samples is missing, too.
 
 use std::ops::Range;
 
@@ -155,8 +155,8 @@ pub fn reconstruct(color: Pixels, guide: &Guide, params: Params) -> Image {
     fill.image()
 }
 
-/// Upsamples a low-resolution image. `guide` describes the full-resolution pixels, `shown` the samples: the same guide, or
-/// low-resolution buffers scattered like the samples. Both must have a halo of radius · scale pixels.
+/// Upsamples a low-resolution image. `guide` describes the full-resolution pixels, `shown` the samples: the same guide,
+/// or low-resolution buffers scattered like the samples. Both must have a halo of radius · scale pixels.
 pub fn joint_bilateral_upsample(
     low: Pixels,
     grid: Grid,

@@ -1,27 +1,27 @@
 //! Morphological antialiasing: smooths the stair-steps of edges in a single image.
 //!
-//! A slanted edge is rendered as stairs. The length of a step, and the side to which the edge continues at its ends, locate
-//! the true edge, and with it the area of each pixel that belongs to the other side (Reshetov 2009, *Morphological
-//! Antialiasing*). It is the baseline for methods that use history.
+//! A slanted edge is rendered as stairs. The length of a step, and the side to which the edge continues at its ends,
+//! locate the true edge, and with it the area of each pixel that belongs to the other side (Reshetov 2009,
+//! *Morphological Antialiasing*). It is the baseline for methods that use history.
 //!
 //! - **Discontinuity**: the boundary of two pixels, side by side or one above the other, with |L - L'| > threshold,
 //!   where L = √(l/(1 + l)) is perceived brightness, l ≥ 0 the Rec. 709 luminance.
-//! - **Separation line**: a maximal sequence of n discontinuities along a row of boundaries (or a column; all below with x
-//!   and y exchanged), with the brighter pixels all on one side. If the sides could change, the two edges of a thin slanted
-//!   line would be merged into one.
+//! - **Separation line**: a maximal sequence of n discontinuities along a row of boundaries (or a column; all below
+//!   with x and y exchanged), with the brighter pixels all on one side. If the sides could change, the two edges of a
+//!   thin slanted line would be merged into one.
 //! - **Crossing**: at each end of the line, the discontinuities of the two pixels above it and of the two below it with
 //!   their neighbours beyond the end. If exactly one is present, the edge continues there: it starts at the end of the
 //!   line, half a pixel above or below, and descends linearly to the middle of the line. Otherwise, and at the border of
 //!   the image, it stays on the line. A crossing at one end makes the shape L, at both ends U or, on different sides, Z.
-//! - **Coverage**: the area that the edge cuts off a pixel at distance d = 0, 1, … from the line's end: (n - 2d - 1)/(2n)
-//!   in the near half, 1/(8n) in the middle of an odd n, 0 beyond.
+//! - **Coverage**: the area that the edge cuts off a pixel at distance d = 0, 1, … from the line's end: (n - 2d -
+//!   1)/(2n) in the near half, 1/(8n) in the middle of an odd n, 0 beyond.
 //! - **Search**: `max_length` boundaries to each side. A longer line is cut there, without a crossing.
 //! - **Direction**: a pixel with coverage from both rows and columns saw the same edge twice; the longer line locates it
 //!   better: the direction with the largest coverage counts. Equal ones, as on diagonals, count half each. Hence the
 //!   coverages never sum to more than 1.
 //!
-//! The pixel becomes (1 - Σ coverage) own + Σ coverage · neighbour, in linear colour. Input and output: colour (3). Missing
-//! pixels have no discontinuities. They and every pixel with zero coverage keep their bits.
+//! The pixel becomes (1 - Σ coverage) own + Σ coverage · neighbour, in linear colour. Input and output: colour (3).
+//! Missing pixels have no discontinuities. They and every pixel with zero coverage keep their bits.
 
 use std::ops::Range;
 

@@ -1,12 +1,12 @@
-//! Block-wise regression: the light of a block of pixels as a linear combination of feature buffers (Koskela et al. 2019,
-//! *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*).
+//! Block-wise regression: the light of a block of pixels as a linear combination of feature buffers (Koskela et al.
+//! 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*).
 //!
 //! Each block minimises Σ wᵢ |cᵢ − Σ βⱼ fⱼ(i)|² with features f of {1, normal, position, position²}, as far as they are
 //! given and vary within the block. Positions are relative to the block's mean, in units of its extent; this does not
 //! change the span of the features. The columns are orthogonalised one after the other (QR by modified Gram-Schmidt, in
-//! double precision) together with the colours, whose rest is the residual. A column that the previous ones explain to all
-//! but a fraction of [`RANK`] is rank-deficient (for instance the third coordinate on a plane): only rounding is left of it,
-//! and it is skipped. The paper adds noise to the features instead.
+//! double precision) together with the colours, whose rest is the residual. A column that the previous ones explain to
+//! all but a fraction of [`RANK`] is rank-deficient (for instance the third coordinate on a plane): only rounding is
+//! left of it, and it is skipped. The paper adds noise to the features instead.
 //!
 //! Column pivoting takes the feature with the largest rest until none is left; or, for the fewest features, the one that
 //! reduces the residual S most, as long as that lowers the generalised cross-validation score (Craven and Wahba 1979)
@@ -17,10 +17,11 @@
 //! Blocks form a grid, displaced by an offset; a block that the image's border cuts to less than half is merged with its
 //! neighbour. Fits are clamped to the range of the colours that went into them.
 //!
-//! Inputs: colour (3), normal (3), position (3) or depth with a camera's rays, weight (1). Outputs: the fitted colour (3)
-//! and its number of features, 1 for the constant. A pixel with missing colour or weight 0 does not take part in the fit
-//! but gets the fitted colour. A pixel without a surface (features not finite, zero normal) or with an invalid weight (not
-//! finite, negative) keeps its colour and counts 0 features, and so do all pixels of a block without valid samples.
+//! Inputs: colour (3), normal (3), position (3) or depth with a camera's rays, weight (1). Outputs: the fitted colour
+//! (3) and its number of features, 1 for the constant. A pixel with missing colour or weight 0 does not take part in
+//! the fit but gets the fitted colour. A pixel without a surface (features not finite, zero normal) or with an invalid
+//! weight (not finite, negative) keeps its colour and counts 0 features, and so do all pixels of a block without valid
+//! samples.
 
 use std::ops::Range;
 
@@ -31,10 +32,12 @@ use crate::kernels::camera::pinhole::Rays;
 use crate::math::is_present;
 use crate::rows::{self, Kernel};
 
-/// A column counts as rank-deficient below this fraction of its norm: feature buffers have about three significant digits.
+/// A column counts as rank-deficient below this fraction of its norm: feature buffers have about three significant
+/// digits.
 const RANK: f64 = 1e-2;
 
-/// Features with a smaller standard deviation are constant: normals absolutely, coordinates relative to the block's extent.
+/// Features with a smaller standard deviation are constant: normals absolutely, coordinates relative to the block's
+/// extent.
 const FLAT: f64 = 1e-3;
 /// A block's extent below this fraction of its coordinates is rounding.
 const ROUNDING: f64 = 1e-6;

@@ -4,8 +4,8 @@
 //!   (p + λ Σ n) / (1 + 4λ),  n its four neighbours,
 //! with the strongest λ between −3/16 and 0 that keeps every channel in [0, 1] for a pixel like its neighbours:
 //!   λ = strength · max(−3/16, max over channels of max(−min n / (4 max n), (1 − max n) / (4 min n − 4)))
-//! (RCAS, robust contrast adaptive sharpening, of AMD's FSR 1). The result is clamped to the range of the five pixels, so
-//! that edges become steep without halos.
+//! (RCAS, robust contrast adaptive sharpening, of AMD's FSR 1). The result is clamped to the range of the five pixels,
+//! so that edges become steep without halos.
 //!
 //! Input: colour (3). Output: colour. Missing neighbours and those outside the image are replaced by the pixel itself.
 //! Missing pixels and pixels with λ = 0 keep their bits.
