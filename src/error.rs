@@ -2,12 +2,12 @@
 
 use std::fmt::{self, Display};
 
-/// What is wrong with an argument; decides the Python exception.
+/// The category of an error; decides the Python exception.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// `ValueError`: shape, range or a combination of arguments.
     Value,
-    /// `TypeError`: the elements are of another type.
+    /// `TypeError`: wrong element type.
     Type,
 }
 
@@ -36,7 +36,7 @@ impl Error {
         }
     }
 
-    /// An argument that another one needs is absent.
+    /// `argument` was given without `other`, which it depends on.
     pub fn needs(argument: &str, other: &str) -> Self {
         Self {
             kind: Kind::Value,
@@ -53,7 +53,8 @@ impl Display for Error {
 
 impl std::error::Error for Error {}
 
-/// `Ok` when `value` lies in the range that `holds` tests and `expected` describes; NaN never does.
+/// `Ok` if `value` passes `holds`; `expected` describes that range in the message. A range test written as a comparison
+/// refuses NaN.
 pub fn in_range(
     argument: &str,
     value: f32,
@@ -67,7 +68,7 @@ pub fn in_range(
     }
 }
 
-/// A whole number that Python gave, if it lies in the range that `holds` tests and `expected` describes.
+/// Converts an integer from Python to `T`; an error if it does not fit or fails `holds`.
 pub fn whole<T: TryFrom<i64>>(
     argument: &str,
     value: i64,

@@ -234,7 +234,7 @@ fn clip(history: Pixels, color: Pixels, exposure: f32) -> Image {
     let mut clipped = Image::blank(color.size, 3);
     let out = clipped.bands().map(PixelsMut::Planar);
     let clip = neighborhood::Params { exposure, ..CLIP };
-    clip_history(history, color, None, clip, out);
+    clip_history(history, color, clip, out);
     clipped
 }
 

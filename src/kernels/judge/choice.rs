@@ -1,30 +1,32 @@
-//! Choice: which of several predictions is best, tile by tile, by new samples that none of them has seen.
+//! Choice: which of several predictions is best, tile by tile, judged by new samples that none of them has seen.
 //!
-//! The candidates p₀ … p are a series, each a step further than the one before, as images after more and more passes of a
-//! filter are. A new sample y is an unbiased look at the truth, and (a − y)² − (b − y)² is linear in it (see
-//! [`super::prediction`]). With μ the mean of the usual candidate's channels, at least 0, s = μ + e/16 for the exposure e,
-//! aₖ = (pₖ − μ)/s and r = clamp((y − μ)/s, ±8), step k is worth
+//! The candidates p₀, p₁, … are a series, such as the images after 0, 1, … passes of a filter. A new sample y is an
+//! unbiased estimate of the reference, and (a − y)² − (b − y)² is linear in it (see [`super::prediction`]). With μ the
+//! mean of the default candidate's channels, at least 0, s = μ + e/16 for the exposure e, aₖ = (pₖ − μ)/s and r =
+//! clamp((y − μ)/s, ±8), step k from candidate k − 1 to k costs
 //!   dₖ = mean over channels of (aₖ − aₖ₋₁)(aₖ + aₖ₋₁ − 2r),
-//! negative where it brings the image nearer to the truth.
-//! **Evidence.** Of each 2×2 pixels the candidates of the frame before are known at one. The new frame's pixels whose motion
-//! leads nearest to it, and that have history, compare there. Tiles of 8×8 sum dₖ, dₖ² and their number n; what earlier frames
-//! have seen comes along the motion of the tile's centre, by bilinear interpolation between tiles, and weighs 1 − β a frame.
-//! **Decision.** Of the sums G of d, V of d² and n, averaged over neighbouring tiles by {1, 2, 1}/4 ⊗ {1, 2, 1}/4, the cost of
-//! candidate j against the usual one u is
+//! negative where the step brings the image nearer to the reference.
+//! **Evidence.** The previous frame's candidates are stored at one pixel of each 2×2. Pixels of the new frame that have
+//! history and whose motion ends nearest to a stored pixel are compared there. Tiles of 8×8 sum dₖ, dₖ² and their
+//! number n. The sums of earlier frames are reprojected by the motion of the tile's centre, interpolated bilinearly
+//! between tiles, and decay by 1 − β a frame.
+//! **Decision.** With the sums G of d, V of d² and n averaged over neighbouring tiles by {1, 2, 1}/4 ⊗ {1, 2, 1}/4, the
+//! cost of candidate j relative to the default u is
 //!   Σ ±Gₖ/n + c √(Σ Vₖ/n / (64/9 n)),  k over the steps between u and j, + beyond u and − before it,
-//! 64/9 being how many tiles the average amounts to. The cheapest is chosen: another than u only where it is better by c
-//! standard errors, and none where n is below 16.
+//! 64/9 being the effective number of tiles in the average. The cheapest candidate wins: one other than u must be
+//! better by c standard errors, and where n is below 16, u stays.
 //!
-//! Between the centres of tiles the choice is interpolated, and a number between two candidates means their mixture, so that
-//! the tiles do not show. Motion is followed to the nearest pixel: resampling would blur the candidates, and the sharper ones
-//! more, which falsifies the comparison. The clamp at ±8 keeps one bright sample from deciding for a tile; the price is a bias
-//! where much of the light comes in rare samples brighter than that.
+//! The choice is interpolated between tile centres, and a fractional choice mixes two candidates, so that tiles do not
+//! show. Motion is rounded to the nearest pixel: resampling would blur sharp candidates more than smooth ones and bias
+//! the comparison. The clamp at ±8 keeps a single bright sample from deciding for a tile, at the price of a bias where
+//! much of the light comes in rare samples brighter than that.
 //!
-//! Inputs: new samples (3), candidates (3 each; of half the size), motion (2), coverage (1), evidence (2 steps + 1; of an
-//! eighth of the size). Outputs: choice (1) and evidence, of an eighth of the size.
+//! Inputs: new samples (3), candidates (3 each; of half the size), motion (2), coverage (1), evidence (2 steps + 1; of
+//! an eighth of the size). Outputs: choice (1) and evidence, of an eighth of the size.
 
 use std::ops::Range;
 
+use super::innovation;
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::pixels::{Colors, LANES, Row, larger, rows_of, smaller};
@@ -32,9 +34,9 @@ use crate::rows::{self, BAND, Kernel};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// c: how many standard errors a candidate must be better than the usual one; ≥ 0; 0.5.
+    /// c: standard errors by which a candidate must beat the default; ≥ 0; 0.5.
     pub strictness: f32,
-    /// β: share of the evidence that is forgotten in a frame; 0 to 1; 0.1.
+    /// β: fraction of the evidence that decays per frame; 0 to 1; 0.1.
     pub share: f32,
 }
 
@@ -61,16 +63,14 @@ impl Params {
     }
 }
 
-/// Pixels to each side of a tile, of which a segment has a whole number.
-pub const TILE: usize = 8;
+/// Side of a tile in pixels; divides [`SEGMENT`].
+const TILE: usize = 8;
 
-/// Largest relative difference of a sample.
+/// Bound of a sample's relative difference r.
 const BOUND: f32 = 8.0;
-/// Black, as a share of the exposure.
-const BLACK: f32 = 1.0 / 16.0;
-/// Comparisons without which nothing is decided.
-const LEAST: f32 = 16.0;
-/// How many tiles the average over neighbours amounts to: one over the sum of its squared weights.
+/// With fewer comparisons the default stays.
+const MIN_COMPARISONS: f32 = 16.0;
+/// Effective number of tiles in the average over neighbours: one over the sum of its squared weights.
 const TILES: f32 = 64.0 / 9.0;
 
 fn parts(size: Size, side: usize) -> Size {
@@ -80,25 +80,25 @@ fn parts(size: Size, side: usize) -> Size {
     }
 }
 
-/// How many tiles an image of this size has.
+/// The grid of tiles of an image.
 pub fn tiles(size: Size) -> Size {
     parts(size, TILE)
 }
 
-/// Of an image of this size, the size of what is known of candidates.
+/// The size of stored candidates: one pixel of each 2×2.
 pub fn known_size(size: Size) -> Size {
     parts(size, 2)
 }
 
-/// Numbers of a tile's evidence about so many candidates.
+/// Channels of a tile's evidence: Σd and Σd² of each step, and n.
 pub fn channels(candidates: usize) -> usize {
     2 * (candidates - 1) + 1
 }
 
-/// What a frame leaves to the next: candidates at one pixel of each 2×2, NaN where that is beyond the image.
+/// Candidates stored for the next frame: one pixel of each 2×2, NaN where that pixel lies beyond the image.
 pub struct Candidates {
     size: Size,
-    /// Three planes for each.
+    /// One planar image per candidate.
     images: Vec<Image>,
     offset: [usize; 2],
 }
@@ -107,8 +107,8 @@ pub struct Candidates {
 pub type CandidateRow<'a> = [&'a mut [f32]; 3];
 
 impl Candidates {
-    /// Of frame `age` of a sequence, none of them known yet; at the pixels that the next frame traces, where a quarter is
-    /// traced and nothing moves.
+    /// Empty, for frame `age` of a sequence. The stored pixel cycles through the 2×2 in the order in which sequences
+    /// that trace a quarter of the pixels do, so that, without motion, it is the one that the next frame traces.
     pub fn none(age: usize, size: Size) -> Self {
         Self {
             size,
@@ -117,12 +117,12 @@ impl Candidates {
         }
     }
 
-    /// Which column of two is kept.
+    /// The column of each two that is stored.
     pub fn column(&self) -> usize {
         self.offset[0]
     }
 
-    /// Adds a candidate, to be written: for each row of the image the row that keeps its pixels, if one does.
+    /// Adds a candidate. Returns, for each row of the image, the row in which its pixels are to be stored, if they are.
     pub fn add(&mut self) -> impl Iterator<Item = Option<CandidateRow<'_>>> {
         let (Size { height, width }, kept) = (self.size, known_size(self.size));
         self.images.push(Image::blank(kept, 3));
@@ -150,7 +150,7 @@ impl Candidates {
     }
 }
 
-/// Keeps one column of two of a run.
+/// Stores one column of each two of a run.
 #[inline(always)]
 pub fn keep(column: usize, run: Run, colors: &[Row; 3], row: &mut CandidateRow) {
     for (kept, colors) in row.iter_mut().zip(colors) {
@@ -165,15 +165,15 @@ pub fn keep(column: usize, run: Run, colors: &[Row; 3], row: &mut CandidateRow) 
     }
 }
 
-/// What is known of the candidates of the frame before.
+/// The previous frame's candidates.
 pub struct Known<'a> {
-    /// Of [`known_size`].
+    /// Images of [`known_size`].
     pub candidates: Vec<Pixels<'a>>,
-    /// Which pixel of each 2×2 they are of, in x and y.
+    /// The stored pixel of each 2×2: x and y, 0 or 1.
     pub offset: [usize; 2],
 }
 
-/// Chooses a candidate for each tile, and says what is known of them.
+/// Chooses a candidate for each tile; returns the choice and the evidence for the next frame.
 pub fn choice(
     fresh: &impl Colors,
     known: Known,
@@ -186,19 +186,19 @@ pub fn choice(
 ) -> (Image, Records) {
     let size = tiles(coverage.size);
     let numbers = channels(known.candidates.len());
-    let look = Look {
+    let compare = Compare {
         fresh,
         known,
         motion,
         coverage,
         evidence,
-        black: (exposure * BLACK).max(f32::MIN_POSITIVE),
+        black: innovation::black(exposure),
         usual,
         keep: 1.0 - params.share,
     };
     let mut after = Records::blank(size, numbers);
     let band = BAND * size.width * numbers;
-    rows::run(&look, size.height, after.data_mut().chunks_mut(band));
+    rows::run(&compare, size.height, after.data_mut().chunks_mut(band));
     let mut chosen = Image::blank(size, 1);
     let decide = Decide {
         evidence: after.pixels(),
@@ -209,8 +209,8 @@ pub fn choice(
     (chosen, after)
 }
 
-/// Compares candidates.
-struct Look<'a, F> {
+/// Compares the candidates with the new samples and updates the evidence.
+struct Compare<'a, F> {
     fresh: &'a F,
     known: Known<'a>,
     motion: Pixels<'a>,
@@ -218,14 +218,14 @@ struct Look<'a, F> {
     evidence: Option<Pixels<'a>>,
     black: f32,
     usual: usize,
-    /// What is left of evidence after a frame.
+    /// Decay of evidence per frame, 1 − β.
     keep: f32,
 }
 
-/// Where nothing is known of the candidates.
+/// Index of pixels that cannot be compared: their motion does not end at a stored pixel.
 const NOWHERE: u32 = u32::MAX;
 
-impl<'a, F: Colors> Kernel for Look<'a, F> {
+impl<'a, F: Colors> Kernel for Compare<'a, F> {
     type Out = &'a mut [f32];
 
     #[inline(always)]
@@ -249,8 +249,8 @@ impl<'a, F: Colors> Kernel for Look<'a, F> {
     }
 }
 
-impl<F: Colors> Look<'_, F> {
-    /// What a tile has from the frame before.
+impl<F: Colors> Compare<'_, F> {
+    /// Reprojects and decays a tile's evidence.
     #[inline(always)]
     fn carry(&self, row: usize, column: usize, record: &mut [f32]) {
         record.fill(0.0);
@@ -283,7 +283,7 @@ impl<F: Colors> Look<'_, F> {
         }
     }
 
-    /// Adds what a run's samples say to the evidence of its tiles.
+    /// Adds a span's comparisons to the evidence of its tiles.
     #[inline(always)]
     fn compare(&self, run: Run, found: &mut Found, evidence: &mut [f32]) {
         let places = self.places(run);
@@ -316,7 +316,7 @@ impl<F: Colors> Look<'_, F> {
         }
     }
 
-    /// What each sample says of each step, where it and all candidates are there.
+    /// Computes dₖ of the gathered pixels; `missing` marks pixels without a valid sample or candidate.
     #[inline(always)]
     fn steps(&self, fresh: &[Row; 3], found: &mut Found) {
         let Found {
@@ -346,7 +346,7 @@ impl<F: Colors> Look<'_, F> {
         }
         for sample in &mut sample {
             for i in 0..filled {
-                // NaN where it is not finite, else 0.
+                // 0 · x is NaN if x is not finite, else 0.
                 missing[i] += 0.0 * sample[i];
                 let relative = (sample[i] - middle[i]) * per[i];
                 sample[i] = smaller(larger(relative, -BOUND), BOUND);
@@ -375,7 +375,7 @@ impl<F: Colors> Look<'_, F> {
         }
     }
 
-    /// Where each pixel finds the candidates.
+    /// For each pixel, the index of the stored pixel at the end of its motion, or [`NOWHERE`].
     #[inline(always)]
     fn places(&self, run: Run) -> [u32; SEGMENT] {
         let Size { height, width } = self.coverage.size;
@@ -401,15 +401,16 @@ impl<F: Colors> Look<'_, F> {
     }
 }
 
-/// The pixels of a run that find the candidates, one after the other.
+/// The comparable pixels of a span, compacted.
 struct Found {
     count: usize,
+    /// Position in the span.
     columns: [usize; SEGMENT],
-    /// Where the candidates are known.
+    /// Index of the stored pixel.
     places: [u32; SEGMENT],
-    /// What their samples say of each step.
+    /// dₖ.
     steps: Vec<Row>,
-    /// NaN where the sample or a candidate is not there, else 0.
+    /// NaN where the sample or a candidate is missing, else 0.
     missing: Row,
 }
 
@@ -425,7 +426,6 @@ impl Found {
     }
 }
 
-/// The colours of these pixels.
 #[inline(always)]
 fn gather(image: Pixels, places: &[u32], into: &mut [Row; 3]) {
     for (channel, row) in into.iter_mut().enumerate() {
@@ -471,7 +471,7 @@ impl Decide<'_> {
         let (sums, count) = evidence.split_at(evidence.len() - 1);
         let (gains, squares) = sums.split_at(sums.len() / 2);
         let (n, usual) = (count[0], self.usual);
-        if !(n >= LEAST) {
+        if !(n >= MIN_COMPARISONS) {
             return usual;
         }
         let (mut best, mut least) = (usual, 0.0);
@@ -493,7 +493,7 @@ impl Decide<'_> {
     }
 }
 
-/// The candidates that pixels show, interpolated between the tiles that chose them.
+/// The tiles' choice, interpolated at pixels.
 pub struct Levels<'a>(pub &'a Image);
 
 impl Levels<'_> {
