@@ -242,15 +242,15 @@ impl<T> BorderedBand<'_, T> {
 
 /// Rows that are `step` apart, of an image that is overwritten in place: each is written when none below it is yet, and
 /// those above are read as they were before. What rows that far apart share stays in cache, and of the rows in between, no
-/// chain reads what another overwrites.
-pub struct Chain<'a, const N: usize> {
+/// chain reads what another overwrites. Every row comes with an `E`, whatever else belongs to it.
+pub struct Chain<'a, const N: usize, E> {
     layout: Layout,
     step: usize,
     /// How many rows of the chain are read above and below each.
     radius: usize,
     first: usize,
     pub len: usize,
-    rows: Vec<ChainRow<'a, N>>,
+    rows: Vec<(ChainRow<'a, N>, E)>,
     /// Copies of the rows above the chain and below, from the nearest on, as far as there are any.
     beyond: [Vec<f32>; 2],
     /// Copies of the rows that were overwritten last, in turn.
@@ -268,23 +268,25 @@ pub struct Before<'c, const N: usize> {
 }
 
 /// A row of a chain.
-pub struct Link<'c, const N: usize> {
+pub struct Link<'c, const N: usize, E> {
     pub y: usize,
     /// Itself and the rows around that lie inside.
     pub around: Vec<Before<'c, N>>,
     /// To be overwritten, border excluded.
     pub out: [&'c mut [f32]; N],
     pub apart: &'c mut [f32],
+    pub extra: &'c mut E,
 }
 
 impl Bordered {
     /// Cuts the first `N` channels, and of two others the second, into chains; the first of these is returned as it is.
-    pub fn chains<const N: usize>(
+    pub fn chains<const N: usize, E>(
         &mut self,
         step: usize,
         radius: usize,
         [still, apart]: [usize; 2],
-    ) -> (&[f32], Vec<Chain<'_, N>>) {
+        extras: impl Iterator<Item = E>,
+    ) -> (&[f32], Vec<Chain<'_, N, E>>) {
         let (layout, height) = (self.layout, self.layout.size.height);
         let fair = rows::turn(height);
         let mut chains = vec![];
@@ -311,7 +313,8 @@ impl Bordered {
             }
         }
         let (still, rows) = self.split(still, apart);
-        let mut rows: Vec<_> = rows.map(Some).collect();
+        let mut rows: Vec<_> = rows.zip(extras).map(Some).collect();
+        assert_eq!(rows.len(), height);
         for chain in &mut chains {
             let own = (0..chain.len).map(|link| rows[chain.first + link * step].take());
             chain.rows = own.map(|row| row.expect("a row is in one chain")).collect();
@@ -353,14 +356,14 @@ impl Bordered {
     }
 }
 
-impl<const N: usize> Chain<'_, N> {
+impl<const N: usize, E> Chain<'_, N, E> {
     /// The rows of the image that are in it, and in between.
     pub fn range(&self) -> Range<usize> {
         self.first..self.first + (self.len - 1) * self.step + 1
     }
 
     /// Goes to a row: the first, or that below the last.
-    pub fn link(&mut self, link: usize) -> Link<'_, N> {
+    pub fn link(&mut self, link: usize) -> Link<'_, N, E> {
         let Layout {
             size,
             border,
@@ -370,7 +373,7 @@ impl<const N: usize> Chain<'_, N> {
         let (record, turns) = (N * stride, self.radius + 1);
         self.turns.resize(turns * record, 0.0);
         let (own, below) = self.rows.split_at_mut(link + 1);
-        let (out, apart) = &mut own[link];
+        let ((out, apart), extra) = &mut own[link];
         let kept = self.turns[link % turns * record..].chunks_exact_mut(stride);
         for (kept, row) in kept.zip(out.iter()) {
             kept.copy_from_slice(row);
@@ -383,7 +386,7 @@ impl<const N: usize> Chain<'_, N> {
                 above @ ..0 => nth(&self.beyond[0], (-1 - above) as usize, stride),
                 kept if down <= 0 => nth(&self.turns, kept as usize % turns, stride),
                 still if still < len => {
-                    let (rows, _) = &below[(down / step) as usize - 1];
+                    let ((rows, _), _) = &below[(down / step) as usize - 1];
                     rows.each_ref().map(|row| &**row)
                 }
                 after => nth(&self.beyond[1], (after - len) as usize, stride),
@@ -394,12 +397,13 @@ impl<const N: usize> Chain<'_, N> {
             around: around.collect(),
             out: out.each_mut().map(|row| &mut row[border..][..size.width]),
             apart: &mut apart[border..][..size.width],
+            extra,
         }
     }
 
     /// Continues the channel that is not read by a pixel to both sides, when it is there.
     pub fn replicate(&mut self) {
-        for (_, row) in &mut self.rows {
+        for ((_, row), _) in &mut self.rows {
             self.layout.replicate(row);
         }
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Display};
 
-/// An argument that cannot be worked with.
+/// An argument out of range, of the wrong size, or missing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Error {
     message: String,
@@ -28,7 +28,8 @@ impl Display for Error {
 
 impl std::error::Error for Error {}
 
-/// `Ok` when `value` lies in the range that `holds` tests and `expected` describes; NaN never does.
+/// `Ok` if `value` passes `holds`; `expected` describes that range in the message. A range test written as a comparison
+/// refuses NaN.
 pub(crate) fn in_range(
     argument: &str,
     value: f32,
@@ -42,12 +43,12 @@ pub(crate) fn in_range(
     }
 }
 
-/// A whole number, such as Python's, which may be below zero or too large for a field.
+/// An integer of any type, such as Python's, which may be negative or too large for the parameter.
 pub(crate) trait Whole<T>: Copy + Display + TryInto<T> {}
 
 impl<T, N: Copy + Display + TryInto<T>> Whole<T> for N {}
 
-/// `value` when it lies in the range that `holds` tests and `expected` describes.
+/// Converts an integer to `T`; an error if it does not fit or fails `holds`.
 pub(crate) fn whole<T>(
     argument: &str,
     value: impl Whole<T>,

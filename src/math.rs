@@ -3,6 +3,9 @@
 use pulp::Simd;
 
 use crate::lanes::Lanes;
+use crate::pixels::larger;
+
+pub type Color = [f32; 3];
 
 /// Rec. 709 weights of linear red, green and blue.
 const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
@@ -12,19 +15,62 @@ pub fn luminance(r: f32, g: f32, b: f32) -> f32 {
     LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b
 }
 
-/// The same of neighbouring pixels.
+/// [`luminance`] of one vector of pixels.
 #[inline(always)]
 pub fn luminances<S: Simd>(r: Lanes<S>, g: Lanes<S>, b: Lanes<S>) -> Lanes<S> {
     r * LUMINANCE[0] + g * LUMINANCE[1] + b * LUMINANCE[2]
 }
 
-/// Whether a sample is there: a pixel with NaN or infinity in a channel is missing. Without branches, for rows.
+/// True for a valid sample: a pixel with NaN or infinity in any channel is missing.
 #[inline(always)]
-pub fn is_present([r, g, b]: [f32; 3]) -> bool {
+pub fn is_present([r, g, b]: Color) -> bool {
     r.is_finite() & g.is_finite() & b.is_finite()
 }
 
-/// Held to [0, 1]; NaN becomes 0, which `clamp` would keep.
+#[inline(always)]
+pub fn ycocg([r, g, b]: Color) -> Color {
+    [
+        0.25 * r + 0.5 * g + 0.25 * b,
+        0.5 * r - 0.5 * b,
+        -0.25 * r + 0.5 * g - 0.25 * b,
+    ]
+}
+
+#[inline(always)]
+pub fn from_ycocg([y, co, cg]: Color) -> Color {
+    [y - cg + co, y + cg, y - cg - co]
+}
+
+/// The largest channel; 0 where all are negative.
+#[inline(always)]
+pub fn max_channel([r, g, b]: Color) -> f32 {
+    larger(larger(larger(r, g), b), 0.0)
+}
+
+/// The reversible tone curve c / (e + max(r, g, b)), e the exposure (Lottes 2016, *Optimized Reversible Tonemapper for
+/// Resolve*).
+#[inline(always)]
+pub fn tone_map(rgb: Color, exposure: f32) -> Color {
+    let scale = 1.0 / (exposure + max_channel(rgb));
+    rgb.map(|c| c * scale)
+}
+
+/// Inverse of [`tone_map`]. The result is scaled down where its largest channel would exceed `limit`: the inverse has a
+/// pole at 1, and filtered colours may come close to it or lie beyond.
+#[inline(always)]
+pub fn inverse_tone_map(rgb: Color, exposure: f32, limit: f32) -> Color {
+    let mapped = max_channel(rgb);
+    let limited = mapped.min(limit / (exposure + limit));
+    let scale = exposure / (1.0 - limited)
+        * if mapped > limited {
+            limited / mapped
+        } else {
+            1.0
+        };
+    rgb.map(|c| c * scale)
+}
+
+/// Clamped to [0, 1]. NaN becomes 0; `f32::clamp` would keep it.
 #[allow(clippy::manual_clamp)]
 #[inline(always)]
 pub fn saturate(x: f32) -> f32 {
@@ -33,27 +79,28 @@ pub fn saturate(x: f32) -> f32 {
 
 pub const LOG2_E: f32 = std::f32::consts::LOG2_E;
 
-/// Weights below 2^-64 count as zero: they cannot be seen beside a centre weight of one, and their products
-/// with dark colours would be subnormal numbers, which cost up to five times as much.
+/// Weights below 2^-64 count as zero. Beside a centre weight of one they are invisible, but their products with dark
+/// colours would be subnormal numbers, whose arithmetic is up to five times slower.
 const SMALLEST_EXPONENT: f32 = -64.0;
 
 /// 2^x for weights: x ≤ 0, zero below 2^-64 and for NaN. Relative error below 2e-7.
 ///
-/// The integer part of x is found by adding 1.5·2^23, which leaves it in the low mantissa bits, from where a shift
-/// moves it into the exponent; the fraction in [-½, ½] goes through the polynomial of degree five whose largest relative
-/// error is smallest, among those that are 1 at 0. What this makes of an x that is too small is not used.
+/// Adding 1.5·2^23 rounds x to an integer and leaves it in the low mantissa bits; a shift moves it into the exponent.
+/// The fraction in [-½, ½] goes through the minimax polynomial (relative error) of degree five with value 1 at 0. The
+/// result for an x below the cut-off is garbage and is masked to zero.
 #[inline(always)]
 pub fn exp2_weight<S: Simd>(x: Lanes<S>) -> Lanes<S> {
     let [weight] = exp2_weights([x]);
     weight
 }
 
-/// The same of several at once, each operation of all before the next: one alone is a long chain.
+/// [`exp2_weight`] of N vectors at once. The steps are interleaved, because one evaluation is a single chain of
+/// dependent instructions and would leave the CPU waiting.
 #[inline(always)]
 pub fn exp2_weights<S: Simd, const N: usize>(x: [Lanes<S>; N]) -> [Lanes<S>; N] {
     const ROUND: f32 = 12_582_912.0; // 1.5 · 2^23
     let (mut f, mut shifted) = (x, x);
-    // Asked first, as the answers take less room than the numbers.
+    // Compared first: the masks take fewer registers than keeping x until the end.
     let mut counts = [x[0].above(SMALLEST_EXPONENT); N];
     for k in 0..N {
         counts[k] = x[k].above(SMALLEST_EXPONENT);

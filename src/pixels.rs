@@ -5,7 +5,7 @@
 
 use std::ops::RangeInclusive;
 
-use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, interleave, segments};
+use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, interleave, segments};
 use crate::memory::prefetch;
 use crate::rows::{self, BAND};
 
@@ -71,6 +71,23 @@ impl<'a> PixelsMut<'a> {
             }
         }
     }
+}
+
+/// The rows of `N` planes that lie one after the other, to be written apart.
+pub fn rows_of<const N: usize>(image: &mut Image) -> Vec<[&mut [f32]; N]> {
+    let Size { height, width } = image.size;
+    assert_eq!(image.channels, N);
+    let mut planes = image.data_mut().chunks_exact_mut(height * width);
+    let mut planes: [_; N] = std::array::from_fn(|_| {
+        let plane = planes.next().expect("N planes");
+        plane.chunks_exact_mut(width)
+    });
+    let row = |_| {
+        planes
+            .each_mut()
+            .map(|rows| rows.next().expect("planes are of one height"))
+    };
+    (0..height).map(row).collect()
 }
 
 /// An image that gives its colours run by run.

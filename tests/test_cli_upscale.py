@@ -54,7 +54,7 @@ def test_frames_without_jitter_are_told_of(tmp_path):
     (tmp_path / "small").mkdir()
     for i in range(2):
         write_exr(tmp_path / "small" / f"{i}.exr", noise(seed=i))
-    assert "no file tells its jitter" in run("upscale", tmp_path / "small", "-o", tmp_path / "out").stderr
+    assert "no jitter found in the headers" in run("upscale", tmp_path / "small", "-o", tmp_path / "out").stderr
     assert read_exr(tmp_path / "out" / "1.exr").shape == (48, 64)
 
 

@@ -55,7 +55,7 @@ from .oidn import OIDN
 
 
 class Rejection(_IntFlag):
-    """Why a pixel's history is refused: bits of the masks of `consistency` and `Output.rejection`."""
+    """The tests that a pixel's history failed: bits of the masks of `consistency` and `Output.rejection`."""
 
     OUTSIDE = 1
     """The history lies outside the previous frame."""

@@ -1,4 +1,4 @@
-"""The command line: it parses, calls and reports; the work is elsewhere."""
+"""The command line: parses arguments, calls the library and reports."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .io import Description
 
 
-#: The methods of `yester denoise`: what makes each, and the options that this takes.
+#: The methods of `yester denoise`: constructor and the names of its options.
 _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "svgf": (SVGF, ("alpha", "iterations", "sigma_luminance", "feedback", "fireflies", "choice", "innovation")),
     "taa": (TAA, ("preset", "alpha", "innovation")),
@@ -33,7 +33,7 @@ _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation")),
 }
 
-# Whatever is slow to import is imported by the command that needs it.
+# Commands import their slow dependencies themselves.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,12 +42,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        Without the program's name; by default those that the process was started with.
+        Without the program's name; by default `sys.argv`.
 
     Returns
     -------
     int
-        0; 2 if something given was wrong, after one line on stderr; 130 if interrupted.
+        Exit status: 0; 2 for invalid input, after one line on stderr; 130 if interrupted.
     """
     try:
         options = _parser().parse_args(arguments)
@@ -95,35 +95,35 @@ def _parser() -> argparse.ArgumentParser:
     denoise.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
     denoise.add_argument("--half", action="store_true", help="write float16")
     denoise.add_argument("--method", choices=_METHODS, default="svgf", help="one of %(choices)s; %(default)s")
-    options = denoise.add_argument_group("options", "of some methods; see their classes for defaults, and for more")
+    options = denoise.add_argument_group("method options", "for defaults and more parameters, see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:
         of = ", ".join(method for method, (_, names) in _METHODS.items() if _argument(name) in names)
         options.add_argument(name, help=f"{of}: {about}", default=None, **named)
 
-    option("--alpha", "least share of the new sample in the history, 0 to 1", type=float)
-    option("--iterations", "passes of the spatial filter, 0 to 16; with --choice, until more is known", type=int)
-    option("--sigma-luminance", "luminance difference that counts, in standard deviations", type=float)
-    option("--feedback", "keep the first pass as history: less noise, more bias", action="store_true")
-    option("--fireflies", "spread samples far brighter than their surroundings", action="store_true")
-    about = "give each part of the image as many passes as predicted new samples best; the default but for halfres"
+    option("--alpha", "smallest weight of the new sample in the history, 0 to 1", type=float)
+    option("--iterations", "passes of the spatial filter, 0 to 16; with --choice, the initial number", type=int)
+    option("--sigma-luminance", "scale of luminance differences, in standard deviations", type=float)
+    option("--feedback", "use the first pass's output as history: less noise, more bias", action="store_true")
+    option("--fireflies", "redistribute samples far brighter than their surroundings", action="store_true")
+    about = "choose the number of passes per tile by how well it predicts new samples; on by default, except in halfres"
     option("--choice", about, action=argparse.BooleanOptionalAction)
-    about = "add what new samples show to be wrong with the result; the default but for taa"
+    about = "correct the result by the error that new samples show; on by default, except in taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
     option("--preset", "best, denoised, textbook, karis or filament")
     option("--block", "side of the blocks in pixels, 4 to 256", type=int)
-    option("--features", "fewest or all that a block has")
+    option("--features", "fewest (as many as a block needs) or all")
     option("--quality", "fast, balanced or high")
 
-    upscale = command(_upscale, "upscale", "upscale a sequence of EXR frames in time, by what their jitter shows")
+    upscale = command(_upscale, "upscale", "temporally upscale a sequence of jittered EXR frames")
     upscale.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     upscale.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
     upscale.add_argument("--half", action="store_true", help="write float16")
-    upscale.add_argument("--scale", type=float, default=2.0, help="along each side, 1 to 4; %(default)s")
+    upscale.add_argument("--scale", type=float, default=2.0, help="ratio of sizes along each side, 1 to 4; %(default)s")
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
-    upscale.add_argument("--denoise", action="store_true", help="with SVGF first")
+    upscale.add_argument("--denoise", action="store_true", help="denoise with SVGF first")
 
-    info = command(_info, "info", "tell what an EXR file holds, what it lacks and what that costs")
+    info = command(_info, "info", "list the buffers of an EXR file, and the missing ones with the consequences")
     info.add_argument("file", metavar="FILE", type=Path)
 
     chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
@@ -131,10 +131,10 @@ def _parser() -> argparse.ArgumentParser:
     chart.add_argument("--references", metavar="REF", nargs="+", help="the same without noise: files of the same names")
     chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help="%(default)s")
     chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="by default, all")
-    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="beginnings of names; by default, all")
+    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of names; by default, all")
     chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
-    chart.add_argument("--ablate", action="store_true", help="instead, switch off each component in turn")
-    doors = "instead, give the frames with fewer or worse buffers: in these ways, by default all; also with --ablate"
+    chart.add_argument("--ablate", action="store_true", help="ablation: switch off each component in turn")
+    doors = "degrade or drop buffers instead, in these ways (by default all); also with --ablate"
     chart.add_argument("--doors", metavar="DOOR", nargs="*", help=doors)
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
     groups = "names, tuning, held-out, unkind-tuning, unkind-held-out, or all (default)"
@@ -142,16 +142,16 @@ def _parser() -> argparse.ArgumentParser:
     render("--length", metavar="N", type=_count, default=16, help="frames; %(default)s")
     render("--size", metavar="WxH", type=_size, default=(256, 192), help="256x192")
     render("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
-    render("--cache", metavar="DIR", type=Path, help="where they are kept; by default, in the user's cache")
+    render("--cache", metavar="DIR", type=Path, help="folder for rendered frames; by default, in the user's cache")
 
-    stress = command(_stress, "stress", "run every pipeline where methods fail, with exact truth, and judge it")
+    stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
     stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help="%(default)s")
     stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="by default, all")
     stress.add_argument("--methods", metavar="NAME", nargs="+", help="by default, all pipelines and presets")
     stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
     stress.add_argument("--quick", action="store_true", help="16 frames of each scenario, and nothing else")
 
-    bench = command(_bench, "bench", "time every kernel and pipeline, beside others and beside what the machine allows")
+    bench = command(_bench, "bench", "time every kernel and pipeline, beside other libraries and the machine's limits")
     bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help="%(default)s")
     sizes = [(256, 256), (1920, 1080), (3840, 2160)]
     shown = " ".join(f"{width}x{height}" for width, height in sizes)
@@ -191,12 +191,12 @@ def _demo(options: argparse.Namespace) -> None:
 
 
 def _argument(option: str) -> str:
-    """What a method calls an option."""
+    """The parameter name of an option."""
     return option.removeprefix("--").replace("-", "_")
 
 
 def _pipeline(options: argparse.Namespace) -> Any:
-    """The method that is asked for, with its options; those of others are refused."""
+    """Construct the requested method; refuse options of other methods."""
     make, names = _METHODS[options.method]
     every = dict.fromkeys(name for _, taken in _METHODS.values() for name in taken)
     given = {name: value for name in every if (value := getattr(options, name)) is not None}
@@ -225,7 +225,7 @@ def _denoise(options: argparse.Namespace) -> None:
 def _upscale(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
     upscaler = Upscaler(options.scale, sharpness=options.sharpness)
-    # Its last stage would average over what the jitter tells apart.
+    # Without antialiasing, which would average out the jitter that the upscaler needs.
     stages = [SVGF(antialias=False), upscaler] if options.denoise else [upscaler]
 
     def result(output: Any, frame: Frame) -> Frame:
@@ -235,7 +235,7 @@ def _upscale(options: argparse.Namespace) -> None:
     def look(files: list[Description]) -> list[str]:
         notes = [*_in_place(files), *_missing(files)]
         if not any(known.jitter for known in files):
-            notes += ["no file tells its jitter: counted as none, which shows no detail beyond theirs"]
+            notes += ["no jitter found in the headers; assuming zero, so no sub-pixel detail can be recovered"]
         if dropped := list(dict.fromkeys(name for known in files for name in _layers(known))):
             notes += [f"only colour is upscaled; left out: {' '.join(dropped)}"]
         return notes
@@ -259,7 +259,7 @@ def _in_place(files: list[Description]) -> list[str]:
 
 
 def _missing(files: list[Description], names: Iterable[str] | None = None) -> list[str]:
-    """What any file lacks, all or of some names, and what that costs."""
+    """A line for each buffer that some file lacks, with the cost of its absence; optionally only for some names."""
     costs = {name: cost for known in files for name, cost in known.missing.items()}
     return [f"missing: {name}: {cost}" for name, cost in costs.items() if names is None or name in names]
 
@@ -271,7 +271,7 @@ def _convert(
     result: Callable[[Any, Frame], Frame],
     look: Callable[[list[Description]], list[str]],
 ) -> None:
-    """Files in, files of the same names out, through one pipeline or several in turn."""
+    """Run one pipeline, or several in sequence, from input files to output files of the same names."""
     from tqdm import tqdm
 
     from .io import Plate, read_plate, sequence_paths, write_exr
@@ -301,8 +301,8 @@ def _convert(
                 frame = Frame(output.color, **buffers, camera=frame.camera, jitter=frame.jitter)
         return result(output, frame), plate
 
-    # One frame is read and the one before it denoised, each by its thread, while a third is written by this one, which
-    # an interrupt reaches. Threads do, as OpenEXR and step() let go of the interpreter's lock.
+    # Reading, denoising and writing overlap, each in its own thread; OpenEXR and step() release the interpreter's lock.
+    # Writing stays in the main thread, which receives interrupts.
     read = ahead(read_plate(path) for path in paths)
     made = ahead(step(index, plate) for index, plate in enumerate(read))
     with closing(read), closing(made), tqdm(made, what, len(paths), unit="frame", disable=None) as frames:
@@ -312,7 +312,7 @@ def _convert(
 
 
 def _targets(paths: list[Path], output: Path) -> list[Path]:
-    """Where each file goes: into a folder under its name, or one file to where the output's name says."""
+    """The output path of each input: in a folder under its own name, or, for a single file, the given name."""
     if output.suffix.lower() != ".exr" or output.is_dir():
         return [output / path.name for path in paths]
     if len(paths) > 1:
@@ -406,7 +406,7 @@ def _chart(options: argparse.Namespace) -> None:
 
 
 def _recordings(options: argparse.Namespace) -> Iterable[Any]:
-    """What to chart: the user's files, or what is rendered, or was before, once it is asked for."""
+    """The sequences to chart: the user's files, or rendered (and cached) ones, lazily."""
     from .study.recording import open_recording, record
 
     if options.frames:
@@ -465,7 +465,7 @@ def _need(extra: str, *modules: str) -> None:
 
 
 def _check(paths: list[Path], targets: list[Path]) -> list[Description]:
-    """Find out from the headers what would stop the work half-way."""
+    """Check the headers for problems that would stop the work half-way."""
     from .io import describe
 
     files: list[Description] = []
@@ -492,7 +492,7 @@ def _check(paths: list[Path], targets: list[Path]) -> list[Description]:
 
 
 def _writable(folder: Path) -> Path:
-    """Make the folder and try it."""
+    """Create the folder and check that it is writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()

@@ -1,4 +1,4 @@
-"""One frame's buffers, canonical and checked."""
+"""One frame's buffers, converted to canonical form and validated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BUFFERS = (
 
 
 class Frame:
-    """The noisy colour of one frame and whatever else the renderer knows of it.
+    """The noisy colour of one frame and its auxiliary buffers.
 
     Every buffer but `color` is optional. float32 arrays in C order are kept as they are, without a copy; float16,
     float64, strided arrays and CPU tensors are converted once. Frames are read-only.
@@ -25,7 +25,7 @@ class Frame:
     color : (H, W, 3) array_like of float
         Linear, scene-referred, unclamped. Samples with NaN or infinity count as missing.
     albedo : (H, W, 3) array_like of float, optional
-        Reflectance of what was hit, 0 to 1; zeros where nothing was hit.
+        Reflectance of the visible surface, 0 to 1; zeros where nothing was hit.
     normal : (H, W, 3) array_like of float, optional
         World space, unit length; zeros where nothing was hit.
     depth : (H, W) array_like of float, optional
@@ -34,41 +34,42 @@ class Frame:
         Previous minus current position in pixels, x right, y down, jitter removed. The third channel, if given, is
         previous minus current depth, which makes the depth tests exact under motion.
     ids : (H, W) array_like of int, optional
-        Object, mesh or material; 0 where nothing was hit, and only there if 2³² - 1 is an object as well.
+        Object, mesh or material; 0 where nothing was hit. 0 may be an object as well, unless 2³² - 1 is one, too.
     position : (H, W, 3) array_like of float, optional
         World space; not finite where nothing was hit.
     emission : (H, W, 3) array_like of float, optional
-        Light that the visible surface sends out itself: the part of `color` that carries no noise.
+        Emission of the visible surface: the part of `color` without noise.
     object_normal : (H, W, 3) array_like of float, optional
-        Normals in the space of the object, which do not turn with it; zeros where nothing was hit.
+        Normals in object space, where they do not rotate with the object; zeros where nothing was hit.
     replay : (H, W, 3) array_like of float, optional
-        The previous frame once more: its camera and its random numbers, but this frame's scene. What has changed since
-        is light. NaN where another surface shows.
+        Correlated re-render of the previous frame: its camera and random numbers, but this frame's scene. Its
+        difference from the previous colour is the change of light, without noise. NaN where another surface is visible.
     hit_distance : (H, W) array_like of float, optional
-        Distance from the surface to what it reflects, +inf for the environment.
+        Distance from the surface to the reflected object, +inf for the environment.
     reactive : (H, W) array_like of float, optional
-        How little of what `Upscaler` remembers may show, 0 (all of it) to 1 (nothing): for what moves otherwise than
-        its motion says, such as particles, glass and animated textures.
+        Excludes history in `Upscaler`: 0 (use all of it) to 1 (use none). For pixels that do not move along their
+        motion vectors, such as particles, glass and animated textures.
     camera : Camera, optional
         The camera of this frame, without jitter, of the same size.
     jitter : (2,) array_like of float, optional
-        Offset of this frame's samples from their pixel centres, in pixels from -0.5 to 0.5, x right, y down: what
-        `yester.jitter` gives. Kept as a tuple.
+        Offset of this frame's samples from their pixel centres, in pixels from -0.5 to 0.5, x right, y down, as
+        `yester.jitter` returns it. Stored as a tuple.
 
     Raises
     ------
     TypeError
-        If an array has elements of another kind, or `camera` is something else.
+        If an array has another element type, or `camera` is not a `Camera`.
     ValueError
-        If an array or the camera has another shape than the above, or another size than `color`; if `jitter` leaves the
-        pixel.
+        If an array or the camera has another shape than the above, or another size than `color`; if `jitter` lies
+        outside the pixel.
 
     Notes
     -----
-    At a sequence's second frame, pipelines compare `motion` with that of the cameras where these and depth or position
-    are known, and otherwise look up the first frame's albedo and normals (or else its colour) along it. Where y up, the
-    opposite direction, normalised device coordinates (-1 to 1) or shares of the image's sides (0 to 1) would agree
-    plainly better, they warn, with a `UserWarning` that says by what to multiply.
+    Pipelines check the convention of `motion` at a sequence's second frame: against the motion of the cameras, if these
+    and depth or position are known, otherwise by fetching the first frame's albedo and normals (or else its colour)
+    along it. If another convention fits clearly better (y up, the opposite direction, normalised device coordinates
+    from -1 to 1, or fractions of the image's sides from 0 to 1), they emit a `UserWarning` with the factor to multiply
+    by.
     """
 
     __slots__ = (*BUFFERS, "camera", "jitter")
@@ -165,7 +166,7 @@ class Frame:
 
 
 def present(frame: Frame) -> NDArray[np.float32]:
-    """The colour of a frame with zeros for missing samples, which are not for everybody."""
+    """The colour of a frame with zeros for missing samples, for methods that do not accept NaN."""
     return np.where(np.isfinite(frame.color).all(-1, keepdims=True), frame.color, np.float32(0))
 
 
@@ -174,7 +175,7 @@ def _restore(buffers: dict[str, ArrayLike], camera: Camera | None, jitter: Array
 
 
 def _offset(jitter: ArrayLike) -> tuple[float, float]:
-    """Of a sample from its pixel's centre."""
+    """Validate a jitter offset."""
     offset = np.asarray(jitter)
     if offset.dtype.kind not in "fiu":
         raise TypeError(f"jitter: expected floats, got {offset.dtype}")

@@ -1,4 +1,4 @@
-"""Open Image Denoise, a network, as a stage among others."""
+"""Open Image Denoise, a neural network, as a pipeline."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ __all__ = ["OIDN", "Network"]
 class OIDN(Pipeline):
     """Intel's Open Image Denoise, with albedo and normals where frames have them; alone, or between temporal stages.
 
-    The network sees one image at a time: what it makes of noise differs from frame to frame. Between temporal stages it
-    gets what `SVGF` has accumulated, of the same surfaces and the same light, and `TAA` with preset "denoised" follows.
+    The network processes single images, so that its errors flicker. With `temporal`, its input is the colour
+    accumulated by `SVGF`, and `TAA` with preset "denoised" follows.
 
     Parameters
     ----------
     quality : {"high", "balanced", "fast"}, default "high"
-        Of the network, the slowest first.
+        Quality of the network, from slow to fast.
     temporal : bool, default False
-        Whether it stands between temporal stages.
+        Accumulate before the network and antialias after it.
     fireflies : bool, default False
         With `temporal`, as in `SVGF`.
     innovation : bool, default True
-        With `temporal`, whether what new samples show to be wrong with the network's image is added to it.
+        With `temporal`, add the error of the network's image, as estimated from new samples, to it.
 
     Raises
     ------
     ImportError
-        If the package pyoidn is not there, or cannot be loaded.
+        If the package pyoidn is not installed or cannot be loaded.
     ValueError
-        If the quality is unknown; if `fireflies` are asked for without `temporal`.
+        If the quality is unknown; if `fireflies` is set without `temporal`.
 
     Notes
     -----
     `temporal` consists of ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the
     network, `innovation` (with the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised")``,
-    and gives their bits. What was tried and lost: light without albedo, for the network or for innovation; innovation
-    that is fed back into what is accumulated; a second accumulation of what the network returns.
-    As many threads run as ``YESTER_THREADS`` allows.
+    and gives their bits. Tried and found worse: demodulated input, for the network or for innovation; feeding
+    innovation back into the accumulated history; a second accumulation of the network's output. As many threads run as
+    ``YESTER_THREADS`` allows.
     """
 
     def __init__(
@@ -70,14 +70,14 @@ class OIDN(Pipeline):
         Parameters
         ----------
         frame : Frame
-            With `temporal`, of the same size as those before.
+            The next frame; with `temporal`, of the same size as the previous ones.
         out : Output, optional
-            Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones.
+            An earlier step's output whose arrays are overwritten and returned, instead of new ones.
 
         Returns
         -------
         Output
-            Without a variance. Without `temporal`, each pixel has its one sample, or none, and no history.
+            Without a variance. Without `temporal`, `history_length` is 1, or 0 for missing pixels.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class OIDN(Pipeline):
         return Output(*kept, used=output.used, missing=output.missing)
 
     def reset(self) -> None:
-        """Forget the sequence; the next frame is a first one."""
+        """Discard all history; the next frame starts a new sequence."""
         for stage in self._stages or ():
             stage.reset()
         self._forget()
@@ -141,7 +141,7 @@ class OIDN(Pipeline):
         )
 
     def _motion(self, frame: Frame) -> NDArray[np.float32] | None:
-        """To the frame before: as it came, or of what stands still."""
+        """The frame's motion, or that of a static scene."""
         geometry = frame.depth if frame.position is None else frame.position
         if frame.motion is not None or geometry is None or frame.camera is None or self._camera is None:
             return frame.motion
@@ -153,7 +153,7 @@ def _finite(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 class Network:
-    """Open Image Denoise with images of its own, in one quality."""
+    """An Open Image Denoise filter with its own image buffers, in one quality."""
 
     def __init__(self, quality: str) -> None:
         try:
@@ -171,27 +171,27 @@ class Network:
         self._device = pyoidn.Device()
         self._device.set_int("numThreads", settings()[0])
         self._device.commit()
-        # It holds gigabytes, and nothing else lets go of them.
+        # The device holds gigabytes and must be released explicitly.
         self._release = [finalize(self, self._device.release)]
         self._images: dict[str, NDArray[np.float32]] = {}
         self._filter: Any = None
 
     @property
     def guides(self) -> list[str]:
-        """What it used of the frame beside colour."""
+        """The buffers that were used beside colour."""
         return [name for name in self._images if name in ("albedo", "normal")]
 
     def denoise(self, color: NDArray[np.float32], frame: Frame) -> NDArray[np.float32]:
-        """Denoise a finite image by what the frame knows of its surfaces."""
+        """Denoise a finite image with the frame's albedo and normals as guides."""
         self.take(color, frame)
         return self.run().copy()
 
     def take(self, color: NDArray[np.float32], frame: Frame) -> None:
-        """Copy what is needed for `run`."""
+        """Copy the inputs of `run`."""
         given = {"color": color.clip(0)}
         if frame.albedo is not None:
             given["albedo"] = _finite(frame.albedo).clip(0, 1)
-            # The network knows normals only beside albedo.
+            # The network accepts normals only together with albedo.
             if frame.normal is not None:
                 given["normal"] = _finite(frame.normal)
         known = {name: image.shape for name, image in self._images.items() if name != "output"}
@@ -205,7 +205,7 @@ class Network:
 
         for release in self._release[1:]:
             release()
-        # One for each set of images: what is changed in a filter builds its network anew all the same.
+        # One filter per set of inputs: changing a filter's inputs rebuilds its network anyway.
         self._filter = pyoidn.Filter(self._device)
         self._release[1:] = [finalize(self, self._filter.release)]
         self._filter.set_bool("hdr", True)
@@ -216,7 +216,7 @@ class Network:
         self._filter.commit()
 
     def run(self) -> NDArray[np.float32]:
-        """Run the network alone; what it returns is overwritten by the next run."""
+        """Run the network; the result is overwritten by the next run."""
         self._filter.execute()
         if error := self._device.get_error():
             raise RuntimeError(f"Open Image Denoise: {error}")

@@ -1,4 +1,4 @@
-//! numpy in, numpy out: the checks that every argument passes once, and the copies at the door.
+//! Conversion and validation of array arguments, and the arrays of results.
 
 use std::cell::RefCell;
 use std::fmt::Display;
@@ -23,17 +23,17 @@ impl From<Error> for PyErr {
     }
 }
 
-/// An argument of another type than expected.
+/// `argument: expected …, got …` as a `TypeError`.
 pub fn wrong_type(argument: &str, expected: impl Display, got: impl Display) -> PyErr {
     PyTypeError::new_err(Error::value(argument, expected, got).to_string())
 }
 
-/// An argument that another one needs is absent.
+/// `argument` was given without `other`, which it depends on.
 pub fn needs(argument: &str, other: &str) -> PyErr {
     PyValueError::new_err(format!("{argument}: needs {other} as well"))
 }
 
-/// Does work without the interpreter; memory that cannot be had is a `MemoryError`.
+/// Runs `work` without the interpreter's lock; a failed allocation becomes a `MemoryError`.
 pub fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
     let done = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
     done.map_err(|panic| match panic.downcast::<OutOfMemory>() {
@@ -52,8 +52,8 @@ enum Access {
     Write,
 }
 
-/// The addresses of an array that a call on this thread reads or writes, as long as this lives. Arrays can share memory
-/// without a common base (`numpy.frombuffer`, `numpy.memmap`), so addresses are compared.
+/// Guard: the addresses of an array that a call on this thread reads or writes. Addresses are compared because arrays
+/// can share memory without a common base (`numpy.frombuffer`, `numpy.memmap`).
 struct Held(Range<usize>, Access);
 
 impl Held {
@@ -64,7 +64,7 @@ impl Held {
         Self(range, access)
     }
 
-    /// Whether another array, used in this way, lies at some of the same addresses.
+    /// True if another array with this kind of use overlaps these addresses.
     fn overlaps(&self, access: Access) -> bool {
         let own = (self.0.clone(), self.1);
         let mut itself = true;
@@ -91,11 +91,11 @@ impl Drop for Held {
     }
 }
 
-/// The number types of image buffers.
+/// Element types of image buffers.
 pub trait Number: Element + Value {
     const NAME: &'static str;
 
-    /// Converts an array of another dtype, or says why not.
+    /// Converts an array of another dtype, or explains why it cannot.
     fn convert<'py>(
         array: &Bound<'py, PyAny>,
         name: &str,
@@ -207,7 +207,7 @@ pub fn array<'py, T: Number>(
         .try_readonly()?)
 }
 
-/// Why numpy does not read an argument: tensors that it has no access to, or no type for.
+/// The error for an argument that numpy cannot read: tensors on another device, or of a type that numpy lacks.
 fn unreadable(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
     let text = |attribute| {
         value
@@ -250,7 +250,7 @@ impl Channels {
         }
     }
 
-    /// What to do about a shape that does not fit.
+    /// Advice for an unsupported shape, part of the error message.
     fn advice(self, shape: &[usize]) -> &'static str {
         let fits = |shape: &[usize]| self.count(shape).is_some();
         match *shape {
@@ -312,7 +312,7 @@ impl<'py, T: Number> Input<'py, T> {
         })
     }
 
-    /// An argument that may be `None`, and whose size is settled by an earlier one.
+    /// An optional argument that must have the size of an earlier one.
     pub fn optional(
         value: Option<&Bound<'py, PyAny>>,
         name: &str,
@@ -377,7 +377,7 @@ fn shape_text(shape: &[usize]) -> String {
     )
 }
 
-/// The bare data of an image argument, to be taken apart without the interpreter.
+/// The data of an image argument, usable without the interpreter's lock.
 #[derive(Clone, Copy)]
 pub struct Interleaved<'a, T> {
     data: &'a [T],
@@ -386,7 +386,7 @@ pub struct Interleaved<'a, T> {
 }
 
 impl<'a, T: Number> Interleaved<'a, T> {
-    /// The same numbers as an image of one channel, for kernels that treat all channels alike.
+    /// The data as a single-channel image of C-fold width, for kernels that treat all channels alike.
     pub fn flat(self) -> View<'a, T> {
         let Size { height, width } = self.size;
         View::new(
@@ -413,7 +413,7 @@ impl<'a> Interleaved<'a, f32> {
     }
 }
 
-/// A planar image that is borrowed where the array already was planar.
+/// A planar image; borrowed if the array is planar already.
 pub enum Planes<'a> {
     Borrowed(View<'a>),
     Owned(Image),
@@ -428,14 +428,14 @@ impl Planes<'_> {
     }
 }
 
-/// An image on its way to numpy.
+/// A result to be returned as a numpy array.
 pub struct Outgoing<T: Value = f32> {
     image: Image<T>,
     shape: Vec<usize>,
 }
 
 impl<T: Element + Value> Outgoing<T> {
-    /// To be (H, W) for a single channel, (H, W, C) for several.
+    /// Returned as (H, W) for a single channel, (H, W, C) for several.
     pub fn new(image: Image<T>) -> Self {
         let Size { height, width } = image.size;
         let channels = (image.channels > 1).then_some(image.channels);
@@ -443,7 +443,7 @@ impl<T: Element + Value> Outgoing<T> {
         Self { image, shape }
     }
 
-    /// Writes into the array that the caller gave, or into a new one.
+    /// Writes into the caller's `out` array, or into a new one.
     pub fn array<'py>(
         self,
         py: Python<'py>,
@@ -454,7 +454,7 @@ impl<T: Element + Value> Outgoing<T> {
     }
 }
 
-/// Where a result is to go, if the caller gave an array for it.
+/// The caller's `out` array, if any.
 pub struct Out<'py, T: Element = f32>(Option<Bound<'py, PyArrayDyn<T>>>);
 
 impl<'py, T: Element> Out<'py, T> {
@@ -463,7 +463,7 @@ impl<'py, T: Element> Out<'py, T> {
         Self(None)
     }
 
-    /// Checks an `out=` argument before any work is done. It may be an input as well: it is written last.
+    /// Checks an `out` argument before any work is done. It may alias an input, because it is written last.
     pub fn given(value: Option<Bound<'py, PyAny>>, shape: &[usize]) -> PyResult<Self> {
         let Some(value) = value else {
             return Ok(Self::fresh());
@@ -482,7 +482,7 @@ impl<'py, T: Element> Out<'py, T> {
         if array.shape() != shape {
             return Err(Error::value("out", expected, shape_text(array.shape())).into());
         }
-        // Not yet borrowed: it may be an input.
+        // Not borrowed yet, because it may alias an input.
         let writable: bool = value.getattr("flags")?.getattr("writeable")?.extract()?;
         if !writable || !array.is_c_contiguous() {
             return Err(Error::value("out", expected, "one that is read-only or strided").into());
@@ -492,7 +492,7 @@ impl<'py, T: Element> Out<'py, T> {
 }
 
 impl<'py, T: Element + Value> Out<'py, T> {
-    /// Has `write` fill the caller's array, or a new one of this shape, while the inputs are borrowed.
+    /// Lets `write` fill the caller's array, or a new one of this shape, while the inputs are borrowed.
     pub fn fill(
         self,
         py: Python<'py>,
@@ -506,19 +506,19 @@ impl<'py, T: Element + Value> Out<'py, T> {
     }
 }
 
-/// Where a kernel writes a result as numpy has it, without a copy unless the memory is an input's as well.
+/// The array that a kernel writes in place; a temporary one, copied at the end, if `out` overlaps an input.
 pub struct Direct<'py, T: Element + Value = f32> {
     array: Bound<'py, PyArrayDyn<T>>,
-    /// The array itself, or another one if it is written last.
+    /// The memory that the kernel writes: the array's own, or the temporary's.
     written: PyReadwriteArrayDyn<'py, T>,
     last: bool,
     _held: Held,
 }
 
 impl<'py, T: Element + Value> Direct<'py, T> {
-    /// To be asked for while the inputs are borrowed, and those asked for before.
+    /// Must be called while the inputs and the arrays of earlier results are borrowed.
     pub fn new(py: Python<'py>, out: Out<'py, T>, shape: &[usize]) -> PyResult<Self> {
-        // Of numpy's own memory, which comes in large pages.
+        // Allocated by numpy, which uses large pages.
         let empty = || -> PyResult<Bound<'py, PyArrayDyn<T>>> {
             let empty =
                 (py.import("numpy")?).call_method1("empty", (shape.to_vec(), T::get_dtype(py)))?;
@@ -547,7 +547,7 @@ impl<'py, T: Element + Value> Direct<'py, T> {
         Ok(self.written.as_slice_mut()?)
     }
 
-    /// To be called when the inputs are no longer borrowed.
+    /// Must be called after the inputs have been released.
     pub fn array(self) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         if self.last {
             let mut array = self.array.try_readwrite()?;
@@ -559,7 +559,7 @@ impl<'py, T: Element + Value> Direct<'py, T> {
     }
 }
 
-/// The parts of an `out=` argument of a function with several results.
+/// The elements of an `out` argument of a function with several results.
 pub fn parts<'py, const N: usize>(
     out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<[Option<Bound<'py, PyAny>>; N]> {
@@ -577,7 +577,7 @@ pub fn parts<'py, const N: usize>(
     Ok(parts.map(|part| (!part.is_none()).then_some(part)))
 }
 
-/// The value of a mode's name; the error lists the names.
+/// Parses the name of a mode; the error lists the valid names.
 pub fn choice<T: Copy>(argument: &str, name: &str, names: &[(&str, T)]) -> PyResult<T> {
     let found = names.iter().find(|(known, _)| *known == name);
     let Some(&(_, value)) = found else {
@@ -591,7 +591,7 @@ pub fn choice<T: Copy>(argument: &str, name: &str, names: &[(&str, T)]) -> PyRes
     Ok(value)
 }
 
-/// A small array argument of doubles, such as a matrix or a list of points.
+/// A small float64 array argument, such as a matrix or a list of points.
 pub fn doubles<'py>(
     value: &Bound<'py, PyAny>,
     name: &str,
@@ -620,7 +620,7 @@ pub fn vector<const N: usize>(value: &Bound<'_, PyAny>, name: &str) -> PyResult<
     }))
 }
 
-/// Points of `N` coordinates, with the shape of the axes before the last.
+/// Points of `N` coordinates, and the shape of the leading axes.
 pub fn points<const N: usize>(
     value: &Bound<'_, PyAny>,
     name: &str,
@@ -638,8 +638,8 @@ pub fn points<const N: usize>(
 pub const COLOR: Channels = Channels::Of(&[3]);
 pub const MOTION: Channels = Channels::Of(&[2, 3]);
 
-/// The canonical form of a frame's buffer of this name: float32 (uint32 for `ids`), C order, and of the given height
-/// and width where these are settled.
+/// Converts a frame's buffer to its canonical form: float32 (uint32 for `ids`), C order. Checks height and width if they
+/// are given.
 #[pyfunction]
 #[pyo3(signature = (value, name, size=None))]
 pub fn canonical<'py>(

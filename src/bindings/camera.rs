@@ -24,8 +24,8 @@ use crate::pixels::PixelsMut;
 /// ----------
 /// world_to_clip : (4, 4) array_like of float
 ///     Maps column vectors, ``clip = world_to_clip @ [x, y, z, 1]``, with x to the right, y up and w positive in
-///     front of the camera, as OpenGL, Vulkan (y flipped) and Direct3D agree on but for the z row, which is not used.
-///     Its scale does not matter. Off-axis principal points are part of it.
+///     front of the camera: the convention of OpenGL, Direct3D and (with y flipped) Vulkan. Their z rows differ; the z
+///     row is not used. The matrix's scale does not matter. It may have an off-axis principal point.
 /// width, height : int
 ///     The image's size in pixels: 1 to 2²³ - 1 each, 2³¹ pixels at most.
 ///
@@ -66,7 +66,7 @@ impl Camera {
     /// width, height : int
     ///     The image's size in pixels.
     /// fov_axis : {"x", "y"}, default "x"
-    ///     Whether `fov` spans the image's width or its height.
+    ///     The axis that `fov` spans: the image's width or its height.
     /// principal_point : (2,) array_like of float, optional
     ///     Where the optical axis meets the image, in pixels; the centre by default.
     ///
@@ -115,7 +115,7 @@ impl Camera {
     /// Parameters
     /// ----------
     /// sensor : mitsuba.Sensor
-    ///     Its film's crop window, if any, is the image.
+    ///     The image is the film's crop window, if it has one.
     ///
     /// Returns
     /// -------
@@ -127,7 +127,7 @@ impl Camera {
     ///     If the sensor has no perspective projection.
     #[staticmethod]
     fn from_mitsuba(sensor: &Bound<'_, PyAny>) -> PyResult<Self> {
-        // How Mitsuba stores its matrices is the renderer's affair, which `yester.io.mitsuba` knows.
+        // `yester.io.mitsuba` knows the layout of Mitsuba's matrices.
         sensor
             .py()
             .import("yester.io.mitsuba")?
@@ -136,13 +136,13 @@ impl Camera {
             .map_err(PyErr::from)
     }
 
-    /// (4, 4) float64: the matrix that the camera was made of.
+    /// (4, 4) float64: the matrix that was passed to the constructor.
     #[getter]
     fn world_to_clip<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         rows(py, &self.inner.world_to_clip)
     }
 
-    /// (4, 4) float64: rigid, to +X right, +Y up, +Z forward (left-handed, as EXR headers have it).
+    /// (4, 4) float64: rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR headers).
     #[getter]
     fn world_to_camera<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         rows(py, &self.inner.world_to_camera())
@@ -172,7 +172,7 @@ impl Camera {
         PyArray1::from_slice(py, &self.inner.forward().to_array())
     }
 
-    /// Where world points appear.
+    /// Projects world points to pixels.
     ///
     /// Parameters
     /// ----------
@@ -210,7 +210,7 @@ impl Camera {
         ))
     }
 
-    /// The world points at given pixels and depths.
+    /// Unprojects pixels and depths to world points.
     ///
     /// Parameters
     /// ----------
@@ -291,8 +291,8 @@ impl Camera {
     /// Parameters
     /// ----------
     /// offset : (2,) array_like of float
-    ///     In pixels, x right, y down, such as `jitter` gives: the new camera's pixel centres see what this one sees
-    ///     `offset` beside them, so that points appear at their old pixels minus `offset`.
+    ///     In pixels, x right, y down, for instance from `jitter`. The new camera's samples at pixel centres are this
+    ///     camera's at pixel centres plus `offset`: points appear at their old pixel positions minus `offset`.
     ///
     /// Returns
     /// -------
@@ -305,7 +305,7 @@ impl Camera {
     ///
     /// Notes
     /// -----
-    /// Frames and motion vectors want cameras without jitter; this one is for the renderer.
+    /// Use the jittered camera for rendering only: `Frame.camera` and `motion_vectors` take cameras without jitter.
     fn jittered(&self, offset: &Bound<'_, PyAny>) -> PyResult<Self> {
         let offset = DVec2::from(vector::<2>(offset, "offset")?);
         Ok(Self {
@@ -347,16 +347,16 @@ fn shaped<'py>(
     data.into_pyarray(py).reshape(shape)
 }
 
-/// Where in their pixels frames take their samples.
+/// Sub-pixel sample positions for successive frames.
 ///
 /// Parameters
 /// ----------
 /// count : int
 ///     Number of phases, at least 1.
 /// sequence : {"halton", "r2", "rotated-grid", "blue-noise"}, default "halton"
-///     Halton's in bases 2 and 3; Roberts' R2; one point in each row and column of a `count` x `count` grid, as far
-///     apart as a lattice can be, from left to right (for 4, those of rotated-grid multisampling); the same points in an
-///     order whose every beginning is spread out.
+///     Halton in bases 2 and 3; Roberts' R2; the lattice with one point in each row and column of a `count` x `count`
+///     grid and the largest minimum distance, from left to right (for 4, the pattern of rotated-grid multisampling); the
+///     same points in an order of which every prefix is well spread.
 ///
 /// Returns
 /// -------
@@ -370,8 +370,8 @@ fn shaped<'py>(
 ///
 /// Notes
 /// -----
-/// The beginning of "halton" and "r2" does not depend on `count`; that of the others does. Halton 1964; Roberts 2018,
-/// *The Unreasonable Effectiveness of Quasirandom Sequences*.
+/// The points of "halton" and "r2" do not depend on `count`; those of the others do. Halton 1964; Roberts 2018, *The
+/// Unreasonable Effectiveness of Quasirandom Sequences*.
 #[pyfunction]
 #[pyo3(name = "jitter", signature = (count, *, sequence="halton"))]
 pub fn jitter_<'py>(
@@ -391,20 +391,20 @@ pub fn jitter_<'py>(
         .reshape([count, 2])
 }
 
-/// Where each pixel's surface was in the previous frame.
+/// Motion vectors: where each pixel's surface was in the previous frame.
 ///
 /// Parameters
 /// ----------
 /// geometry : (H, W) or (H, W, 3) array_like of float
 ///     Depth, view-space z, +inf where nothing was hit; or world-space position, not finite where nothing was hit.
-///     With positions, the sub-pixel place of each sample is taken into account.
+///     Positions account for the sub-pixel position of each sample.
 /// camera, previous_camera : Camera
 ///     Of the current and the previous frame, without jitter, both of the image's size.
 /// ids : (H, W) array_like of int, optional
-///     The object that each pixel shows.
+///     Object id of each pixel.
 /// transforms : dict of int to (4, 4) array_like of float, optional
-///     Per id, ``previous @ inverse(current)`` of the object's to-world matrices: where a world point of the object
-///     was. Objects that are not named stood still. Needs `ids`.
+///     Per id, ``previous @ inverse(current)`` of the object's to-world matrices: maps a current world point of the
+///     object to its previous position. Objects that are not listed are static. Needs `ids`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -477,14 +477,14 @@ pub fn place<'a>(geometry: &'a Input) -> Geometry<'a> {
     }
 }
 
-/// Where each pixel's reflection was in the previous frame.
+/// Virtual motion: where each pixel's reflection was in the previous frame.
 ///
 /// Parameters
 /// ----------
 /// geometry : (H, W) or (H, W, 3) array_like of float
 ///     Depth or world-space position of the reflecting surfaces, as for `motion_vectors`.
 /// hit_distance : (H, W) array_like of float
-///     From the surface to what it reflects, in scene units; +inf for the environment.
+///     Distance from the surface to the reflected object, in scene units; +inf for the environment.
 /// camera, previous_camera : Camera
 ///     Of the current and the previous frame, without jitter, both of the image's size.
 /// out : (H, W, 2) float32 array, optional
@@ -493,9 +493,9 @@ pub fn place<'a>(geometry: &'a Input) -> Geometry<'a> {
 /// Returns
 /// -------
 /// motion : (H, W, 2) float32
-///     Previous position of the virtual image minus current position of the pixel, x right, y down. With a distance of 0
-///     the surface's own motion. NaN where the distance is NaN or negative or the virtual image was not in front of the
-///     previous camera; background moves with the camera's rotation, whatever its distance.
+///     Previous position of the virtual image minus current position of the pixel, x right, y down. For a distance of 0
+///     this is the surface's own motion. NaN where the distance is NaN or negative, or the virtual image was not in
+///     front of the previous camera. Background moves with the camera's rotation, whatever its distance.
 ///
 /// Raises
 /// ------
@@ -504,10 +504,9 @@ pub fn place<'a>(geometry: &'a Input) -> Geometry<'a> {
 ///
 /// Notes
 /// -----
-/// The image in a flat mirror lies on the continued view ray, as far behind the surface as the reflected object is from
-/// it: ``X + hit_distance (X - C)/|X - C|``. For mirrors that stand still; after the virtual motion of NRD's ReBLUR and
-/// ReLAX. History that is fetched along it should be tested by id and normal only: the pixel from which it comes shows
-/// another point of the mirror.
+/// The image in a flat mirror lies on the continued view ray, as far behind the surface as the reflected object is in
+/// front of it: ``X + hit_distance (X - C)/|X - C|``. For static mirrors; after the virtual motion of NRD's ReBLUR and
+/// ReLAX. Validate history fetched along it by id and normal only: the source pixel shows another point of the mirror.
 #[pyfunction]
 #[pyo3(name = "virtual_motion", signature = (geometry, hit_distance, camera, previous_camera, *, out=None))]
 pub fn virtual_motion_<'py>(
@@ -539,7 +538,7 @@ pub fn virtual_motion_<'py>(
     motion.array()
 }
 
-/// Motion taken from the nearest surface around each pixel.
+/// Dilated motion: each pixel takes the motion of the nearest surface around it.
 ///
 /// Parameters
 /// ----------
@@ -548,17 +547,17 @@ pub fn virtual_motion_<'py>(
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; NaN or not above 0 counts as infinitely far. Needed for `choose` "nearest".
 /// choose : {"nearest", "longest"}, default "nearest"
-///     Whose motion is taken: that of the smallest depth, or the longest in pixels.
+///     Takes the motion of the neighbour with the smallest depth, or the longest motion in pixels.
 /// window : {"3x3", "cross"}, default "3x3"
-///     The neighbours that are looked at: all eight, or four.
+///     The neighbours that are searched: all eight, or four.
 /// out : float32 array like `motion`, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// motion : (H, W, 2) or (H, W, 3) float32
-///     All channels of the neighbour chosen. Motion that is not finite is taken only where there is no other. Of equals
-///     the pixel itself wins, then the first from the top left.
+///     All channels of the chosen neighbour. Motion that is not finite is taken only where there is no other. Ties go to
+///     the pixel itself, then to the first neighbour from the top left.
 ///
 /// Raises
 /// ------
@@ -567,8 +566,8 @@ pub fn virtual_motion_<'py>(
 ///
 /// Notes
 /// -----
-/// With it, the history of an edge follows the foreground as a whole, which is what antialiases the edge: Karis 2014,
-/// *High Quality Temporal Supersampling*. Without it, surfaces keep to themselves.
+/// With dilation, the history of an edge moves with the foreground as a whole, so that the edge is antialiased: Karis
+/// 2014, *High Quality Temporal Supersampling*. Without it, histories of different surfaces do not mix.
 #[pyfunction]
 #[pyo3(signature = (motion, depth=None, *, choose="nearest", window="3x3", out=None))]
 pub fn dilate_motion<'py>(
@@ -610,7 +609,7 @@ fn size(width: i64, height: i64) -> crate::error::Result<Size> {
     })
 }
 
-/// A camera must be that of the image it comes with.
+/// Checks that a camera has the size of the image it comes with.
 pub fn check_size(name: &str, camera: &Camera, size: Size) -> PyResult<()> {
     let text = |Size { height, width }: Size| format!("height {height} and width {width}");
     match camera.inner.size == size {

@@ -13,41 +13,41 @@ use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, reproject_records};
 use crate::kernels::judge::surface::{self, Threshold};
 
-/// History carried to the current frame along motion vectors.
+/// Reprojection: fetches history along motion vectors, each tap validated.
 ///
 /// Parameters
 /// ----------
 /// history : (H, W) or (H, W, C) array_like of float, or list of such
-///     The previous frame's image, or several, which then share the work of one call.
+///     The previous frame's image, or several, which are faster in one call than in several.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
 ///     Previous minus current position in pixels, x right, y down; the third channel, if given, previous minus current
 ///     depth. Where it is not finite there is no history.
 /// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, default "bilinear"
-///     How history is read between pixel centres. The last three keep it sharp under repeated resampling: the cubic
-///     with 16 taps, the same without its corners (what five bilinear look-ups of a GPU give), and sinc(x) sinc(x/2).
-///     They serve where all their taps are valid, bilinear elsewhere.
+///     Interpolation between pixel centres. The last three stay sharp under repeated resampling: the cubic with 16 taps,
+///     the cubic without its corner taps (as GPUs compute it from five bilinear fetches), and sinc(x) sinc(x/2). They
+///     apply where all their taps are valid; elsewhere bilinear does.
 /// fallback : bool, default True
-///     Whether the mean of the valid pixels of the 3×3 window stands in where less than 0.01 of the footprint is valid.
+///     Take the mean of the valid pixels of a 3×3 window where less than 0.01 of the footprint is valid.
 /// dering : bool, default True
-///     Whether the wide filters are held to the range of the nearest 2×2 taps.
+///     Clamp the wide filters to the range of the nearest 2×2 taps.
 /// depth, previous_depth : (H, W) array_like of float, optional
 ///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
 /// normal, previous_normal : (H, W, 3) array_like of float, optional
 ///     World space; only directions count.
 /// ids, previous_ids : (H, W) array_like of int, optional
-///     Must be equal.
+///     Taps with another id fail.
 /// object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
-///     In the space of the object, which does not turn with it: their directions are compared instead of those of
+///     In object space, where they do not rotate with the object. Their directions are compared instead of those of
 ///     `normal`.
 /// color, previous_color : (H, W, 3) array_like of float, optional
-///     Whose luminance is compared. Missing samples pass.
+///     Compared by luminance. Missing samples pass.
 /// previous_camera : Camera, optional
 ///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
 /// relative_depth : float or (float, float), default 0.1
-///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp: full
-///     trust up to the first, none beyond the second, linear between.
+///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp:
+///     full trust up to the first, none beyond the second, linear between.
 /// plane_distance : float or (float, float), default 0.01
-///     Largest distance of the expected point from the tap's plane, as a share of the expected depth; above 0.
+///     Largest distance of the expected point from the tap's plane, relative to the expected depth; above 0.
 /// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
 /// relative_luminance : float or (float, float), default 0.5
@@ -62,8 +62,8 @@ use crate::kernels::judge::surface::{self, Threshold};
 /// values : float32 array like `history`, or list of such
 ///     The weighted mean of the valid taps; 0 where there is none.
 /// coverage : (H, W) float32
-///     The share of the footprint that is valid, 0 to 1: of the 2×2 weights times their trust, or, where the fallback
-///     stood in, of the 3×3 window's pixels. 0 where there is no history.
+///     The valid fraction of the footprint, 0 to 1: the 2×2 weights times their trust, summed, or, where the fallback
+///     applied, the fraction of the 3×3 window's pixels. 0 where there is no history.
 ///
 /// Raises
 /// ------
@@ -73,9 +73,9 @@ use crate::kernels::judge::surface::{self, Threshold};
 /// Notes
 /// -----
 /// A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
-/// tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of Schied et al. 2017, *Spatiotemporal Variance-Guided
-/// Filtering*, section 4.1, with every tap tested on its own. Without motion, the values are those of `history`,
-/// bit for bit.
+/// tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of Schied et al.
+/// 2017, *Spatiotemporal Variance-Guided Filtering*, section 4.1, with every tap tested on its own. Without motion, the
+/// values are those of `history`, bit for bit.
 #[pyfunction]
 #[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, dering=true, depth=None, previous_depth=None, normal=None,
     previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, color=None,

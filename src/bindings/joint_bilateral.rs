@@ -1,4 +1,4 @@
-//! Joint bilateral reconstruction: the kernels that fill what was not traced.
+//! Joint bilateral reconstruction: the kernels that fill pixels that were not traced.
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
@@ -14,25 +14,25 @@ use crate::kernels::smooth::joint_bilateral::{
     Grid, Params, joint_bilateral_upsample, reconstruct,
 };
 
-/// Missing pixels filled from those around them that show the same surface.
+/// Fills missing pixels from neighbours on the same surface.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Light without texture, if there is albedo. Pixels with NaN or infinity are missing.
+///     Illumination (see `demodulate`) if there is albedo. Pixels with NaN or infinity are missing.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; +inf, NaN or not above 0 is background.
 /// normal : (H, W, 3) array_like of float, optional
 ///     World space, unit length.
 /// ids : (H, W) array_like of int, optional
-///     Pixels of different ids do not mix.
+///     Pixels with different ids do not mix.
 /// camera : Camera, optional
-///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
 ///     `normal`.
 /// radius : int, default 2
-///     The window reaches so many pixels to each side, 1 to 16.
+///     Radius of the window in pixels, 1 to 16.
 /// sigma : float, default 1.0
-///     Standard deviation of the weight by distance, in pixels; above 0.
+///     Standard deviation of the spatial weight, in pixels; above 0.
 /// sigma_normal, sigma_depth, sigma_plane : float
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
@@ -41,8 +41,8 @@ use crate::kernels::smooth::joint_bilateral::{
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
-///     Missing pixels are the weighted mean of those in the window that are not, or NaN where none is like them; the others
-///     keep their bits.
+///     Missing pixels become the weighted mean of the window's valid pixels, or NaN where no surface in it is similar;
+///     the others keep their bits.
 ///
 /// Raises
 /// ------
@@ -51,8 +51,8 @@ use crate::kernels::smooth::joint_bilateral::{
 ///
 /// Notes
 /// -----
-/// The weight of a pixel at a distance of d is ``exp(-d²/(2 sigma²) - en - ez)``, with en and ez as in `atrous`, and zero
-/// between ids or between surface and background: a joint bilateral filter (Kopf et al. 2007, *Joint Bilateral
+/// The weight of a pixel at a distance of d is ``exp(-d²/(2 sigma²) - en - ez)``, with en and ez as in `atrous`, and
+/// zero between ids or between surface and background: a joint bilateral filter (Kopf et al. 2007, *Joint Bilateral
 /// Upsampling*), whose samples may lie anywhere.
 #[pyfunction]
 #[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, radius=2, sigma=1.0, sigma_normal=128.0,
@@ -97,36 +97,36 @@ pub fn reconstruct_<'py>(
     filled.array(py, out)
 }
 
-/// A small image brought to full size along the edges of full-resolution buffers.
+/// Joint bilateral upsampling: upsamples a low-resolution image along the edges of full-resolution buffers.
 ///
 /// Parameters
 /// ----------
 /// color : (⌈H/scale⌉, ⌈W/scale⌉, 3) array_like of float
-///     One sample for each block of scale×scale pixels; light without texture, if there is albedo. Pixels with NaN or
-///     infinity are missing.
+///     One sample for each block of scale×scale pixels; illumination (see `demodulate`) if there is albedo. Pixels with
+///     NaN or infinity are missing.
 /// depth : (H, W) array_like of float, optional
-///     View-space z in full resolution; +inf, NaN or not above 0 is background. One of `depth`, `normal` and `ids` has to
-///     be given: they tell the size.
+///     View-space z in full resolution; +inf, NaN or not above 0 is background. One of `depth`, `normal` and `ids` must
+///     be given: they determine the size.
 /// normal : (H, W, 3) array_like of float, optional
 ///     World space, unit length.
 /// ids : (H, W) array_like of int, optional
-///     Pixels do not take from samples of other ids.
+///     Samples with another id have weight 0.
 /// camera : Camera, optional
-///     Of the full frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     The full frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
 ///     `normal`.
 /// low_depth, low_normal, low_ids : array_like, optional
-///     What the samples show, of the size of `color`; by default, what the full-resolution buffers have at the pixels in
-///     which the samples lie.
+///     Buffers at the samples, of the size of `color`; by default the full-resolution buffers' values at the pixels that
+///     contain the samples.
 /// scale : int, default 2
-///     Pixels of a block's side, 1 to 16.
+///     Side of a block in pixels, 1 to 16.
 /// offset : (float, float), optional
-///     Where in its block each sample lies: so many pixels right and down from the centre of its first pixel, 0 to
-///     scale - 1. Whole numbers are those of a pixel; by default it is the block's centre, (scale - 1)/2. In blocks that
-///     the border cuts short, samples lie in the last pixel that there is.
+///     Position of each sample in its block: pixels right and down from the centre of its first pixel, 0 to scale - 1.
+///     Integers are pixel centres; the default is the block's centre, (scale - 1)/2. In blocks cut by the border,
+///     samples lie in the last pixel inside.
 /// radius : int, default 2
-///     The window reaches so many times `scale` pixels to each side, 1 to 16.
+///     Radius of the window in multiples of `scale` pixels, 1 to 16.
 /// sigma : float, default 1.0
-///     Standard deviation of the weight by distance, in multiples of `scale` pixels; above 0.
+///     Standard deviation of the spatial weight, in multiples of `scale` pixels; above 0.
 /// sigma_normal, sigma_depth, sigma_plane : float
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
@@ -135,7 +135,7 @@ pub fn reconstruct_<'py>(
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
-///     NaN where no sample in the window is like the pixel.
+///     NaN where no sample in the window is on a similar surface.
 ///
 /// Raises
 /// ------
@@ -144,11 +144,11 @@ pub fn reconstruct_<'py>(
 ///
 /// Notes
 /// -----
-/// The mean of the samples in the window, each with the weight ``exp(-d²/(2 (sigma scale)²) - en - ez)`` at a distance of d
-/// pixels, with en and ez as in `atrous` and zero between ids or between surface and background. Kopf, Cohen, Lischinski
-/// and Uyttendaele 2007, *Joint Bilateral Upsampling*; what is joint is geometry here, not colour. `reconstruct` does the
-/// same for samples that lie anywhere. No pipeline uses this function: `HalfRes` gets frames of full resolution with
-/// missing samples, and fills these by `reconstruct`.
+/// The mean of the samples in the window, each with the weight ``exp(-d²/(2 (sigma scale)²) - en - ez)`` at a distance
+/// of d pixels, with en and ez as in `atrous` and zero between ids or between surface and background. Kopf, Cohen,
+/// Lischinski and Uyttendaele 2007, *Joint Bilateral Upsampling*, here with geometry as guide instead of colour.
+/// `reconstruct` does the same for samples at arbitrary pixels. No pipeline uses this function: `HalfRes` takes
+/// full-resolution frames with missing samples and fills them by `reconstruct`.
 #[pyfunction]
 #[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, low_depth=None, low_normal=None,
     low_ids=None, scale=2, offset=None, radius=2, sigma=1.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01,
@@ -256,7 +256,7 @@ fn check_fits(grid: Grid, low: Size) -> PyResult<()> {
 }
 
 impl GuideData<'_> {
-    /// What samples show, where it is not what the full guide has in their pixels.
+    /// Guide of the samples, if it differs from the full guide at their pixels.
     fn shown(self, full: GuideData, grid: Grid, reach: usize) -> Option<Guide> {
         let floats = |low: Option<Interleaved<f32>>| low.map(|low| grid.scatter(low.pixels(), 0.0));
         let (depth, normal) = (floats(self.depth), floats(self.normal));

@@ -18,9 +18,10 @@ use crate::kernels::judge::{
     alternation, anti_lag, blend_factor, choice, consistency, exposure, gradient, innovation,
     neighborhood, prediction,
 };
+use crate::kernels::merge::blend::clip_and_blend;
 use crate::pixels::PixelsMut;
 
-/// A threshold: a number, or the differences up to which trust is full and beyond which there is none.
+/// A threshold: a number, or a ramp's ends (full trust up to the first, none beyond the second).
 #[derive(Clone, Copy)]
 pub enum Bounds {
     Hard(f32),
@@ -143,7 +144,7 @@ impl<'py> SurfaceArgs<'py> {
     }
 }
 
-/// Both buffers or neither.
+/// Checks that a buffer was given for both frames or for neither.
 fn pair<'py, T>(
     args: [Arg<'_, 'py>; 2],
     names: [&str; 2],
@@ -157,7 +158,7 @@ fn pair<'py, T>(
     }
 }
 
-/// The same, without the interpreter.
+/// The tests' data, usable without the interpreter's lock.
 #[derive(Clone, Copy)]
 pub struct SurfaceData<'a> {
     depth: Pair<Interleaved<'a, f32>>,
@@ -185,9 +186,9 @@ impl<'a> SurfaceData<'a> {
     }
 }
 
-/// Why each pixel's history is refused, and how much of it is not.
+/// History validation: the tests that each pixel's history fails, and the confidence in it.
 ///
-/// Looks at the bilinear footprint, in the previous frame, that each pixel's motion points to.
+/// Tests the bilinear footprint in the previous frame at the end of each pixel's motion.
 ///
 /// Parameters
 /// ----------
@@ -198,19 +199,19 @@ impl<'a> SurfaceData<'a> {
 /// normal, previous_normal : (H, W, 3) array_like of float, optional
 ///     World space; only directions count.
 /// ids, previous_ids : (H, W) array_like of int, optional
-///     Must be equal.
+///     Taps with another id fail.
 /// object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
-///     In the space of the object, which does not turn with it: their directions are compared instead of those of
+///     In object space, where they do not rotate with the object. Their directions are compared instead of those of
 ///     `normal`.
 /// color, previous_color : (H, W, 3) array_like of float, optional
-///     Whose luminance is compared. Missing samples pass.
+///     Compared by luminance. Missing samples pass.
 /// previous_camera : Camera, optional
 ///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
 /// relative_depth : float or (float, float), default 0.1
-///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp: full
-///     trust up to the first, none beyond the second, linear between.
+///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp:
+///     full trust up to the first, none beyond the second, linear between.
 /// plane_distance : float or (float, float), default 0.01
-///     Largest distance of the expected point from the tap's plane, as a share of the expected depth; above 0.
+///     Largest distance of the expected point from the tap's plane, relative to the expected depth; above 0.
 /// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
 /// relative_luminance : float or (float, float), default 0.5
@@ -223,9 +224,10 @@ impl<'a> SurfaceData<'a> {
 /// Returns
 /// -------
 /// rejection : (H, W) uint8
-///     Bits of `Rejection`: every test in which some tap of the footprint has no trust. 0 where all have some.
+///     Bits of `Rejection`: every test that some tap of the footprint fails entirely.
 /// confidence : (H, W) float32
-///     The footprint's weight times its trust, summed: with hard thresholds the share whose taps pass all tests. 0 to 1.
+///     The taps' weights times their trust, summed: with hard thresholds, the fraction of the footprint that passes all
+///     tests. 0 to 1.
 ///
 /// Raises
 /// ------
@@ -306,36 +308,37 @@ pub fn consistency_<'py>(
     Ok((rejection.array()?, confidence.array()?))
 }
 
-/// History held to the colours that the current frame has around each pixel.
+/// Neighbourhood clipping: clips history to the range of the current frame's colours around each pixel.
 ///
 /// Parameters
 /// ----------
 /// history : (H, W, 3) array_like of float
 ///     Reprojected colour, linear. Missing pixels stay as they are.
 /// color : (H, W, 3) array_like of float
-///     The current frame. Missing pixels do not count; where a neighbourhood has no others, history stays.
+///     The current frame. Missing pixels do not count; history stays where the neighbourhood has no valid pixel.
 /// box : {"variance", "minmax", "rounded", "intersection", "hull", "exact-hull", "chroma-hull"}, default "variance"
-///     What bounds the neighbourhood's colours: their mean ± `gamma` standard deviations; their range; the mean of the
-///     ranges of the square and of the cross in it; range and variance box at once; their convex hull, as a polytope of 13
-///     slabs (a 26-DOP, which contains the exact hull); the exact convex hull, which takes longer, with windows of 5×5 far
-///     longer; the exact convex hull of their chrominances, with the range of Y. The hulls need `response` "current", the
-///     last also a `space` with chrominances.
+///     The bounds of the neighbourhood's colours: mean ± `gamma` standard deviations; range; mean of the ranges of the
+///     square and of the cross in it; intersection of range and variance box; convex hull, as a polytope of 13 slabs (a
+///     26-DOP, which contains the exact hull); exact convex hull, which is slower, much slower for 5×5; exact convex
+///     hull of the chrominances, with the range of Y. The hulls need `response` "current", the last also a `space` with
+///     chrominances.
 /// gamma : float, default 1.0
 ///     Half the side of the variance box in standard deviations; from 0.
 /// window : {"3x3", "5x5"}, default "3x3"
 ///     The neighbourhood.
 /// space : {"ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"}, default "ycocg"
-///     Where the box is a box. The last two apply c / (exposure + max(r, g, b)) first, so that one bright pixel does not
-///     open the box to everything; what they clip becomes no brighter than history and all of the neighbourhood.
+///     The colour space of the box. The last two apply c / (exposure + max(r, g, b)) first, so that a single bright
+///     pixel does not open the box to everything; a clipped colour is limited to the brightest of history and
+///     neighbourhood.
 /// response : {"center", "clamp", "current", "ellipsoid"}, default "center"
-///     How a colour outside is brought in: along the line to the box's centre; each channel by itself; along the line to
-///     the current colour, itself clamped into the box; or to the ellipsoid with half-axes gamma · deviation · (1.7, 1,
-///     1) in YCoCg, (1, 1, 1) in RGB, which needs `box` "variance".
+///     How a colour outside is moved into the box: towards the box's centre; each channel clamped; towards the current
+///     colour, itself clamped into the box; or onto the ellipsoid with half-axes gamma · deviation · (1.7, 1, 1) in
+///     YCoCg, (1, 1, 1) in RGB, which needs `box` "variance".
 /// exposure : float, default 1.0
-///     The radiance that the tone-mapped spaces take for 1, above 0: as `exposure` finds it.
+///     The radiance that tone-mapped spaces map to 1/2, above 0, as `exposure` returns it.
 /// alpha : float or (H, W) array_like of float, optional
-///     Share of the new sample, as in `blend`: the clipped history is at once blended with `color`, which saves a pass over
-///     memory. By default it is not.
+///     Weight of the new sample, as in `blend`: also blends the clipped history with `color`, which saves a pass over
+///     memory. By default, no blend.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -390,13 +393,16 @@ pub fn clip_history_<'py>(
         let alpha = alpha.as_ref().map(AlphaArg::data);
         out.fill(py, history.shape(), |clipped| {
             let clipped = PixelsMut::bands(new.size, 3, clipped);
-            neighborhood::clip_history(old, new, alpha, params, clipped);
+            match alpha {
+                Some(alpha) => clip_and_blend(new, old, alpha, params, clipped),
+                None => neighborhood::clip_history(old, new, params, clipped),
+            }
         })?
     };
     clipped.array()
 }
 
-/// The radiance that a frame's tone curves take for 1.
+/// Automatic exposure: the scale of radiance for a frame's tone curves.
 ///
 /// Parameters
 /// ----------
@@ -406,8 +412,9 @@ pub fn clip_history_<'py>(
 /// Returns
 /// -------
 /// exposure : float
-///     ``8 (mean √l)²`` of the luminances l, negative ones as 0: proportional to the frame's radiance, moved by all of
-///     its pixels rather than by a few bright ones, and near 1 for images exposed as photographs are. 1 if all is black.
+///     ``8 (mean √l)²`` of the luminances l, negative ones as 0: proportional to the frame's radiance, determined by
+///     all of its pixels rather than by a few bright ones, and near 1 for images exposed like photographs. 1 for a
+///     black frame.
 ///
 /// Raises
 /// ------
@@ -416,8 +423,8 @@ pub fn clip_history_<'py>(
 ///
 /// Notes
 /// -----
-/// A power mean, in the place of the log-average of Reinhard et al. 2002, *Photographic Tone Reproduction for Digital
-/// Images*, which black pixels would send to 0.
+/// A power mean instead of the log-average of Reinhard et al. 2002, *Photographic Tone Reproduction for Digital Images*,
+/// which is 0 as soon as a pixel is black.
 #[pyfunction]
 #[pyo3(name = "exposure")]
 pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
@@ -426,18 +433,18 @@ pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
     detached(py, || exposure::exposure(color.pixels()))
 }
 
-/// The share of the new sample, from the confidence in history and from speed.
+/// The blend factor of the new sample, from the confidence in history and from speed.
 ///
 /// Parameters
 /// ----------
 /// confidence : (H, W) array_like of float
 ///     0 to 1, as `consistency` or the coverage of `reproject` gives it; clamped, NaN counts as 0.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float, optional
-///     In pixels. Where it is not finite the share is 1.
+///     In pixels. Where it is not finite, the blend factor is 1.
 /// alpha : float, default 0.05
-///     Share under full confidence and slow motion, 0 to 1.
+///     Blend factor for full confidence and slow motion, 0 to 1.
 /// fast_alpha : float, default 0.2
-///     Share under full confidence and fast motion, 0 to 1; counts where it is more than `alpha`.
+///     Blend factor for full confidence and fast motion, 0 to 1; no effect if below `alpha`.
 /// speed : float or (float, float), default (0, 1)
 ///     Pixels up to which motion is slow, and from which it is fast.
 /// out : (H, W) float32 array, optional
@@ -446,12 +453,13 @@ pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
 /// Returns
 /// -------
 /// alpha : (H, W) float32
-///     ``lerp(a, 1, 1 - confidence)`` with ``a = lerp(alpha, max(alpha, fast_alpha), clamp((|motion| - s0)/(s1 - s0)))``.
+///     ``lerp(a, 1, 1 - confidence)`` with ``a = lerp(alpha, max(alpha, fast_alpha), clamp((|motion| - s0)/(s1 -
+///     s0)))``.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes or shares out of range.
+///     On wrong shapes or parameters out of range.
 #[pyfunction]
 #[pyo3(name = "blend_factor", signature = (confidence, motion=None, *, alpha=0.05, fast_alpha=0.2,
     speed=Bounds::Soft(0.0, 1.0), out=None))]
@@ -487,24 +495,24 @@ pub fn blend_factor_<'py>(
     factor.array()
 }
 
-/// Histories shortened by how far clipping has moved them.
+/// Anti-lag: shortens histories in proportion to the distance that clipping moved them.
 ///
 /// Parameters
 /// ----------
 /// history_length : (H, W) array_like of float
-///     Samples so far.
+///     History length in samples.
 /// history, clipped : (H, W, 3) array_like of float
 ///     Colour before and after `clip_history`.
 /// strength : float, default 1.0
-///     From 0, which leaves lengths as they are.
+///     At least 0; 0 leaves lengths unchanged.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// history_length : (H, W) float32
-///     ``N / (1 + strength d N)`` with d = \|l - l'\| / max(\|l\|, \|l'\|) of the luminances; d is 0 where both are black or one
-///     is missing.
+///     ``N / (1 + strength d N)`` with d = \|l - l'\| / max(\|l\|, \|l'\|) of the luminances; d is 0 where both are
+///     black or one is missing.
 ///
 /// Raises
 /// ------
@@ -513,9 +521,9 @@ pub fn blend_factor_<'py>(
 ///
 /// Notes
 /// -----
-/// To be used with a fast history: ``clip_history(slow, fast, window="5x5")`` holds the slow average to what the last few
-/// frames have seen, and where that moved it, this lets new samples in. After NRD's ReBLUR and ReLAX. `TAA` uses it, with
-/// what it clips, if `anti_lag` is above 0.
+/// To be used with a fast history: ``clip_history(slow, fast, window="5x5")`` clips the slow average to the range of the
+/// last few frames, and where that moved it, the shortened length gives new samples more weight. After NRD's ReBLUR and
+/// ReLAX. `TAA` applies it to its own clipping if `anti_lag` is above 0.
 #[pyfunction]
 #[pyo3(name = "anti_lag", signature = (history_length, history, clipped, *, strength=1.0, out=None))]
 pub fn anti_lag_<'py>(
@@ -543,28 +551,28 @@ pub fn anti_lag_<'py>(
     shortened.array()
 }
 
-/// Where the colours of whole neighbourhoods alternate: what there is to remember of them.
+/// Detects neighbourhoods whose colours alternate from frame to frame.
 ///
-/// Where aliasing is wider than the neighbourhood, clipping gives what the newest frame shows, and the image flickers with
-/// it. Colours that return tell that from a change of light.
+/// Where an aliased feature is wider than the neighbourhood, clipping follows every frame, and the image flickers. The
+/// return of earlier colours distinguishes this from a change of light.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
 ///     The new frame, linear. Missing pixels do not count.
 /// memory : (H, W, 7) array_like of float, optional
-///     What this gave for the frame before, reprojected; NaN where it is not known. By default nothing is.
+///     The previous frame's result, reprojected; NaN where there is no history. By default there is none.
 /// exposure : float, default 1.0
-///     The radiance that the tone curve takes for 1, above 0: as `exposure` finds it.
+///     The radiance that the tone curve maps to 1/2, above 0, as `exposure` returns it.
 /// out : (H, W, 7) float32 array, optional
 ///     Written and returned instead of a new array.
 ///
 /// Returns
 /// -------
 /// memory : (H, W, 7) float32
-///     In tone-mapped YCoCg the mean of the 3×3 pixels and their mean before its last jump; and a count of returns, 0 to
-///     3. ``np.clip(memory[..., 6] - 1, 0, 1)`` is the share of history that should not be clipped. NaN where nothing
-///     was ever known.
+///     In tone-mapped YCoCg the mean of the 3×3 pixels and their mean before its last jump; then a count of returns, 0
+///     to 3. ``np.clip(memory[..., 6] - 1, 0, 1)`` is the weight of unclipped history. NaN where no pixel was ever
+///     valid.
 ///
 /// Raises
 /// ------
@@ -574,10 +582,10 @@ pub fn anti_lag_<'py>(
 /// Notes
 /// -----
 /// A mean jumps if it moves by more than the range of its pixels in some channel, and by more than a fifth of the larger
-/// one's largest channel. If that brings it back, less than half as far from the mean before the last jump as from the
-/// last mean, one is counted, else the count is 0. Without a jump both fade, by an eighth with every frame: at most five
-/// frames may lie between a colour and its return. AMD's FSR 2.2 finds luminances of single pixels that return, among
-/// those of four frames.
+/// one's largest channel. A jump is a return if the new mean is less than half as far from the mean before the last jump
+/// as from the last mean: it increments the count; other jumps reset it. Without a jump, the count and the earlier mean
+/// decay by an eighth per frame, so that at most five frames may lie between a colour and its return. AMD's FSR 2.2
+/// detects returning luminances of single pixels among the last four frames.
 #[pyfunction]
 #[pyo3(name = "alternation", signature = (color, memory=None, *, exposure=1.0, out=None))]
 pub fn alternation_<'py>(
@@ -608,28 +616,28 @@ pub fn alternation_<'py>(
     next.array()
 }
 
-/// How far the light has changed, beyond what noise explains.
+/// Temporal gradient: the relative change of light, beyond the change that noise explains.
 ///
 /// Parameters
 /// ----------
 /// color, previous : (H, W, 3) array_like of float
-///     Two looks at the same pixels. For the exact gradient the previous frame and its `Frame.replay`, rendered with the
-///     same random numbers, and ``noise=0``; for an estimate the new frame and the reprojected history. Light without
-///     texture, if there is albedo. Missing pixels do not count.
+///     Two images of the same pixels. For the exact gradient the previous frame and its `Frame.replay`, a re-render with
+///     the same random numbers, and ``noise=0``; for an estimate the new frame and the reprojected history. Illumination
+///     (see `demodulate`) if there is albedo. Missing pixels do not count.
 /// noise : float, default 2.0
-///     Standard errors of the local mean that count as noise; from 0.
+///     Standard errors of the local mean that are attributed to noise; at least 0.
 /// passes : int, default 3
-///     Passes of the smallest blur, 0 to 8; so many reach 2^passes - 1 pixels to each side.
+///     Passes of the smallest blur, 0 to 8; its radius is 2^passes - 1 pixels.
 /// widest : int, default 3
-///     Passes of the widest blur, `passes` to 8. Small blurs tell where the light has changed, wide ones see changes that
-///     are everywhere but small; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.2``.
+///     Passes of the widest blur, `passes` to 8. Small blurs locate a change of light, wide ones detect changes that are
+///     small but extended; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.2``.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// gradient : (H, W) float32
-///     0 (the same light, or nothing known) to 1 (all of it has come or gone).
+///     0 (no change, or missing) to 1 (all of the light has appeared or vanished).
 ///
 /// Raises
 /// ------
@@ -638,10 +646,10 @@ pub fn alternation_<'py>(
 ///
 /// Notes
 /// -----
-/// With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩ over {1, 2, 1}/4 kernels at steps of 1,
-/// 2, 4, …, and the standard error s of ⟨δ⟩: ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. Schied, Peters and Dachsbacher 2018,
-/// *Gradient Estimation for Real-Time Adaptive Temporal Filtering*, where z = 0 and gradients are exact. `accumulate`
-/// takes the result.
+/// With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩ over {1, 2, 1}/4 kernels at steps of
+/// 1, 2, 4, …, and the standard error s of ⟨δ⟩: ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. Schied, Peters and
+/// Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*, where z = 0 and gradients are
+/// exact. `accumulate` takes the result.
 #[pyfunction]
 #[pyo3(signature = (color, previous, *, noise=2.0, passes=3, widest=3, out=None))]
 pub fn temporal_gradient<'py>(
@@ -673,47 +681,48 @@ pub fn temporal_gradient<'py>(
     gradient.array()
 }
 
-/// What a prediction gets wrong, estimated from new samples.
+/// The error of a prediction, estimated from new samples.
 ///
-/// New samples are noisy and right in the mean; a denoised image is steady, and lags or blurs. Where the mean of their difference
-/// is larger than chance makes it, it is returned, to be added to the image and to its history.
+/// New samples are noisy but unbiased; a denoised image is steady, but lags and blurs. Where the mean of their
+/// difference is larger than noise explains, it is returned, to be added to the image and to its history.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     New samples: light without texture, if there is albedo. Missing pixels tell nothing.
+///     New samples; illumination (see `demodulate`) if there is albedo. Missing pixels do not count.
 /// prediction : (H, W, 3) array_like of float
-///     The image in question.
+///     The image to be corrected.
 /// history_length : (H, W) array_like of float
-///     Samples that the prediction of each pixel is made of. One that was made of the newest alone has not predicted it.
+///     Samples in each pixel's prediction. A short prediction is correlated with the newest sample, which is part of it.
 /// evidence : (ceil(H / 2), ceil(W / 2), 4) array_like of float, optional
-///     As this function returned it for the frame before; none for the first.
+///     The previous frame's result; none for the first frame.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float, optional
-///     In pixels, to the frame before, along which `evidence` is fetched; without, it stays in place.
+///     Motion in pixels along which `evidence` is fetched. By default none.
 /// exposure : float, default 1.0
-///     Of the image, as `exposure` returns it; above 0. Differences count in units of the light and a sixteenth of this.
+///     Exposure of the image, as `exposure` returns it; above 0. Differences are relative to the light plus a sixteenth
+///     of it.
 /// strictness : float, default 3.0
-///     By how many times a squared mean must exceed its variance for anything of it to be kept; from 0.
+///     Ratio of a squared mean to its variance up to which the mean counts as noise; at least 0.
 /// share : float, default 0.5
-///     Of the new frame in the evidence, above 0, up to 1, which forgets what came before.
+///     Weight of the new frame in the evidence, above 0, up to 1, which discards earlier evidence.
 /// levels : int, default 4
-///     Sizes of blocks that are looked at, 1 to 8: 2 pixels, 4, 8, ….
+///     Block sizes, 1 to 8: 2 pixels, 4, 8, ….
 /// fed_back : bool, default True
-///     Whether the history, of which the next prediction is made, gets the correction as well. If not, the next samples will
-///     differ from it by as much again, and the evidence keeps what was corrected.
+///     The history of the next prediction is corrected as well. If not, the next samples show the same difference again,
+///     and the evidence keeps the corrected part.
 /// sparse : bool, default False
-///     Whether `color` has samples in few pixels, and the prediction is made of few. Differences then count in units of the
-///     light around, as the prediction's own is noisy; and blocks of which nothing is known, whose variance in `evidence` is
-///     NaN, are left out of the means.
+///     `color` has samples in few pixels, and the prediction is made of few. Differences are then relative to the local
+///     mean of the light, as the prediction itself is noisy; and unknown blocks, whose variance in `evidence` is NaN,
+///     are left out of the means.
 /// out : (array, array), optional
 ///     Written and returned instead of new arrays; None for one of them makes that one anew.
 ///
 /// Returns
 /// -------
 /// correction : (H, W, 3) float32
-///     To be added; 0 where nothing was found.
+///     To be added to the prediction; 0 where no error was found.
 /// evidence : (ceil(H / 2), ceil(W / 2), 4) float32
-///     For the next frame: what was seen, without what is fed back, relative to the light, and its variance.
+///     For the next frame: the relative difference that is not fed back, and its variance.
 ///
 /// Raises
 /// ------
@@ -722,11 +731,13 @@ pub fn temporal_gradient<'py>(
 ///
 /// Notes
 /// -----
-/// With r = (color - prediction) / (l + exposure / 16), held to ±50, and E its mean over blocks of 2×2 pixels and over frames;
-/// l is max(prediction, 0), or with `sparse` its mean over blocks of 4×4 pixels, interpolated between their centres. From the coarsest blocks to the finest, the mean b of what coarser ones left of E, over 3×3 blocks weighted
-/// {1, 2, 1} along both axes, is kept by ``max(0, 1 - strictness v / |b|²)``, v being its variance by the squares of r, one share
-/// for the three channels. James and Stein 1961, *Estimation with Quadratic Loss*; Donoho and Johnstone 1994, *Ideal Spatial
-/// Adaptation by Wavelet Shrinkage*. A single bright sample has ``|b|² = v`` and is never news.
+/// r = (color - prediction) / (l + exposure / 16) is clamped to ±50; E is its mean over blocks of 2×2 pixels and over
+/// frames; l is max(prediction, 0), or with `sparse` its mean over blocks of 4×4 pixels, interpolated between their
+/// centres. From the coarsest level to the finest, b is the mean of the rest of E over 3×3 blocks, weighted {1, 2, 1}
+/// along both axes; it is multiplied by ``max(0, 1 - strictness v / |b|²)``, with v its variance, estimated from the
+/// squares of r, and one factor for the three channels. James and Stein 1961, *Estimation with Quadratic Loss*; Donoho
+/// and Johnstone 1994, *Ideal Spatial Adaptation by Wavelet Shrinkage*. A single bright sample has ``|b|² = v`` and
+/// never changes the image.
 #[pyfunction]
 #[pyo3(name = "innovation", signature = (color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0,
     strictness=3.0, share=0.5, levels=4, fed_back=true, sparse=false, out=None))]
@@ -794,43 +805,43 @@ pub fn innovation_<'py>(
     Ok((correction.array()?, left.array()?))
 }
 
-/// Which of several predictions is best, tile by tile, by new samples that none of them has seen.
+/// Chooses the best of several predictions, tile by tile, by new samples that none of them has seen.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     The new, noisy samples. NaN and infinity are no samples.
+///     The new, noisy samples. Missing pixels do not count.
 /// candidates : (⌈H/2⌉, ⌈W/2⌉, 3 K) array_like of float
-///     K predictions, at least 2, that the frame before has made, side by side: of each 2×2 pixels the one at `offset`. They are
-///     a series, each a step further than the one before: images after more and more passes of a filter.
+///     K predictions of the previous frame, at least 2, as channels; of each 2×2 pixels the one at `offset`. They are a
+///     series, such as the images after more and more passes of a filter.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
-///     To the frame before, in pixels; followed to the nearest one.
+///     Motion in pixels; rounded to the nearest pixel.
 /// coverage : (H, W) array_like of float
-///     Where above 0, the pixel's surface was seen in the frame before (`reproject`); others do not count.
+///     Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); other pixels do not count.
 /// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float, optional
-///     What this function returned for the frame before.
+///     The previous frame's result.
 /// offset : (int, int), default (0, 0)
-///     x and y of that pixel, 0 or 1. Take another one in every frame.
+///     x and y of the stored pixel in its 2×2, 0 or 1. Should change from frame to frame.
 /// exposure : float, default 1.0
-///     The brightness at which differences are judged, `exposure` of the image; above 0. Below a sixteenth of it errors count
-///     as absolute, above as relative.
+///     `exposure` of the image; above 0. Errors of colours well below a sixteenth of it count as absolute, of brighter
+///     ones as relative.
 /// usual : int, default 0
-///     The candidate that is chosen where nothing is known, and that all others are compared with.
+///     The default candidate: it is chosen without evidence, and all others are compared with it.
 /// strictness : float, default 0.5
-///     How many standard errors another candidate has to be better; from 0.
+///     Standard errors by which another candidate must be better; at least 0.
 /// share : float, default 0.1
-///     Of the evidence, what is forgotten in a frame; 0 to 1.
+///     Fraction of the evidence that decays per frame; 0 to 1.
 /// out : (choice, evidence) of float32 arrays or None, optional
 ///     Written and returned instead of new arrays.
 ///
 /// Returns
 /// -------
 /// choice : (⌈H/8⌉, ⌈W/8⌉) float32
-///     Which candidate each tile of 8×8 pixels is to show: a whole number from 0 to K - 1. To hide the tiles, interpolate it
-///     between their centres, and mix two candidates where it is no whole number.
+///     The candidate that each tile of 8×8 pixels should show: an integer from 0 to K - 1. To hide the tiles,
+///     interpolate between their centres, and mix two candidates where the result is fractional.
 /// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
-///     For the next frame: of each of the K - 1 steps the sum of its gains, negative where it is worth taking, then those of
-///     their squares, then the number of samples.
+///     For the next frame: the sums of the gains of the K - 1 steps, negative where a step reduces the error; then the
+///     sums of their squares; then the number of samples.
 ///
 /// Raises
 /// ------
@@ -839,11 +850,11 @@ pub fn innovation_<'py>(
 ///
 /// Notes
 /// -----
-/// The gain of step k is the mean over channels of ``(a - b)(a + b - 2r)``. Candidates a and b and the sample r are taken
-/// relative to the usual candidate: with m the mean of its channels, at least 0, each value v becomes
-/// ``(v - m) / (m + exposure / 16)``, and r is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of
-/// the difference of two squared errors (see `prediction_gain`). A tile's sums are averaged with those of its eight neighbours;
-/// the usual candidate is kept where that leaves fewer than 16 samples.
+/// The gain of step k is the mean over channels of ``(a - b)(a + b - 2r)``. Candidates a and b and the sample r are
+/// taken relative to the default candidate: with m the mean of its channels, at least 0, each value v becomes ``(v - m)
+/// / (m + exposure / 16)``, and r is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of
+/// the difference of two squared errors (see `prediction_gain`). A tile's sums are averaged with those of its eight
+/// neighbours; with fewer than 16 samples in the average, the default candidate stays.
 #[pyfunction]
 #[pyo3(name = "choice", signature = (color, candidates, motion, coverage, evidence=None, *, offset=(0, 0), exposure=1.0,
     usual=0, strictness=0.5, share=0.1, out=None))]
@@ -931,26 +942,26 @@ pub fn choice_<'py>(
     Ok((chosen.array()?, left.array()?))
 }
 
-/// How much better one history predicts the new sample than another, without a reference.
+/// How much better one history predicts the new sample than another, measured without a reference.
 ///
 /// Parameters
 /// ----------
 /// candidate, base : (H, W, 3) array_like of float
-///     Two predictions of `color`, neither of which has seen it.
+///     Two predictions of `color`, both independent of it.
 /// color : (H, W, 3) array_like of float
-///     The new, noisy samples. What is missing in one of the three does not count.
+///     The new, noisy samples. A pixel that is missing in one of the three does not count.
 /// ids : (H, W) array_like of int, optional
 ///     Only pixels of the same id are averaged.
 /// radius : int, default 3
-///     The window reaches so many pixels to each side, 0 to 16.
+///     Radius of the window in pixels, 0 to 16.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// gain : (H, W) float32
-///     The mean over the window of ``Σ (k - h)(k + h - 2c) / (Σ h² + 0.01)``, sums over channels: an unbiased estimate of
-///     the difference of relative squared errors, negative where `candidate` is better. 0 where nothing is known.
+///     The mean over the window of ``Σ (k - h)(k + h - 2c) / (Σ h² + 0.01)``, sums over channels: an unbiased estimate
+///     of the difference of relative squared errors, negative where `candidate` is better. 0 without valid pixels.
 ///
 /// Raises
 /// ------
@@ -959,7 +970,7 @@ pub fn choice_<'py>(
 ///
 /// Notes
 /// -----
-/// ``(k - c)² - (h - c)²`` is linear in c, so that c's noise averages out; compared after a tone curve or a clamp it would
+/// ``(k - c)² - (h - c)²`` is linear in c, so that the noise of c averages out; after a tone curve or a clamp it would
 /// not.
 #[pyfunction]
 #[pyo3(signature = (candidate, base, color, *, ids=None, radius=3, out=None))]

@@ -13,7 +13,7 @@ use crate::pixels::PixelsMut;
 
 const MOMENTS: Channels = Channels::Of(&[2]);
 
-/// What `accumulate` returns.
+/// Result of `accumulate`.
 ///
 /// Attributes
 /// ----------
@@ -21,7 +21,7 @@ const MOMENTS: Channels = Channels::Of(&[2]);
 /// moments : (H, W, 2) float32
 ///     Means of luminance and of its square.
 /// history_length : (H, W) float32
-///     Samples so far, up to 1/alpha.
+///     History length in samples, up to 1/alpha.
 /// missing : int
 ///     Pixels whose new sample was not finite.
 #[pyclass(frozen, get_all, module = "yester")]
@@ -44,7 +44,7 @@ impl Accumulated {
     }
 }
 
-/// New samples merged into the history.
+/// Temporal accumulation: merges new samples into the history.
 ///
 /// Parameters
 /// ----------
@@ -57,19 +57,19 @@ impl Accumulated {
 /// history_length : (H, W) array_like of float
 ///     Reprojected number of samples, fractions included; 0 where there is no history.
 /// weight : (H, W) array_like of float, optional
-///     How much of a sample each new colour is, 0 to 1: less than 1 for one that neighbours have lent. One of 0 or NaN is
-///     missing. By default all are 1.
+///     The fraction of a sample that each new colour counts for, 0 to 1: below 1 for colours reconstructed from
+///     neighbours. 0 and NaN mean missing. By default 1.
 /// gradient : (H, W) array_like of float, optional
-///     How much the light has changed, 0 to 1, as `temporal_gradient` returns it; NaN counts as 0.
+///     Relative change of light, 0 to 1, as `temporal_gradient` returns it; NaN counts as 0.
 /// confidence : (H, W) array_like of float, optional
-///     How far the history is trusted, 0 to 1, as the coverage of `reproject`; NaN counts as 0. By default all of it.
+///     Confidence in history, 0 to 1, such as the coverage of `reproject`; NaN counts as 0. By default 1.
 /// alpha : float, default 0.05
-///     Least share of the new sample, 0 to 1. 0 averages without end.
+///     Smallest weight of the new sample, 0 to 1. With 0, all samples are averaged equally, without a limit.
 /// moments_alpha : float, default 0.2
-///     The same for the moments.
+///     Smallest weight of the new sample in the moments.
 /// warmup : bool, default True
-///     Whether the share of the N-th sample is 1/N until that reaches `alpha`, so that the first ones are averaged
-///     equally; otherwise it is `alpha` from the second sample on.
+///     Give the N-th sample a weight of 1/N until that falls to `alpha`, so that the first samples are averaged equally;
+///     otherwise the weight is `alpha` from the second sample on.
 /// out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
 ///     Written and returned, as colour, moments and length, instead of new arrays; they may be inputs. A part may be
 ///     None.
@@ -77,13 +77,13 @@ impl Accumulated {
 /// Returns
 /// -------
 /// Accumulated
-///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history stays as it was;
-///     where there is none either, colour and moments are NaN and the length is 0: a pixel that nobody has seen.
+///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged; without
+///     history either, colour and moments are NaN and the length is 0.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes or shares out of range.
+///     On wrong shapes or weights out of range.
 ///
 /// Notes
 /// -----
@@ -92,7 +92,7 @@ impl Accumulated {
 /// Filtering*, section 4.2; the equal start as in Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing
 /// Techniques*. A `gradient` g first shortens the history to ``N (1 - g)**10`` and then moves both shares towards 1:
 /// ``a + g (1 - a)`` (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal
-/// Filtering*; the exponent as in Q2RTX). A `confidence` c moves both on: ``a + w (1 - c) (1 - a)``.
+/// Filtering*; the exponent as in Q2RTX). A `confidence` c moves both weights further: ``a + w (1 - c) (1 - a)``.
 #[pyfunction]
 #[pyo3(signature = (color, history, history_moments, history_length, *, weight=None, gradient=None, confidence=None,
     alpha=0.05, moments_alpha=0.2, warmup=true, out=None))]
@@ -151,7 +151,17 @@ pub fn accumulate_<'py>(
                 .zip(PixelsMut::bands(size, 2, moments))
                 .zip(PixelsMut::bands(size, 1, lengths))
                 .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
-            accumulate::accumulate(color, weight, history, gradient, confidence, params, merged)
+            let samples = accumulate::Samples {
+                size: color.size,
+                color: &color,
+                weight,
+                gradient,
+            };
+            let history = accumulate::Images {
+                parts: history,
+                confidence,
+            };
+            accumulate::accumulate(samples, &history, params, merged, std::iter::repeat(()))
         })?;
         (merged, missing)
     };
@@ -168,12 +178,12 @@ pub fn accumulate_<'py>(
 /// Parameters
 /// ----------
 /// samples : sequence of (H, W) or (H, W, C) array_like of float
-///     One image per frame, all of one shape; a (N, H, W, C) array will do. Pixels with NaN or infinity are missing.
+///     One image per frame, all of one shape, or an (N, H, W, C) array. Pixels with NaN or infinity are missing.
 /// offsets : (N, 2) array_like of float
-///     Where each frame's samples lie, from their pixels' centres, x right, y down, in pixels from -0.5 to 0.5: what
-///     `jitter` gives.
+///     Each frame's jitter: its samples' positions relative to pixel centres, x right, y down, in pixels from -0.5 to
+///     0.5, as `jitter` returns them.
 /// filter : {"blackman-harris", "box", "tent", "mitchell"}, default "blackman-harris"
-///     How samples count by their distance: the Blackman-Harris window 3.3 pixels wide, the pixel's own samples equally,
+///     Reconstruction filter: the Blackman-Harris window 3.3 pixels wide, the pixel's own samples equally weighted,
 ///     1 - \|d\|, or Mitchell and Netravali's cubic with B = C = 1/3.
 /// out : float32 array like one of the samples, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -181,7 +191,7 @@ pub fn accumulate_<'py>(
 /// Returns
 /// -------
 /// image : float32 array like one of the samples
-///     The supersampling sum Σwᵢcᵢ / Σwᵢ; NaN where no sample counts.
+///     The supersampling sum Σwᵢcᵢ / Σwᵢ; NaN without valid samples.
 ///
 /// Raises
 /// ------
@@ -190,8 +200,8 @@ pub fn accumulate_<'py>(
 ///
 /// Notes
 /// -----
-/// For a still camera and scene: the reference that temporal antialiasing strives for. Karis 2014, *High Quality
-/// Temporal Supersampling*; Mitchell and Netravali 1988, *Reconstruction Filters in Computer Graphics*.
+/// For a static camera and scene this is the image to which temporal antialiasing should converge. Karis 2014, *High
+/// Quality Temporal Supersampling*; Mitchell and Netravali 1988, *Reconstruction Filters in Computer Graphics*.
 #[pyfunction]
 #[pyo3(name = "resolve", signature = (samples, offsets, *, filter="blackman-harris", out=None))]
 pub fn resolve_<'py>(
@@ -243,7 +253,7 @@ pub fn resolve_<'py>(
     image.array()
 }
 
-/// The blend of history and new sample.
+/// Blends history and new sample.
 ///
 /// Parameters
 /// ----------
@@ -252,35 +262,35 @@ pub fn resolve_<'py>(
 /// history : (H, W, 3) array_like of float
 ///     Reprojected and, as a rule, clipped.
 /// alpha : float or (H, W) array_like of float, default 0.05
-///     Share of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` gives it. Maps are clamped, and 1
-///     where they are NaN.
+///     Blend factor: weight of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` returns it. Maps
+///     are clamped; NaN counts as 1.
 /// weighting : {"none", "tone", "luminance"}, default "none"
 ///     "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold where
 ///     luminances differ.
 /// flicker : float, default 1.0
-///     What is left of alpha, 0 to 1, where history lies on the border of the luminances of the 3×3 pixels around; 1 does
-///     without.
+///     Factor on alpha, 0 to 1, where history has the lowest or highest luminance of its 3×3 neighbourhood; 1 for no
+///     reduction.
 /// exposure : float, default 1.0
-///     The radiance that counts as 1, above 0: as `exposure` finds it.
+///     The radiance that counts as 1, above 0, as `exposure` returns it.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// blended : (H, W, 3) float32
-///     Where the sample is missing, history; where history is, the sample; NaN where both are.
+///     History where the sample is missing, the sample where history is missing, NaN where both are.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes, an unknown weighting (the error lists them), shares or exposure out of range.
+///     On wrong shapes, an unknown weighting (the error lists them), alpha, flicker or exposure out of range.
 ///
 /// Notes
 /// -----
-/// "tone" and `flicker`: Karis 2014, *High Quality Temporal Supersampling*. "luminance": ``lerp(4 alpha, alpha, (1 - d)²)``
-/// with ``d = |l - l'| / max(l, l', 0.2 exposure)``, Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*. With
-/// ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the range, in half ranges,
-/// alpha becomes ``alpha (k + alpha (1 - k))``.
+/// "tone" and `flicker`: Karis 2014, *High Quality Temporal Supersampling*. "luminance": ``lerp(4 alpha, alpha, (1 -
+/// d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, Playdead 2016, *Temporal Reprojection Anti-Aliasing in
+/// INSIDE*. With ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the
+/// neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``.
 #[pyfunction]
 #[pyo3(signature = (color, history, alpha=None, *, weighting="none", flicker=1.0, exposure=1.0, out=None))]
 #[pyo3(
@@ -321,7 +331,7 @@ pub fn blend_<'py>(
     blended.array()
 }
 
-/// The share of the new sample, for all pixels or for each.
+/// The `alpha` argument: a blend factor for all pixels, or one for each.
 pub enum AlphaArg<'py> {
     Constant(f32),
     Map(Input<'py>),
@@ -329,7 +339,7 @@ pub enum AlphaArg<'py> {
 
 impl<'py> AlphaArg<'py> {
     pub fn new(alpha: &Bound<'py, PyAny>, size: Size) -> PyResult<Self> {
-        // An array of one pixel would pass for a number.
+        // `extract` would also accept an array of one pixel as a number.
         let axes = alpha
             .getattr("ndim")
             .and_then(|axes| axes.extract::<usize>());

@@ -1,5 +1,5 @@
-//! numpy in, numpy out: one file per kernel folder and one for the pipelines. Every check of an argument is here or in
-//! a kernel's `Params::check`, once; kernels run without the interpreter's lock.
+//! Python bindings, numpy in, numpy out: one file per kernel folder and one per pipeline. Every argument is checked
+//! once, here or in a kernel's `Params::check`. Kernels run without the interpreter's lock.
 
 // Classes have the names that Python has.
 #![allow(clippy::upper_case_acronyms)]
@@ -76,16 +76,16 @@ mod _core {
     }
 }
 
-/// The number of threads and the instruction set that kernels run with: what the machine has, lowered by
-/// `YESTER_THREADS` and `YESTER_SIMD`.
+/// The number of threads and the instruction set of the kernels: the machine's, unless lowered by `YESTER_THREADS` and
+/// `YESTER_SIMD`.
 #[pyfunction]
 fn settings() -> PyResult<(usize, &'static str)> {
     let settings = Settings::from_environment()?;
     Ok((settings.threads, settings.level_name()))
 }
 
-/// Bytes that a copy can read and write, and multiply-adds, per second: the limits of this machine, measured with the threads and
-/// instructions in use.
+/// Roofline of this machine, measured with the current threads and instruction set: bytes per second that a copy reads
+/// and writes, and multiply-adds per second.
 #[pyfunction]
 fn machine_limits(py: Python<'_>) -> (f64, f64) {
     py.detach(limits::limits)

@@ -11,38 +11,38 @@ use crate::image::Size;
 use crate::kernels::camera::pinhole;
 use crate::kernels::smooth::regress::{self, Features, Place};
 
-/// Light fitted block by block to features of the surfaces: block-wise multi-order feature regression.
+/// Block-wise multi-order feature regression: fits colour, block by block, to feature buffers.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Linear, as a rule without texture (`demodulate`). Pixels with NaN or infinity are missing.
+///     Linear, usually illumination (`demodulate`). Pixels with NaN or infinity are missing.
 /// normal : (H, W, 3) array_like of float, optional
-///     World space, unit length; not finite or zero where no surface shows.
+///     World space, unit length; not finite or zero where there is no surface.
 /// geometry : (H, W) or (H, W, 3) array_like of float, optional
-///     Depth, which needs `camera`, or world-space positions; not finite where no surface shows, nor a depth up to 0.
+///     Depth, which needs `camera`, or world-space positions; not finite where there is no surface. Depth up to 0 means
+///     no surface, too.
 /// camera : Camera, optional
-///     Of this frame.
+///     This frame's camera.
 /// weight : (H, W) array_like of float, optional
-///     How much each pixel counts, from 0; those with a weight that is not finite or below 0 are not fitted at all. By
-///     default, all count alike.
+///     Weight of each pixel, at least 0; pixels whose weight is not finite or below 0 keep their colour. By default 1.
 /// block : int, default 32
 ///     Side of the blocks in pixels, 4 to 256. An image smaller than that is one block.
 /// offset : (int, int), default (0, 0)
-///     Where, right and down, a block begins. Displaced from frame to frame, the blocks' edges average out in time. What the
-///     border cuts to less than half a block belongs to its neighbour.
+///     Offset of the grid of blocks, right and down, in pixels. Changed from frame to frame, it lets blocks' edges
+///     average out in time. Blocks that the border cuts to less than half are merged with their neighbours.
 /// features : {"fewest", "all"}, default "fewest"
-///     All features that vary, or the fewest that the block needs.
+///     The fewest features that the block needs, or all that vary in it.
 /// out : tuple of (H, W, 3) float32 and (H, W) uint8 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
 /// Returns
 /// -------
 /// fitted : (H, W, 3) float32
-///     Within the range of the block's colours. Missing pixels, and those of weight 0, get what their features make of
-///     the others. Pixels that show no surface keep their colour, as do blocks without a pixel that counts.
+///     Clamped to the range of the block's colours. Missing pixels, and those of weight 0, get the fitted colour. Pixels
+///     without a surface keep their colour, as do blocks without valid pixels.
 /// used : (H, W) uint8
-///     Number of the block's features, the constant among them: 1 to 10; 0 where a pixel keeps its colour.
+///     Number of the block's features, including the constant: 1 to 10; 0 where a pixel keeps its colour.
 ///
 /// Raises
 /// ------
@@ -51,15 +51,16 @@ use crate::kernels::smooth::regress::{self, Features, Place};
 ///
 /// Notes
 /// -----
-/// Least squares of colour on those of {1, normal, position, position²} that are given and that vary within the block
+/// Least squares of colour on those of {1, normal, position, position²} that are given and vary within the block
 /// (Koskela et al. 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*), by a QR
-/// decomposition in double precision. A feature of which others leave less than a hundredth is left out, where the paper
-/// adds noise; so is a normal that varies by less than a thousandth, and a coordinate that does so beside the others.
+/// decomposition in double precision. A feature is skipped if the others explain all but a hundredth of it (the paper
+/// adds noise instead), if it is a normal that varies by less than a thousandth, or a coordinate that varies by less
+/// than a thousandth of the others.
 ///
-/// For the fewest, each feature in turn is the one that takes most off the sum S of squared residuals, as long as that
+/// "fewest" adds features one by one, each the one that reduces the sum S of squared residuals most, as long as that
 /// lowers the generalised cross-validation score ``S / (1 - (1 + 3k)/n)²``, with k features besides the constant and n
-/// pixels (``(Σw)² / Σw²`` by weight): Craven and Wahba 1979, *Smoothing Noisy Data with Spline Functions*; that a
-/// feature which was chosen counts as three, Friedman 1991, *Multivariate Adaptive Regression Splines*.
+/// pixels (``(Σw)² / Σw²`` by weight): Craven and Wahba 1979, *Smoothing Noisy Data with Spline Functions*. A chosen
+/// feature counts as three degrees of freedom: Friedman 1991, *Multivariate Adaptive Regression Splines*.
 #[pyfunction]
 #[pyo3(signature = (color, *, normal=None, geometry=None, camera=None, weight=None, block=32, offset=(0, 0),
     features="fewest", out=None))]

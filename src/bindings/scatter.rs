@@ -1,4 +1,4 @@
-//! The kernels that scatter points, fill what they leave open, and blend.
+//! The kernels that scatter points, fill the holes between them, and blend.
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
@@ -15,34 +15,33 @@ type Array<'py> = Bound<'py, PyArrayDyn<f32>>;
 
 const OFFSET: Channels = Channels::Of(&[2]);
 
-/// Points of the previous frame, scattered to where they appear now.
+/// Forward reprojection: scatters the previous frame's pixels as points to where they appear now.
 ///
-/// Every pixel of the previous frame is a point in the world, which stands still unless told otherwise. In the current
-/// one it covers a square as large as its pixel has become, and the nearest point that covers a pixel decides what is
-/// seen there.
+/// Every pixel of the previous frame is a world-space point, static unless `drift` says otherwise. In the current frame
+/// it covers a square as large as its old pixel appears now. The nearest point that covers a pixel determines the
+/// visible surface there.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W) or (H, W, C) array_like of float
-///     What the points carry. NaN or infinity in a channel: no point.
+///     The points' values. NaN or infinity in a channel: no point.
 /// depth : (H, W) array_like of float
 ///     Distance along the previous camera's axis; +inf for the background, which only turns with the camera. NaN, or
 ///     not above 0: no point.
 /// camera, previous_camera : Camera
 ///     Of the current and the previous frame, without jitter, both of the image's size.
 /// offset : (H, W, 2) array_like of float, optional
-///     Where in its pixel each point lies: from the centre, in pixels, x right, y down. By default in the centre.
+///     Position of each point relative to its pixel's centre, in pixels, x right, y down. By default 0.
 /// drift : (H, W, 2) or (H, W, 3) array_like of float, optional
-///     How the points move by themselves, beyond what the cameras explain: previous minus current position in pixels,
-///     and depth, as `Frame.motion` less what `motion_vectors` gives for what stands still. What is not finite counts
-///     as 0.
+///     The points' own motion: previous minus current position in pixels, and depth; that is, `Frame.motion` minus the
+///     `motion_vectors` of a static scene. Values that are not finite count as 0.
 /// quality : (H, W) array_like of float, optional
-///     Weight of each point, above 0; others are no points. By default 1.
+///     Weight of each point, above 0; pixels with another value are no points. By default 1.
 /// tolerance : float, default 0.1
-///     How much farther away than the nearest, as a share of its depth, a point of the same surface may be; above 0.
+///     Largest depth difference from the nearest point, relative to its depth, of points of the same surface; above 0.
 /// reach : float, default 0.0
-///     How many pixels beside its square, 0 to 1, a point may stand in where no other covers. Points that keep their
-///     places within their pixels leave cracks between them as they move, which 0.5 closes.
+///     Pixels, 0 to 1, by which squares are enlarged on every side to fill pixels that no square covers. Points keep
+///     their sub-pixel positions and leave cracks as they move; 0.5 closes them.
 /// out : tuple of float32 arrays like the results, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -53,8 +52,8 @@ const OFFSET: Channels = Channels::Of(&[2]);
 /// depth : (H, W) float32
 ///     Their mean distance along the current camera's axis; NaN in holes.
 /// offset : (H, W, 2) float32
-///     Where in the pixel they lie on average, -0.5 to 0.5; NaN in holes. Given back to the next call, it keeps what is
-///     carried on for many frames from being blurred, or left behind by less than half a pixel each time.
+///     Their mean position relative to the pixel's centre, -0.5 to 0.5; NaN in holes. Passed to the next call, it
+///     prevents blur and sub-pixel drift over many frames.
 /// quality : (H, W) float32
 ///     Their mean weight; 0 in holes.
 ///
@@ -65,13 +64,13 @@ const OFFSET: Channels = Channels::Of(&[2]);
 ///
 /// Notes
 /// -----
-/// A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z'
-/// times the ratio of the focal lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points
-/// override large ones. Where the nearest is at z0, weights fall linearly to none at ``z' = z0 (1 + tolerance)``. A
-/// point that stands in counts as one larger by `reach` on every side. Points are added up in the order of their
-/// pixels, whatever the number of threads. In pixels beside its own, a large point is taken to lie at the centre.
-/// Between cameras that are equal, everything stays as it is. After "Reprojection 2", a developer's diary of 2008,
-/// where points are weighted by their size and depth; the formula is our own.
+/// A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z' times the ratio
+/// of the focal lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points override large
+/// ones. With the nearest point at z0, weights fall linearly to 0 at ``z' = z0 (1 + tolerance)``. In a pixel that it
+/// fills by `reach`, a point has the weight of its enlarged square. Points are summed in the order of their source
+/// pixels, whatever the number of threads. In pixels other than its own, a large point counts as lying at the centre.
+/// Equal cameras leave everything unchanged. After "Reprojection 2", a developer's diary of 2008, where points are
+/// weighted by their size and depth; the formula is our own.
 #[pyfunction]
 #[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, drift=None, quality=None,
     tolerance=0.1, reach=0.0, out=None))]
@@ -134,28 +133,28 @@ pub fn splat_<'py>(
     ))
 }
 
-/// Holes filled from ever coarser images.
+/// Fills holes by pull-push: from a pyramid of ever coarser images.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W) or (H, W, C) array_like of float
 ///     NaN or infinity in a channel makes a hole.
 /// quality : (H, W) array_like of float, optional
-///     Weight of each pixel; what is not above 0 and finite is a hole. By default 1.
+///     Weight of each pixel; pixels whose weight is not above 0 and finite are holes. By default 1.
 /// factor : int, default 2
-///     By how much each level is smaller to a side, 2 to 16.
+///     Ratio of the sides of successive levels, 2 to 16.
 /// levels : int, optional
-///     How many coarser levels, at least 1. By default down to a single pixel, so that one known pixel fills all.
+///     Number of coarser levels, at least 1. By default down to a single pixel, so that one valid pixel fills all holes.
 /// out : tuple of float32 arrays like the results, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
 /// Returns
 /// -------
 /// color : float32 array like `color`
-///     What is no hole stays as it is. NaN where nothing is known within reach of the levels, in an image of holes
-///     everywhere.
+///     Valid pixels are unchanged. NaN in holes that no level can fill: with too few levels, or without a valid pixel.
 /// quality : (H, W) float32
-///     As given, lower the coarser the level is that filled a hole; 0 where `color` is NaN.
+///     Unchanged for valid pixels; in filled holes, the lower the coarser the level that filled them; 0 where `color` is
+///     NaN.
 ///
 /// Raises
 /// ------
@@ -164,10 +163,10 @@ pub fn splat_<'py>(
 ///
 /// Notes
 /// -----
-/// With the reduction ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block, and
-/// bilinear expansion weighted by quality: near and detailed points override the others, and with ``factor=4,
-/// levels=2`` the images are 1, 1/4 and 1/16 of the size and back, as "Reprojection 2", a developer's diary of 2008,
-/// has it; ``factor=2`` is what it planned. Pull-push is due to Gortler et al. 1996, *The Lumigraph*, section 3.4.
+/// Pull: ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block. Push: bilinear interpolation
+/// weighted by quality, so that near and detailed points override the others. With ``factor=4, levels=2`` the levels
+/// have 1, 1/4 and 1/16 of the size, as in "Reprojection 2", a developer's diary of 2008, which planned ``factor=2``
+/// next. Pull-push is due to Gortler et al. 1996, *The Lumigraph*, section 3.4.
 #[pyfunction]
 #[pyo3(name = "pull_push", signature = (color, quality=None, *, factor=2, levels=None, out=None))]
 pub fn pull_push_<'py>(
@@ -202,41 +201,41 @@ pub fn pull_push_<'py>(
     Ok((color.array()?, quality.array()?))
 }
 
-/// What is known now and what was known before, motion-blurred and blended by quality.
+/// Blends the new, hole-filled image with reprojected history by quality, both motion-blurred.
 ///
 /// Parameters
 /// ----------
 /// filled : (H, W, 3) array_like of float
-///     What was traced now, its holes filled: as `pull_push` returns it.
+///     The new image, as `pull_push` returns it.
 /// filled_quality : (H, W) array_like of float
-///     Its quality; what is not above 0 and finite is a hole, as is colour that is not finite.
+///     Its quality. A pixel is a hole if its quality is not above 0 and finite or its colour is not finite.
 /// reprojected : (H, W, 3) array_like of float
-///     What was known before, where it appears now: as `splat` returns it. With `fetch`, the previous frame's image.
+///     Reprojected history, as `splat` returns it. With `fetch`, the previous frame's result.
 /// reprojected_quality : (H, W) array_like of float
 ///     Its quality.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
-///     Previous minus current position in pixels, as `motion_vectors` returns it; what is not finite counts as none.
+///     Previous minus current position in pixels, as `motion_vectors` returns it; values that are not finite count as 0.
 /// blur : float, default 0.25
-///     How far along the motion both images are looked at besides the pixel itself, forwards and back, 0 to 1; 0 blurs
-///     nothing.
+///     Distance of the two outer taps of the motion blur, forwards and backwards, as a fraction of the motion, 0 to 1; 0
+///     for no blur.
 /// share : (float, float), default (0.0, 1.0)
-///     Range that the share of the new image is held to where both are known, within 0 to 1.
+///     Range to which the weight of the new image is clamped where both are valid, within 0 to 1.
 /// fade : float, default 64.0
-///     Length of motion in pixels by which the quality of the old image falls to a half; above 0.
+///     Length of motion in pixels over which the quality of history falls to a half; above 0.
 /// limit : float, default 8.0
-///     Highest quality that is carried on; above 0.
+///     Upper bound of the resulting quality; above 0.
 /// fetch : bool, default False
-///     Whether `reprojected` and its quality are those of the previous frame, and are read where `motion` leads to
-///     instead of in place; there is none outside the image.
+///     `reprojected` and its quality are those of the previous frame and are fetched here, at the end of `motion`;
+///     outside the image there is no history.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
-///     NaN where neither image is known.
+///     NaN where both images are missing.
 /// quality : (H, W) float32
-///     To be carried on; 0 where neither is known.
+///     For the next frame; 0 where both are missing.
 ///
 /// Raises
 /// ------
@@ -245,12 +244,12 @@ pub fn pull_push_<'py>(
 ///
 /// Notes
 /// -----
-/// Each image is the mean of three bilinear look-ups at ``-blur``, 0 and ``blur`` times the motion, among
-/// pixels that are known. With `fetch` those of the old image lie around the position plus the motion, and its quality
-/// is read there once, bilinearly. With ``q = reprojected_quality / (1 + |motion| / fade)`` the share of the new one is
-/// ``filled_quality / (filled_quality + q)``, and ``filled_quality + q`` is carried on: as more samples come to be
-/// known, each counts for less. After "Reprojection 2", a developer's diary of 2008; how quality falls and adds up is
-/// our choice.
+/// Each image is the mean of three bilinear taps at ``-blur``, 0 and ``blur`` times the motion, over valid pixels. With
+/// `fetch`, those of history are centred on the position plus the motion, and its quality is one bilinear tap there.
+/// With ``q = reprojected_quality / (1 + |motion| / fade)`` the weight of the new image is ``filled_quality /
+/// (filled_quality + q)``, and the resulting quality is ``filled_quality + q``: the more samples a pixel has, the less
+/// a new one changes it. After "Reprojection 2", a developer's diary of 2008; how quality falls and adds up is our
+/// choice.
 #[pyfunction]
 #[pyo3(name = "recirculate", signature = (filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25,
     share=(0.0, 1.0), fade=64.0, limit=8.0, fetch=false, out=None))]
@@ -312,14 +311,14 @@ pub fn recirculate_<'py>(
     Ok((color.array()?, quality.array()?))
 }
 
-/// Where several results are written: into parts of `out`, or new arrays. To be asked for while inputs are borrowed.
+/// The arrays of several results: elements of `out`, or new ones. Must be called while the inputs are borrowed.
 fn room<'py, const N: usize>(
     py: Python<'py>,
     out: Option<&Bound<'py, PyAny>>,
     shapes: [&[usize]; N],
 ) -> PyResult<[Direct<'py>; N]> {
     let given = parts::<N>(out)?.into_iter().zip(shapes);
-    // All are checked before any is written.
+    // Check all of them before writing any.
     let given: Vec<_> = given
         .map(|(part, shape)| Ok((Out::given(part, shape)?, shape)))
         .collect::<PyResult<_>>()?;

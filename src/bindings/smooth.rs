@@ -58,7 +58,7 @@ impl<'py> GuideArgs<'py> {
     }
 }
 
-/// The same, without the interpreter.
+/// The guide's data, usable without the interpreter's lock.
 #[derive(Clone, Copy)]
 pub(super) struct GuideData<'a> {
     pub depth: Option<Interleaved<'a, f32>>,
@@ -68,7 +68,7 @@ pub(super) struct GuideData<'a> {
 }
 
 impl GuideData<'_> {
-    /// For taps up to `reach` pixels to the side.
+    /// Builds the guide with a halo of `reach` pixels.
     pub(super) fn guide(self, size: Size, reach: usize) -> Guide {
         let surface = Surface {
             depth: self.depth.map(Interleaved::pixels),
@@ -80,25 +80,25 @@ impl GuideData<'_> {
     }
 }
 
-/// Variance of luminance, from time where there is enough of it, from space where there is not.
+/// Variance of luminance: temporal for long histories, spatial for short ones.
 ///
 /// Parameters
 /// ----------
 /// moments : (H, W, 2) array_like of float
 ///     Means of luminance and of its square, as `accumulate` returns them.
 /// history_length : (H, W) array_like of float
-///     Samples so far.
+///     History length in samples.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z, +inf where nothing was hit.
 /// normal : (H, W, 3) array_like of float, optional
 ///     World space, unit length.
 /// ids : (H, W) array_like of int, optional
-///     Pixels of different ids do not mix.
+///     Pixels with different ids do not mix.
 /// camera : Camera, optional
-///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
 ///     `normal`.
 /// min_length : float, default 3.5
-///     Samples from which the temporal variance is trusted; at least 1. Not a whole number by default, so that rounding
+///     History length from which the temporal variance is used; at least 1. The default is fractional so that rounding
 ///     of resampled lengths does not decide.
 /// radius : int, default 3
 ///     The spatial window reaches so many pixels to each side, 0 to 16.
@@ -110,7 +110,7 @@ impl GuideData<'_> {
 /// Returns
 /// -------
 /// variance : (H, W) float32
-///     Squared luminance; values below 1e-30 become 0, as do pixels without moments in their window.
+///     In squared luminance; 0 for values below 1e-30 and for pixels without valid moments in their window.
 ///
 /// Raises
 /// ------
@@ -119,8 +119,8 @@ impl GuideData<'_> {
 ///
 /// Notes
 /// -----
-/// A history of at least `min_length` gives m2 - m1². A shorter one takes the moments' means over the window, weighted as
-/// in `atrous` but for kernel and luminance, and multiplies the variance by min_length / N (Schied et al. 2017,
+/// A history of at least `min_length` gives m2 - m1². A shorter one takes the moments' means over the window, weighted
+/// as in `atrous` but for kernel and luminance, and multiplies the variance by min_length / N (Schied et al. 2017,
 /// *Spatiotemporal Variance-Guided Filtering*, section 4.2, and its implementation in Falcor).
 #[pyfunction]
 #[pyo3(signature = (moments, history_length, *, depth=None, normal=None, ids=None, camera=None, min_length=3.5,
@@ -175,39 +175,39 @@ pub fn estimate_variance_<'py>(
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Linear. Pixels with NaN or infinity are missing: they lend nothing and are filled from their neighbours.
+///     Linear. Pixels with NaN or infinity are missing: they have weight 0 and are filled from their neighbours.
 /// variance : (H, W) array_like of float
-///     Of the luminance of `color`, as `estimate_variance` returns it; not finite counts as 0.
+///     Variance of the luminance of `color`, as `estimate_variance` returns it; values that are not finite count as 0.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
 /// normal : (H, W, 3) array_like of float, optional
 ///     World space, unit length.
 /// ids : (H, W) array_like of int, optional
-///     Pixels of different ids do not mix.
+///     Pixels with different ids do not mix.
 /// camera : Camera, optional
-///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
 ///     `normal`.
 /// iterations : int, default 5
-///     Passes, 0 to 16; pass i reaches radius·2^i pixels to each side.
+///     Number of passes, 0 to 16; pass i reaches radius·2^i pixels to each side.
 /// radius : int, default 2
-///     Taps of a pass to each side: 2 for 5×5, 1 for 3×3.
+///     Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
 /// sigma_luminance : float, default 4.0
-///     Luminance difference that counts as one, in standard deviations; above 0.
+///     Scale of luminance differences, in standard deviations; above 0.
 /// sigma_normal : float, default 128.0
-///     How sharply differences of normals count; from 0. About the exponent of (n·n')^sigma_normal.
+///     Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal.
 /// sigma_depth : float, default 1.0
-///     Depth difference that counts as one, in multiples of what the slope explains; above 0. Not used with `camera`.
+///     Scale of depth differences, in multiples of the slope's own; above 0. Not used with `camera`.
 /// sigma_plane : float, default 0.01
-///     Plane distance that counts as one, as a share of depth; above 0. Used with `camera`.
+///     Scale of plane distances, relative to depth; above 0. Used with `camera`.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
-///     Filtered; NaN where a missing pixel found no neighbour.
+///     Filtered; NaN for missing pixels without valid neighbours.
 /// variance : (H, W) float32
-///     Of its luminance, as it is after averaging independent samples.
+///     Variance of its luminance, assuming independent samples.
 ///
 /// Raises
 /// ------
@@ -216,8 +216,8 @@ pub fn estimate_variance_<'py>(
 ///
 /// Notes
 /// -----
-/// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps, zero
-/// between different ids or between surface and background, and
+/// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
+/// zero between different ids or between surface and background, and
 ///
 /// - en = sigma_normal · ½\|n - n'\|²,
 /// - ez = \|n·(X - X')\| / (sigma_plane Z) with `camera`, else \|Z - Z'\| / (sigma_depth \|∇Z·Δ\| + Z/1000),
@@ -286,30 +286,29 @@ pub fn atrous_<'py>(
     Ok((color.array()?, variance.array()?))
 }
 
-/// Samples far brighter than their surroundings held down, and their excess spread over their surface.
+/// Firefly suppression: clamps samples far brighter than their surroundings and redistributes the excess.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Linear, as it is seen: with its texture, without emission. Missing pixels stay as they are.
+///     Linear, before demodulation, without emission. Missing pixels stay missing.
 /// expected : (H, W, 3) array_like of float, optional
-///     The colour that history has here: a sample that history predicted is no firefly. Not finite counts as 0.
+///     History at the pixel: a sample that history predicts is not a firefly. Values that are not finite count as 0.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; +inf, NaN or not above 0 is background.
 /// normal : (H, W, 3) array_like of float, optional
 ///     World space, unit length.
 /// ids : (H, W) array_like of int, optional
-///     Pixels of different ids do not mix.
+///     Pixels with different ids do not mix.
 /// camera : Camera, optional
-///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
 ///     `normal`.
 /// threshold : float, default 2.0
-///     A pixel may be brighter than the mean of those around it by so many of their standard deviations; from 0.
+///     Standard deviations by which a pixel may exceed the mean of its neighbours; at least 0.
 /// radius : int, default 4
-///     The window reaches so many pixels to each side, 1 to 16.
+///     Radius of the window in pixels, 1 to 16.
 /// redistribute : bool, default True
-///     Whether what exceeds the limit is spread over the window's pixels of the same surface, so that the image does not
-///     darken.
+///     Spread the excess over the window's pixels of the same surface, so that the image does not darken.
 /// sigma_normal, sigma_depth, sigma_plane : float
 ///     As in `atrous`.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
@@ -328,10 +327,10 @@ pub fn atrous_<'py>(
 ///
 /// Notes
 /// -----
-/// Neighbours have the weights of `reconstruct` without that of distance. With mean m and standard deviation s of the
-/// luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being the
-/// expected luminance (NRD's anti-firefly: 9×9 pixels, 2 deviations, no history). What exceeds it is shared among the
-/// window's pixels by their weights, the centre included.
+/// Neighbours have the guide weights of `reconstruct`, without the spatial weight. With mean m and standard deviation s
+/// of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
+/// the expected luminance (NRD's anti-firefly: 9×9 pixels, 2 deviations, no history). The excess is distributed over
+/// the window's pixels by their weights, the centre included.
 #[pyfunction]
 #[pyo3(name = "suppress_fireflies", signature = (color, *, expected=None, depth=None, normal=None, ids=None, camera=None,
     threshold=2.0, radius=4, redistribute=true, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
@@ -386,27 +385,27 @@ pub fn suppress_fireflies_<'py>(
     Ok((held.array()?, removed.array(py, out)?))
 }
 
-/// Pixels that have just come into view, averaged over their surface.
+/// History fix: averages recently disoccluded pixels over their surface.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Accumulated light. Missing pixels lend nothing and are filled.
+///     Accumulated colour. Missing pixels have weight 0 and are filled.
 /// history_length : (H, W) array_like of float
-///     Samples so far.
+///     History length in samples.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; +inf, NaN or not above 0 is background.
 /// normal : (H, W, 3) array_like of float, optional
 ///     World space, unit length.
 /// ids : (H, W) array_like of int, optional
-///     Pixels of different ids do not mix.
+///     Pixels with different ids do not mix.
 /// camera : Camera, optional
-///     Of this frame: depths are compared by distance from the pixel's plane instead of by slope. Needs `depth` and
+///     This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
 ///     `normal`.
 /// max_length : float, default 3.0
-///     Pixels with fewer samples are fixed; from 0.
+///     Histories shorter than this are fixed; at least 0.
 /// stride : float, default 14.0
-///     Pixels between the taps of a pixel without samples, 1 to 64; with N samples, stride/(1 + N), but at least 1.
+///     Distance between taps in pixels at history length 0, 1 to 64; at length N it is stride/(1 + N), at least 1.
 /// sigma_normal, sigma_depth, sigma_plane : float
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
@@ -415,7 +414,7 @@ pub fn suppress_fireflies_<'py>(
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
-///     Fixed pixels are the mean of 5×5 taps, weighted by likeness and by the taps' samples; the others keep their bits.
+///     Fixed pixels are the mean of 5×5 taps, weighted by guide and history length; the others keep their bits.
 ///
 /// Raises
 /// ------
@@ -424,8 +423,8 @@ pub fn suppress_fireflies_<'py>(
 ///
 /// Notes
 /// -----
-/// After the history fix of NRD's ReBLUR and ReLAX. `SVGF` does without: its filter, led by the variance that it estimates
-/// in space, smoothed young pixels better on three of the four scenes that were tried, and as well on the fourth.
+/// After the history fix of NRD's ReBLUR and ReLAX. `SVGF` does not use it: for short histories its filter, guided by
+/// spatial variance, was better on three of four scenes tried, and equal on the fourth.
 #[pyfunction]
 #[pyo3(signature = (color, history_length, *, depth=None, normal=None, ids=None, camera=None, max_length=3.0,
     stride=14.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
@@ -498,12 +497,13 @@ fn modulate<'py>(
     modulated.array()
 }
 
-/// Light without texture: ``(color - emission) / d``, where d is the albedo, 1/32 at least, and 1 where it is black.
+/// Demodulation: illumination ``(color - emission) / d``; d is the albedo, at least 1/32, and 1 where the albedo is
+/// black.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Linear. NaN and infinity stay.
+///     Linear. NaN and infinity are kept.
 /// albedo : (H, W, 3) array_like of float
 ///     Reflectance, held to 0 to 1; not finite counts as 0.
 /// emission : (H, W, 3) array_like of float, optional
@@ -522,13 +522,13 @@ fn modulate<'py>(
 ///
 /// Notes
 /// -----
-/// With a the albedo of a channel, ``d = max(a, 1/32)``; where it is 0 in all channels, ``d = 1``. Lamps, sky, glass, mirrors
-/// and black plastic have an albedo of 0 or nearly, and shine by what it does not scale; divided by it, their light would be
-/// a thousand times too bright, and filters would hand the excess to their neighbours.
+/// With a the albedo of a channel, ``d = max(a, 1/32)``; where it is 0 in all channels, ``d = 1``. Lamps, sky, glass,
+/// mirrors and black plastic have an albedo near 0, which does not scale their light. Divided by it, the light would be
+/// a thousand times too bright, and filters would leak the excess to neighbouring surfaces.
 ///
-/// `remodulate` is the way back. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it is
-/// right to the last places. After Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4; Falcor
-/// divides by ``max(a, 0.001)``.
+/// `remodulate` is the inverse. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it
+/// is exact to one or two units in the last place. After Schied et al. 2017, *Spatiotemporal Variance-Guided
+/// Filtering*, section 4; Falcor divides by ``max(a, 0.001)``.
 #[pyfunction]
 #[pyo3(signature = (color, albedo, *, emission=None, out=None), name = "demodulate")]
 pub fn demodulate_<'py>(
@@ -541,7 +541,7 @@ pub fn demodulate_<'py>(
     modulate(py, ("color", color), albedo, emission, out, Way::Off)
 }
 
-/// Texture put back on light: ``illumination * d + emission``, with d as in `demodulate`.
+/// Remodulation: ``illumination * d + emission``, with d as in `demodulate`.
 ///
 /// Parameters
 /// ----------
@@ -581,24 +581,24 @@ pub fn remodulate_<'py>(
     )
 }
 
-/// Morphological antialiasing: jagged edges straightened, from one image alone.
+/// Morphological antialiasing: smooths jagged edges in a single image.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
-///     Linear. Pixels with NaN or infinity are missing: they have no edges and stay.
+///     Linear. Pixels with NaN or infinity are missing: they have no edges and stay missing.
 /// threshold : float, default 0.1
 ///     Difference in perceived brightness, ``sqrt(l / (1 + l))`` of the Rec. 709 luminance ``l >= 0``, above which the
 ///     boundary of two pixels is part of an edge; finite, at least 0.
 /// max_length : int, default 16
-///     Boundaries that are searched to each side for the end of an edge's step, 1 to 128.
+///     Search distance to each side for the end of an edge's step, in pixels, 1 to 128.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
-///     Each pixel mixed with those of its four neighbours that an edge cuts off it; the others to the bit as they were.
+///     Pixels that an edge crosses are mixed with the neighbours beyond the edge; the others keep their bits.
 ///
 /// Raises
 /// ------
@@ -607,17 +607,17 @@ pub fn remodulate_<'py>(
 ///
 /// Notes
 /// -----
-/// A separation line is a longest run of n boundaries between two rows (or columns) that are discontinuities, with the
-/// brighter pixels on one side. Where at one of its ends exactly one of the two pairs of pixels, above or below, differs
-/// across the end, the edge starts there, half a pixel above or below, and goes straight to the line's middle: the shapes
-/// L (one end), Z and U (both). At distance d from that end it cuts off the pixel the share (n - 2d - 1)/(2n), in the
-/// middle of an odd n 1/(8n), beyond nothing. A line whose end is not found within `max_length` counts as that long and
-/// has no shape there, nor has one that ends with the image.
+/// A separation line is a maximal sequence of n boundaries between two rows (or columns) that are discontinuities, with
+/// the brighter pixels on one side. If at one of its ends exactly one of the two pairs of pixels, above or below,
+/// differs across the end, the edge starts there, half a pixel above or below, and goes straight to the line's middle:
+/// the shapes L (one end), Z and U (both). At distance d from that end it cuts off the area (n - 2d - 1)/(2n) of the
+/// pixel, in the middle of an odd n 1/(8n), beyond it 0. A line is cut at `max_length`; it has no shape at an end that
+/// was cut or lies at the image's border.
 ///
-/// Of rows and columns the direction with the pixel's largest share counts, or half of each where they are equal. The
-/// result is (1 - Σ share) · own + Σ share · neighbour. Reshetov 2009, *Morphological Antialiasing*, but for the brighter
-/// side, which keeps the two edges of thin lines apart, and for the choice of direction, without which the steps of a
-/// slanted edge are blended twice.
+/// Of rows and columns the direction with the pixel's larger area counts, or half of each where they are equal. The
+/// result is (1 - Σ area) · own + Σ area · neighbour. Reshetov 2009, *Morphological Antialiasing*, with two changes:
+/// the side of the brighter pixels separates the two edges of thin lines, and choosing a direction avoids blending the
+/// steps of a slanted edge twice.
 #[pyfunction]
 #[pyo3(signature = (color, *, threshold=0.1, max_length=16, out=None), name = "morphological_aa")]
 pub fn morphological_aa_<'py>(

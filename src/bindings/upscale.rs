@@ -11,31 +11,31 @@ use crate::kernels::merge::resample;
 use crate::kernels::smooth::sharpen;
 use crate::pixels::PixelsMut;
 
-/// The samples of an image on a grid of another size.
+/// Resamples an image's jittered samples to a grid of another size.
 ///
 /// Parameters
 /// ----------
 /// image : (H, W) or (H, W, C) array_like of float
 ///     Pixels with NaN or infinity are missing.
 /// size : (int, int)
-///     Height and width of the new grid, each at least 1. It spans what the image spans.
+///     Height and width of the new grid, each at least 1. It covers the same area as the image.
 /// offset : (2,) array_like of float, default (0, 0)
-///     Where the samples lie, from their pixels' centres, x right, y down, in the image's pixels: a frame's jitter.
+///     A frame's jitter: the samples' positions relative to pixel centres, x right, y down, in the image's pixels.
 /// filter : {"lanczos-2", "catmull-rom", "bilinear", "nearest"}, default "lanczos-2"
-///     How samples count by their distance, as in `reproject`; "nearest" copies one.
+///     Reconstruction filter, as in `reproject`; "nearest" copies a sample.
 /// dering : bool, default True
-///     Whether "lanczos-2" and "catmull-rom" are held to the range of the nearest 2×2 samples.
+///     Clamp "lanczos-2" and "catmull-rom" to the range of the nearest 2×2 samples.
 /// out : tuple of (H', W') or (H', W', C) and (H', W') float32 arrays, optional
 ///     Written and returned instead of new arrays. A part may be None.
 ///
 /// Returns
 /// -------
 /// resampled : (H', W') or (H', W', C) float32
-///     NaN where no sample counts; missing ones do not, but are copied by "nearest".
+///     NaN without valid samples. Missing samples have weight 0, except that "nearest" copies them.
 /// weight : (H', W') float32
-///     How many samples the image has near each pixel of the grid: the density of a normal distribution whose deviation
-///     is 0.33 of its pixels. On average over offsets, the ratio of the pixels' numbers; up to 1.46 where a sample hits the
-///     centre of a pixel.
+///     Density of samples near each pixel of the grid, in samples per pixel: each sample contributes a normal
+///     distribution with a standard deviation of 0.33 pixels of the grid. The average over offsets is the ratio of the
+///     pixel counts; the maximum is 1.46, where a sample hits a pixel's centre.
 ///
 /// Raises
 /// ------
@@ -44,9 +44,9 @@ use crate::pixels::PixelsMut;
 ///
 /// Notes
 /// -----
-/// Lanczos' kernel of two lobes, as in AMD's FSR 2; where weights are negative, their sum normalises. Nothing is blurred
-/// first where the new grid is the coarser. Frames whose offsets differ, blended by weight, converge to an image of the
-/// grid's own resolution: Karis 2014, *High Quality Temporal Supersampling*.
+/// Lanczos with two lobes, as in AMD's FSR 2, normalised by the sum of weights. There is no low-pass filter:
+/// downsampling aliases. Frames with different offsets, blended by weight, converge to an image at the grid's full
+/// resolution: Karis 2014, *High Quality Temporal Supersampling*.
 #[pyfunction]
 #[pyo3(name = "resample", signature = (image, size, *, offset=None, filter="lanczos-2", dering=true, out=None))]
 #[pyo3(
@@ -106,7 +106,7 @@ pub fn resample_<'py>(
     Ok((resampled.array()?, weight.array()?))
 }
 
-/// How much of each pixel's history something nearer hid.
+/// Disocclusion: the fraction of each pixel's history footprint that was hidden by a nearer surface.
 ///
 /// Parameters
 /// ----------
@@ -115,14 +115,14 @@ pub fn resample_<'py>(
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
 ///     As `motion_vectors` returns it; with the third channel, depths are compared as they were.
 /// separation : float, default 0.05
-///     By how much, relative to depth, something has to be nearer to hide, 0 to 1.
+///     Smallest depth difference of an occluder, relative to depth, 0 to 1.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// share : (H, W) float32
-///     0 (seen before) to 1 (hidden, or from outside the image).
+///     0 (visible before) to 1 (hidden, or outside the image).
 ///
 /// Raises
 /// ------
@@ -131,12 +131,12 @@ pub fn resample_<'py>(
 ///
 /// Notes
 /// -----
-/// No buffer of the previous frame is asked for: the current depths are scattered to where their surfaces were, the
-/// nearest stays, and pixels whose surface was behind it by more than ``separation`` times its depth were hidden, counted by
-/// the bilinear weights of the 2×2 pixels there. Each pixel stands for the nearest surface of its 3×3 pixels, as in
-/// `dilate_motion`. After AMD's FSR 2, which takes for the separation 1.37e-5 times half the image's width in pixels, what
-/// depth buffers resolve (Akeley and Su 2006, *Minimum Triangle Separation for Correct z-Buffer Occlusion*): 0.007 at 1080p.
-/// The default lets slopes pass as well.
+/// Needs no buffer of the previous frame: the current depths are scattered to their previous positions, nearest depth
+/// wins. A surface that lies behind the result by more than ``separation`` times its depth was hidden; the 2×2 pixels
+/// at its previous position count by their bilinear weights. Depth and motion are dilated over 3×3 pixels, as in
+/// `dilate_motion`. After AMD's FSR 2, whose separation is 1.37e-5 times half the image's width in pixels, the
+/// resolution of depth buffers (Akeley and Su 2006, *Minimum Triangle Separation for Correct z-Buffer Occlusion*):
+/// 0.013 at 1920 pixels. The default also tolerates slopes.
 #[pyfunction]
 #[pyo3(name = "disocclusion", signature = (depth, motion, *, separation=0.05, out=None))]
 pub fn disocclusion_<'py>(
@@ -161,21 +161,21 @@ pub fn disocclusion_<'py>(
     share.array()
 }
 
-/// Ridges and furrows of light that are narrower than two pixels.
+/// Detects thin features: bright or dark lines narrower than two pixels.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
 /// similarity : float, default 1.05
-///     Up to which ratio luminances belong together, from 1.
+///     Largest ratio of luminances that count as similar, at least 1.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array.
 ///
 /// Returns
 /// -------
 /// thin : (H, W) float32
-///     1 where a pixel is brighter than all those of its 3×3 that are unlike it, or darker than all of them, and no 2×2 of
-///     them around it is alike; else 0. Neighbours that are missing or outside count as alike.
+///     1 where a pixel is brighter, or darker, than all dissimilar pixels of its 3×3, and no 2×2 block that contains it
+///     is similar throughout; else 0. Neighbours that are missing or outside count as similar.
 ///
 /// Raises
 /// ------
@@ -184,8 +184,8 @@ pub fn disocclusion_<'py>(
 ///
 /// Notes
 /// -----
-/// After the locks of AMD's FSR 2: history of what jittered samples hit only now and then must not be held to the
-/// neighbourhood of each single frame.
+/// After the locks of AMD's FSR 2: jittered samples miss a thin feature in some frames; there its history must not be
+/// clipped to the neighbourhood.
 #[pyfunction]
 #[pyo3(name = "thin_features", signature = (color, *, similarity=1.05, out=None))]
 pub fn thin_features_<'py>(
@@ -209,24 +209,24 @@ pub fn thin_features_<'py>(
     thin.array()
 }
 
-/// An image with steeper edges.
+/// Contrast-adaptive sharpening.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
 ///     Linear.
 /// strength : float, default 0.5
-///     0 (the image as it is) to 1.
+///     0 (unchanged) to 1.
 /// exposure : float, default 1.0
-///     The radiance that counts as 1, above 0: as `exposure` finds it.
+///     The radiance that counts as 1, above 0, as `exposure` returns it.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// sharpened : (H, W, 3) float32
-///     No channel, tone-mapped, leaves the range of the pixel and its four neighbours: there are no halos. Missing pixels
-///     stay.
+///     Tone-mapped channels stay in the range of the pixel and its four neighbours: there are no halos. Missing pixels
+///     stay missing.
 ///
 /// Raises
 /// ------
@@ -235,8 +235,8 @@ pub fn thin_features_<'py>(
 ///
 /// Notes
 /// -----
-/// Of colours ``c / (exposure + max(r, g, b))``, the pixel's less a share of its neighbours', as large as it may be without
-/// leaving 0 to 1: robust contrast adaptive sharpening, as in AMD's FSR 1.
+/// Robust contrast adaptive sharpening, as in AMD's FSR 1, on colours ``c / (exposure + max(r, g, b))``: subtracts the
+/// neighbours with the largest weight that keeps the result within 0 to 1.
 #[pyfunction]
 #[pyo3(name = "sharpen", signature = (color, *, strength=0.5, exposure=1.0, out=None))]
 pub fn sharpen_<'py>(

@@ -3,40 +3,41 @@
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
 //!     → regress → blend → (innovation) → remodulate → (antialias)
 //!
-//! What comes before `regress` is as in [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in every
-//! frame. Every buffer but colour is optional; what is absent drops out of the tests and features.
+//! The passes before `regress` are those of [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in
+//! every frame. Every buffer but colour is optional; what is absent drops out of the tests and features.
+
+mod fit;
 
 use std::ops::Range;
 
-use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep};
-use super::svgf::{
-    self, Memory, Recalled, Sampled, check_continues, correct_history, correct_light, illumination,
-    innovate, recall, without_fireflies,
-};
-use super::taa::{self, Stage, blacken_missing};
+use self::fit::{accumulate_fits, fit};
+use super::correction::{correct, innovate};
+use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
+use super::illumination::{self, Illumination, illumination, without_fireflies};
+use super::recall::{Memory, Recalled, recall};
+use super::svgf;
+use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, View, segments};
-use crate::kernels::camera::pinhole::Camera;
+use crate::image::{Image, Pixels, Records, View};
+use crate::kernels::camera::pinhole::{Camera, Rays};
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::innovation::{self, Innovation};
-use crate::kernels::merge::accumulate::{self, accumulate};
-use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
+use crate::kernels::judge::innovation;
+use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::guide::Guide;
-use crate::kernels::smooth::regress::{self, Features, Place, regress};
+use crate::kernels::smooth::regress::{self, Features, Place};
 use crate::pixels::PixelsMut;
-use crate::rows::{self, Kernel};
 
 /// Parameters of [`Bmfr`].
 #[derive(Clone, Debug)]
 pub struct Params {
-    /// Of the history; what is of the spatial filter alone does not count.
+    /// Of the passes before the regression; those of the spatial filter have no effect.
     pub history: svgf::Params,
-    /// Displaced from frame to frame.
+    /// The offset of its blocks changes from frame to frame.
     pub regress: regress::Params,
-    /// Least share of the new fit; 0 to 1; 0.1.
+    /// Least blend factor of the new fit; 0 to 1; 0.1.
     pub fitted_alpha: f32,
-    /// The output stage.
+    /// The last pass.
     pub antialias: Option<taa::Params>,
 }
 
@@ -74,31 +75,27 @@ impl Params {
     }
 }
 
-/// Where blocks begin, frame by frame, in eighths of their side.
-const OFFSETS: [[i64; 2]; 8] = [
-    [0, 0],
-    [4, 4],
-    [2, 6],
-    [6, 2],
-    [1, 3],
-    [5, 7],
-    [3, 1],
-    [7, 5],
-];
+/// Channels of a history: those of [`accumulate`], and the accumulated fits.
+const CHANNELS: usize = FITS.end;
+const LIGHT: Range<usize> = 0..3;
+const MOMENTS: Range<usize> = 3..5;
+const LENGTH: Range<usize> = 5..6;
+const FITS: Range<usize> = accumulate::CHANNELS..accumulate::CHANNELS + 3;
 
-/// Up to this albedo, a pixel shines by itself or by what it shows, and not by the light that falls on it.
-const BLACK: f32 = 1.0 / 1024.0;
-
-/// Channels of a history image: those of [`accumulate`], and the accumulated fits.
-const CHANNELS: usize = accumulate::CHANNELS + 3;
+/// What one frame leaves to the next.
+struct State {
+    memory: Memory,
+    /// The innovation that was found and not corrected.
+    evidence: Option<Records>,
+    /// Frames since the sequence began.
+    age: usize,
+}
 
 /// Block-wise multi-order feature regression.
 pub struct Bmfr {
     params: Params,
     upkeep: Upkeep,
-    memory: Option<Memory>,
-    /// Frames since the sequence began.
-    age: usize,
+    state: Option<State>,
     antialias: Option<Stage>,
 }
 
@@ -110,8 +107,7 @@ impl Bmfr {
             antialias: params.antialias.map(Stage::new),
             params,
             upkeep: Upkeep::default(),
-            memory: None,
-            age: 0,
+            state: None,
         })
     }
 }
@@ -124,244 +120,177 @@ impl Steps for Bmfr {
     }
 
     fn forget(&mut self) {
-        self.memory = None;
-        self.age = 0;
+        self.state = None;
         self.antialias.iter_mut().for_each(Stage::reset);
     }
 
     fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
-        if let Some(memory) = &self.memory {
-            check_continues(memory, frame)?;
-        }
-        let size = frame.color.size;
+        (self.state.iter()).try_for_each(|state| state.memory.check(frame))?;
         let params = &self.params;
-        let mut used = vec![];
+        let (memory, evidence, age) = match self.state.take() {
+            Some(state) => (Some(state.memory), state.evidence, state.age),
+            None => (None, None, 0),
+        };
+        let first = memory.is_none();
+        let inputs = Inputs::new(frame, memory.as_ref());
+        let Inputs {
+            texture, features, ..
+        } = inputs;
 
-        let texture = frame.albedo.map(|albedo| Texture {
-            albedo,
-            emission: frame.emission,
-        });
         let sample = illumination(frame.color, texture);
-        let rays = frame.camera.as_ref().map(Camera::rays);
-        let hold = |known: Option<Pixels>| {
-            let fireflies = params.history.fireflies?;
-            let guide = Guide::new(size, fireflies.radius, frame.surface, rays);
-            Some(without_fireflies(
-                &sample, known, texture, &guide, fireflies,
-            ))
-        };
-
-        let mut memory = self.memory.take();
-        let evidence = memory.as_mut().and_then(|memory| memory.evidence.take());
-        let continues = memory.is_some();
-        let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
-        let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
-        let motion = frame.motion(before, &mut used);
-        let Recalled {
-            history: known,
-            held,
-            gradient,
-            ..
-        } = match &mut memory {
-            Some(memory) => {
-                let (params, motion) = (&params.history, &motion);
-                recall(params, memory, frame, motion, &sample, hold, &mut output)
-            }
-            None => Recalled::nothing(size, CHANNELS, hold, &mut output),
-        };
-        drop(memory);
-        let color = held.unwrap_or(sample);
-        let parts = [0..3, 3..5, 5..6, 6..9];
-        let [light, moments, lengths, fits] = parts.map(|part| known.pixels().part(part));
-
-        let mut history = Image::blank(size, CHANNELS);
-        let (accumulated, fitted) = history.data_mut().split_at_mut(6 * size.pixels());
-        let merged = PixelsMut::planar(size, accumulated).map(|all| [(0..6, all)]);
-        let change = gradient.as_ref().map(Image::view);
-        let missing = accumulate(
-            color.pixels(),
-            None,
-            [light, moments, lengths],
-            change,
-            (params.history.by_confidence).then(|| View::new(size, 1, output.confidence)),
-            params.history.accumulate,
-            merged,
-        );
-
-        let accumulated = Pixels::from(View::new(size, accumulate::CHANNELS, accumulated));
-
-        let weight = texture.map(|texture| {
-            let mut weight = Image::blank(size, 1);
-            rows::run(&Reflects(texture.albedo), size.height, weight.bands());
-            weight
-        });
-        let features = Features {
-            normal: frame.surface.normal,
-            place: (frame.geometry()).and_then(|geometry| Place::new(geometry, rays)),
-        };
-        let block = params.regress.block as i64;
-        let displaced = regress::Params {
-            offset: OFFSETS[self.age % OFFSETS.len()].map(|eighths| eighths * block / 8),
-            ..params.regress
-        };
-        let mut fit = Records::blank(size, 3);
-        let mut counts = Image::blank(size, 1);
-        regress(
-            accumulated.part(0..3),
-            features,
-            weight.as_ref().map(Image::pixels),
-            displaced,
-            fit.data_mut(),
-            counts.data_mut(),
-        );
-
-        let length = accumulated.part(5..6).plane();
-        let mut share = Image::blank(size, 1);
-        let kernel = Share {
-            length,
-            least: params.fitted_alpha,
-        };
-        rows::run(&kernel, size.height, share.bands());
-        let plain = blend::Params {
-            weighting: Weighting::None,
-            flicker: 1.0,
-            exposure: 1.0,
-        };
-        let out = PixelsMut::planar(size, fitted);
-        blend(fit.pixels(), fits, Alpha::Map(share.view()), plain, out);
-
-        let mut rest = None;
-        if let Some(params) = params.history.innovation.filter(|_| continues) {
-            let [color, length, fits] = [0..3, 5..6, 6..9].map(|part| history.pixels().part(part));
-            let (fresh, bright) = (Sampled::of(frame, texture, None), exposure(color));
-            let evidence = evidence.as_ref();
-            let (found, left) = innovate(params, &fresh, &fits, length, &motion, bright, evidence);
-            rows::run(&Correct(&found), size.height, history.bands());
-            rest = Some(left);
-        }
-        let light = history.channels(6..9);
-        let textured = texture.map(|texture| {
-            let mut color = Image::blank(size, 3);
-            let out = color.bands().map(PixelsMut::Planar);
-            modulate(light.into(), texture, Way::Back, out);
-            color
-        });
+        let past = inputs.reproject(&params.history, memory, &sample, &mut output);
+        let (mut history, missing) = merge(&params.history, &sample, &past, output.confidence);
+        let light = history.pixels().part(LIGHT);
+        let fit = fit(light, features, frame.albedo, params.regress, age);
+        accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
+        drop((sample, past, fit));
+        let evidence = (params.history.innovation.filter(|_| !first))
+            .map(|params| inputs.correct(params, evidence.as_ref(), &mut history));
+        let light = history.channels(FITS);
+        let textured = texture.map(|texture| remodulate(light, texture));
         let color = textured.as_ref().map_or(light, Image::view);
         match &mut self.antialias {
-            Some(stage) => {
-                stage.step(
-                    color.into(),
-                    motion.pixels(),
-                    frame.surface.depth.map(Pixels::plane),
-                    PixelsMut::bands(size, 3, output.color),
-                    None,
-                );
-            }
-            None => {
-                color.interleave(output.color);
-                blacken_missing(output.color);
-            }
+            Some(stage) => inputs.antialias(stage, color, output.color),
+            None => show(color, output.color),
         }
-        output.history_length.copy_from_slice(history.plane(5));
+        (output.history_length).copy_from_slice(history.plane(LENGTH.start));
 
-        let surface = &frame.surface;
-        let position = matches!(features.place, Some(Place::Position(_)));
-        used.extend(
-            [
-                ("albedo", texture.is_some()),
-                ("emission", texture.is_some() && frame.emission.is_some()),
-                ("normal", surface.normal.is_some()),
-                ("depth", surface.depth.is_some()),
-                ("ids", continues && surface.ids.is_some()),
-                ("position", position),
-                (
-                    "object_normal",
-                    continues && surface.object_normal.is_some(),
-                ),
-                ("replay", replays),
-            ]
-            .into_iter()
-            .filter_map(|(name, used)| used.then_some(name)),
-        );
-        self.age += 1;
         let kept = Records::of(history.view());
-        let mut memory = Memory::new(frame, kept, &params.history, !continues);
-        memory.evidence = rest;
-        self.memory = Some(memory);
+        self.state = Some(State {
+            memory: Memory::new(frame, kept, &params.history, first),
+            evidence,
+            age: age + 1,
+        });
+        let used = inputs.used;
         Ok(Summary { used, missing })
     }
 }
 
-/// Adds what was found to the fits and to the history.
-struct Correct<'a>(&'a Innovation);
+/// A frame's buffers as the passes read them.
+struct Inputs<'a> {
+    frame: &'a Frame<'a>,
+    motion: Motion<'a>,
+    texture: Option<Texture<'a>>,
+    rays: Option<Rays>,
+    features: Features<'a>,
+    used: Vec<&'static str>,
+}
 
-impl<'a> Kernel for Correct<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut history: BandMut<'a>) {
-        let mut line = self.0.line();
-        let mut fits = [[0.0; SEGMENT]; 3];
-        for y in rows {
-            self.0.go_to(y, &mut line);
-            let mut rows = history.rows::<CHANNELS>(y);
-            for run in segments(y, rows[0].len()) {
-                for (fits, row) in fits.iter_mut().zip(&rows[6..]) {
-                    fits[..run.len].copy_from_slice(&row[run.x..][..run.len]);
-                }
-                let Some(found) = self.0.correction(&line, run, &fits) else {
-                    continue;
-                };
-                for i in 0..run.len {
-                    let mut record: [f32; CHANNELS] =
-                        std::array::from_fn(|channel| rows[channel][run.x + i]);
-                    let found = [0, 1, 2].map(|c| found[c][i]);
-                    let (accumulated, fit) = record.split_at_mut(accumulate::CHANNELS);
-                    correct_history(found, accumulated);
-                    correct_light(found, fit);
-                    for (row, value) in rows.iter_mut().zip(record) {
-                        row[run.x + i] = value;
-                    }
-                }
-            }
+impl<'a> Inputs<'a> {
+    fn new(frame: &'a Frame<'a>, memory: Option<&Memory>) -> Self {
+        let camera = memory.and_then(|memory| memory.camera.as_ref());
+        let mut used = vec![];
+        let motion = frame.motion(camera, &mut used);
+        let (surface, textured) = (&frame.surface, frame.albedo.is_some());
+        let rays = frame.camera.as_ref().map(Camera::rays);
+        let place = (frame.geometry()).and_then(|geometry| Place::new(geometry, rays));
+        let (continues, turned) = (memory.is_some(), surface.object_normal.is_some());
+        let replays = frame.replay.is_some() && memory.is_some_and(Memory::expects_replay);
+        used.extend(names([
+            ("albedo", textured),
+            ("emission", textured && frame.emission.is_some()),
+            ("normal", surface.normal.is_some()),
+            ("depth", surface.depth.is_some()),
+            ("ids", continues && surface.ids.is_some()),
+            ("position", matches!(place, Some(Place::Position(_)))),
+            ("object_normal", continues && turned),
+            ("replay", replays),
+        ]));
+        Self {
+            frame,
+            motion,
+            texture: illumination::texture(frame),
+            rays,
+            features: Features {
+                normal: surface.normal,
+                place,
+            },
+            used,
         }
+    }
+
+    /// Reprojects the history, and suppresses fireflies if `params` have it. Writes the output's confidence and rejection.
+    fn reproject(
+        &self,
+        params: &svgf::Params,
+        memory: Option<Memory>,
+        sample: &Image,
+        output: &mut Output,
+    ) -> Recalled {
+        let Self { frame, motion, .. } = self;
+        let hold = |known: Option<Pixels>| {
+            let limits = params.fireflies?;
+            let guide = Guide::new(sample.size, limits.radius, frame.surface, self.rays);
+            Some(without_fireflies(
+                sample,
+                known,
+                self.texture,
+                &guide,
+                limits,
+            ))
+        };
+        let mut memory = memory;
+        let memory = memory.as_mut();
+        recall(
+            params, memory, CHANNELS, frame, motion, sample, hold, output,
+        )
+    }
+
+    /// Corrects the fits and the history by what new samples show to be wrong with the fits. Returns the evidence for the
+    /// next frame.
+    fn correct(
+        &self,
+        params: innovation::Params,
+        evidence: Option<&Records>,
+        history: &mut Image,
+    ) -> Records {
+        let size = history.size;
+        let [light, length, fits] = [LIGHT, LENGTH, FITS].map(|part| history.pixels().part(part));
+        let fresh = Illumination::of(self.frame);
+        let (motion, bright) = (&self.motion, exposure(light));
+        let (found, rest) = innovate(params, &fresh, &fits, length, motion, bright, evidence);
+        let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
+        correct(&found, size, fits, accumulated);
+        rest
+    }
+
+    fn antialias(&self, stage: &mut Stage, color: View, shown: &mut [f32]) {
+        let depth = self.frame.surface.depth.map(Pixels::plane);
+        let out = PixelsMut::bands(color.size, 3, shown);
+        stage.step(color.into(), self.motion.pixels(), depth, out, None);
     }
 }
 
-/// 1; NaN where albedo is black, so that what a lamp shines with is no light that falls on it.
-struct Reflects<'a>(Pixels<'a>);
-
-impl<'a> Kernel for Reflects<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let width = self.0.size.width;
-        for y in rows {
-            for (x, weight) in out.row(0, y).iter_mut().enumerate() {
-                let [r, g, b] = self.0.vector(y * width + x);
-                let reflects = (r > BLACK) | (g > BLACK) | (b > BLACK);
-                *weight = if reflects { 1.0 } else { f32::NAN };
-            }
-        }
-    }
+/// Accumulates the new sample. Returns the new history, its fits not yet written, and the number of missing samples.
+fn merge(
+    params: &svgf::Params,
+    sample: &Image,
+    past: &Recalled,
+    confidence: &[f32],
+) -> (Image, usize) {
+    let size = sample.size;
+    let mut history = Image::blank(size, CHANNELS);
+    let accumulated = &mut history.data_mut()[..FITS.start * size.pixels()];
+    let samples = Samples {
+        size,
+        color: &past.held.as_ref().unwrap_or(sample).pixels(),
+        weight: None,
+        gradient: past.gradient.as_ref().map(Image::view),
+    };
+    let known = Images {
+        parts: [LIGHT, MOMENTS, LENGTH].map(|part| past.history.pixels().part(part)),
+        confidence: (params.by_confidence).then(|| View::new(size, 1, confidence)),
+    };
+    let merged = PixelsMut::planar(size, accumulated).map(|all| [(0..FITS.start, all)]);
+    let nothing = std::iter::repeat(());
+    let missing = accumulate(samples, &known, params.accumulate, merged, nothing);
+    (history, missing)
 }
 
-/// The share of the N-th fit: 1/N until that is the least.
-struct Share<'a> {
-    length: View<'a>,
-    least: f32,
-}
-
-impl<'a> Kernel for Share<'a> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        for y in rows {
-            for (share, &length) in out.row(0, y).iter_mut().zip(self.length.row(0, y)) {
-                *share = self.least.max(1.0 / length);
-            }
-        }
-    }
+/// Light with its texture put back.
+fn remodulate(light: View, texture: Texture) -> Image {
+    let mut color = Image::blank(light.size, 3);
+    let out = color.bands().map(PixelsMut::Planar);
+    modulate(light.into(), texture, Way::Back, out);
+    color
 }

@@ -1,17 +1,20 @@
 //! What goes into a pipeline and what comes out, one frame at a time.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 use super::motion_check::{Check, Mistake};
 use crate::error::{Error, Result};
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, check_length, segments};
+use crate::image::{
+    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, check_length, segments,
+};
 use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
 use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel, Settings};
+use crate::rows::{self, BAND, Kernel, Settings};
 
 /// One frame's buffers: its colour, and what else the renderer knows of it. All have one size.
 #[derive(Clone, Copy)]
@@ -22,7 +25,7 @@ pub struct Frame<'a> {
     pub albedo: Option<Pixels<'a>>,
     /// 3 channels; light that the visible surface emits: the part of the colour that has no noise.
     pub emission: Option<Pixels<'a>>,
-    /// Depth, normals and ids of the visible surface. Pipelines take its colour from `albedo`.
+    /// The buffers that surface tests compare. Pipelines take their colour from `albedo`.
     pub surface: Surface<'a>,
     /// 3 channels; world space; not finite where nothing was hit.
     pub position: Option<Pixels<'a>>,
@@ -122,59 +125,46 @@ impl<'a> Frame<'a> {
         })
     }
 
+    /// Positions, or else depth.
     pub(super) fn geometry(&self) -> Option<Geometry<'a>> {
         (self.position.map(Geometry::Position)).or(self.surface.depth.map(Geometry::Depth))
     }
 
-    /// The motion that came with the frame; or, if both cameras are known and where surfaces are, computed; or none. Where
-    /// it came without change of depth, that is completed from the cameras, as far as they tell the same motion.
+    /// The motion that came with the frame; else that of a still scene, if both cameras and the geometry are known; else
+    /// zero. If it came without change of depth, the cameras complete it.
     pub(super) fn motion(
         &self,
         previous: Option<&Camera>,
         used: &mut Vec<&'static str>,
     ) -> Motion<'a> {
+        let size = self.color.size;
+        used.extend(self.motion.map(|_| "motion"));
         let cameras = self.camera.as_ref().zip(previous);
-        match self.motion {
-            Some(motion) => {
-                used.push("motion");
-                let still = cameras.zip(self.geometry());
-                match still.filter(|_| motion.channels == 2) {
-                    Some((cameras, geometry)) => {
-                        let still = find_motion(motion.size, Some(cameras), Some(geometry), used);
-                        Motion::Completed(complete(motion, still))
-                    }
-                    None => Motion::Given(motion),
-                }
-            }
-            None => {
-                let size = self.color.size;
-                Motion::Computed(find_motion(size, cameras, self.geometry(), used))
-            }
+        let still = (cameras.zip(self.geometry()))
+            .filter(|_| self.motion.is_none_or(|motion| motion.channels == 2))
+            .map(|((camera, previous), geometry)| {
+                used.push("camera");
+                still_motion(size, geometry, camera, previous)
+            });
+        match (self.motion, still) {
+            (Some(motion), Some(still)) => Motion::Completed(complete(motion, still)),
+            (Some(motion), None) => Motion::Given(motion),
+            (None, Some(still)) => Motion::Computed(still),
+            (None, None) => Motion::Computed(Image::new(size, 2)),
         }
     }
 }
 
-/// The motion of what stands still, if both cameras are known and where surfaces are; or none.
-pub fn find_motion(
-    size: Size,
-    cameras: Option<(&Camera, &Camera)>,
-    geometry: Option<Geometry>,
-    used: &mut Vec<&'static str>,
-) -> Image {
-    match cameras.zip(geometry) {
-        Some(((camera, previous), geometry)) => {
-            used.push("camera");
-            let mut motion = Image::blank(size, 3);
-            let out = motion.bands().map(PixelsMut::Planar);
-            let still = Transforms::default();
-            motion_vectors(geometry, camera, previous, None, &still, out);
-            motion
-        }
-        None => Image::new(size, 2),
-    }
+/// The motion, with change of depth, of a scene in which only the camera moves.
+pub fn still_motion(size: Size, geometry: Geometry, camera: &Camera, previous: &Camera) -> Image {
+    let mut motion = Image::blank(size, 3);
+    let still = Transforms::default();
+    let out = PixelsMut::planar(size, motion.data_mut());
+    motion_vectors(geometry, camera, previous, None, &still, out);
+    motion
 }
 
-/// What the next frame's tests ask of a frame's surfaces; in records, as all that is fetched in several channels.
+/// A copy of the buffers that the next frame's surface tests read; interleaved, as a tap reads all channels of a pixel.
 pub struct SurfaceRecords {
     depth: Option<Records>,
     normal: Option<Records>,
@@ -205,11 +195,11 @@ impl SurfaceRecords {
     }
 }
 
-/// Pixels in which a motion may differ from that of the cameras and still be theirs.
+/// Pixels by which a motion may differ from the still scene's and count as the same.
 const SAME_MOTION: f32 = 0.5;
 
-/// A motion without change of depth gets that of what stands still where it moves like it, and none elsewhere: objects that
-/// move by themselves are expected at the depth that they have.
+/// Adds the change of depth to a motion of two channels: the still scene's where both motions agree, 0 elsewhere, so that an
+/// object that moves by itself is expected to keep its depth.
 fn complete(motion: Pixels, mut still: Image) -> Image {
     let height = motion.size.height;
     rows::run(&Complete(motion), height, still.bands());
@@ -242,9 +232,9 @@ impl<'a> Kernel for Complete<'a> {
 
 pub enum Motion<'a> {
     Given(Pixels<'a>),
-    /// From the cameras, of what stands still.
+    /// Of a still scene, from the cameras; or zero.
     Computed(Image),
-    /// Given, with the change of depth that cameras tell.
+    /// Given without change of depth, which the cameras added.
     Completed(Image),
 }
 
@@ -256,13 +246,14 @@ impl Motion<'_> {
         }
     }
 
-    /// Whether the change of depth is that of the pixel's own surface, as the test against planes needs it.
+    /// Whether the change of depth is exact at every pixel, as the plane test needs it: a completed one is a guess where
+    /// objects move by themselves.
     pub fn tells_depth(&self) -> bool {
         self.pixels().channels == 3 && !matches!(self, Self::Completed(_))
     }
 }
 
-/// What a pipeline writes beyond what all write.
+/// The outputs that only some pipelines write.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extras {
     /// [`Output::variance`].
@@ -271,7 +262,8 @@ pub struct Extras {
     pub choice: bool,
 }
 
-/// Where a step writes its results: an element for each pixel of [`Pipeline::output_size`], row by row from the top.
+/// Where a step writes its results: colour interleaved, one number per pixel for the others, row by row from the top, in the
+/// size that [`Pipeline::output_size`] gives.
 pub struct Output<'a> {
     /// Three elements for each pixel: its channels side by side. Finite everywhere.
     pub color: &'a mut [f32],
@@ -283,7 +275,7 @@ pub struct Output<'a> {
     pub confidence: &'a mut [f32],
     /// Bits of [`rejection`](crate::kernels::judge::surface::rejection): the tests that history failed.
     pub rejection: &'a mut [u8],
-    /// Passes of the filter that each pixel shows; for pipelines that choose.
+    /// The filter passes that each pixel shows, for pipelines that choose their number.
     pub choice: Option<&'a mut [f32]>,
 }
 
@@ -312,6 +304,19 @@ impl Output<'_> {
             check_length(name, wanted, got.unwrap_or(wanted))?;
         }
         Ok(())
+    }
+
+    /// The colour, and the report band by band.
+    pub(super) fn parts(&mut self, size: Size) -> (&mut [f32], Vec<Report<'_>>) {
+        let report = (bands_of(self.history_length, size))
+            .zip(bands_of(self.confidence, size))
+            .zip(bands_of(self.rejection, size))
+            .map(|((history_length, confidence), rejection)| Report {
+                history_length,
+                confidence,
+                rejection,
+            });
+        (self.color, report.collect())
     }
 }
 
@@ -365,18 +370,67 @@ impl Results {
     }
 }
 
-/// What else a step knows.
+/// A band of the outputs that say how much history a pixel has, and why it has no more.
+pub struct Report<'a> {
+    pub history_length: BandMut<'a>,
+    pub confidence: BandMut<'a>,
+    pub rejection: BandMut<'a, u8>,
+}
+
+impl Report<'_> {
+    #[inline(always)]
+    pub fn write(&mut self, run: Run, length: &Row, confidence: &Row, rejection: &[u8; SEGMENT]) {
+        self.history_length.put(run, &length[..run.len], 1);
+        self.confidence.put(run, &confidence[..run.len], 1);
+        self.rejection.put(run, &rejection[..run.len], 1);
+    }
+}
+
+/// Writes the result interleaved, black where no sample was ever seen.
+pub fn show(color: View, into: &mut [f32]) {
+    color.interleave(into);
+    let bands = into.chunks_mut(BAND * color.size.width * 3);
+    rows::run(&Blacken(PhantomData), color.size.height, bands);
+}
+
+struct Blacken<'a>(PhantomData<&'a f32>);
+
+impl<'a> Kernel for Blacken<'a> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows(&self, _: Range<usize>, color: &'a mut [f32]) {
+        blacken_missing(color);
+    }
+}
+
+/// Makes missing values black.
+#[inline(always)]
+pub fn blacken_missing(row: &mut [f32]) {
+    for value in row {
+        *value = if value.is_finite() { *value } else { 0.0 };
+    }
+}
+
+/// What else a step reports.
 #[derive(Clone, Debug)]
 pub struct Summary {
     /// Names of the buffers that took part.
     pub used: Vec<&'static str>,
-    /// Pixels whose sample was not finite.
+    /// The number of missing samples: pixels whose colour was not finite.
     pub missing: usize,
+}
+
+/// The names of the buffers that took part, given whether each did.
+pub fn names<const N: usize>(buffers: [(&'static str, bool); N]) -> Vec<&'static str> {
+    let used = |(name, used): (_, bool)| used.then_some(name);
+    buffers.into_iter().filter_map(used).collect()
 }
 
 /// What every pipeline keeps from frame to frame beside its history.
 #[derive(Default)]
 pub struct Upkeep {
+    /// Memory for the next frame's images.
     reserve: Reserve,
     check: Check,
 }
@@ -385,45 +439,45 @@ pub struct Upkeep {
 pub trait Steps {
     fn upkeep(&mut self) -> &mut Upkeep;
 
-    /// Forgets the history.
+    /// Drops the history.
     fn forget(&mut self);
 
-    /// Works on the next frame, which is checked; after an error, everything is as before.
+    /// Runs the passes on the next frame, which is checked. An error leaves the state as it was.
     fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary>;
 }
 
 /// A method that works on a sequence frame by frame.
 pub trait Pipeline: Steps {
-    /// The size of the results for frames of a size.
+    /// The size of the results for frames of this size.
     fn output_size(&self, size: Size) -> Size {
         size
     }
 
-    /// What is written beyond what all pipelines write.
+    /// The outputs that this pipeline writes beside those of all pipelines.
     fn extras(&self) -> Extras {
         Extras::default()
     }
 
-    /// Forgets the sequence; the next frame is a first one.
+    /// Starts a new sequence.
     fn reset(&mut self) {
         *self.upkeep() = Upkeep::default();
         self.forget();
     }
 
-    /// Works on the next frame of the sequence. Also returned is what seems wrong with the motion, which is asked once, at
-    /// the second frame.
+    /// Runs the passes on the next frame of the sequence. Also returns what seems wrong with the frame's motion, which is
+    /// checked once, at the second frame.
     ///
     /// # Errors
     /// If a buffer has another size or other channels than it should, the size changes without a [`reset`](Self::reset), or
     /// the pipeline needs a buffer that is absent. The history is then as before.
     ///
     /// # Panics
-    /// If memory cannot be had, with [`OutOfMemory`](crate::OutOfMemory). The pipeline is reset, and usable.
+    /// If an allocation fails, with [`OutOfMemory`](crate::OutOfMemory). A panic resets the pipeline, which stays usable.
     fn step(&mut self, frame: &Frame, output: Output) -> Result<(Summary, Option<Mistake>)> {
         Settings::from_environment()?;
         let frame = &frame.checked()?;
         output.check(self.output_size(frame.color.size), self.extras())?;
-        // In memory that earlier steps have left.
+        // Images are in memory that earlier frames freed.
         let mut upkeep = std::mem::take(self.upkeep());
         let next = AssertUnwindSafe(|| upkeep.reserve.serve(|| self.next(frame, output)));
         let summary = catch_unwind(next).unwrap_or_else(|panic| {
@@ -436,7 +490,7 @@ pub trait Pipeline: Steps {
     }
 }
 
-/// Frames of a sequence have one size.
+/// Refuses a frame whose size differs from the sequence's.
 pub fn check_size(before: Size, now: Size) -> Result<()> {
     if before == now {
         return Ok(());
@@ -451,7 +505,8 @@ mod tests {
 
     use super::*;
     use crate::kernels::judge::{innovation, neighborhood};
-    use crate::pipelines::{bmfr, half_res, recirculation, svgf, taa, upscaler};
+    use crate::kernels::smooth::lend;
+    use crate::pipelines::{bmfr, recirculation, svgf, taa, upscaler};
 
     const SIZE: Size = Size {
         height: 37,
@@ -535,7 +590,8 @@ mod tests {
         }
         runs(svgf());
         runs(svgf::Svgf::new(svgf::Params::textbook()).expect("in range"));
-        runs(svgf::Svgf::new(half_res::Params::default().svgf()).expect("in range"));
+        let half_res = svgf::Params::half_res(lend::Params::default());
+        runs(svgf::Svgf::new(half_res).expect("in range"));
         runs(bmfr::Bmfr::new(bmfr::Params::default()).expect("in range"));
         runs(taa::Taa::new(taa::Params::default()).expect("in range"));
         let params = recirculation::Params::default();

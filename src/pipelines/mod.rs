@@ -1,8 +1,8 @@
-//! Whole methods: lists of kernels, with the state that goes from frame to frame.
+//! Pipelines: lists of kernels, each with the state that goes from frame to frame.
 //!
 //! | pipeline | what it makes of frames |
 //! |---|---|
-//! | [`Svgf`] | denoised ones; with [`half_res::Params::svgf`], of frames of which a part is traced |
+//! | [`Svgf`] | denoised ones; with [`svgf::Params::half_res`], of frames of which a part is traced |
 //! | [`Bmfr`] | denoised ones, by regression |
 //! | [`Taa`] | antialiased ones, of frames with little noise |
 //! | [`Upscaler`] | larger ones, by what their jitter shows |
@@ -12,10 +12,11 @@
 //! Python package has by default.
 
 pub mod bmfr;
+mod correction;
 mod frame;
-pub mod half_res;
+mod illumination;
 mod motion_check;
-mod passes;
+mod recall;
 pub mod recirculation;
 mod reflections;
 mod replay;

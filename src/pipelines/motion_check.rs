@@ -1,29 +1,29 @@
-//! Whether motion has the directions and units that this library expects, asked once, at a sequence's second frame.
+//! A check, at a sequence's second frame, that motion has the direction and units that this library expects.
 //!
 //! Mistakes are factors of motion: −1 where it points the other way, or up; half the image's sides where it comes in
-//! normalised device coordinates, its sides where it comes in shares of the image. For each mistake, motion as it came is
-//! weighed against motion with that mistake undone, on a sparse grid of pixels:
+//! normalised device coordinates, its sides where it comes as fractions of the image. On a sparse grid of pixels, the motion
+//! as given is compared with the motion corrected for each mistake:
 //!
-//! - **cameras**: where both are known, and depth or position, the motion of what stands still is known as well. A mistake
-//!   is found where the median of |motion − expected| / |expected| is above ½, and with the mistake undone below ⅒.
-//! - **warp**: otherwise the first frame (its albedo and normals, or else its colour) is looked up along both motions. A pixel
-//!   agrees if its values lie in the range of the four pixels around the place that it came from. A mistake is found where
-//!   most pixels agree once it is undone, and many more disagree before than after. Cuts, disocclusion and what moves without
-//!   motion disagree both ways.
+//! - **cameras**: if both frames have one, and depth or position, the motion of a still scene is computed. A mistake is found
+//!   if the median of |motion − expected| / |expected| is above ½ for the motion as given and below ⅒ for the corrected one.
+//! - **warp**: otherwise the first frame (its albedo and normals, or else its colour) is read along both motions. A pixel
+//!   agrees if its values lie in the range of the four pixels around the place that it came from. A mistake is found if most
+//!   pixels agree for the corrected motion, and far more change to agreement than away from it. Cuts, disocclusion and
+//!   objects that move without motion vectors disagree for both.
 
 use std::fmt::{self, Display};
 
-use super::frame::{Frame, find_motion};
+use super::frame::{Frame, still_motion};
 use crate::image::{Pixels, Records, Size};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 
-/// Pixels of the grid, along each side at most.
+/// Most pixels of the grid along each side.
 const GRID: usize = 96;
-/// Pixels that have to speak for a mistake at least.
+/// Least number of pixels that must show a mistake.
 const VOTES: usize = 32;
 
-/// What motion has to be multiplied by, to be what it should be.
+/// A mistake in motion: the factors that correct it, and how to describe it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mistake {
     factors: [f64; 2],
@@ -32,7 +32,7 @@ pub struct Mistake {
 }
 
 impl Mistake {
-    /// None at all, and then all, in the order in which equals are preferred.
+    /// No mistake first, then each, the likelier first: of equals the first is reported.
     fn all(size: Size, against: &'static str) -> impl Iterator<Item = Self> {
         let (width, height) = (size.width as f64, size.height as f64);
         let units = [
@@ -63,6 +63,7 @@ impl Mistake {
         })
     }
 
+    /// Motion corrected for this mistake.
     fn undone(&self, motion: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|c| self.factors[c] * motion[c])
     }
@@ -80,7 +81,7 @@ impl Display for Mistake {
     }
 }
 
-/// What is known of the sequence's beginning.
+/// How far the check has come in a sequence.
 #[derive(Default)]
 pub enum Check {
     #[default]
@@ -94,12 +95,12 @@ pub enum Check {
 }
 
 impl Check {
-    /// Looks at the next frame of a sequence.
+    /// Takes the next frame of a sequence; at the second, returns the mistake if there is one.
     pub fn see(&mut self, frame: &Frame) -> Option<Mistake> {
         let camera = frame.camera.filter(|_| frame.geometry().is_some());
         match std::mem::replace(self, Self::Done) {
             Self::Begin => {
-                // What cameras tell needs no copy.
+                // The check by cameras reads nothing of the first frame.
                 let seen = buffers(frame).into_iter().filter(|_| camera.is_none());
                 *self = Self::Second {
                     size: frame.color.size,
@@ -124,7 +125,7 @@ impl Check {
     }
 }
 
-/// What moves with surfaces.
+/// Buffers that move with surfaces.
 fn buffers<'a>(frame: &Frame<'a>) -> Vec<Pixels<'a>> {
     let surface = [frame.albedo, frame.surface.normal];
     let surface: Vec<_> = surface.into_iter().flatten().collect();
@@ -134,7 +135,7 @@ fn buffers<'a>(frame: &Frame<'a>) -> Vec<Pixels<'a>> {
     }
 }
 
-/// A pixel every so many, and its motion, where there is any.
+/// The grid's pixels with finite motion: place, index and motion.
 fn moved(motion: Pixels) -> impl Iterator<Item = ([usize; 2], usize, [f64; 2])> {
     let Size { height, width } = motion.size;
     let rows = (0..height).step_by(height.div_ceil(GRID));
@@ -156,12 +157,11 @@ fn by_cameras(
     camera: &Camera,
     previous: &Camera,
 ) -> Option<Mistake> {
-    let cameras = Some((camera, previous));
-    // Where nothing was hit, some renderers write a position at the origin, a depth of 0, or one of 1e10, which alone is
-    // far enough to be right.
+    // Where nothing was hit, some renderers write a position at the origin, a depth of 0, or a depth of 1e10. Only the last
+    // gives the right motion.
     let depth = frame.surface.depth;
     let geometry = depth.map(Geometry::Depth).or(frame.geometry());
-    let expected = find_motion(frame.color.size, cameras, geometry, &mut vec![]);
+    let expected = still_motion(frame.color.size, geometry?, camera, previous);
     let expected = expected.pixels();
     let placed = |pixel| depth.is_none_or(|depth| depth.at(pixel, 0) > 0.0);
     let pairs: Vec<_> = moved(motion)
@@ -221,7 +221,7 @@ fn by_warp(motion: Pixels, before: &[Records], now: &[Pixels]) -> Option<Mistake
         let mut images = before.iter().zip(now);
         Some(images.all(|(before, now)| (0..now.channels).all(|c| near(before, now, c))))
     };
-    // Of pixels, how many agree once the mistake is undone, if that is plain.
+    // The fraction of pixels that agree once the mistake is corrected, if the evidence is clear.
     let share = |mistake: &Mistake| {
         let (mut all, mut inside, mut agreeing, mut gained, mut lost) = (0, 0, 0, 0, 0);
         for (place, pixel, motion) in moved(motion) {

@@ -1,14 +1,15 @@
 //! Reflections: histories fetched along virtual motion, where they predict the new samples better than the surface's own.
 //!
-//! What a glossy surface shows moves like a point behind it (see [`crate::kernels::camera::virtual_motion`]), at a distance
-//! that renderers seldom tell. So a few are tried. Each is a prediction of the new sample that has not seen it, and
-//! `prediction_gain` compares it with the prediction of the surface's own motion, without bias; averaged over frames,
-//! the best one wins where it is better than the surface by a margin. What is compared is lightly filtered light.
+//! What a glossy surface reflects moves like a point behind it (see [`crate::kernels::camera::virtual_motion`]), at a
+//! distance that renderers seldom tell. So a few distances are tried, each a candidate. The history that a candidate fetches
+//! predicts the new sample without having seen it, and `prediction_gain` compares its error with that of the surface's own
+//! history, without bias. The gain is averaged over frames: the candidate with the best average wins if it is better than
+//! the surface's own history by a margin. Both histories are lightly filtered light.
 //!
-//! A candidate costs a gather and a window. Every second row is asked, for itself and the next, by the mean of what is sampled in
-//! both: reflections that are worth it are larger than that. With one noisy sample a pixel, some win by chance, reflections or
-//! not: a candidate goes on to be asked in tiles where it has won for many pixels and in those around them, elsewhere in every
-//! eighth frame only.
+//! Evaluating a candidate costs a gather and a window. So it is evaluated in every second row, by the mean of the samples in
+//! that row and the next, as reflections that matter are larger than two rows. And as with one noisy sample per pixel some
+//! candidate always wins somewhere by chance, each is evaluated only in tiles where it won many pixels in the last frame and
+//! in the tiles around them, and everywhere in every eighth frame.
 
 use std::ops::Range;
 
@@ -30,34 +31,34 @@ use crate::math::is_present;
 use crate::pixels::{Rolling, Row};
 use crate::rows::{self, BAND, Kernel, LanesKernel};
 
-/// A candidate's average gain has to be below this to win, in units of relative squared error.
+/// A candidate wins if its average gain is below this, in units of relative squared error.
 const MARGIN: f32 = -0.02;
-/// Share of a new gain in the average.
+/// Blend factor of a new gain in the average.
 const SHARE: f32 = 0.3;
-/// Pixels to each side of the window of a gain.
+/// Pixels to each side of the window over which a gain is averaged.
 const RADIUS: usize = 2;
-/// Where no candidate wins.
+/// The winner of pixels where no candidate wins.
 const NONE: u32 = u32::MAX;
-/// How often all tiles are asked.
+/// Candidates are evaluated in all tiles once in so many frames.
 const PERIOD: usize = 8;
-/// Rows of which the first is asked.
+/// Candidates are evaluated in one of so many rows.
 const ROWS: usize = 2;
-/// Pixels of a tile, of those that are asked, for which a candidate has to win to be asked again: a sixteenth.
+/// Pixels that a candidate must win in a tile to be evaluated there again: a sixteenth of those evaluated.
 const MANY: usize = Tiles::SIDE * Tiles::SIDE / ROWS / 16;
 
 /// What one frame leaves to the next.
 pub struct Memory {
-    /// Lightly filtered light, as the next frame's prediction.
+    /// The lightly filtered light by which the next frame's candidates are compared.
     pub light: Records,
     pub scores: Scores,
 }
 
-/// What choosing renews.
+/// The candidates' record over the frames so far.
 pub struct Scores {
-    /// Average gain of each candidate.
+    /// The average gain of each.
     pub image: Records,
-    /// Where each is asked.
-    asking: Vec<Tiles>,
+    /// The tiles in which each is evaluated.
+    evaluated: Vec<Tiles>,
     age: usize,
 }
 
@@ -65,27 +66,28 @@ impl Scores {
     pub fn new(size: Size, candidates: usize) -> Self {
         Self {
             image: Records::new(size, candidates),
-            asking: vec![Tiles::new(size); candidates],
+            evaluated: vec![Tiles::new(size); candidates],
             age: 0,
         }
     }
 }
 
-/// What choosing finds.
+/// What [`choose`] leaves beside the history.
 pub struct Won {
     pub scores: Scores,
-    /// The motion along which history was fetched; None if that was the surface's own everywhere.
+    /// The motion along which each pixel's history was fetched; None if that was the surface's own everywhere.
     pub motion: Option<Image>,
 }
 
-/// How histories are fetched along the surface's own motion.
+/// How history is fetched along the surface's own motion.
 pub struct Own<'a> {
     pub motion: Pixels<'a>,
     pub tests: Tests<'a>,
     pub params: reproject::Params,
 }
 
-/// Replaces what was carried of history, and its coverage, by that of the best candidate, where one wins.
+/// Replaces the fetched history and its coverage by the best candidate's where one wins. None if nothing tells how far away
+/// reflected points may be.
 pub fn choose(
     memory: &Memory,
     history: Pixels,
@@ -98,103 +100,80 @@ pub fn choose(
     carried: &mut Image,
     coverage: &mut [f32],
 ) -> Option<Won> {
+    let (size, past) = (color.size, &memory.scores);
     let geometry = frame.geometry()?;
-    let sources: Vec<_> = match (frame.hit_distance, frame.surface.depth) {
-        (Some(known), _) => vec![Source::Known(known)],
-        (None, Some(depth)) => distances
-            .iter()
-            .map(|&multiple| Source::Depths(depth, multiple))
-            .collect(),
-        (None, None) => return None,
-    };
-    let size = color.size;
-    let everywhere = memory.scores.age.is_multiple_of(PERIOD);
+    let sources = Source::all(frame, distances)?;
     let mut scores = Scores {
-        age: memory.scores.age + 1,
+        age: past.age + 1,
         ..Scores::new(size, distances.len())
     };
-    if !everywhere && !memory.scores.asking.iter().any(Tiles::any) {
+    let everywhere = past.age.is_multiple_of(PERIOD);
+    if !everywhere && !past.evaluated.iter().any(Tiles::any) {
         return Some(Won {
             scores,
             motion: None,
         });
     }
-    // Elsewhere on the mirror: depth says nothing about what it shows.
-    let [now, before] = [frame.surface, before].map(|surface| Surface {
-        depth: None,
-        color: None,
-        ..surface
-    });
-    let tests = Tests::new(now, before, None, &surface::Params::default());
-    let params = reproject::Params {
-        filter: Filter::Bilinear,
-        fallback: false,
-        dering: true,
-    };
-    let asking = (!everywhere).then_some(&*memory.scores.asking);
     let candidates = Candidates {
         geometry,
         camera: cameras[0],
         mirrored: Mirrored::new(cameras[0], cameras[1]),
         sources,
-        asking: asking.map(|each| (each, Tiles::any_of(size, each))),
-    };
-    let asked = Size {
-        height: size.height.div_ceil(ROWS),
-        ..size
-    };
-    let count = candidates.sources.len();
-    let mut errors = Image::blank(asked, count);
-    let mut before = Image::blank(asked, count);
-    let light = memory.light.pixels();
-    let known = [light, memory.scores.image.pixels()];
-    let predict = Predict {
-        candidates: &candidates,
-        motion: own.motion,
-        base: Fetch::new(&known, size, own.tests, own.params),
-        fetch: Fetch::new(&[light], size, tests, params),
-        color,
+        tiles: (!everywhere).then(|| (&*past.evaluated, Tiles::any_of(size, &past.evaluated))),
+        tests: mirrored_tests(frame.surface, before),
         scores: distances.len(),
     };
-    let outs = errors.bands().zip(before.bands());
-    rows::run(&predict, asked.height, outs);
-    let choose = Choose {
-        candidates: &candidates,
-        errors: &errors,
-        before: &before,
-        ids: frame.surface.ids,
-        fetch: Fetch::new(&[history], size, tests, params),
-        size,
-        scores: distances.len(),
-    };
-    let band = BAND * size.width * distances.len();
+    let evaluated = candidates.evaluate(memory, &own, color);
     let mut motion = own.motion.part(0..2).to_planes();
-    let outs = carried.bands().zip(bands_of(coverage, size));
-    let outs = outs.zip(motion.bands());
-    let outs = outs.zip(scores.image.data_mut().chunks_mut(band));
-    let mut won: Vec<_> = scores.asking.iter_mut().map(Tiles::bands).collect();
-    let outs = outs.map(|(((history, coverage), motion), scores)| Outs {
+    candidates.take_winners(
+        evaluated,
         history,
+        frame.surface.ids,
+        &mut motion,
+        carried,
         coverage,
-        motion,
-        scores,
-        won: won.iter_mut().filter_map(Iterator::next).collect(),
-    });
-    rows::run_lanes(&choose, size.height, outs);
-    drop(won);
-    scores.asking = scores.asking.iter().map(Tiles::grown).collect();
+        &mut scores,
+    );
     Some(Won {
         scores,
         motion: Some(motion),
     })
 }
 
-/// Where distances to what is reflected come from.
+/// The tests for a reflected point's history. It lies elsewhere on the mirror, whose depth there says nothing about it.
+fn mirrored_tests<'a>(now: Surface<'a>, before: Surface<'a>) -> Tests<'a> {
+    let [now, before] = [now, before].map(|surface| Surface {
+        depth: None,
+        color: None,
+        ..surface
+    });
+    Tests::new(now, before, None, &surface::Params::default())
+}
+
+const FETCH: reproject::Params = reproject::Params {
+    filter: Filter::Bilinear,
+    fallback: false,
+    dering: true,
+};
+
+/// The distance from a surface to what it reflects, for one candidate.
 #[derive(Clone, Copy)]
 enum Source<'a> {
     Known(Pixels<'a>),
-    /// So many times the depth.
+    /// A multiple of the depth.
     Depths(Pixels<'a>, f32),
+}
+
+impl<'a> Source<'a> {
+    /// The frame's hit distance alone if there is one, else each multiple of the depth.
+    fn all(frame: &Frame<'a>, multiples: &[f32]) -> Option<Vec<Self>> {
+        if let Some(known) = frame.hit_distance {
+            return Some(vec![Self::Known(known)]);
+        }
+        let depth = frame.surface.depth?;
+        let sources = multiples.iter().map(|&k| Self::Depths(depth, k));
+        Some(sources.collect())
+    }
 }
 
 struct Candidates<'a> {
@@ -202,44 +181,117 @@ struct Candidates<'a> {
     camera: &'a Camera,
     mirrored: Mirrored<'a>,
     sources: Vec<Source<'a>>,
-    /// Where each is asked, and any; everywhere if there are none.
-    asking: Option<(&'a [Tiles], Tiles)>,
+    /// The tiles in which each is evaluated, and those in which any is; None: everywhere.
+    tiles: Option<(&'a [Tiles], Tiles)>,
+    tests: Tests<'a>,
+    /// Channels of the scores.
+    scores: usize,
 }
 
-/// Room for the motion of a candidate.
-struct Room {
+/// Of each candidate, in the rows in which they are evaluated:
+struct Evaluated {
+    /// The gain's terms: NaN where nothing was fetched, infinite where a sample or a prediction is missing.
+    errors: Image,
+    /// The average gain so far.
+    scores: Image,
+}
+
+impl<'a> Candidates<'a> {
+    fn evaluate(&self, memory: &Memory, own: &Own, color: View) -> Evaluated {
+        let size = Size {
+            height: color.size.height.div_ceil(ROWS),
+            ..color.size
+        };
+        let [mut errors, mut scores] = [0; 2].map(|_| Image::blank(size, self.sources.len()));
+        let light = memory.light.pixels();
+        let known = [light, memory.scores.image.pixels()];
+        let kernel = Evaluate {
+            candidates: self,
+            motion: own.motion,
+            base: Fetch::new(&known, color.size, own.tests, own.params),
+            fetch: Fetch::new(&[light], color.size, self.tests, FETCH),
+            color,
+        };
+        let outs = errors.bands().zip(scores.bands());
+        rows::run(&kernel, size.height, outs);
+        Evaluated { errors, scores }
+    }
+
+    /// Renews the scores, and writes the winners' history, coverage and motion over the surface's own.
+    fn take_winners(
+        &self,
+        evaluated: Evaluated,
+        history: Pixels,
+        ids: Option<Pixels<u32>>,
+        motion: &mut Image,
+        carried: &mut Image,
+        coverage: &mut [f32],
+        scores: &mut Scores,
+    ) {
+        let size = motion.size;
+        let kernel = TakeWinners {
+            candidates: self,
+            evaluated,
+            ids,
+            fetch: Fetch::new(&[history], size, self.tests, FETCH),
+            size,
+        };
+        let band = BAND * size.width * self.scores;
+        let mut won: Vec<_> = scores.evaluated.iter_mut().map(Tiles::bands).collect();
+        let outs = carried.bands().zip(bands_of(coverage, size));
+        let outs = outs
+            .zip(motion.bands())
+            .zip(scores.image.data_mut().chunks_mut(band))
+            .map(|(((history, coverage), motion), scores)| Outs {
+                history,
+                coverage,
+                motion,
+                scores,
+                won: won.iter_mut().filter_map(Iterator::next).collect(),
+            });
+        rows::run_lanes(&kernel, size.height, outs);
+        drop(won);
+        scores.evaluated = scores.evaluated.iter().map(Tiles::grown).collect();
+    }
+}
+
+/// Scratch for the motion of a candidate.
+struct Scratch {
     hits: Row,
     shown: Shown,
     motion: [Row; 2],
-    /// That of each pixel's winner.
-    won: [Row; 2],
 }
 
-impl Room {
+impl Scratch {
     fn new() -> Self {
         Self {
             hits: [0.0; SEGMENT],
             shown: Shown::nothing(),
             motion: [[0.0; SEGMENT]; 2],
-            won: [[0.0; SEGMENT]; 2],
         }
     }
 }
 
 impl Candidates<'_> {
-    /// The parts of a run for which a candidate is asked, or any.
+    /// The parts of a run for which a candidate is evaluated, or any if it is None.
     #[inline(always)]
     fn runs(&self, candidate: Option<usize>, run: Run) -> impl Iterator<Item = Run> {
-        let tiles = (self.asking.as_ref()).map(|(each, any)| candidate.map_or(any, |k| &each[k]));
+        let tiles = (self.tiles.as_ref()).map(|(each, any)| candidate.map_or(any, |k| &each[k]));
         let part = tiles.map(|tiles| tiles.runs(run));
         let whole = part.is_none().then_some(run);
         part.into_iter().flatten().chain(whole)
     }
 
-    /// The motion of a run along a candidate; `room` has what is shown from the column `left` on.
+    /// The motion of a run along a candidate; `scratch` holds the surfaces from the column `left` on.
     #[inline(always)]
-    fn follow<'r>(&self, source: Source, run: Run, left: usize, room: &'r mut Room) -> Motion<'r> {
-        let hits = &mut room.hits[..run.len];
+    fn follow<'s>(
+        &self,
+        source: Source,
+        run: Run,
+        left: usize,
+        scratch: &'s mut Scratch,
+    ) -> Motion<'s> {
+        let hits = &mut scratch.hits[..run.len];
         match source {
             Source::Known(distance) => distance.load(run, 0, hits),
             Source::Depths(depth, multiple) => {
@@ -247,41 +299,39 @@ impl Candidates<'_> {
                 hits.iter_mut().for_each(|hit| *hit *= multiple);
             }
         }
-        let [x, y] = room.motion.each_mut().map(|row| &mut row[..run.len]);
+        let [x, y] = scratch.motion.each_mut().map(|row| &mut row[..run.len]);
         let start = run.x - left;
-        self.mirrored.motion(&room.shown, start, hits, x, y);
+        self.mirrored.motion(&scratch.shown, start, hits, x, y);
         Motion { x, y, depth: None }
     }
 }
 
-/// The terms of each candidate's gain in the rows that are asked, not finite where they are not known, NaN where nothing was
-/// fetched; and its score so far, where it is asked.
-struct Predict<'a> {
+/// Writes [`Evaluated`].
+struct Evaluate<'a> {
     candidates: &'a Candidates<'a>,
     motion: Pixels<'a>,
-    /// Of the light and the scores, along that motion.
+    /// Fetches light and scores along that motion.
     base: Fetch<'a>,
-    /// Of the light.
+    /// Fetches light along a candidate's motion.
     fetch: Fetch<'a>,
     color: View<'a>,
-    /// Numbers of a record of scores.
-    scores: usize,
 }
 
-impl<'a> Kernel for Predict<'a> {
+impl<'a> Kernel for Evaluate<'a> {
     type Out = (BandMut<'a>, BandMut<'a>);
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, (mut errors, mut scores): Self::Out) {
         let width = self.color.size.width;
         let candidates = self.candidates;
-        let mut room = Room::new();
+        let mut scratch = Scratch::new();
+        let channels = candidates.scores;
         let mut lanes = MotionLanes::zeroed();
         let (mut known, mut fetched) = (self.base.room(), self.fetch.room());
         let [mut light, mut base, mut color] = [[[0.0; SEGMENT]; 3]; 3];
         for row in rows {
             let y = ROWS * row;
-            if candidates.asking.is_some() {
+            if candidates.tiles.is_some() {
                 for k in 0..candidates.sources.len() {
                     errors.row(k, row).fill(f32::NAN);
                 }
@@ -291,17 +341,17 @@ impl<'a> Kernel for Predict<'a> {
                 self.base.run(run, motion, &mut known);
                 take_light(&known, run.len, &mut base);
                 let there = Run { y: row, ..run };
-                let records = &known.values(1)[..run.len * self.scores];
+                let records = &known.values(1)[..run.len * channels];
                 for (k, part) in scores.parts(there).enumerate() {
-                    for (score, record) in part.iter_mut().zip(records.chunks(self.scores)) {
+                    for (score, record) in part.iter_mut().zip(records.chunks(channels)) {
                         *score = record[k];
                     }
                 }
                 self.sample(run, &mut color);
-                room.shown.find(candidates.geometry, candidates.camera, run);
+                (scratch.shown).find(candidates.geometry, candidates.camera, run);
                 for (k, &source) in candidates.sources.iter().enumerate() {
                     for part in candidates.runs(Some(k), run) {
-                        let motion = candidates.follow(source, part, run.x, &mut room);
+                        let motion = candidates.follow(source, part, run.x, &mut scratch);
                         self.fetch.run(part, motion, &mut fetched);
                         take_light(&fetched, part.len, &mut light);
                         let start = part.x - run.x;
@@ -324,7 +374,7 @@ impl<'a> Kernel for Predict<'a> {
     }
 }
 
-/// Light that was fetched; NaN where none was.
+/// Copies the fetched light, NaN where none was fetched.
 #[inline(always)]
 fn take_light(fetched: &Fetched, len: usize, light: &mut [Row; 3]) {
     let records = fetched.values(0)[..3 * len].as_chunks::<3>().0;
@@ -339,8 +389,8 @@ fn take_light(fetched: &Fetched, len: usize, light: &mut [Row; 3]) {
     }
 }
 
-impl Predict<'_> {
-    /// The mean of the new samples of a run and of that below, of which one may be missing.
+impl Evaluate<'_> {
+    /// The mean of the new samples of a run and the run below; the one that is present if the other is missing.
     #[inline(always)]
     fn sample(&self, run: Run, color: &mut [Row; 3]) {
         let below = (run.y + 1).min(self.color.size.height - 1);
@@ -362,29 +412,27 @@ impl Predict<'_> {
     }
 }
 
-/// Averages the scores, which start anew where nobody asks, and takes the history of the best candidates where they win.
-struct Choose<'a> {
+/// Averages the gains, from 0 where a candidate was not evaluated in the last frame, and takes the winners' history.
+struct TakeWinners<'a> {
     candidates: &'a Candidates<'a>,
-    errors: &'a Image,
+    evaluated: Evaluated,
     ids: Option<Pixels<'a, u32>>,
+    /// Fetches history along the winners' motion.
     fetch: Fetch<'a>,
-    /// Scores so far, in the rows that are asked.
-    before: &'a Image,
     size: Size,
-    /// Numbers of a record of scores.
-    scores: usize,
 }
 
 struct Outs<'a> {
     history: BandMut<'a>,
     coverage: BandMut<'a>,
     motion: BandMut<'a>,
+    /// Interleaved.
     scores: &'a mut [f32],
-    /// Whether each candidate wins, tile by tile.
+    /// Of each candidate, the tiles in which it won many pixels.
     won: Vec<&'a mut [bool]>,
 }
 
-impl<'a> LanesKernel for Choose<'a> {
+impl<'a> LanesKernel for TakeWinners<'a> {
     type Out = Outs<'a>;
 
     #[inline(always)]
@@ -395,7 +443,8 @@ impl<'a> LanesKernel for Choose<'a> {
         let around = candidates.sources.iter();
         let mut around: Vec<Rolling<1>> = around.map(|_| Rolling::new(width, RADIUS)).collect();
         let mut gain = [0.0; SEGMENT];
-        let (mut room, mut fetched) = (Room::new(), self.fetch.room());
+        let Evaluated { errors, scores } = &self.evaluated;
+        let (mut scratch, mut fetched) = (Scratch::new(), self.fetch.room());
         let (mut best, mut winner) = (vec![0.0; width], vec![0; width]);
         let tiles = width.div_ceil(Tiles::SIDE);
         let mut any = vec![false; tiles];
@@ -407,18 +456,11 @@ impl<'a> LanesKernel for Choose<'a> {
             winner.fill(NONE);
             any.fill(false);
             for (k, around) in around.iter_mut().enumerate() {
-                around.roll(self.errors.view().channel(k).into(), row, y == top);
+                around.roll(errors.view().channel(k).into(), row, y == top);
                 for run in segments(y, width).flat_map(|run| candidates.runs(Some(k), run)) {
                     let there = Run { y: row, ..run };
-                    mean(
-                        simd,
-                        there,
-                        self.errors.size.height,
-                        around,
-                        &ids,
-                        &mut gain,
-                    );
-                    let old = &self.before.view().row(k, row)[run.x..][..run.len];
+                    mean(simd, there, errors.size.height, around, &ids, &mut gain);
+                    let old = &scores.view().row(k, row)[run.x..][..run.len];
                     let [errors] = around.row(row as isize);
                     let errors = &errors[RADIUS + run.x..][..run.len];
                     let best = &mut best[run.x..][..run.len];
@@ -432,8 +474,8 @@ impl<'a> LanesKernel for Choose<'a> {
                         winner[i] = if wins { k as u32 } else { winner[i] };
                     }
                     for y in y..(y + ROWS).min(height) {
-                        let first = ((y - top) * width + run.x) * self.scores;
-                        let records = out.scores[first..].chunks_exact_mut(self.scores);
+                        let first = ((y - top) * width + run.x) * candidates.scores;
+                        let records = out.scores[first..].chunks_exact_mut(candidates.scores);
                         for (record, &score) in records.zip(&*gain) {
                             record[k] = score;
                         }
@@ -449,8 +491,8 @@ impl<'a> LanesKernel for Choose<'a> {
             }
             for y in y..(y + ROWS).min(height) {
                 for run in segments(y, width).flat_map(|run| runs_in(&any, run)) {
-                    self.carry(run, &winner, &mut room, &mut fetched);
-                    replace(run, &winner, &fetched, &room.won, &mut out);
+                    let motion = self.carry(run, &winner, &mut scratch, &mut fetched);
+                    replace(run, &winner, &fetched, &motion, &mut out);
                 }
             }
         }
@@ -462,11 +504,17 @@ impl<'a> LanesKernel for Choose<'a> {
     }
 }
 
-impl Choose<'_> {
-    /// Fetches what was carried along the winners' motion, and something along with it where there are none: neighbours that
-    /// come from neighbours are fetched faster.
+impl TakeWinners<'_> {
+    /// Fetches history along the winners' motion, and returns that motion. Pixels without a winner fetch along the first
+    /// winner's, as neighbours whose taps are neighbours, too, are fetched faster.
     #[inline(always)]
-    fn carry(&self, run: Run, winner: &[u32], room: &mut Room, fetched: &mut Fetched) {
+    fn carry(
+        &self,
+        run: Run,
+        winner: &[u32],
+        scratch: &mut Scratch,
+        fetched: &mut Fetched,
+    ) -> [Row; 2] {
         let Candidates {
             geometry,
             camera,
@@ -475,11 +523,11 @@ impl Choose<'_> {
         } = self.candidates;
         let winner = &winner[run.x..][..run.len];
         let [mut x, mut y] = [[0.0; SEGMENT]; 2];
-        room.shown.find(*geometry, camera, run);
+        scratch.shown.find(*geometry, camera, run);
         let mut first = true;
         for (k, &source) in (0..).zip(sources) {
             if winner.contains(&k) {
-                let motion = self.candidates.follow(source, run, run.x, room);
+                let motion = self.candidates.follow(source, run, run.x, scratch);
                 for (i, &winner) in winner.iter().enumerate() {
                     let wins = first | (winner == k);
                     x[i] = if wins { motion.x[i] } else { x[i] };
@@ -494,11 +542,11 @@ impl Choose<'_> {
             depth: None,
         };
         self.fetch.run(run, motion, fetched);
-        room.won = [x, y];
+        [x, y]
     }
 }
 
-/// Takes what was fetched for winners, which mostly are few, and the motion along which it was.
+/// Writes the winners' history, coverage and motion: pixel by pixel, as winners are mostly few.
 #[inline(always)]
 fn replace(run: Run, winner: &[u32], fetched: &Fetched, motion: &[Row; 2], out: &mut Outs) {
     let records = fetched.values(0).as_chunks::<CHANNELS>().0;

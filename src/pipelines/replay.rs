@@ -1,16 +1,20 @@
-//! Replays: history follows the change of light that its own samples show.
+//! Replay: a correlated re-render corrects history where the light has changed.
 //!
-//! Rendered again with the same random numbers, the former frame's samples c become c*, and c* − c is how its light
-//! has changed, without the noise of two independent renders. Before history h is fetched, it is corrected by the
-//! `innovation` of samples h + (c* − c) (h + b)/(c̃ + b), with c̃ the mean of c over 31×31 pixels and b black: where light is
-//! scaled, c and c* have the same noise, and their ratio has none. Means over blocks miss the edges of shadows, and are
-//! themselves made of few samples. So the history is also shortened, by the gradient from c + d to c*, d the correction, and by
-//! at least half of that from c to c*.
+//! The last frame's samples c, rendered again with the same random numbers but this frame's light, become c*. Their
+//! difference c* − c is the change of the light, without the noise of two independent renders. Before the history h is
+//! fetched, it is corrected by the `innovation` of samples
+//!   h + (c* − c) (h + b)/(c̃ + b),
+//! with c̃ the mean of c over 31×31 pixels and b black: where light is scaled, c and c* have the same noise, and their ratio
+//! has none. But the innovation averages over blocks, which miss the edges of shadows, and its means are of few samples. So
+//! the history is shortened as well, by the gradient from c + d to c*, d being the correction, and by at least half the
+//! gradient from c to c*.
 
 use std::ops::Range;
 
+use super::correction::{correct_history, correct_light};
 use super::frame::Frame;
-use super::svgf::{correct_history, correct_light, find_gradient, illumination};
+use super::illumination::illumination;
+use super::recall::find_gradient;
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, segments};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient;
@@ -23,7 +27,7 @@ use crate::kernels::smooth::guide::Guide;
 use crate::pixels::{Colors, PixelsMut, Row, larger};
 use crate::rows::{self, BAND, Kernel};
 
-/// A frame's colour and texture as they came.
+/// A copy of a frame's colour and texture, to be compared with the next frame's replay.
 pub struct Before {
     color: Records,
     albedo: Option<Records>,
@@ -40,7 +44,7 @@ impl Before {
         }
     }
 
-    /// The light of a colour that has this texture.
+    /// A colour without this frame's texture.
     fn light(&self, color: Pixels) -> Image {
         let texture = self.albedo.as_ref().map(|albedo| Texture {
             albedo: albedo.pixels(),
@@ -50,15 +54,15 @@ impl Before {
     }
 }
 
-/// The same random numbers make the same noise: nothing of a difference counts as noise, and small windows will do.
+/// Correlated renders have the same noise, so no part of their difference counts as noise, and small windows suffice.
 const REPLAYED: gradient::Params = gradient::Params {
     noise: 0.0,
     passes: 2,
     widest: 2,
 };
 
-/// Returns the gradient by which a replay of the frame before shortens history. If it also `corrects`, history and the light
-/// in which reflections are looked for are corrected first, and the gradient is that of what the correction leaves.
+/// Returns the gradient by which the replay of the last frame shortens history. With `corrects`, first corrects the history and
+/// the light by which reflections are compared; the gradient is then that of the change that is left.
 pub fn relight(
     replay: Pixels,
     before: &Before,
@@ -74,8 +78,8 @@ pub fn relight(
 
     let size = now.size;
     let known = history.pixels().part(0..3);
-    // As lengths of history, so that the prediction owes nothing to the samples; as variances, so that luminance stops no
-    // tap of the blur.
+    // An infinite history length tells the innovation that no sample is part of its prediction; an infinite variance keeps
+    // the luminance weight of the blur at 1.
     let mut endless = Image::blank(size, 1);
     endless.data_mut().fill(1e30);
     let bright = exposure(known);
@@ -115,7 +119,7 @@ pub fn relight(
     gradient
 }
 
-/// The mean over 31×31 pixels.
+/// The mean over 31×31 pixels: à-trous without any edge-stopping weight.
 fn blurred(image: &Image, variance: Pixels) -> Image {
     let params = atrous::Params {
         iterations: 4,
@@ -137,7 +141,7 @@ fn blurred(image: &Image, variance: Pixels) -> Image {
     mean
 }
 
-/// History whose light changes as its samples do, from the second image to the first, where these have such a mean.
+/// The history with the change of its samples, from the second image of `change` to the first, scaled to its brightness.
 struct Relit<'a> {
     history: Pixels<'a>,
     change: [&'a Image; 2],
@@ -164,11 +168,12 @@ impl Colors for Relit<'_> {
     }
 }
 
-/// Corrects records of history, and of reflected light; moves the light of the samples as far as the history's.
+/// Corrects the history and the light for reflections, both interleaved, and moves the last frame's light along with the
+/// history's.
 struct Relight<'a> {
     found: &'a Innovation,
     width: usize,
-    /// Of the history: those of [`accumulate`], and further light.
+    /// Of the history: those of [`accumulate`], then further images of light.
     channels: usize,
 }
 

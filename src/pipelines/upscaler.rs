@@ -1,50 +1,52 @@
 //! Temporal upscaling, as a list of this library's kernels:
 //!
-//!   (motion from cameras) → dilate → disocclusion → resample → reproject → temporal gradient → clip → blend → sharpen
+//!   (motion from cameras) → dilate → disocclusion → thin features → resample → reproject → temporal gradient → clip → blend
+//!     → sharpen
 //!
-//! The history is of the output's size, everything that comes with a frame of the input's. What the history has of a
-//! pixel is counted in samples: a frame adds as many as it has near the pixel, and the blend is by these.
+//! The history is of the output's size, everything that comes with a frame of the input's ([`grids`]). A pixel's history
+//! counts samples: a frame adds as many as it has near the pixel, and old and new are blended by these counts.
 //!
 //! Clipping would forget what single jittered frames cannot show. History escapes it where it stands still, as far as the
 //! new samples do not contradict it beyond their noise (the temporal gradient), and where a thin feature is locked, which
 //! most frames contradict.
 
-use std::ops::Range;
+mod grids;
+mod merge;
 
-use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep, check_size};
+use self::grids::Grids;
+use self::merge::{CHANNELS, Merge};
+use super::frame::{Frame, Output, Pipeline, Steps, Summary, Upkeep, check_size, names};
+use super::recall::find_gradient;
+use super::taa::dilate;
 use crate::error::{Error, Result, in_range};
 use crate::image::{Image, Pixels, Records, SEGMENT, Size, View, segments};
-use crate::kernels::camera::dilate::{Choice, Window, dilate_motion};
+use crate::kernels::camera::dilate::{Choice, Window};
 use crate::kernels::camera::pinhole::Camera;
-use crate::kernels::fetch::footprint::{Filter, MotionLanes, Wide};
+use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::kernels::fetch::reproject::{self, reproject};
 use crate::kernels::judge::blend_factor;
 use crate::kernels::judge::disocclusion::{self, disocclusion};
 use crate::kernels::judge::exposure::exposure;
-use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::judge::gradient;
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space, clip_history};
-use crate::kernels::judge::surface::{self, Surface, Tests, Threshold, rejection};
+use crate::kernels::judge::surface::{Tests, Threshold};
 use crate::kernels::judge::thin_features::thin_features;
 use crate::kernels::merge::accumulate::count_missing;
-use crate::kernels::merge::blend::{Weighting, mix};
-use crate::kernels::merge::resample::{nearest, resample};
 use crate::kernels::smooth::sharpen::{self, check_strength, sharpen};
-use crate::math::{is_present, saturate};
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, BAND, Kernel};
 
 /// Parameters of [`Upscaler`].
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
     /// Pixels of the output to one of the input, along each side; 1 to 4; 2.
     pub scale: f64,
-    /// Share of one more sample in what is remembered, at least.
+    /// Least blend factor of a sample.
     pub blend_factor: blend_factor::Params,
-    /// Of depths between what was hidden and what hid it, relative; 0 to 1; 0.05.
+    /// Relative difference of depth above which a nearer surface hid a farther one; 0 to 1; 0.05.
     pub separation: f32,
-    /// Frames after which a lock opens; above 0; 16.
+    /// Frames after which the lock of a thin feature opens; above 0; 16.
     pub lifetime: f32,
-    /// Of the sharpening; 0, which does without, to 1; 0.
+    /// Strength of the sharpening; 0, which leaves it out, to 1; 0.
     pub sharpness: f32,
 }
 
@@ -61,9 +63,7 @@ const GRADIENT: gradient::Params = gradient::Params {
     passes: 1,
     widest: 1,
 };
-/// A change of a quarter of the light is all that it takes.
-const CHANGE: f32 = 4.0;
-/// Luminances of one thin feature.
+/// Luminances within this ratio belong to one thin feature.
 const SIMILARITY: f32 = 1.05;
 const FETCH: reproject::Params = reproject::Params {
     filter: Filter::Wide(Wide::CatmullRom),
@@ -102,7 +102,7 @@ impl Params {
         check_strength("sharpness", self.sharpness)
     }
 
-    /// The size of what comes out.
+    /// The output's size for an input.
     pub fn scaled(&self, size: Size) -> Size {
         let side = |side: usize| (side as f64 * self.scale).round_ties_even() as usize;
         Size {
@@ -112,23 +112,19 @@ impl Params {
     }
 }
 
-/// Channels of a history image: colour 0 to 2, samples 3, lock 4.
-const CHANNELS: usize = 5;
-const SAMPLES: usize = 3;
-const LOCK: usize = 4;
+/// What one frame leaves to the next.
+struct State {
+    /// Of the input.
+    size: Size,
+    history: Records,
+    camera: Option<Camera>,
+}
 
 /// Temporal upscaling.
 pub struct Upscaler {
     params: Params,
     upkeep: Upkeep,
-    before: Option<Before>,
-}
-
-/// What is known of the last frame.
-struct Before {
-    size: Size,
-    history: Records,
-    camera: Option<Camera>,
+    state: Option<State>,
 }
 
 impl Upscaler {
@@ -138,7 +134,7 @@ impl Upscaler {
         Ok(Self {
             params,
             upkeep: Upkeep::default(),
-            before: None,
+            state: None,
         })
     }
 }
@@ -155,151 +151,124 @@ impl Steps for Upscaler {
     }
 
     fn forget(&mut self) {
-        self.before = None;
+        self.state = None;
     }
 
-    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
-        let (small, large) = (frame.color.size, self.params.scaled(frame.color.size));
-        if let Some(before) = &self.before {
-            check_size(before.size, small)?;
+    fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
+        let (params, fresh) = (self.params, frame.color);
+        if let Some(before) = &self.state {
+            check_size(before.size, fresh.size)?;
         }
-        let mut used = vec![];
-        let before = self.before.as_ref();
-        let motion = frame.motion(before.and_then(|before| before.camera.as_ref()), &mut used);
-        let depth = frame.surface.depth.map(Pixels::plane);
-        for (name, there) in [
-            ("depth", depth.is_some()),
+        let (before, mut used) = (self.state.take(), vec![]);
+        let camera = before.as_ref().and_then(|before| before.camera.as_ref());
+        let motion = frame.motion(camera, &mut used);
+        used.extend(names([
+            ("depth", frame.surface.depth.is_some()),
             ("jitter", frame.jitter.is_some()),
             ("reactive", frame.reactive.is_some()),
-        ] {
-            used.extend(there.then_some(name));
-        }
-        let jitter = frame.jitter.unwrap_or_default();
-        let lookup = Lookup::new(small, large, jitter);
+        ]));
+        let depth = frame.surface.depth.map(Pixels::plane);
+        let large = params.scaled(fresh.size);
+        let grids = Grids::new(fresh.size, large, frame.jitter.unwrap_or_default());
+        let exposure = exposure(fresh);
 
         let choice = depth.map_or(Choice::Longest, Choice::Nearest);
-        let mut dilated = Image::blank(small, motion.pixels().channels);
-        let out = dilated.bands().map(PixelsMut::Planar);
-        dilate_motion(motion.pixels(), choice, Window::Square, out);
-        let mut moved = Image::blank(large, 2);
-        let kernel = Scale {
-            motion: dilated.pixels(),
-            lookup: &lookup,
-            scale: [
-                large.width as f32 / small.width as f32,
-                large.height as f32 / small.height as f32,
-            ],
-        };
-        rows::run(&kernel, large.height, moved.bands().map(PixelsMut::Planar));
-
-        let mut disoccluded = Image::new(small, 1);
-        if let Some(depth) = depth {
-            let out = disoccluded.bands().map(PixelsMut::Planar);
-            disocclusion(depth, motion.pixels(), self.params.separation, out);
-        }
-        let mut thin = Image::blank(small, 1);
-        let out = thin.bands().map(PixelsMut::Planar);
-        thin_features(frame.color, SIMILARITY, out);
-
-        let (mut color, mut weight) = (Image::blank(large, 3), Image::blank(large, 1));
-        let (out, density) = (color.bands(), weight.bands());
-        let filter = Filter::Wide(Wide::Lanczos2);
-        resample(
-            frame.color,
-            large,
-            jitter,
-            filter,
-            true,
-            out.map(PixelsMut::Planar),
-            density.map(PixelsMut::Planar),
-        );
-        let exposure = exposure(frame.color);
-
-        let (mut coverage, mut rejection) = (Image::new(large, 1), Image::new(large, 1));
-        let known = before.and_then(|before| {
-            let limits = surface::Params::default();
-            let tests = Tests::new(Surface::default(), Surface::default(), None, &limits);
-            let (coverage, rejection) = (coverage.data_mut(), rejection.data_mut());
-            let (history, motion) = ([before.history.pixels()], moved.pixels());
-            reproject(&history, motion, tests, FETCH, coverage, rejection).pop()
-        });
-        let known = known.unwrap_or_else(|| Image::new(large, CHANNELS));
-        let history = known.channels(0..3);
-        // What the history has where the samples are.
-        let mut there = Image::blank(small, 3);
-        let mut unused = Image::blank(small, 1);
-        let far = [
-            -jitter[0] * large.width as f64 / small.width as f64,
-            -jitter[1] * large.height as f64 / small.height as f64,
-        ];
-        let (out, density) = (there.bands(), unused.bands());
-        resample(
-            history.into(),
-            small,
-            far,
-            Filter::Nearest,
-            false,
-            out.map(PixelsMut::Planar),
-            density.map(PixelsMut::Planar),
-        );
-        let mut change = Image::blank(small, 1);
-        temporal_gradient(
-            frame.color,
-            there.pixels(),
-            None,
-            GRADIENT,
-            change.data_mut(),
-        );
-        let mut clipped = Image::blank(large, 3);
-        let out = clipped.bands().map(PixelsMut::Planar);
-        let clip = neighborhood::Params { exposure, ..CLIP };
-        clip_history(history.into(), color.pixels(), None, clip, out);
-
-        let mut next = Records::blank(large, CHANNELS);
-        let kernel = Merge {
-            params: self.params,
-            color: color.pixels(),
-            weight: weight.view(),
-            known: &known,
-            coverage: coverage.view(),
-            rejection: rejection.view(),
-            clipped: clipped.pixels(),
-            motion: moved.pixels(),
-            lookup: &lookup,
-            disoccluded: disoccluded.view(),
-            change: change.view(),
-            thin: thin.view(),
+        let dilated = dilate(motion.pixels(), choice, Window::Square);
+        let disoccluded = find_disoccluded(depth, motion.pixels(), params.separation);
+        let thin = find_thin_features(fresh);
+        let (color, weight) = grids.resample(fresh);
+        let motion = grids.enlarge_motion(dilated.pixels());
+        let past = Past::reproject(before.as_ref(), motion.pixels());
+        let then = grids.at_samples(past.color());
+        let change = find_gradient([fresh, then.pixels()], None, GRADIENT);
+        let clipped = clip(past.color(), color.pixels(), exposure);
+        let merge = Merge {
+            params,
+            grids,
+            color,
+            weight,
+            past,
+            clipped,
+            motion,
+            disoccluded,
+            change,
+            thin,
             reactive: frame.reactive.map(Pixels::plane),
         };
-        let band = BAND * large.width;
-        let outs = PixelsMut::bands(large, CHANNELS, next.data_mut())
-            .zip(output.history_length.chunks_mut(band))
-            .zip(output.confidence.chunks_mut(band))
-            .zip(output.rejection.chunks_mut(band));
-        let outs = outs.map(|(((next, length), confidence), rejection)| Outs {
-            next,
-            length,
-            confidence,
-            rejection,
-        });
-        rows::run(&kernel, large.height, outs);
-
-        let shown = next.pixels().part(0..3);
-        let params = sharpen::Params {
-            strength: self.params.sharpness,
-            exposure,
-        };
-        sharpen(shown, params, PixelsMut::bands(large, 3, output.color));
-        let missing = missing(frame.color);
-        self.before = Some(Before {
-            size: small,
-            history: next,
+        let (shown, report) = output.parts(large);
+        let history = merge.run(report);
+        show_sharpened(&history, params.sharpness, exposure, shown);
+        self.state = Some(State {
+            size: fresh.size,
+            history,
             camera: frame.camera,
         });
+        let missing = missing(fresh);
         Ok(Summary { used, missing })
     }
 }
 
+/// The history where its surfaces are now, in the output's size; all zero in a first frame.
+struct Past {
+    history: Image,
+    coverage: Image,
+    rejection: Image<u8>,
+}
+
+impl Past {
+    fn reproject(before: Option<&State>, motion: Pixels) -> Self {
+        let size = motion.size;
+        let (mut coverage, mut rejection) = (Image::new(size, 1), Image::new(size, 1));
+        let history = before.and_then(|before| {
+            let history = [before.history.pixels()];
+            let (covered, rejected) = (coverage.data_mut(), rejection.data_mut());
+            reproject(&history, motion, Tests::none(), FETCH, covered, rejected).pop()
+        });
+        Self {
+            history: history.unwrap_or_else(|| Image::new(size, CHANNELS)),
+            coverage,
+            rejection,
+        }
+    }
+
+    fn color(&self) -> Pixels<'_> {
+        self.history.pixels().part(0..3)
+    }
+}
+
+/// 1 where a pixel's surface was hidden in the last frame; 0 everywhere without depth.
+fn find_disoccluded(depth: Option<View>, motion: Pixels, separation: f32) -> Image {
+    let mut disoccluded = Image::new(motion.size, 1);
+    if let Some(depth) = depth {
+        let out = disoccluded.bands().map(PixelsMut::Planar);
+        disocclusion(depth, motion, separation, out);
+    }
+    disoccluded
+}
+
+fn find_thin_features(color: Pixels) -> Image {
+    let mut thin = Image::blank(color.size, 1);
+    let out = thin.bands().map(PixelsMut::Planar);
+    thin_features(color, SIMILARITY, out);
+    thin
+}
+
+/// Clips history to the box of the new colours' neighbourhood.
+fn clip(history: Pixels, color: Pixels, exposure: f32) -> Image {
+    let mut clipped = Image::blank(color.size, 3);
+    let out = clipped.bands().map(PixelsMut::Planar);
+    let clip = neighborhood::Params { exposure, ..CLIP };
+    clip_history(history, color, clip, out);
+    clipped
+}
+
+fn show_sharpened(history: &Records, strength: f32, exposure: f32, shown: &mut [f32]) {
+    let color = history.pixels().part(0..3);
+    let out = PixelsMut::bands(color.size, 3, shown);
+    sharpen(color, sharpen::Params { strength, exposure }, out);
+}
+
+/// Counts the missing samples.
 fn missing(color: Pixels) -> usize {
     let mut planes = [[0.0; SEGMENT]; 3];
     let runs = (0..color.size.height).flat_map(|y| segments(y, color.size.width));
@@ -308,173 +277,4 @@ fn missing(color: Pixels) -> usize {
         count_missing(planes.each_ref().map(|row| &row[..run.len]))
     })
     .sum()
-}
-
-/// The sample of the input next to each pixel of the output.
-struct Lookup {
-    rows: Vec<usize>,
-    columns: Vec<usize>,
-    width: usize,
-}
-
-impl Lookup {
-    fn new(small: Size, large: Size, jitter: [f64; 2]) -> Self {
-        Self {
-            rows: nearest(small.height, large.height, jitter[1]),
-            columns: nearest(small.width, large.width, jitter[0]),
-            width: small.width,
-        }
-    }
-
-    #[inline(always)]
-    fn at(&self, x: usize, y: usize) -> usize {
-        self.rows[y] * self.width + self.columns[x]
-    }
-}
-
-/// Motion of the input's pixels as motion of the output's, in its pixels.
-struct Scale<'a> {
-    motion: Pixels<'a>,
-    lookup: &'a Lookup,
-    scale: [f32; 2],
-}
-
-impl<'a> Kernel for Scale<'a> {
-    type Out = PixelsMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
-        let mut moved = [[0.0; SEGMENT]; 2];
-        for run in rows.flat_map(|y| segments(y, self.lookup.columns.len())) {
-            for i in 0..run.len {
-                let at = self.lookup.at(run.x + i, run.y);
-                for c in 0..2 {
-                    moved[c][i] = self.motion.at(at, c) * self.scale[c];
-                }
-            }
-            out.write(run, moved.each_ref().map(Row::as_slice));
-        }
-    }
-}
-
-/// Joins the new samples with what is left of the history.
-struct Merge<'a> {
-    params: Params,
-    color: Pixels<'a>,
-    weight: View<'a>,
-    known: &'a Image,
-    coverage: View<'a>,
-    rejection: View<'a, u8>,
-    clipped: Pixels<'a>,
-    motion: Pixels<'a>,
-    // Of the input's size.
-    lookup: &'a Lookup,
-    disoccluded: View<'a>,
-    change: View<'a>,
-    thin: View<'a>,
-    reactive: Option<View<'a>>,
-}
-
-struct Outs<'a> {
-    next: PixelsMut<'a>,
-    length: &'a mut [f32],
-    confidence: &'a mut [f32],
-    rejection: &'a mut [u8],
-}
-
-impl<'a> Kernel for Merge<'a> {
-    type Out = Outs<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, out: Outs<'a>) {
-        let Outs {
-            mut next,
-            length,
-            confidence,
-            rejection,
-        } = out;
-        let mut lanes = MotionLanes::zeroed();
-        let [mut color, mut old, mut clipped, mut merged] = [[[0.0; SEGMENT]; 3]; 4];
-        let [mut trust, mut lock, mut shares, mut hastes, mut hold] = [[0.0; SEGMENT]; 5];
-        let values = self.known;
-        let (disoccluded, change) = (self.disoccluded.plane(0), self.change.plane(0));
-        let thin = self.thin.plane(0);
-        // 0 where all stands still, 1 from fast motion on.
-        let haste = blend_factor::Params {
-            alpha: 0.0,
-            fast_alpha: 1.0,
-            ..self.params.blend_factor
-        };
-        let width = self.color.size.width;
-        for run in rows.clone().flat_map(|y| segments(y, width)) {
-            let (n, start) = (run.len, run.y * width + run.x);
-            let below = (run.y - rows.start) * width + run.x;
-            let motion = lanes.load(&self.motion, run);
-            self.color
-                .read(run, color.each_mut().map(Row::as_mut_slice));
-            self.clipped
-                .read(run, clipped.each_mut().map(Row::as_mut_slice));
-            values
-                .pixels()
-                .read(run, old.each_mut().map(Row::as_mut_slice));
-            let weights = &self.weight.plane(0)[start..][..n];
-            let samples = &values.plane(SAMPLES)[start..][..n];
-            let locks = &values.plane(LOCK)[start..][..n];
-            let coverage = &self.coverage.plane(0)[start..][..n];
-            let failed = &self.rejection.plane(0)[start..][..n];
-            for i in 0..n {
-                let at = self.lookup.at(run.x + i, run.y);
-                let reacts = match self.reactive {
-                    // NaN says nothing.
-                    Some(reactive) => saturate(reactive.plane(0)[at]),
-                    None => 0.0,
-                };
-                trust[i] = coverage[i] * (1.0 - disoccluded[at]) * (1.0 - reacts);
-                let hidden = if disoccluded[at] > 0.0 {
-                    rejection::DEPTH
-                } else {
-                    0
-                };
-                rejection[below + i] = failed[i] | hidden;
-            }
-            haste.shares(&[1.0; SEGMENT][..n], Some(motion), &mut hastes);
-            self.params
-                .blend_factor
-                .shares(&trust[..n], Some(motion), &mut shares);
-            for i in 0..n {
-                let at = self.lookup.at(run.x + i, run.y);
-                let same = 1.0 - (CHANGE * change[at]).min(1.0);
-                let kept = locks[i] * trust[i] - 1.0 / self.params.lifetime;
-                lock[i] = kept.max(thin[at] * weights[i].min(1.0));
-                hold[i] = (same * (1.0 - hastes[i])).max(locks[i]);
-                let present = is_present([color[0][i], color[1][i], color[2][i]]);
-                let new = if present { weights[i] } else { 0.0 };
-                let least = samples[i].min(1.0 / shares[i] - 1.0);
-                length[below + i] = least + new;
-                let share = new / (least + new);
-                shares[i] = if least > 0.0 { share } else { 1.0 };
-            }
-            // As far as it is held, history is what it was before it was clipped.
-            mix(
-                old.each_ref().map(|row| &row[..n]),
-                &clipped,
-                &hold,
-                Weighting::None,
-                1.0,
-                &mut merged,
-            );
-            old = merged;
-            mix(
-                color.each_ref().map(|row| &row[..n]),
-                &old,
-                &shares,
-                Weighting::None,
-                1.0,
-                &mut merged,
-            );
-            let [r, g, b] = merged.each_ref().map(Row::as_slice);
-            next.write(run, [r, g, b, &length[below..], &lock]);
-            confidence[below..][..n].copy_from_slice(&trust[..n]);
-        }
-    }
 }

@@ -1,4 +1,4 @@
-"""Frames from and to files and renderers; every buffer is made canonical at the door, once."""
+"""Read and write frames: files and renderers. Every buffer is converted to its canonical form once, on input."""
 
 from .exr import (
     Description,

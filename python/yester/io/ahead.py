@@ -1,4 +1,4 @@
-"""Work that is done before it is asked for."""
+"""Prefetching of iterators in a background thread."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ T = TypeVar("T")
 
 
 def ahead(items: Iterable[T], count: int = 1) -> Generator[T, None, None]:
-    """Items in their order, made by a thread of their own, up to `count` before they are asked for.
+    """Prefetch up to `count` items of an iterable in a background thread; the order is kept.
 
-    What making one raises is raised in its place. Closed early, the thread ends with the item that it is at.
+    An exception is raised at the position of its item. If closed early, the thread ends after the current item.
     """
     source = iter(items)
     thread = ThreadPoolExecutor(1)

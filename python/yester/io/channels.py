@@ -1,8 +1,8 @@
-"""Who names what how: the channels of an EXR file and the buffers that they hold.
+"""Naming conventions: which channels of an EXR file hold which buffer.
 
 A channel's name is its layer and, behind the last dot, its component. Our own files name layers after the buffers.
-Mitsuba names components after the kind of value (a depth is ``T``, an index ``I``) and leaves the layers to the user,
-so that only common names can be known.
+Mitsuba names components after the kind of value (a depth is ``T``, an index ``I``) and leaves the names of layers to
+the user, so that only common ones can be recognised.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ CANONICAL: dict[str, tuple[str, ...]] = {
     "reactive": ("reactive.Y",),
 }
 
-#: Other names of the layers, as users of Mitsuba choose them; the first one that is found counts.
+#: Alternative layer names, as users of Mitsuba choose them; the first match counts.
 _SYNONYMS: dict[str, tuple[str, ...]] = {
     "albedo": ("alb",),
     "normal": ("sh_normal", "nn", "ns", "n", "geo_normal", "ng"),
@@ -34,16 +34,16 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "position": ("pos", "p"),
 }
 
-#: What the absence of a buffer costs. Those that few renderers have are not missed.
+#: Consequences of a missing buffer. Buffers that few renderers write are not reported.
 COSTS: dict[str, str] = {
     "color": "nothing to denoise",
     "albedo": "textures are filtered together with the light, and blur",
-    "normal": "creases are told by depth alone, and blur where it is continuous",
-    "depth": "surfaces that come into view are told by normals and ids alone, which may leave ghosts",
-    "motion": "history is accumulated in place: only right for a still camera and a still scene",
+    "normal": "creases are detected by depth alone, and blur where it is continuous",
+    "depth": "disocclusions are detected by normals and ids alone, which may leave ghosts",
+    "motion": "history is accumulated in place: correct only for a static camera and scene",
     "ids": "objects that touch may mix",
     "position": "motion can only be computed from depth, as if pixel centres had been hit",
-    "emission": "lights that are seen directly are filtered with the rest, and blur",
+    "emission": "directly visible lights are filtered with the rest, and blur",
     "camera": "no motion from depth or position, and no test of history against the surface's plane",
 }
 
@@ -70,7 +70,7 @@ def find(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
 
 
 def missing(found: Iterable[str], *, camera: bool) -> dict[str, str]:
-    """What the absence of each buffer, or of the camera, costs when those in `found` are there."""
+    """The consequences of each missing buffer, or camera, given those in `found`."""
     here = {*found, "camera"} if camera else {*found}
     costs = {name: cost for name, cost in COSTS.items() if name not in here}
     if "motion" in here:

@@ -30,7 +30,7 @@ from .stdout import kept_output
 Source = str | os.PathLike[str]
 
 _HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
-#: Attributes that tell how pixels are stored, which is not kept.
+#: Attributes of the storage layout, which is not preserved.
 _STORAGE = {"channels", "chunkCount", "compression", "lineOrder", "tiles", "type", "version"}
 _HALF_MAX = float(np.finfo(np.float16).max)
 #: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
@@ -41,7 +41,7 @@ _NDC_TO_CLIP = np.array([[2.0, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0,
 
 @dataclass(frozen=True)
 class Description:
-    """What is known of an EXR file from its header.
+    """Description of an EXR file, from its header.
 
     Attributes
     ----------
@@ -58,10 +58,9 @@ class Description:
     jitter : (float, float) or None
         From the attribute ``jitter``.
     missing : dict of str to str
-        The buffers (and ``"camera"``) that are not in the file, and what their absence costs; without those that few
-        files have.
+        The buffers (and ``"camera"``) that the file lacks, with the consequences; rarely written buffers are left out.
     notes : dict of str to str
-        Buffers that are there but need a remark.
+        Remarks on buffers in the file.
     """
 
     path: Path
@@ -77,7 +76,7 @@ class Description:
 
 @dataclass(frozen=True)
 class Plate:
-    """A frame and everything else that its file holds: `write_exr` keeps it beside another colour.
+    """A frame and all other contents of its file, which `write_exr` can preserve.
 
     Attributes
     ----------
@@ -122,7 +121,7 @@ def read_exr(path: Source) -> Frame:
 
 
 def read_plate(path: Source) -> Plate:
-    """Read one frame with everything else that its file holds.
+    """Read one frame with all other contents of its file.
 
     Parameters
     ----------
@@ -339,7 +338,7 @@ def write_sequence(
 
 
 def describe(path: Source) -> Description:
-    """Tell what an EXR file holds and what it lacks, from its header alone.
+    """Describe an EXR file from its header: the buffers that it has and lacks.
 
     Parameters
     ----------
@@ -392,7 +391,7 @@ def _openexr() -> Any:
 
 
 def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
-    """The parts of a file, all of them: OpenEXR prints why it cannot decode a part, and leaves it out."""
+    """All parts of a file. OpenEXR skips a part that it cannot decode and only prints the reason."""
     layout.check(path)
     exr = _openexr()
     try:
@@ -411,7 +410,7 @@ def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
 
 
 def _storage(exr: Any) -> dict[str, Any]:
-    """How all files are stored."""
+    """The storage attributes of all written files."""
     return {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
 
 
@@ -420,7 +419,7 @@ def _copy(exr: Any, part: Any) -> Any:
 
 
 def _attributes(part: Any) -> dict[str, Any]:
-    """The attributes of a part's header, but those that tell how it is stored; OpenEXR cannot write empty lists."""
+    """The attributes of a part's header, without those of storage and empty lists, which OpenEXR cannot write."""
     return {name: value for name, value in part.header.items() if name not in _STORAGE and not _is_empty(value)}
 
 
@@ -467,7 +466,7 @@ def _size(header: dict[str, Any]) -> tuple[int, int]:
 
 
 def _whole(ids: NDArray[Any]) -> NDArray[Any]:
-    """Ids from whatever type they were stored in."""
+    """Convert ids from any stored type."""
     if ids.dtype.kind == "u":
         return ids
     with np.errstate(invalid="ignore"):  # of signalling NaN
@@ -485,7 +484,7 @@ def _by_mitsuba(header: dict[str, Any], found: dict[str, tuple[str, ...]]) -> bo
 
 
 def _mark_misses(buffers: dict[str, NDArray[Any]], camera: Camera | None, *, along_ray: bool) -> None:
-    """Mitsuba has zeros in every buffer where nothing was hit; depth, the ids or the position tell best, in turn."""
+    """Background pixels of a Mitsuba file, where all buffers are zero: by depth, else ids, else position."""
     depth, position = buffers.get("depth"), buffers.get("position")
     if along_ray and depth is not None:
         miss = depth == 0
@@ -505,7 +504,7 @@ def _mark_misses(buffers: dict[str, NDArray[Any]], camera: Camera | None, *, alo
 
 
 def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
-    """The camera that the header tells of, unless it is orthographic."""
+    """The header's camera, unless it is orthographic."""
     if "worldToNDC" not in header:
         return None
     given = [header[name] for name in ("worldToNDC", "worldToCamera") if name in header]
@@ -515,7 +514,7 @@ def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
         raise ValueError(f"{path}: worldToNDC, worldToCamera: expected finite (4, 4) matrices")
     if any(not row[:3].any() and row[3] for row in (stored[0][3], stored[0].T[3])):
         return None
-    # Imath has row vectors; pbrt writes its matrices for column vectors into the same attributes.
+    # Imath uses row vectors, but pbrt writes matrices for column vectors into the same attributes.
     to_ndc, *_ = min(([matrix.T for matrix in stored], stored), key=_implausibility)
     height, width = _size(header)
     try:
@@ -525,7 +524,7 @@ def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
 
 
 def _crop(header: dict[str, Any]) -> NDArray[np.float64]:
-    """NDC spans the display window, the image is the data window: from the share of one to that of the other."""
+    """The matrix from NDC of the display window to NDC of the data window, which is the image."""
     (display, display_size), (data, data_size) = _window(header, "displayWindow"), _window(header, "dataWindow")
     crop = np.eye(4)
     crop[[0, 1], [0, 1]], crop[:2, 3] = display_size / data_size, (display - data) / data_size
@@ -533,7 +532,7 @@ def _crop(header: dict[str, Any]) -> NDArray[np.float64]:
 
 
 def _jitter(path: Path, header: dict[str, Any]) -> tuple[float, float] | None:
-    """The jitter that the header tells of."""
+    """The header's jitter."""
     if "jitter" not in header:
         return None
     given = np.asarray(header["jitter"])
@@ -558,5 +557,5 @@ def _implausibility(matrices: list[NDArray[np.float64]]) -> float:
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """A key under which digits sort as numbers."""
+    """Key for natural sorting: digits compare as numbers."""
     return [(int(part), part) if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path))]

@@ -1,4 +1,4 @@
-"""Files that are whole or not there."""
+"""Atomic file writes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
-    """A temporary file that takes the place of `path` at the end, or goes away if anything interrupts."""
+    """A temporary file that is renamed to `path` at the end, or removed on an exception."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         try:

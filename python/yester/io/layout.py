@@ -1,7 +1,7 @@
-"""The layout of EXR files, checked before OpenEXR decodes them.
+"""Validation of the layout of EXR files, before OpenEXR decodes them.
 
-OpenEXR reads a header without noticing that the pixels behind it are missing, and its Python module places the pixels
-of deep and of subsampled channels at addresses that a damaged header decides. The layout is that of "OpenEXR File
+OpenEXR does not notice missing pixel data when it reads a header, and its Python module writes the pixels of deep and
+subsampled channels to addresses computed from a possibly damaged header. The layout is that of "OpenEXR File
 Layout", openexr.com: a magic number and a version, a header per part, a table of chunk offsets per part, chunks.
 """
 
@@ -26,7 +26,7 @@ _REQUIRED = {
     "screenWindowCenter": ("v2f", 8),
     "screenWindowWidth": ("float", 4),
 }
-#: Compressions that are known to OpenEXR 3.5, which takes others for ZIP.
+#: Compressions of OpenEXR 3.5, which treats unknown ones as ZIP.
 _COMPRESSIONS = 14
 #: Windows beyond these cannot be images: corners are added and multiplied in 32 bits.
 _CORNER_MAX = 2**30
@@ -93,7 +93,7 @@ def headers(data: bytes | mmap.mmap) -> tuple[list[dict[str, Attribute]], int]:
 
 
 class _UnsupportedError(ValueError):
-    """Of a file that is whole, but of a kind that cannot be read."""
+    """The error for an intact file of an unsupported kind."""
 
 
 def _check(data: mmap.mmap) -> None:
@@ -175,7 +175,7 @@ def _check_chunks(data: mmap.mmap, start: int, count: int | None, head: int) -> 
 
 
 def _text(data: bytes | mmap.mmap, at: int) -> tuple[str, int]:
-    """A name that ends with a zero, and what follows it."""
+    """Read a zero-terminated name; return it and the position after it."""
     end = data.find(b"\0", at, at + 256)
     if end <= at:
         raise ValueError("a name is empty or does not end")

@@ -1,4 +1,4 @@
-"""What one thread prints, kept from standard output while other threads print on."""
+"""Captures the standard output of a single thread."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, TextIO, cast
 
 
 class _Shared:
-    """Standard output, but for the threads whose output is kept."""
+    """Standard output, without the threads whose output is captured."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -32,10 +32,10 @@ _lock = Lock()
 
 @contextmanager
 def kept_output() -> Iterator[list[str]]:
-    """Keep what this thread writes to `sys.stdout`; what others write appears as ever.
+    """Capture this thread's writes to `sys.stdout`; those of other threads pass through.
 
-    For libraries that print where they should raise. Several threads may be within at once; the first one replaces
-    `sys.stdout` and the last one puts it back, unless somebody has replaced it meanwhile.
+    For libraries that print errors instead of raising them. Several threads may capture at once; the first one replaces
+    `sys.stdout` and the last one restores it, unless it was replaced in the meantime.
     """
     thread, said = get_ident(), list[str]()
     with _lock:

@@ -1,1 +1,1 @@
-"""The measuring half: metrics, scenes and the demo. Nothing above imports it."""
+"""Measurements: metrics, scenes, benchmarks and the demo. The library proper does not import it."""

@@ -1,4 +1,4 @@
-"""What each component of the pipelines is worth: every one switched off in turn, everything else as it comes."""
+"""Ablation study: every component of the pipelines switched off in turn, the rest at its defaults."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ _ENDLESS = 1e30
 
 @dataclass(frozen=True)
 class Ablation:
-    """A pipeline without one of its components, or with one that it has not by default.
+    """A pipeline without one of its components, or with one that is off by default.
 
     Attributes
     ----------
     component : str
-        What is switched.
+        The component that is switched.
     method : Method
-        The pipeline with that switched.
+        The pipeline with the component switched.
     whole : Method
-        The pipeline as it comes.
+        The pipeline with its defaults.
     added : bool
-        Whether the component is one that the default is without.
+        True if the component is off by default.
     needs_all : bool
-        Whether the pipeline takes no frame that lacks buffers.
+        True if the pipeline needs frames with all buffers.
     """
 
     component: str
@@ -69,7 +69,7 @@ def _without(*names: str, **options: object) -> Callable[[], Step]:
 
 
 def _antialiased(**options: object) -> Callable[[], Step]:
-    """SVGF whose output stage is another: the same kernels in the same order."""
+    """SVGF with another output stage: the same kernels in the same order."""
 
     def start() -> Step:
         denoise, antialias = pipeline(SVGF, antialias=False)(), pipeline(TAA, "denoised", **options)()
@@ -89,7 +89,7 @@ def _antialiased(**options: object) -> Callable[[], Step]:
 _SVGF = Method("SVGF", "SVGF", pipeline(SVGF), default=True)
 _TAA = Method("TAA", "TAA", pipeline(TAA), default=True)
 
-#: Other pipelines that new samples correct, and what they are without.
+#: Other pipelines with innovation, and their counterparts without.
 _CORRECTED = {
     Method("BMFR", "BMFR", pipeline(BMFR), default=True): pipeline(BMFR, innovation=False),
     Method("HalfRes", "HalfRes", on_part(quarter, pipeline(HalfRes)), default=True): on_part(
@@ -111,12 +111,12 @@ def _ablation(whole: Method, component: str, start: Callable[[], Step], *, added
 
 
 def _switch(name: str) -> Ablation:
-    """SVGF with one of its switches the other way: without the component if the default has it, else with it."""
+    """SVGF with one switch inverted: without the component if it is on by default, else with it."""
     default = bool(inspect.signature(SVGF).parameters[name].default)
     return _ablation(_SVGF, _SWITCHES[name], pipeline(SVGF, **{name: not default}), added=not default)
 
 
-#: By keyword of `SVGF`, the components that are on or off.
+#: Components that are switches of `SVGF`, by keyword.
 _SWITCHES = {
     "fireflies": "fireflies",
     "gradient": "gradient",
@@ -139,13 +139,13 @@ ABLATIONS = (
             "normals": _without("normal", "object_normal"),
             "demodulation": _without("albedo", "emission"),
             "reflections": pipeline(SVGF, reflections=()),
-            # Above the longest history.
+            # Longer than any history.
             "temporal variance": pipeline(SVGF, min_length=21),
             "spatial variance": pipeline(SVGF, min_length=1),
             "luminance weight": pipeline(SVGF, sigma_luminance=_ENDLESS),
             "normal weight": pipeline(SVGF, sigma_normal=0),
             "plane weight": pipeline(SVGF, sigma_plane=_ENDLESS, sigma_depth=_ENDLESS),
-            # A choice would take one pass more.
+            # `choice` would add a pass.
             "all passes": pipeline(SVGF, iterations=0, choice=False),
             "passes after 1": pipeline(SVGF, iterations=1, choice=False),
             "passes after 2": pipeline(SVGF, iterations=2, choice=False),
@@ -190,25 +190,25 @@ ABLATIONS = (
 
 @dataclass(frozen=True)
 class Effect:
-    """What a component gives on one sequence, and what it costs.
+    """The gain of a component on one sequence, and its cost.
 
     Attributes
     ----------
     scene : str
         Name of the recording, or `ALL` for means over all.
     pipeline, component : str
-        What is switched, and where.
+        The component that is switched, and its pipeline.
     added : bool
-        Whether the default is without it.
+        True if the component is off by default.
     gains : dict of str to float
-        By metric, how much better the result is with the component than without, as `harm.gains` has it. Negative where
-        it harms.
+        By metric, the improvement of the result with the component over that without, as `harm.gains` returns it.
+        Negative where it harms.
     ms : float
-        What it costs in a frame.
+        Cost per frame.
     door : str, default FULL
         Name of the door through which the frames came.
     default : bool, default True
-        Whether the pipeline is one as it comes.
+        True if the pipeline has default parameters.
     """
 
     scene: str
@@ -241,7 +241,7 @@ def ablate(
 ) -> list[Effect]:
     """Switch off every component in turn, on every sequence.
 
-    Writes `ablation.csv`; what is measured is kept below `ablation/`, from which an interrupted run goes on.
+    Writes `ablation.csv`; measurements are cached in `ablation/`, from which an interrupted run resumes.
 
     Parameters
     ----------
@@ -252,10 +252,10 @@ def ablate(
     metrics : iterable of str
         Keys of `yester.study.metrics.METRICS`.
     doors : sequence of Door, default the full one
-        Through which the frames come. Through poor ones, only components that are on by default are looked at, and not
-        those of pipelines that need all buffers. Doors that want raw albedo are left out for recordings without.
+        Doors through which the frames come. With poor ones, only components that are on by default are switched, and
+        not those of pipelines that need all buffers. Doors that need raw albedo are skipped for recordings without.
     ablations : sequence of Ablation, default ABLATIONS
-        Which components are switched.
+        The components to switch.
 
     Returns
     -------
@@ -303,7 +303,7 @@ def table(effects: Sequence[Effect]) -> str:
 
 
 def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
-    """Say which components that are on by default harm which sequences.
+    """List the components that are on by default and harm a sequence.
 
     Parameters
     ----------

@@ -1,24 +1,23 @@
-"""How long every kernel and pipeline takes, beside others that do the like and beside what the machine allows.
+"""Times every kernel and pipeline, beside other libraries and the machine's limits.
 
 Each task of `tasks.TASKS` is run at every size with every setting of threads and SIMD level. Both are fixed when the
-core is loaded, so that every setting has a process of its own, and rivals have one for each number of threads. The
-processes take turns, never two at once, and another one begins each time: whatever else the machine does meets all of
-them alike. Every few tasks, each setting measures what the machine allows it: the bandwidth of copies, and the rate of
-multiply-adds.
+core is loaded, so that every setting has its own process, and rivals have one for each number of threads. The processes
+run one at a time, in turns whose order rotates, so that disturbances affect all of them alike. Every few tasks, each
+setting measures the machine's limits: the bandwidth of copies and the rate of multiply-adds.
 
-A run is one call, or as many as fill 20 ms, of which the mean counts. What is told are medians and quartiles of the
-runs after the first, which warms caches up. Who is slow has fewer: three, if they take more than `PATIENCE` seconds in
-all, and one, if the first alone did. References, which are very slow, are run up to 1920×1080 and with the most
-threads; beyond that size rivals, too, have the most threads, and of the SIMD levels there is the best alone. Results go
-where those of the call before went, for rivals as well where they can do that.
+A run is the mean of as many calls as fill 20 ms, at least one. Reports median and quartiles after warm-up (the first
+run); slow contenders get fewer runs: three, if these take more than `PATIENCE` seconds in all, and one, if the first
+alone did. References, which are very slow, are run up to 1920×1080 with the most threads. Beyond that size, rivals also
+have the most threads, and ours only the best SIMD level. Outputs are written to the arrays of the previous call, also
+by rivals that support it.
 
-The least that a kernel has to move are its images, read or written once. The share of its limit is the time that this
-takes at the bandwidth of copies, or its multiply-adds at their rate if they have been counted and take longer, over its
-own time. Small images stay in caches, which are faster than that: their share may be more than one. What a pipeline
-remembers from frame to frame is not counted.
+The minimal traffic of a kernel is its images, each read or written once. The fraction of its limit is the time for that
+traffic at the bandwidth of copies, or for its multiply-adds at their rate if they have been counted and take longer,
+divided by its own time. Small images stay in caches, which are faster: their fraction may exceed one. State that
+pipelines keep between frames is not counted.
 
-The memory of pipelines is that by which a process of its own grows: from before it makes one to the most in a few
-steps, less the images that come out.
+The memory of a pipeline is the growth of its own process, from before it is constructed to the peak of a few steps,
+without the output images.
 """
 
 from __future__ import annotations
@@ -56,18 +55,18 @@ __all__ = ["LEVELS", "PATIENCE", "chosen", "measure", "run", "settings"]
 
 #: Instruction sets, each with all before it; neon stands alone.
 LEVELS = ("baseline", "avx2", "avx512")
-#: Seconds after which a contender has had runs enough, if it has had the fewest; and seconds that a run lasts at least.
+#: Seconds after which a contender gets no further runs beyond the minimum, that minimum, and a run's shortest duration.
 PATIENCE, _FEWEST, _SHORTEST = 4.0, 3, 0.02
 #: Tasks.
 _LIMITS_EVERY = 4
-#: Steps of a pipeline whose memory is measured, and those after which it should have all that it needs.
+#: Steps over which a pipeline's memory is measured, and steps after which it should not grow any more.
 _STEPS, _SETTLED = 12, 3
-#: Seconds for which the threads of some rivals go on spinning after their work.
+#: Seconds for which the threads of some rivals keep spinning after their work.
 _CALM = 0.02
 
 
 def settings(threads: Sequence[int] | None = None, simd: Sequence[str] | None = None) -> list[tuple[int, str]]:
-    """Choose settings: all numbers of threads with the best SIMD level, and all levels with the most threads.
+    """List the settings: all numbers of threads with the best SIMD level, and all levels with the most threads.
 
     Parameters
     ----------
@@ -291,7 +290,7 @@ def _race(entrants: Sequence[_Entrant], task: Task, inputs: tuple[Path, int, int
 
 
 class _Worker:
-    """A process with a setting of its own, which does what it is asked."""
+    """A worker process with its own setting."""
 
     def __init__(self, threads: int, simd: str = "") -> None:
         context = get_context("spawn")
@@ -336,7 +335,7 @@ def _environment(**variables: str) -> Iterator[None]:
 
 @contextmanager
 def _folder() -> Iterator[Path]:
-    """A folder that is gone afterwards, even if Ctrl-C is pressed while it is made."""
+    """A temporary folder that is removed even if Ctrl-C is pressed while it is created."""
     heard: list[int] = []
     with _on_interrupt(lambda number, _: heard.append(number)):
         made = TemporaryDirectory(prefix="yester-bench-")
@@ -361,7 +360,7 @@ def _on_interrupt(handler: Callable[[int, FrameType | None], object] | signal.Ha
 
 
 def _serve(pipe: Connection) -> None:
-    """Answer until nobody asks any more."""
+    """Serve requests until the pipe is closed."""
     tasks = {task.name: task for task in TASKS}
     calls: dict[str, Call] = {}
     while True:
@@ -402,7 +401,7 @@ def _timed(run: Callable[[], object]) -> float:
 
 
 def _memory(task: Task, images: Inputs) -> Memory | None:
-    """What a pipeline holds, if the system tells."""
+    """The memory of a pipeline, if the system reports it."""
     frames = task.frames(images)
     try:
         before, _ = _resident()
@@ -418,7 +417,7 @@ def _memory(task: Task, images: Inputs) -> Memory | None:
 
 
 def _resident() -> tuple[float, float]:
-    """What this process has in memory, and the most that it ever had, in MB: from a file that Linux has."""
+    """Current and peak resident memory of this process in MB (Linux only)."""
     lines = Path("/proc/self/status").read_text().splitlines()
     known = {name: text.split() for name, _, text in (line.partition(":") for line in lines)}
     now, most = (1.024e-3 * int(known[name][0]) for name in ("VmRSS", "VmHWM"))

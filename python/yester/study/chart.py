@@ -36,10 +36,10 @@ def chart(
     images: int = 2,
     about: str = "",
 ) -> list[Point]:
-    """Measure all methods on all sequences, and write what there is to see.
+    """Measure all methods on all sequences, and write charts and a report.
 
-    Writes `points.csv`, a PNG and an SVG for each metric and scene, `report.html`, and below `points/` what `measure`
-    keeps, from which an interrupted run goes on.
+    Writes `points.csv`, a PNG and an SVG for each metric and scene, `report.html`, and the cache of `measure` in
+    `points/`, from which an interrupted run resumes.
 
     Parameters
     ----------
@@ -86,10 +86,10 @@ def measure(
     metrics: Iterable[str] = METRICS,
     images: int = 2,
 ) -> list[Point]:
-    """Run all methods on one sequence, in turn, frame by frame, and measure what comes out.
+    """Run all methods on one sequence, interleaved frame by frame, and measure the results.
 
-    Frames that have a reference are measured, or if none has, those of the second half: then only by metrics that need
-    none. What was measured is kept in the folder; called again with the same methods on the same files, it is read.
+    Frames with a reference are measured; without any, those of the second half, by metrics that need no reference.
+    Results are cached in the folder and reused if methods and files are the same.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def measure(
     metrics : iterable of str, default all
         Keys of `METRICS`.
     images : int, default 2
-        Of how many of the last measured frames images are kept.
+        Number of frames, from the end, of which images are kept.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def measure(
         reference = _reference(recording, i)
         flow = _flow(frame_before, frame)
         results: dict[int, Result] = {}
-        # Another one begins each time, since the first finds the caches as the measuring has left them.
+        # The order rotates, since the first method finds the caches polluted by the metrics.
         for number in (*range(i % len(methods), len(methods)), *range(i % len(methods))):
             start = time.perf_counter()
             results[number] = steps[number](frame)
@@ -197,7 +197,7 @@ def _given(
     reference_before: Picture | None,
     flow: tuple[NDArray[np.float32], NDArray[np.bool_]] | None,
 ) -> dict[str, tuple[Any, ...]]:
-    """What there is for metrics that need a reference, two of them, or none."""
+    """The arguments for metrics that need one reference, two, or none."""
     given: dict[str, tuple[Any, ...]] = {}
     if reference is not None:
         given["reference"] = picture, reference
@@ -209,7 +209,7 @@ def _given(
 
 
 def _flow(before: Frame | None, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.bool_]] | None:
-    """The motion from a frame to the one before, and where that shows the same surface; None if unknown."""
+    """The motion to the previous frame, and the mask of pixels where it shows the same surface; None if unknown."""
     if before is None:
         return None
     motion = frame.motion
@@ -231,7 +231,7 @@ def _flow(before: Frame | None, frame: Frame) -> tuple[NDArray[np.float32], NDAr
 def _identity(
     recording: Recording, methods: Sequence[Method], metrics: Sequence[Metric], images: int
 ) -> dict[str, Any]:
-    """What must be the same for measurements to be the same."""
+    """The cache key of measurements."""
     paths = [*recording.frames, *recording.references.values()]
     files = [[str(path.resolve()), path.stat().st_mtime_ns] for path in paths]
     # Until a version is released, its binary tells it from others.

@@ -1,4 +1,4 @@
-"""The demo: render a short sequence at one sample per pixel, denoise it, and show how far it is from the truth."""
+"""The demo: render a short sequence at one sample per pixel, denoise it, and show its error against references."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ T = TypeVar("T")
 
 __all__ = ["REFERENCES", "REFERENCE_SPP", "WRITTEN", "Report", "Score", "run"]
 
-#: Samples per pixel of the reference frames, and how many frames get one: what three minutes on two cores allow.
+#: Samples per pixel of the reference frames, and their number: within three minutes on two cores.
 REFERENCE_SPP = 128
 REFERENCES = 8
 
-#: The files and folders that a run leaves.
+#: The files and folders that a run writes.
 WRITTEN = ("contact_sheet.png", "side_by_side.webp", "noisy", "denoised", "reference")
 
-#: Points of the scene that the contact sheet looks at closely, and the colours that mark them: the ball; the cube is
-#: the other.
+#: The fixed detail that the contact sheet enlarges, the ball, and the colours that mark both details; the cube is the
+#: other one.
 BALL = (0.5, -0.55, -0.05)
 MARKS = ("#ffb000", "#36c5f0")
 
@@ -55,7 +55,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Report:
-    """What the demo measured and where it put everything."""
+    """The demo's measurements and the paths of its files."""
 
     folder: Path
     frames: int
@@ -81,7 +81,7 @@ class Report:
 
 @dataclass(frozen=True)
 class _Shot:
-    """A frame that has a reference."""
+    """A frame with a reference."""
 
     index: int
     camera: Camera

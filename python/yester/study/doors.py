@@ -1,4 +1,4 @@
-"""Poor doors: frames that come with fewer, worse or differently coded buffers, and what that costs each method."""
+"""Poor doors: frames with fewer, worse or differently encoded buffers, and the resulting loss of each method."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from .recording import Recording
 
 __all__ = ["DOORS", "FULL", "METHODS", "Door", "Worth", "harmful", "known_doors", "measure_doors", "table", "through"]
 
-#: The name of the door through which frames come as they were recorded.
+#: The name of the door that passes frames unchanged.
 FULL = "every buffer"
 
 
 @dataclass(frozen=True)
 class Door:
-    """One way in which frames arrive.
+    """A transformation that drops, degrades or re-encodes buffers of frames.
 
     Attributes
     ----------
     name : str
-        What is missing or different.
+        The buffers that are missing or different.
     take : callable
-        Makes the frame that arrives of a recorded one; also given the albedo as the renderer's own buffer has it.
+        Transforms a recorded frame; its second argument is the renderer's raw albedo.
     richer : tuple of str
-        Names of the doors that give everything that this one gives, and one thing more: what comes through them should
-        not be worse.
+        Names of the doors that pass everything that this one passes, and one thing more: their results should not be
+        worse.
     raw : bool
-        Whether `take` wants the renderer's albedo; otherwise it is given None.
+        True if `take` needs the raw albedo; otherwise it gets None.
     """
 
     name: str
@@ -74,7 +74,7 @@ def _raw_albedo(frame: Frame, raw: NDArray[np.float32] | None, **changes: Any) -
 
 
 def _misses(frame: Frame, _: object, *, depth: float) -> Frame:
-    """As renderers write that do not mark by infinity where nothing was hit."""
+    """Frames of renderers that do not mark background by infinite depth."""
     coded: dict[str, Any] = {}
     if frame.depth is not None:
         coded["depth"] = np.where(np.isfinite(frame.depth), frame.depth, np.float32(depth))
@@ -114,7 +114,7 @@ DOORS = (
 )
 
 
-#: The pipelines that are run through all doors by default.
+#: The pipelines that are run with all doors by default.
 METHODS = tuple(method for method in PIPELINES if method.name in ("SVGF", "BMFR", "TAA best"))
 
 
@@ -158,7 +158,7 @@ def known_doors(recording: Recording, doors: Iterable[Door]) -> list[Door]:
 
 @dataclass(frozen=True)
 class Worth:
-    """What a method makes of one sequence through two doors, of which one is richer.
+    """A method's results on one sequence with two doors, one richer than the other.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ def measure_doors(
 
 
 def table(found: Sequence[Worth]) -> str:
-    """Write how much better each door is than the full one: its losses are negative, on average and at worst."""
+    """Format each door's gain over the full one, mean and worst case; losses are negative."""
     rows: dict[str, dict[str, dict[str, float]]] = {}
     for each in found:
         if each.richer == FULL:
@@ -246,7 +246,7 @@ def table(found: Sequence[Worth]) -> str:
 
 
 def harmful(found: Sequence[Worth], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
-    """Say where a door is worse than one that gives one thing less, by more than the limits of its metrics."""
+    """List the cases in which a door is worse, beyond the metrics' limits, than one that passes less."""
     one_more = {(door.name, richer) for door in DOORS for richer in door.richer}
     lines = []
     for each in found:

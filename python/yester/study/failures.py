@@ -1,8 +1,7 @@
-"""How temporal methods fail, as their users report it, staged: scenarios with exact ground truth.
+"""Known failures of temporal methods, as reported by users: scenarios with exact references.
 
-Each is a small scene of `yester.study.raycast` in which one thing goes wrong, at the scale of an image of 96×64 pixels.
-Frames are numbered from the event, if there is one: those before it let methods warm up, the others are measured. What
-moves all the time does so at a constant pace.
+Each is a small scene of `yester.study.raycast` that provokes one failure, at 96×64 pixels. Frames are numbered from the
+event, if there is one: earlier frames are warm-up, later ones are measured. Continuous motion has constant speed.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ __all__ = ["FAILURES", "FRAMES", "HEIGHT", "SCENARIOS", "TRAIL", "WIDTH", "Scena
 Image: TypeAlias = NDArray[np.float32]
 Mask: TypeAlias = NDArray[np.bool_]
 
-#: What is known to fail: what is seen, and where it was reported.
+#: Known failures: the symptom, and where it was reported.
 FAILURES: dict[str, tuple[str, str]] = {
     "disocclusion": (
         "noise or smear on newly visible surfaces; off-screen entry",
@@ -75,11 +74,11 @@ FAILURES: dict[str, tuple[str, str]] = {
     "additive shimmer on static detail": ("sub-pixel jitter of an over-tight clip", "godot #85123"),
 }
 
-#: Pixels of a scenario's frames: small enough for all of them to take minutes.
+#: Size of a scenario's frames in pixels: small, so that all scenarios take minutes.
 WIDTH, HEIGHT = 96, 64
 #: Frames of a scenario; the second half is measured.
 FRAMES = 32
-#: Of what moves all the time, a ghost is what the image was so many frames before.
+#: For continuous motion, a ghost is the image this many frames before.
 TRAIL = 4
 
 
@@ -89,13 +88,13 @@ class Shot(NamedTuple):
     Attributes
     ----------
     frame : Frame
-        What methods get.
+        The input.
     truth : (H, W, 3) float32 or None
-        What they should give; None while they warm up.
+        The reference; None during warm-up.
     former : (H, W, 3) float32 or None
-        What a ghost would show, if the scenario is about one.
+        The image of a ghost, if the scenario is about ghosting.
     watch : (H, W) bool or None
-        Where the failure shows; everywhere if None.
+        The pixels in which the failure is visible; None means all.
     """
 
     frame: Frame
@@ -106,7 +105,7 @@ class Shot(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """A frame as it comes from the renderer, and what its exporter may do wrong with it.
+    """A frame from the renderer, with the information that a faulty exporter may misuse.
 
     Attributes
     ----------
@@ -114,7 +113,7 @@ class Taken:
     now : int
         Its number: 0 at the event, negative before.
     shift : (2,) ndarray of float64
-        How the jitter has changed since the frame before, in pixels.
+        Change of the jitter since the previous frame, in pixels.
     rng : numpy.random.Generator
     """
 
@@ -126,7 +125,7 @@ class Taken:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A way to fail.
+    """A scene that provokes a failure.
 
     Attributes
     ----------
@@ -139,13 +138,13 @@ class Scenario:
         Noise of the frames, as `yester.study.raycast.noise` has it. Without noise, samples are jittered, all alike and
         known; with noise, they are spread over their pixels.
     former : "event" or "trail", optional
-        What a ghost shows: the truth before the event, or that of `TRAIL` frames ago.
+        The image of a ghost: the reference before the event, or that of `TRAIL` frames ago.
     watch : callable, optional
-        Where the failure shows, by a scene and the one before.
+        Pixels in which the failure is visible, from a scene and the previous one.
     alter : callable, optional
-        Makes of what is `Taken` the frame that methods get.
+        Turns a `Taken` into the methods' input frame.
     warm_up : bool, default True
-        Whether half of the frames come before those that are measured.
+        True if the first half of the frames is warm-up.
     frames : int, default `FRAMES`
     """
 
@@ -161,7 +160,7 @@ class Scenario:
     frames: int = FRAMES
 
     def shots(self, seed: int = 0, frames: int | None = None) -> Iterator[Shot]:
-        """The frames and what is known of them.
+        """Yield the frames with their references.
 
         Parameters
         ----------
@@ -204,12 +203,12 @@ class Scenario:
 
 
 def replaced(frame: Frame, **changes: Any) -> Frame:
-    """The same frame but for some of what it is made of; None leaves a buffer out."""
+    """A copy of the frame with some buffers replaced; None removes a buffer."""
     return Frame(**{**frame.buffers(), "camera": frame.camera, "jitter": frame.jitter, **changes})
 
 
 def uncovered(scene: Scene, before: Scene) -> Mask:
-    """Pixels whose surface the frame before did not show: it was hidden, or outside."""
+    """Disoccluded pixels: their surface was hidden in the previous frame, or outside."""
     camera = scene.camera
     hits = cast(scene, centres(camera))
     moved = motion(hits, scene, before)
@@ -222,7 +221,7 @@ def uncovered(scene: Scene, before: Scene) -> Mask:
 
 
 def _shows(*ids: int) -> Callable[[Scene, Scene], Mask]:
-    """Pixels of which a part shows one of these things."""
+    """Pixels that are at least partly covered by one of these things."""
 
     def watch(scene: Scene, before: Scene) -> Mask:
         offsets = (np.arange(4) + 0.5) / 4 - 0.5
@@ -410,7 +409,7 @@ def _moved(frame: Frame) -> Image:
 
 
 def _unannounced(taken: Taken) -> Frame:
-    """Nobody has told the renderer that the event is a cut."""
+    """A cut that is not marked as such."""
     frame = taken.frame
     return replaced(frame, motion=np.zeros_like(_moved(frame))) if taken.now == 0 else frame
 

@@ -1,4 +1,4 @@
-"""Do no harm: what a component or a buffer gains on each sequence, its mean and worst case, and when that is harm."""
+"""Do no harm: the gain of a component or buffer on each sequence, mean and worst case, and the limits of harm."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ LIMITS = {"psnr": 0.1, "relmse": 0.02, "flip": 0.02, "temporal_error": 0.02}
 #: holds only where the component gains `_WORTH` times as much in another metric of that sequence.
 EXCEPTIONS: dict[tuple[str, str], str] = {}
 
-#: How many times a loss is to be made good, both measured by their limits.
+#: Ratio of gain to loss, both relative to their limits, that excuses the loss.
 _WORTH = 5
 
 
 def gains(having: Mapping[str, float], lacking: Mapping[str, float]) -> dict[str, float]:
-    """How much better the result is with something than without.
+    """The improvement of the metrics with something over those without.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def gains(having: Mapping[str, float], lacking: Mapping[str, float]) -> dict[str
 
 
 def harms(gained: Mapping[str, float], limits: Mapping[str, float] = LIMITS, *, excused: bool = False) -> list[str]:
-    """In which metrics something harms.
+    """The metrics that something harms.
 
     Parameters
     ----------
@@ -54,8 +54,7 @@ def harms(gained: Mapping[str, float], limits: Mapping[str, float] = LIMITS, *, 
     limits : mapping of str to float, default LIMITS
         By metric, the largest loss that is no harm. Other metrics are not looked at.
     excused : bool, default False
-        Whether a loss is made good by a gain in another metric that is five times as large, both measured by their
-        limits.
+        A loss is excused by a gain in another metric that is five times as large, both relative to their limits.
 
     Returns
     -------

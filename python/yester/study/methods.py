@@ -1,4 +1,4 @@
-"""What is compared: this package's pipelines and presets, each over its main parameter."""
+"""The methods to compare: this package's pipelines and presets, each over its main parameter."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 
 
 class Result(NamedTuple):
-    """What a method makes of a frame; what only this package's pipelines know is None with others.
+    """A method's result for a frame; auxiliary outputs are None for other libraries' methods.
 
     Attributes
     ----------
@@ -59,20 +59,20 @@ class Step(Protocol):
 
 @dataclass(frozen=True)
 class Method:
-    """A way to make clean frames of noisy ones.
+    """A denoising method.
 
     Attributes
     ----------
     name : str
-        Of the method with its parameters.
+        Name with parameters.
     family : str
-        What it shares with the same method at other values of its main parameter.
+        Name without the value of the main parameter.
     start : callable
         Makes a `Step` for one sequence.
     default : bool
-        Whether it is what one gets who sets nothing.
+        True for the default configuration.
     peer : bool
-        Whether it comes from elsewhere.
+        True for another library's method.
     """
 
     name: str
@@ -98,7 +98,7 @@ def pipeline(make: Callable[..., Any], *preset: str, **options: Any) -> Callable
 
 
 def quarter(frame: Frame, number: int) -> Frame:
-    """What of a frame would be there if one pixel of each 2×2 had been traced: that of `HalfRes.offset`."""
+    """The frame as if only one pixel of each 2×2 had been traced, that of `HalfRes.offset`."""
     x, y = HalfRes.offset(number)
     color = np.full_like(frame.color, np.nan)
     color[y::2, x::2] = frame.color[y::2, x::2]
@@ -106,7 +106,7 @@ def quarter(frame: Frame, number: int) -> Frame:
 
 
 def _copied(frame: Frame, number: int) -> Frame:
-    """The same, each traced pixel shown by all of its 2×2."""
+    """The same frame with each traced pixel replicated to its 2×2."""
     x, y = HalfRes.offset(number)
     height, width = frame.shape
     rows, columns = (np.minimum(np.arange(n) // 2 * 2 + d, n - 1) for n, d in ((height, y), (width, x)))
@@ -137,7 +137,7 @@ def current_name(name: str) -> str:
 
 _TAA = ("best", "denoised", "textbook", "karis", "filament")
 
-#: Every pipeline and preset as it comes, and `SVGF` with less and more of what costs most.
+#: Every pipeline and preset with its defaults, and cheaper and more expensive variants of `SVGF`.
 PIPELINES = (
     Method("SVGF", "SVGF", pipeline(SVGF), default=True),
     Method("SVGF, surfaces only", "SVGF, surfaces only", pipeline(SVGF, reflections=())),
@@ -146,14 +146,14 @@ PIPELINES = (
     *(Method(f"TAA {preset}", f"TAA {preset}", pipeline(TAA, preset), default=preset == _TAA[0]) for preset in _TAA),
 )
 
-#: Of frames of which a quarter is traced: `HalfRes`, and what others make of these.
+#: Methods for frames of which a quarter is traced: `HalfRes`, and others on adapted frames.
 QUARTERS = (
     Method("HalfRes, a quarter traced", "HalfRes", on_part(quarter, pipeline(HalfRes))),
     Method("a quarter traced, SVGF", "SVGF of a quarter", on_part(quarter, pipeline(SVGF))),
     Method("a quarter traced, copied, SVGF", "SVGF of copies", on_part(_copied, pipeline(SVGF))),
 )
 
-#: All of them over their main parameters: passes of the spatial filter, side of the blocks, share of the new sample.
+#: All of them over their main parameters: passes of the spatial filter, block size, blend factor.
 METHODS = (
     *PIPELINES,
     *QUARTERS,

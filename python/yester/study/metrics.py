@@ -1,4 +1,4 @@
-"""How far an image is from its reference, how steady a sequence is, and what is wrong with either.
+"""Metrics: errors of an image against its reference, and temporal stability of a sequence.
 
 Images are (H, W, 3), linear, scene-referred and unclamped. `relmse`, `smape` and `bias_variance` look at the linear
 values, bright ones included; all others judge what a viewer would see and therefore look at `srgb` of the images.
@@ -44,14 +44,14 @@ __all__ = [
 
 
 class Picture:
-    """An image, checked once and encoded at most once: for whoever measures it in several ways.
+    """An image that is validated once and encoded at most once, for use with several metrics.
 
     Parameters
     ----------
     image : (H, W, 3) array_like of float
         Linear. float64 in C order is not copied: leave it as it is.
     name : str, default "image"
-        What errors call it.
+        Name in error messages.
 
     Attributes
     ----------
@@ -276,7 +276,7 @@ def flip_map(image: Image, reference: Image) -> NDArray[np.float32]:
 
 
 def temporal_error(image: Image, before: Image, reference: Image, reference_before: Image) -> float:
-    """How far the change from one frame to the next is from the reference's: flicker, crawling, lag.
+    """Error of the change from one frame to the next against the reference's change: flicker, crawling, lag.
 
     The root mean square, over pixels and channels, of
     ``(srgb(image) - srgb(before)) - (srgb(reference) - srgb(reference_before))``.
@@ -291,8 +291,8 @@ def temporal_error(image: Image, before: Image, reference: Image, reference_befo
     Returns
     -------
     float
-        Lower is better, 0 to 2; 0 where the sequence changes as its reference does. What is wrong in both frames alike
-        does not count.
+        Lower is better, 0 to 2; 0 if the sequence changes exactly as its reference does. Errors that are equal in both
+        frames do not count.
 
     Raises
     ------
@@ -326,12 +326,12 @@ def tpsnr(image: Image, before: Image, reference: Image, reference_before: Image
 
 
 def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLike | None = None) -> float:
-    """How far an image is from the one before it, moved to where things are now; asks for no reference.
+    """Difference between an image and the previous one, reprojected along the motion; needs no reference.
 
     The root mean square, over pixels and channels, of srgb(image) minus srgb(before) fetched along `motion`
-    (`yester.reproject`, bilinear), over the pixels whose whole footprint lies inside the previous image. What changes
-    in truth, as highlights and shadows do, counts as well, and so does what bilinear reading blurs: compare methods on
-    the same sequence, and none with zero. A frozen or evenly grey sequence scores well.
+    (`yester.reproject`, bilinear), over the pixels whose whole footprint lies inside the previous image. True changes,
+    such as moving highlights and shadows, count as well, and so does the blur of bilinear interpolation: compare
+    methods on the same sequence, never with zero. A frozen or uniformly grey sequence scores well.
 
     Parameters
     ----------
@@ -340,7 +340,7 @@ def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLik
     motion : (H, W, 2) or (H, W, 3) array_like of float
         Previous minus current position in pixels, x right, y down. Where it is not finite, pixels do not count.
     valid : (H, W) array_like of bool, optional
-        The pixels that were seen before, as by ``consistency(…)[0] == 0``. By default all.
+        The pixels that were visible before, for instance ``consistency(…)[0] == 0``. By default all.
 
     Returns
     -------
@@ -370,13 +370,13 @@ def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLik
     seen = seen & (coverage > 0.999)
     if not seen.any():
         raise ValueError("valid: no valid pixel has a place inside the previous image")
-    # In the precision of what was fetched, so that an image that stands still is its own successor.
+    # In float32 like the fetched image, so that a static image has no difference.
     error = image.srgb.astype(np.float32) - fetched
     return float(np.sqrt(np.mean(error**2, dtype=np.float64, where=seen[..., np.newaxis])))
 
 
 def flicker(images: Iterable[Image], mask: ArrayLike | None = None) -> float:
-    """How much a sequence varies where in truth nothing changes.
+    """Temporal variation of a sequence where the reference is static.
 
     The root of the mean, over pixels and channels, of the variance over time of srgb.
 
@@ -385,7 +385,7 @@ def flicker(images: Iterable[Image], mask: ArrayLike | None = None) -> float:
     images : (T, H, W, 3) array_like of float, or iterable of images
         Linear, at least two. Of an iterable, one image is held at a time.
     mask : (H, W) array_like of bool, optional
-        The pixels that stand still. By default all.
+        The static pixels. By default all.
 
     Returns
     -------
@@ -407,24 +407,24 @@ def flicker(images: Iterable[Image], mask: ArrayLike | None = None) -> float:
 
 
 def ghost(image: Image, reference: Image, former: Image, mask: ArrayLike | None = None) -> float:
-    """How much of the former truth still shows after an event: a switched light, a swapped texture, a cut.
+    """Ghosting after an event (a switched light, a swapped texture, a cut): the weight of the former image.
 
-    <i - r, f - r> / <f - r, f - r> over pixels and channels of srgb: the share of `former` in the mixture of it and
-    the reference that comes nearest to the image. Where both truths agree, nothing counts.
+    <i - r, f - r> / <f - r, f - r> over pixels and channels of srgb: the weight of `former` in the mixture of it and
+    the reference that best fits the image. Pixels where both agree do not count.
 
     Parameters
     ----------
     image : (H, W, 3) array_like of float, or Picture
         Linear, after the event.
     reference, former : (H, W, 3) array_like of float, or Picture
-        The truth at this frame, and what it would be had the event not happened.
+        The reference of this frame, and the reference if the event had not happened.
     mask : (H, W) array_like of bool, optional
         The pixels to look at. By default all.
 
     Returns
     -------
     float
-        0 without a trace of the former truth, 1 where the image is it. Below 0 where the image overshoots.
+        0 without ghosting, 1 if the image equals `former`. Below 0 if the image overshoots.
 
     Raises
     ------
@@ -485,7 +485,7 @@ class BiasVariance(NamedTuple):
 
 
 def bias_variance(images: Iterable[Image], reference: Image) -> BiasVariance:
-    """Split the error of independent runs: what stays wrong in their mean, and what differs from run to run.
+    """Split the error of independent runs into bias, the error of their mean, and variance between runs.
 
     The variance is the mean over pixels and channels of var / (r² + 0.01), with the unbiased variance over runs; the
     bias is that of ((mean - r)² - var / S) / (r² + 0.01). The second term is what noise adds to the mean of S runs.
@@ -517,7 +517,7 @@ def bias_variance(images: Iterable[Image], reference: Image) -> BiasVariance:
 
 
 def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float:
-    """How steep the reference's strongest edges are in the image.
+    """Edge sharpness: the steepness, in the image, of the reference's strongest edges.
 
     <∇i, ∇r> / <∇r, ∇r> of the luminance of srgb (Rec. 709), by central differences, over the `share` of inner pixels
     where the reference is steepest.
@@ -533,7 +533,7 @@ def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float
     -------
     float
         1 where edges are as steep as the reference's, below where they are blurred, above where they are oversharpened.
-        Noise that knows nothing of the edges averages out.
+        Noise that is uncorrelated with the edges averages out.
 
     Raises
     ------
@@ -558,7 +558,7 @@ def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric as charts and reports need to know it.
+    """Description of a metric for charts and reports.
 
     Attributes
     ----------
@@ -567,7 +567,7 @@ class Metric:
     label : str
         For axes and headings, with its unit.
     higher_is_better : bool
-        Which way is better.
+        True if larger values are better.
     needs : {"reference", "references", "none"}
         The reference of a frame, that of the frame before as well, or none.
     measure : callable
@@ -649,7 +649,7 @@ def _mask(name: str, mask: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
 
 
 def _relative(reference: Picture) -> NDArray[np.float64]:
-    """The denominator of relative squares, which keeps black from counting without bound."""
+    """The denominator of relative squared errors, bounded from below for black pixels."""
     return reference.linear**2 + 0.01
 
 

@@ -1,4 +1,4 @@
-"""What others offer: Open Image Denoise, OpenCV's filters, and our own torch reference of SVGF."""
+"""Denoisers to compare with: Open Image Denoise, OpenCV's filters, and our own torch reference of SVGF."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Floats = NDArray[np.float32]
 
 
 def peers() -> tuple[list[Method], dict[str, str]]:
-    """Find the peers that can be had here.
+    """List the peers that are installed.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def peers() -> tuple[list[Method], dict[str, str]]:
         means on the tone-mapped image, and its joint bilateral and guided filters on the light with normals as
         guide, each over its main parameter; SVGF as written in torch, in single precision.
     missing : dict of str to str
-        By name, how to get those that are not here.
+        By name, how to install the missing ones.
     """
     found: list[Method] = []
     missing: dict[str, str] = {}
@@ -65,7 +65,7 @@ def peers() -> tuple[list[Method], dict[str, str]]:
 
 
 def imports(module: str) -> bool:
-    """Whether it is there, and comes with all the libraries of the system that it needs."""
+    """True if the package and the system libraries that it needs are installed."""
     try:
         return import_module(module) is not None
     except (ImportError, OSError):
@@ -94,7 +94,7 @@ def _non_local_means(h: float) -> Callable[[Frame], Floats]:
 
     def step(frame: Frame) -> Floats:
         color = present(frame).clip(0)
-        # It wants integers, so that the unbounded is brought to [0, 1): by Reinhard's curve, which keeps highlights.
+        # It takes integers: Reinhard's curve maps radiance to [0, 1) and keeps highlights.
         toned = (color / (1 + color) * 65535).astype(np.uint16)
         clean = cv2.fastNlMeansDenoising(toned, [h * 65535] * 3, None, 5, 15, cv2.NORM_L1) / np.float32(65536)
         return np.asarray(clean / (1 - clean), np.float32)
@@ -122,10 +122,10 @@ def _guided(radius: int) -> Callable[[Frame], Floats]:
 
 
 def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], Floats]:
-    """What textures allow: the filter sees the light without albedo, if that is known, and is guided by normals.
+    """Filter the demodulated colour, if there is albedo, guided by normals.
 
-    What reflects nothing, lamps and sky, has no noise and keeps its colour: filters that blur across edges would
-    spill on it.
+    Pixels with black albedo (lamps and sky) have no noise and keep their colour: filters that blur across edges would
+    leak into them.
     """
 
     def step(frame: Frame) -> Floats:
@@ -141,7 +141,7 @@ def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], F
 
 
 def _checkout() -> Path | None:
-    """Where the torch references are: beside the package's sources, or below the current folder."""
+    """The folder of the torch references: beside the package's sources, or below the current folder."""
     for root in (Path(yester.__file__).parents[2], Path.cwd()):
         folder = root / "tests"
         if (folder / "reference" / "svgf.py").is_file():
@@ -163,7 +163,7 @@ def references() -> ModuleType:
 
 
 def tensors(value: Any) -> Any:
-    """Arrays as the references take them, floats as they are, alone or in a list; a frame with all its buffers."""
+    """Convert arrays (also in lists, and a frame's buffers) to tensors; leave floats unchanged."""
     import torch
 
     if isinstance(value, Frame):

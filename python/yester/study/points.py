@@ -1,4 +1,4 @@
-"""What was measured: one method on one sequence is a point; means, fronts and tables of them."""
+"""Measurements: a point is one method on one sequence; means, Pareto fronts and tables of points."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .metrics import METRICS, Metric
 
 __all__ = ["ALL", "Point", "means", "pareto", "table", "write_csv"]
 
-#: What the scene of a `Point` is called that holds means over all.
+#: The scene name of points that are means over all scenes.
 ALL = "all"
 
 
@@ -90,14 +90,14 @@ def means(points: Sequence[Point]) -> list[Point]:
 
 
 def pareto(points: Sequence[Point], metric: Metric) -> list[Point]:
-    """Find the points that no other beats in both time and a metric.
+    """Find the Pareto front of time and a metric: the points that no other beats in both.
 
     Parameters
     ----------
     points : sequence of Point
         Of one scene. Those without the metric are left out.
     metric : Metric
-        What counts beside time.
+        The metric beside time.
 
     Returns
     -------

@@ -1,11 +1,11 @@
-"""A small exact ray-caster: scenes whose every buffer, motion and mean are known, for what noise must not blur.
+"""A small exact ray-caster: scenes of which all buffers, motion and the noise-free image are known exactly.
 
-A scene is what stands where at one moment; a sequence is a list of scenes with the same things in the same order.
-Shapes are analytic and move rigidly; light is Lambert's, from points and directions with hard shadows, plus an ambient
-part; mirrors are perfect and seen once. Noise is added to that, so that the mean of `shoot` is `truth`. Lengths are in
-scene units, matrices take column vectors, colours are linear.
+A scene is the arrangement of things at one moment; a sequence is a list of scenes with the same things in the same
+order. Shapes are analytic and move rigidly; shading is Lambertian, by point and directional lights with hard shadows,
+plus an ambient term; mirrors are perfect and reflect once. Noise is multiplied in, so that the mean of `shoot` is
+`truth`. Lengths are in scene units, matrices take column vectors, colours are linear.
 
-Inside, vectors are (3, N): numpy is quickest along rows.
+Internally vectors are (3, N), as numpy is fastest along rows.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ Texture: TypeAlias = Callable[[Floats], Floats]
 
 #: Rays start this far from the surface that they leave, in scene units.
 _CLEARANCE = 1e-6
-#: Distance at which the background stands, in scene units: its parallax is below what float32 pixels can tell.
+#: Distance of the background in scene units: its parallax is below the resolution of float32 pixel coordinates.
 _FAR = 1e9
 
 
 class Shape(Protocol):
-    """A surface in its own space."""
+    """A surface in object space."""
 
     def hit(self, origin: Floats, direction: Floats) -> Floats:
         """Distance along rays of unit direction, (3, 1) or (3, N), to the first hit: (N,), infinity where none is."""
         ...
 
     def normal(self, point: Floats) -> Floats:
-        """Unit normals at points of the surface, both (3, N); either side will do."""
+        """Unit normals at points of the surface, both (3, N), of either sign."""
         ...
 
 
@@ -137,7 +137,7 @@ class Wire:
         across = origin - start
         squared = (axis**2).sum()
         along, offset = _dot(axis, direction), _dot(axis, across)
-        # Where a ray meets the endless cylinder: both without their parts along the axis.
+        # Intersection with the infinite cylinder: ray and origin without their components along the axis.
         a = squared - along**2
         b = squared * _dot(across, direction) - offset * along
         c = squared * _dot(across, across) - offset**2 - self.radius**2 * squared
@@ -173,7 +173,7 @@ def checker(one: Color, other: Color, size: float) -> Texture:
     """
 
     def texture(point: Floats) -> Floats:
-        # Faces that lie between two cubes are in the one of them on either side of rounding.
+        # Nudged, so that faces on the boundary of two cubes belong to one of them despite rounding.
         return _either(np.floor(point / size + 1e-9).sum(0) % 2 == 0, one, other)
 
     return texture
@@ -244,7 +244,7 @@ def turn(axis: ArrayLike, degrees: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """A shape, where it is and how it looks.
+    """A shape with its pose and material.
 
     Attributes
     ----------
@@ -252,13 +252,13 @@ class Thing:
     place : (4, 4) ndarray, default the identity
         From its own space to the world: rigid.
     albedo : (r, g, b) or Texture, default a light grey
-        0 to 1; of a mirror, the share of light that it reflects.
+        0 to 1; for a mirror, its reflectance.
     emission : (r, g, b) or Texture, default black
-        Light that it sends to the camera; it lights nothing.
+        Light emitted to the camera; it illuminates nothing.
     mirror : bool, default False
-        Whether it shows what lies in the direction of reflection; the mirrors there are black.
+        A perfect mirror; other mirrors appear black in it.
     shadow : bool, default True
-        Whether it stands in the way of light.
+        Casts shadows.
     """
 
     shape: Shape
@@ -271,14 +271,15 @@ class Thing:
 
 @dataclass(frozen=True)
 class Light:
-    """A point that shines, or a direction from which light comes.
+    """A point light or a directional light.
 
     Attributes
     ----------
     place : (x, y, z)
-        Where it is; or, of a distant light, in which direction.
+        Its position; for a distant light, the direction towards it.
     color : (r, g, b)
-        What a white surface that faces it sends back from one scene unit away; or, of a distant light, from anywhere.
+        Radiance of a white surface that faces it, at a distance of one scene unit; for a distant light, at any
+        distance.
     distant : bool, default False
     """
 
@@ -289,7 +290,7 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is where at one moment. The id of a thing is its place in the list, counted from 1.
+    """The arrangement of things at one moment. The id of a thing is its position in the list, counted from 1.
 
     Attributes
     ----------
@@ -297,9 +298,9 @@ class Scene:
     camera : Camera
     lights : tuple of Light, default none
     ambient : (r, g, b), default (0.3, 0.3, 0.3)
-        What a white surface sends back of light from everywhere.
+        Radiance of a white surface under the ambient light.
     background : (r, g, b), default black
-        What the camera sees where nothing is: emission, without noise.
+        Radiance of the background: emission, without noise.
     """
 
     things: tuple[Thing, ...]
@@ -311,18 +312,18 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What lies behind places of an image, in double precision.
+    """The surfaces visible at positions of an image, in double precision.
 
     Attributes
     ----------
     pixels : (..., 2)
-        The places, in pixels, x right, y down, pixel centres at +0.5.
+        The positions, in pixels, x right, y down, pixel centres at +0.5.
     ids, depth, position, normal, object_normal, albedo, emission : (...) or (..., 3)
         As `yester.Frame` has them.
     local : (..., 3)
-        The position in the thing's own space; of the background, a point far behind everything.
+        The position in object space; for background, a distant point.
     light : (..., 3)
-        What a white surface would send back there; of a mirror, what it shows.
+        Radiance of a white surface there; for a mirror, the reflected radiance.
     """
 
     pixels: Floats
@@ -343,7 +344,7 @@ class Hits:
 
 
 def cast(scene: Scene, pixels: ArrayLike) -> Hits:
-    """Look through places of the image.
+    """Cast rays through positions of the image.
 
     Parameters
     ----------
@@ -354,7 +355,7 @@ def cast(scene: Scene, pixels: ArrayLike) -> Hits:
     Returns
     -------
     Hits
-        With the places' leading shape.
+        With the positions' leading shape.
 
     Raises
     ------
@@ -395,12 +396,12 @@ def cast(scene: Scene, pixels: ArrayLike) -> Hits:
 
 
 def motion(hits: Hits, scene: Scene, before: Scene) -> Floats:
-    """Where what is seen was one scene before.
+    """Motion vectors between two scenes.
 
     Parameters
     ----------
     hits : Hits
-        What `scene`'s camera sees.
+        Hits of `scene`'s camera.
     scene, before : Scene
         Of the same things in the same order.
 
@@ -419,7 +420,7 @@ def motion(hits: Hits, scene: Scene, before: Scene) -> Floats:
 
 
 def truth(scene: Scene, side: int = 4) -> NDArray[np.float32]:
-    """The image without noise: the mean over ``side`` × ``side`` places of every pixel, a box filter.
+    """The image without noise: the mean over ``side`` × ``side`` positions of every pixel, a box filter.
 
     Parameters
     ----------
@@ -451,12 +452,12 @@ def noise(
     rng : numpy.random.Generator
     shape : tuple of int
     deviation : float
-        Standard deviation of the factors that are no fireflies, relative to their mean; 1 makes them exponential, as of
-        a path that finds a light or does not.
+        Relative standard deviation of the factors other than fireflies; 1 makes them exponential, like paths that
+        either hit a light or miss it.
     fireflies : float, default 0
-        Their share.
+        Fraction of fireflies.
     brightness : float, default 50
-        Their factor. The others are the darker for it, so that the mean stays one.
+        Factor of fireflies. The others are darkened, so that the mean stays one.
 
     Returns
     -------
@@ -489,19 +490,19 @@ def shoot(
     fireflies: float = 0.0,
     jitter: ArrayLike | None = None,
 ) -> Frame:
-    """What a renderer makes of the scene with one sample a pixel: a frame with every buffer that can be known exactly.
+    """Render the scene with one sample per pixel: a frame with all exact buffers.
 
     Parameters
     ----------
     scene : Scene
     before : Scene or None
-        Of the frame before, for motion; the scene itself if there is none.
+        The previous frame's scene, for motion; the scene itself if there is none.
     rng : numpy.random.Generator
     deviation, fireflies : float, default 0
         Of the `noise` on light. Emission and background have none.
     jitter : (2,) array_like of float, optional
-        One offset for all samples, which the frame then tells; if absent, they are spread over their pixels at random,
-        as a path tracer does.
+        One offset for all samples, stored in the frame; by default samples are distributed randomly over their pixels,
+        as in a path tracer.
 
     Returns
     -------
@@ -565,7 +566,7 @@ def _look(scene: Scene, origin: Floats, direction: Floats) -> _Seen:
 
 
 def _lighting(scene: Scene, point: Floats, normal: Floats, hit: NDArray[np.bool_]) -> Floats:
-    """What white surfaces would send back at these points."""
+    """Radiance of white surfaces at these points."""
     total = np.where(hit, np.array(scene.ambient)[:, None], 0.0)
     for light in scene.lights:
         place = np.array(light.place)[:, None]

@@ -1,4 +1,4 @@
-"""Sequences on disk, to be measured on: noisy frames and references, rendered once into a cache, or a user's own."""
+"""Sequences on disk for measurements: noisy frames and references, rendered once into a cache, or a user's own."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ __all__ = ["Recording", "open_recording", "record"]
 
 Source = str | os.PathLike[str]
 
-#: Seeds from here on are those of references: no noisy frame shares its random numbers with any of them. Not higher, as
-#: Mitsuba multiplies a seed by the number of an image's blocks, of which there may be ten thousand, in 32 bits.
+#: First seed of references, above those of noisy frames, so that they share no random numbers. Not higher, because
+#: Mitsuba multiplies a seed by the number of an image's blocks, up to ten thousand, in 32 bits.
 _REFERENCE_SEEDS = 100_000
 
 
@@ -50,10 +50,9 @@ class Recording:
     frames : list of Path
         EXR files in order, of one size, all of them with colour.
     references : dict of int to Path
-        By index of the frame, the EXR file of what it would be without noise. May be empty.
+        By index of the frame, the EXR file of its reference. May be empty.
     raw_albedo : dict of int to Path
-        By index of the frame, the EXR file whose colour is the albedo as the renderer's own buffer has it. Empty unless
-        asked for.
+        By index of the frame, the EXR file whose colour is the renderer's raw albedo. Empty unless requested.
     """
 
     name: str
@@ -91,11 +90,11 @@ def record(
     reference_spp: int | None = None,
     raw_albedo: bool = False,
 ) -> Recording:
-    """Render a sequence of `scenes`, or what is not yet in the cache.
+    """Render the parts of a sequence of `scenes` that are not in the cache.
 
-    Noisy frames have one sample per pixel and all buffers but `Frame.replay`, in 32 bits. Every file appears when it is
-    whole, and each has a seed of its own: interrupted and called again, it goes on where it was and leaves the same
-    bits. So do several processes at once, which at worst render a frame twice.
+    Noisy frames have one sample per pixel and all buffers but `Frame.replay`, in 32 bits. Files are written atomically
+    and have seeds of their own: an interrupted run resumes and gives the same bits. So do concurrent processes, which
+    at worst render a frame twice.
 
     Parameters
     ----------
@@ -103,15 +102,15 @@ def record(
         One of `sequences.NAMES`.
     cache : path-like, optional
         A folder, made if it does not exist. By default that of the environment variable ``YESTER_CACHE``, else
-        ``yester`` in ``XDG_CACHE_HOME``, else ``~/.cache/yester``. What is in it depends on the versions of Mitsuba and
-        of this package; nothing is ever removed, and all of it may be.
+        ``yester`` in ``XDG_CACHE_HOME``, else ``~/.cache/yester``. Its contents depend on the versions of Mitsuba and
+        of this package. Nothing is removed automatically; the folder may be deleted at any time.
     frames, width, height : int, default 16, 256, 192
         Length and size of the sequence.
     seed : int, default 0
-        Of the noise: frame i has ``seed + i``. References do not depend on it.
+        Seed of the noise: frame i has ``seed + i``. References do not depend on it.
     references : iterable of int, optional
-        Which frames get one: by default the second half, in which methods with memory have warmed up. Measures of
-        change need pairs in a row.
+        Frames that get a reference: by default the second half, after temporal methods have warmed up. Temporal metrics
+        need consecutive frames.
     reference_spp : int, optional
         Samples per pixel of references: by default 256, or 512 where small lights make more noise. With motion blur,
         rounded up to a multiple of the instants.
@@ -158,7 +157,7 @@ def record(
 def open_recording(
     frames: Source | Iterable[Source], references: Source | Iterable[Source] | None = None, name: str | None = None
 ) -> Recording:
-    """Take files that are there; their headers are looked at.
+    """Use existing files; only their headers are read.
 
     Parameters
     ----------
@@ -205,14 +204,14 @@ def open_recording(
 
 
 def _pair(frames: list[Path], references: list[Path]) -> dict[int, Path]:
-    """Which reference belongs to which frame."""
+    """Match references to frames."""
     place = {path.name: i for i, path in enumerate(frames)}
     known = [path.name in place for path in references]
     if len(place) == len(frames) and all(known):
         pairs = {place[path.name]: path for path in references}
         if len(pairs) == len(references):
             return dict(sorted(pairs.items()))
-    # A shift by one would be worse than no reference.
+    # An off-by-one match would be worse than no reference.
     if any(known) and not all(known):
         stranger = references[known.index(False)]
         raise ValueError(f"references: expected names of frames, or none of them, got {stranger}")
@@ -228,7 +227,7 @@ def _cache() -> Path:
 
 
 def _digest(make: sequences.Make) -> str:
-    """Of the code that makes the bits of a sequence's frames: other modules of sequences may change without effect."""
+    """Hash of the code that determines the bits of a sequence's frames."""
     import mitsuba as mi
 
     made = hashlib.sha256(f"{metadata.version('mitsuba')} {mi.variant()}".encode())
@@ -239,7 +238,7 @@ def _digest(make: sequences.Make) -> str:
 
 
 def _fill(paths: dict[int, Path], what: str, render: Callable[[range], Iterable[Frame]]) -> None:
-    """Render the frames whose files are not there, each with the bits that it would have among all."""
+    """Render the missing frames, with the same bits as in a full render."""
     absent = [i for i, path in paths.items() if not path.exists()]
     if not absent:
         return

@@ -1,6 +1,6 @@
-"""What was measured, to look at: charts as PNG and SVG, and one HTML page with charts, table and images in it.
+"""Reports of measurements: charts as PNG and SVG, and one HTML page with charts, table and images.
 
-The page asks the network for nothing and can be sent as it is. Its charts are those of the files.
+The page is self-contained. Its charts are those of the files.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["draw", "save_images", "stored_images", "write_figures", "write_report"]
 
-#: Where the colours of maps end: the error (FLIP) and the length of history, in frames, that are drawn as the largest.
+#: Upper ends of the colour maps: error (FLIP) and history length in frames.
 WORST, LONGEST, PASSES = 0.5, 32, 8
 
 # After Okabe and Ito, "Color Universal Design" (2008); the light ones darker, to stand on white as well as on black.
@@ -42,7 +42,7 @@ _OURS, _PEERS = ("o", "^", "v", "p"), ("D", "s", "X", "P")
 INK, GRID, PAPER = "#1f2328", "#d8dee4", "#ffffff"
 _REJECTIONS = dict(zip(Rejection, ("#4dabf7", "#ffd43b", "#69db7c", "#f783ac", "#ff922b", "#ffffff"), strict=True))
 
-#: How exact images are: colours as far as one sees, the map of errors less, the others entirely.
+#: WebP quality of images: visually lossless for colours, less for the error map, lossless for the others.
 _KINDS: dict[str, dict[str, Any]] = {
     "color": {"quality": 85},
     "error": {"quality": 50},
@@ -54,13 +54,12 @@ _KINDS: dict[str, dict[str, Any]] = {
 
 
 def save_images(folder: Path, index: int, result: Result, reference: ArrayLike | None = None) -> None:
-    """Write what a page shows of one frame.
+    """Write the images of one frame for a page.
 
     ``color_0007.webp`` is the image as a display shows it. The others are maps in 8 bits, grey: ``error`` is FLIP from
     0 to 0.5 and more, ``history`` the length of the history in whole frames from 0 to 32 and more, ``confidence`` goes
     from 0 to 1, ``rejection`` has the bits of `yester.Rejection`, and ``choice`` is the number of passes that were
-    chosen, from 0 to 8 and more. What the result or the absent reference cannot tell is not written, and removed if it
-    is there.
+    chosen, from 0 to 8 and more. Images whose data are missing are not written, and old files of theirs are removed.
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ def save_images(folder: Path, index: int, result: Result, reference: ArrayLike |
     index : int
         Of the frame.
     result : Result
-        What a method made of the frame.
+        A method's result for the frame.
     reference : (H, W, 3) array_like of float, optional
         Linear.
 
@@ -115,9 +114,9 @@ def stored_images(folder: Path) -> dict[int, dict[str, Path]]:
 def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | None = None) -> Figure:
     """Draw a metric over the time of a frame.
 
-    A family has one colour, a line, and its name beside it; peers have another shape and are hollow, defaults are
-    ringed. Thin lines are the quartiles of the time. What no other point beats in both time and metric is joined by a
-    pale line. A point that takes no time, such as the noisy input, is a horizontal line.
+    A family has one colour, a line, and a label; peers have hollow markers of another shape, defaults are ringed. Thin
+    lines are the quartiles of the time. A pale line joins the Pareto front. A point that takes no time, such as the
+    noisy input, is a horizontal line.
 
     Parameters
     ----------
@@ -126,8 +125,8 @@ def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | No
     metric : Metric
         One of `metrics.METRICS`.
     among : sequence of Point, optional
-        All points that are to be drawn, in this and other charts: a family has the same colour in them. By default
-        those of this chart.
+        All points of this and other charts, so that a family has the same colour in all of them. By default those of
+        this chart.
 
     Returns
     -------
@@ -183,7 +182,7 @@ def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | No
     front = pareto(timed, metric)
     stairs = [point.ms for point in front], [point.values[metric.key] for point in front]
     axes.plot(*stairs, color=INK, alpha=0.13, linewidth=7, solid_capstyle="round", drawstyle="steps-post", zorder=1)
-    axes.autoscale_view()  # else the limits, and with them the places of points, come with the drawing only
+    axes.autoscale_view()  # otherwise limits, and with them positions of points, are only known after drawing
     lines = {family: _ordered(axes, np.array(places)) for family, places in families.items()}
     for family, line in lines.items():
         axes.plot(*line.T, color=styles[family][0], linewidth=1.4, alpha=0.8, zorder=3)
@@ -236,7 +235,7 @@ def write_report(
     title: str = "Yester: error over time",
     about: str = "",
 ) -> None:
-    """Write the page: charts, a table and images to compare, in one file that needs nothing else.
+    """Write the page: charts, a table and images to compare, in one self-contained file.
 
     Parameters
     ----------
@@ -307,7 +306,7 @@ def write_report(
             ],
         }
         data["images"] = [f"data:image/webp;base64,{base64.b64encode(image).decode()}" for image in images]
-        # No text of the data may end the element that it stands in.
+        # Escaped, so that no text in the data can close its script element.
         text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
         colors = "".join(
             f"--line{i}: color-mix(in srgb, {color} var(--pure), var(--ink)); "
@@ -330,7 +329,7 @@ def _title(scene: str) -> str:
 
 
 def _metrics(points: Sequence[Point]) -> list[Metric]:
-    """Those that some point can be drawn in."""
+    """The metrics that at least one point has."""
     return [
         each for each in METRICS.values() if any(np.isfinite(point.values.get(each.key, np.nan)) for point in points)
     ]
@@ -347,7 +346,7 @@ def _charts(points: Sequence[Point]) -> Iterable[tuple[str, Metric, Figure]]:
 
 
 def _axes(figure: Figure, metric: Metric, values: Sequence[float]) -> Any:
-    """Time to the right, the metric upwards; what spans much is logarithmic."""
+    """Axes: time to the right, the metric upwards; logarithmic for large ranges."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
     axes = figure.add_axes((0.085, 0.105, 0.895, 0.775), facecolor="none")
@@ -370,7 +369,7 @@ def _axes(figure: Figure, metric: Metric, values: Sequence[float]) -> Any:
 
 
 def _key(figure: Figure, *, default: bool, peer: bool) -> None:
-    """What the markers mean."""
+    """The legend of markers."""
     from matplotlib.lines import Line2D
 
     mark: dict[str, Any] = {"linestyle": "none", "markersize": 7, "color": INK, "markeredgewidth": 0}
@@ -396,13 +395,13 @@ def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str]]:
 
 
 def _ordered(axes: Any, line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points of a family along the axis on which they are further apart: parameters may cost time or not."""
+    """The points of a family, sorted along the axis on which they are further apart."""
     places = axes.transData.transform(line)
     return line[np.argsort(places[:, np.ptp(places, axis=0).argmax()], kind="stable")]
 
 
 def _name(axes: Any, lines: dict[str, NDArray[np.float64]], colors: dict[str, str]) -> None:
-    """Write each family's name beside one of its points, where it covers least."""
+    """Label each family beside one of its points, with the least overlap."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     style: dict[str, Any] = {"size": 9.5, "ha": "center", "va": "center", "zorder": 6}
@@ -422,7 +421,7 @@ def _name(axes: Any, lines: dict[str, NDArray[np.float64]], colors: dict[str, st
 
 
 def _dark(color: str) -> str:
-    """A colour of which text can be read on paper."""
+    """A darker version of the colour, legible as text on white."""
     pure, ink = (np.frombuffer(bytes.fromhex(c[1:]), np.uint8) for c in (color, INK))
     return "#" + np.rint(0.6 * pure + 0.4 * ink).astype(np.uint8).tobytes().hex()
 
@@ -430,7 +429,7 @@ def _dark(color: str) -> str:
 def _clear(
     lines: dict[str, NDArray[np.float64]], halves: dict[str, NDArray[np.float64]], frame: Any
 ) -> dict[str, tuple[int, NDArray[np.float64]]]:
-    """For each line the point beside which a box of a given half size covers least, and how far from it. In pixels."""
+    """For each line, the point and offset at which a box of the given half size overlaps least. In pixels."""
     marks = np.concatenate([*lines.values()])
     steps = np.linspace(0, 1, 16)[:, None, None]
     strokes = np.concatenate([(line[:-1] * (1 - steps) + line[1:] * steps).reshape(-1, 2) for line in lines.values()])
@@ -438,7 +437,7 @@ def _clear(
     gaps = np.repeat([8, 18, 32, 50, 75], len(sides))
     sides = np.tile(sides, (5, 1))
     taken: dict[str, tuple[int, NDArray[np.float64]]] = {}
-    for _ in range(3):  # the first did not know where the last would be
+    for _ in range(3):  # repeated, as the first labels are placed without knowing the last
         for family, line in lines.items():
             half = halves[family]
             offsets = sides * gaps[:, None] + np.sign(sides) * half
@@ -498,7 +497,7 @@ def _sequence(
     stored: dict[str, dict[int, dict[str, Path]]],
     images: dict[bytes, int],
 ) -> dict[str, Any]:
-    """What there is to see of one sequence: the methods' images and the references."""
+    """The images of one sequence: the methods' and the references."""
     frames = sorted({index for each in stored.values() for index in each})
     sources = []
     for point in points:
@@ -513,7 +512,7 @@ def _sequence(
 
 
 def _source(name: str, frames: Sequence[dict[str, bytes]], images: dict[bytes, int]) -> dict[str, Any]:
-    """Something that has images: by kind the number of the image of each frame, or null."""
+    """The images of a method or reference: by kind, the index of each frame's image, or null."""
     views = {
         kind: [images.setdefault(frame[kind], len(images)) if kind in frame else None for frame in frames]
         for kind in _KINDS

@@ -1,6 +1,6 @@
-"""What others offer that does the like of a kernel, ready to be timed by `yester bench` with as many threads.
+"""Comparable functions of other libraries, for `yester bench`, with the same number of threads.
 
-They get their inputs as they want them, and memory for results where they take it: what is timed is the filter alone.
+Inputs are converted, and outputs allocated if the library supports that, before timing: only the filter is timed.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from .tasks import Call, Inputs, Task
 
 __all__ = ["REFERENCE", "RIVALS", "Rival", "library", "missing", "start"]
 
-#: The name of the torch reference of whatever the task is.
+#: The name of the torch reference of a task.
 REFERENCE = "torch reference"
 
 
 class Rival(NamedTuple):
-    """Something to compare with.
+    """A function to compare with.
 
     Attributes
     ----------
     library : str
         As `missing` names it.
     make : callable
-        Makes of `Inputs` what is to be timed.
+        Makes the function to be timed from `Inputs`.
     """
 
     library: str
@@ -42,7 +42,7 @@ class Rival(NamedTuple):
 
 
 def missing() -> dict[str, str]:
-    """By library, how to get those that are not here; as `peers` finds them."""
+    """By library, how to install the missing ones, as in `peers`."""
     _, absent = peers()
     remedy = absent.pop("SVGF in torch", None)
     if remedy:
@@ -134,7 +134,7 @@ def _grid_sample(filter: str, inputs: Inputs) -> Callable[[], object]:
 
 
 def _places(inputs: Inputs) -> NDArray[np.float32]:
-    """Where each pixel was, in pixels whose centres are whole; outside if unknown."""
+    """Previous pixel positions, with integer pixel centres; outside the image if unknown."""
     y, x = np.mgrid[: inputs.height, : inputs.width].astype(np.float32)
     places: NDArray[np.float32] = np.nan_to_num(np.stack([x, y], -1) + inputs["motion"][..., :2], nan=-9.0)
     return places

@@ -12,8 +12,7 @@ __all__ = ["GROUPS", "NAMES", "Make", "find"]
 #: Makes a sequence from the number of frames, and the width and height of the images.
 Make: TypeAlias = Callable[[int, int, int], scenes.Sequence]
 
-#: The names of each group. Parameters may be tuned on the ``tuning`` ones; ``held-out`` ones only tell what the tuning
-#: is worth.
+#: The names of each group. Parameters may be tuned on the ``tuning`` groups; the ``held-out`` ones are for validation.
 GROUPS: dict[str, tuple[str, ...]] = {
     "tuning": scenes.TUNING,
     "held-out": scenes.HELD_OUT,

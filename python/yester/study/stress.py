@@ -1,8 +1,8 @@
-"""Where it fails: methods put through what is known to make them fail, measured against exact truth and judged.
+"""Stress tests: methods on known failure cases, measured against exact references, with a verdict.
 
-`examine` is for the failures that users report (`yester.study.failures`), `strain` for extreme numbers, sizes and
-buffers, `endure` for sequences of thousands of frames. All give a `Trial` for each method, judged by `LIMITS`. `run`
-does everything and writes it down.
+`examine` runs the failures that users report (`yester.study.failures`), `strain` extreme numbers, sizes and buffers,
+`endure` sequences of thousands of frames. All return a `Trial` for each method, with a verdict by `LIMITS`. `run` does
+everything and writes the results.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @dataclass(frozen=True)
 class Limit:
-    """Up to where a measure counts as holding, and up to where as degrading; beyond, it fails.
+    """The bounds of a measure up to which it holds and up to which it degrades; beyond, it fails.
 
     Attributes
     ----------
     measure : str
-        What it is called.
+        Its name.
     holds, degrades : float
         Bounds of its magnitude.
     why : str
-        What is measured, and why the bounds are where they are.
+        The definition of the measure, and the reason for its bounds.
     """
 
     measure: str
@@ -59,11 +59,11 @@ class Limit:
     why: str
 
     def judge(self, value: float) -> Verdict:
-        """What the value is worth."""
+        """The verdict on a value."""
         return "holds" if abs(value) <= self.holds else "degrades" if abs(value) <= self.degrades else "fails"
 
 
-#: By what a method is judged. A measure that does not apply is left out; the worst of the others decides.
+#: The measures of the verdict. Those that do not apply are left out; the worst of the others decides.
 LIMITS: tuple[Limit, ...] = (
     Limit("lost", 0, 0, "Pixels of the output that are not finite. There is no excuse for one."),
     Limit(
@@ -176,7 +176,7 @@ INPUT = Method("input", "input", lambda: lambda frame: Result(frame.color))
 def examine(
     scenario: Scenario, methods: Sequence[Method] = PIPELINES, *, seed: int = 0, frames: int | None = None
 ) -> list[Trial]:
-    """Put methods through a scenario.
+    """Run methods on a scenario.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def examine(
 
 @dataclass(frozen=True)
 class Strain:
-    """Something that frames may be, though they seldom are.
+    """An extreme kind of input.
 
     Attributes
     ----------
@@ -218,9 +218,9 @@ class Strain:
     frames : callable
         Makes the frames.
     ordinary : callable or None
-        Makes frames whose last output should be the same, up to `scale`; None if there are none.
+        Makes ordinary frames whose last output should be the same, up to `scale`; None if there are none.
     scale : float, default 1
-        What the output is divided by before it is compared.
+        Divisor of the output before it is compared.
     """
 
     name: str
@@ -230,7 +230,7 @@ class Strain:
 
 
 def strain(case: Strain, methods: Sequence[Method] = PIPELINES) -> list[Trial]:
-    """Feed methods with what a strain makes of a short sequence.
+    """Run methods on a strain's short sequence.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def strain(case: Strain, methods: Sequence[Method] = PIPELINES) -> list[Trial]:
 
 
 def endure(method: Method, *, moving: bool, frames: int = 10_000, seed: int = 0, progress: bool = True) -> Trial:
-    """Let a method run for long: does it keep the energy, the quality and the memory?
+    """Run a method on a long sequence: are energy, quality and memory stable?
 
     48×32 pixels of a small scene, whose camera stands still or goes slowly, by fractions of a pixel, in circles of 128
     frames.
@@ -326,12 +326,12 @@ def endure(method: Method, *, moving: bool, frames: int = 10_000, seed: int = 0,
 
 @dataclass(frozen=True)
 class Report:
-    """What came out of everything.
+    """The results of all stress tests.
 
     Attributes
     ----------
     folder : Path
-        Where it is written down.
+        The folder of the written results.
     trials : list of Trial
     """
 
@@ -359,7 +359,7 @@ def run(
     seed: int = 0,
     pipelines: Sequence[Method] = PIPELINES,
 ) -> Report:
-    """Stage all failures and strains, let all methods run for long, and write down what happens.
+    """Run all failures, strains and long runs on all methods, and write the results.
 
     Parameters
     ----------
@@ -423,7 +423,7 @@ def run(
 
 
 class _Run:
-    """A method on its way through a sequence."""
+    """A method's run on a sequence."""
 
     def __init__(self, method: Method) -> None:
         self.method = method
@@ -438,7 +438,7 @@ class _Run:
             color = self.step(frame).color
             if color.shape != frame.color.shape:
                 raise ValueError(f"expected an image of shape {frame.color.shape}, got {color.shape}")
-        except Exception as error:  # whatever it is, it is what came out
+        except Exception as error:  # any exception is a result of the method
             self.error = error
             return
         if keep:
@@ -463,7 +463,7 @@ def _lost(images: Iterable[Image]) -> int:
 
 
 class _Stage:
-    """What the measured frames of a scenario truly show."""
+    """The references of a scenario's measured frames."""
 
     def __init__(self, scenario: Scenario, shots: list[Shot]) -> None:
         self.shots = shots

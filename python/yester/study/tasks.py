@@ -1,8 +1,8 @@
-"""What `yester bench` times: every kernel and pipeline, and the images that they get.
+"""The tasks of `yester bench`: every kernel and pipeline, and their input images.
 
-The images are two neighbouring frames of a small ray-cast scene, one sample a pixel, whose camera has moved by a few
-pixels; the history is what a renderer would have accumulated until the first of them. A tenth of the histories are
-short, in blocks, so that kernels that mend those have as much to do as after a fast move.
+The images are two consecutive frames of a small ray-cast scene, one sample per pixel, with a camera motion of a few
+pixels; the history is as accumulated up to the first of them. A tenth of the histories are short, in blocks, so that
+kernels for short histories have as much work as after fast motion.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ __all__ = ["TASKS", "Call", "Inputs", "Task", "stage"]
 
 #: The images of a frame; the frame before has them as `previous_color` and so on.
 _FRAME = ("albedo", "normal", "depth", "motion", "ids")
-#: What pipelines write, as far as they do.
+#: The arrays of a pipeline's output, some of them optional.
 _MADE = ("color", "variance", "choice", "history_length", "confidence", "rejection")
-#: Frames before the noise of one comes again. If it were that of the last but one, histories would have seen every new
-#: sample, and reflections would be asked for in many more places.
+#: Period of the frames' noise. With a period of two, history would contain every new sample already, and reflections
+#: would be tested in many more tiles.
 _TURNS = 8
-#: Rows that are cast at once: few, so that they stay in cache.
+#: Rows that are ray-cast at a time: few, so that they stay in cache.
 _BAND = 32
 
 
 class Call(NamedTuple):
-    """Something to time.
+    """A function to time.
 
     Attributes
     ----------
     run : callable
     bytes : int
-        Of the images that go in and come out, each once; 0 if that is not known.
+        Bytes of all input and output images; 0 if unknown.
     made : int
-        Of those that come out.
+        Bytes of the output images.
     """
 
     run: Callable[[], object]
@@ -70,12 +70,11 @@ class Task:
     rivals : tuple of str, default none
         Keys of `rivals.RIVALS`; the reference is one of every task.
     multiply_adds : float, optional
-        That a pixel needs at least; None where nobody has counted. The limit that they are held to is one of
-        instructions, as many as the vector units take in, times lanes: whatever else goes through these units (a sum,
-        a product, a comparison, a choice, a shift) counts as much as a multiply-add, and so does a quotient or a root,
-        which takes longer. Loads and stores are not counted.
+        Minimal number per pixel; None if not counted. The limit is the issue rate of vector instructions, times lanes:
+        any other vector instruction (addition, multiplication, comparison, select, shift) counts as a multiply-add, and
+        so do divisions and roots, which take longer. Loads and stores are not counted.
     jitter : (float, float), optional
-        That frames tell of their samples, which a pipeline may use to resolve them.
+        The frames' jitter, which a pipeline may use to resolve them.
     """
 
     name: str
@@ -92,7 +91,7 @@ class Task:
         return isinstance(getattr(yester, self.function), type)
 
     def frames(self, inputs: Inputs) -> list[Frame]:
-        """What a pipeline gets, again and again."""
+        """The input frames of pipelines, repeated endlessly."""
         frames = inputs.frames(self.jitter)
         match self.function:
             case "HalfRes":
@@ -110,13 +109,13 @@ class Task:
         return {**images, **self.options}
 
     def start(self, inputs: Inputs, frames: Sequence[Frame] = ()) -> Call:
-        """Make ready to time it: results go where those before went, so that no memory is asked for.
+        """Prepare for timing: results are written to the previous call's arrays, so that no memory is allocated.
 
-        A pipeline gets what `frames` gives unless it is given others.
+        A pipeline gets the frames of `frames` unless others are given.
         """
         if self.pipeline:
             state, turns = getattr(yester, self.function)(**self.options), cycle(frames or self.frames(inputs))
-            # The first step has no history to bring along, and what is young costs more than what lasts.
+            # Warm up first: the first step has no history, and short histories are slower than the steady state.
             frame = next(turns)
             output, buffers = state.step(frame), frame.buffers()
             for _ in range(_TURNS):
@@ -319,7 +318,7 @@ class Inputs:
         return self._read[name]
 
     def frames(self, jitter: tuple[float, float] | None = None) -> list[Frame]:
-        """Some that may follow each other for ever, to and fro, each with noise of its own."""
+        """Frames for an endless sequence, back and forth, each with its own noise."""
         return [self.frame(turn, jitter) for turn in range(_TURNS)]
 
     def frame(self, turn: int, jitter: tuple[float, float] | None = None) -> Frame:
@@ -381,7 +380,7 @@ def stage(folder: Path, width: int, height: int) -> None:
 
 
 def _color(turn: int) -> str:
-    """Which of the images: those of the first two frames are the kernels' as well."""
+    """The file of an image; the first two frames are also the kernels' inputs."""
     name = ("previous_color", "color")[turn % 2]
     return name if turn < 2 else f"{name}_{turn}"
 

@@ -1,4 +1,4 @@
-"""What `yester bench` has measured: times beside the machine's limits, targets, tables and a chart of them."""
+"""Results of `yester bench`: times beside the machine's limits, targets, tables and a chart."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 __all__ = ["OURS", "Limits", "Memory", "Target", "Timing", "draw", "markdown", "targets", "write_csv"]
 
-#: What this package is called among those that are timed.
+#: The name of this package among the contenders.
 OURS = "yester"
-#: Where the targets are to be met: width and height, and the number of threads.
+#: Setting of the targets: width and height, and the number of threads.
 HD, UHD, THREADS = (1920, 1080), (3840, 2160), 2
 
 
 class Limits(NamedTuple):
-    """What the machine can do at most, with as many threads and the same instructions.
+    """The machine's limits (roofline), with the same threads and instruction set.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Limits(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a pipeline has in memory beside its inputs and outputs: state and scratch.
+    """Memory of a pipeline beside its inputs and outputs: history and scratch.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Timing:
 
     @property
     def limit(self) -> tuple[str, float] | None:
-        """What binds, ``"memory"`` or ``"arithmetic"``, and how many milliseconds it alone would take."""
+        """The bottleneck, ``"memory"`` or ``"arithmetic"``, and the time in milliseconds at that limit."""
         if self.limits is None or not self.bytes:
             return None
         times = {"memory": self.bytes / self.limits.bandwidth / 1e6}
@@ -132,12 +132,12 @@ class Timing:
 
     @property
     def share(self) -> float | None:
-        """Of what the limit allows; more than 1 where caches help."""
+        """Fraction of the limit; may exceed 1 for images in cache."""
         return self.limit and self.limit[1] / self.ms
 
 
 class Target(NamedTuple):
-    """Something to reach.
+    """A performance target.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Target(NamedTuple):
 
 
 def targets(timings: Sequence[Timing]) -> list[Target]:
-    """Hold what was measured to what was aimed at: at 1920×1080 with two threads, where nothing else is said.
+    """Compare the measurements with the targets: at 1920×1080 with two threads, unless stated otherwise.
 
     Parameters
     ----------
@@ -390,7 +390,7 @@ def draw(timings: Sequence[Timing]) -> Figure:
     height = 1.6 + 0.3 * len(tasks)
     figure = Figure((8.4, height), dpi=72)
     axes = figure.add_axes((0.27, 0.55 / height, 0.69, 1 - 1.55 / height), facecolor="none")
-    # Bars of a logarithmic axis begin where it does: below everything that is shown.
+    # Bars on a logarithmic axis begin at its lower end, below all values.
     least = min(min(t.ns_per_pixel, 1e6 * t.limit[1] / t.pixels if t.limit else math.inf) for t in same)
     start = 10 ** math.floor(math.log10(least))
     for timing in same:
@@ -428,5 +428,5 @@ def draw(timings: Sequence[Timing]) -> Figure:
 
 
 def _library(timing: Timing) -> str:
-    """The part of a rival's name that tells where it comes from."""
+    """The library in a rival's name."""
     return timing.contender if timing.contender == REFERENCE else timing.contender.split()[0]

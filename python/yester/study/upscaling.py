@@ -1,4 +1,4 @@
-"""Upscaling beside what else the same samples could buy: ``python -m yester.study.upscaling``.
+"""Upscaling against alternatives with the same number of samples: ``python -m yester.study.upscaling``.
 
 Frames of half the size have four samples a pixel, all of them at one place of it, one output pixel wide; native frames
 have one sample a pixel. Both cost the same. References are of the output's size.
@@ -84,7 +84,7 @@ def shrunk(name: str, frames: int = 16, width: int = 256, height: int = 192, *, 
 
 
 def denoised(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """The same with colours that `SVGF` has denoised, without the stage that would average over the jitter."""
+    """The same frames with colours denoised by `SVGF`, without antialiasing, which would average out the jitter."""
     svgf = SVGF(antialias=False)
     for frame in frames:
         buffers = {name: buffer for name, buffer in frame.buffers().items() if name != "color"}
@@ -121,7 +121,7 @@ METHODS: dict[str, tuple[bool, bool, Callable[[], Callable[[Frame], Image]]]] = 
 def scores(
     small: list[Frame], native: list[Frame], references: dict[int, Image], times: dict[str, float] | None = None
 ) -> dict[str, Score]:
-    """What every method makes of a sequence.
+    """Score every method on a sequence.
 
     Parameters
     ----------

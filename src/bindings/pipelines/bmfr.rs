@@ -13,17 +13,17 @@ use crate::pipelines::{bmfr, svgf, taa};
 
 /// Block-wise multi-order feature regression of a sequence of frames.
 ///
-/// Accumulates samples as `SVGF` does, fits the light of each block of pixels to what is known of its surfaces, and
-/// accumulates the fits. What no feature tells, such as the edges of shadows and what mirrors show, is smoothed away within a
-/// block, and comes back as history adds up blocks that lie elsewhere. Buffers that a frame lacks drop out of the tests
-/// and features; positions are those of the frame, or come from depth and camera.
+/// Accumulates samples as `SVGF` does, fits the illumination of each block of pixels to its feature buffers, and
+/// accumulates the fits. Detail that no feature describes, such as shadow edges and reflections, is blurred within a
+/// block; it returns as history averages blocks at different offsets. Buffers that a frame lacks drop out of the tests
+/// and features. Positions are the frame's, or computed from depth and camera.
 ///
 /// Parameters
 /// ----------
 /// alpha : float, default 0.05
-///     Least share of the new sample in the history, 0 to 1.
+///     Smallest weight of the new sample in the history, 0 to 1.
 /// fitted_alpha : float, default 0.1
-///     The same for the fits.
+///     Smallest weight of the new fit in the history of fits, 0 to 1.
 /// block : int, default 16
 ///     Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
 /// features : {"fewest", "all"}, default "fewest"
@@ -31,16 +31,16 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// relative_depth, plane_distance, normal_angle : float or (float, float)
 ///     As in `SVGF`.
 /// by_confidence : bool, default False
-///     Whether the new sample's share rises where the history is not wholly trusted: ``alpha + (1 - confidence) (1 - alpha)``.
+///     Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
 /// gradient : bool, default True
-///     Whether changes of light correct and shorten history, as in `SVGF`.
+///     Correct and shorten history where the light changes, as in `SVGF`.
 /// fireflies : bool, default False
-///     Whether samples far brighter than their surroundings, of which history knows nothing, are held down and their excess
-///     spread over their surface first (`suppress_fireflies`).
+///     First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
+///     their surface (`suppress_fireflies`).
 /// innovation : bool, default True
-///     Whether what new samples show to be wrong with the fits is added to them and to the history, as in `SVGF`.
+///     Add the error of the fits, as estimated from new samples, to the fits and to the history, as in `SVGF`.
 /// antialias : bool, default True
-///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
+///     End with a stage of temporal antialiasing, `TAA` with preset "denoised".
 ///
 /// Raises
 /// ------
@@ -51,10 +51,10 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// -----
 /// Koskela et al. 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*. Each step
 /// consists of this package's functions and gives their bits: `demodulate`, `suppress_fireflies`, `motion_vectors`,
-/// `reproject` (with `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`,
-/// `remodulate`, and those of `TAA`. From frame to frame the blocks begin at (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5)
-/// eighths of their side. Pixels whose albedo is black are not fitted: they shine, or show nothing. The share of the
-/// N-th fit is at least 1/N.
+/// `reproject` (with `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`, `remodulate`,
+/// and those of `TAA`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5,
+/// 7), (3, 1) and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show
+/// background. The weight of the N-th fit is at least 1/N.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct BMFR {
     inner: bmfr::Bmfr,
@@ -120,9 +120,9 @@ impl BMFR {
     /// Parameters
     /// ----------
     /// frame : Frame
-    ///     Of the same size as those before.
+    ///     The next frame, of the same size as the previous ones.
     /// out : Output, optional
-    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones.
+    ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones.
     ///
     /// Returns
     /// -------
@@ -143,7 +143,7 @@ impl BMFR {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Forgets the sequence; the next frame is a first one.
+    /// Discards all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

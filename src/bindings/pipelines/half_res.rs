@@ -6,34 +6,35 @@ use super::{FrameArgs, Output, Pipeline};
 use crate::error::whole;
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::{atrous, fireflies, joint_bilateral};
+use crate::kernels::smooth::{atrous, fireflies, joint_bilateral, lend};
 use crate::pipelines::Pipeline as _;
-use crate::pipelines::{half_res, svgf};
+use crate::pipelines::svgf;
 
-/// Denoising of frames of which only a part is traced: one pixel of each 2×2, another one in each frame.
+/// Denoises frames of which only a part is traced, such as one pixel of each 2×2, a different one in each frame.
 ///
-/// Frames are whole: all buffers have full resolution, and colour is NaN where no path was traced. What was not traced is
-/// reconstructed from what was near it on the same surface, and counts as a part of a sample, ever less. History is carried
-/// along, each tap tested, merged with both, and filtered, as `SVGF` does it. Any pattern, and any share of the pixels,
-/// will do; what follows from frame to frame should reach all of them, as `HalfRes.offset` does.
+/// All buffers have full resolution, and colour is NaN where no path was traced. Untraced pixels are reconstructed from
+/// traced neighbours on the same surface; a reconstructed colour counts for a fraction of a sample, the smaller the
+/// longer the history. Otherwise this is `SVGF`: history is reprojected, validated tap by tap, merged with traced and
+/// reconstructed samples, and filtered. Any pattern and density of traced pixels works; the patterns of successive
+/// frames should cover all pixels, as those of `HalfRes.offset` do.
 ///
 /// Parameters
 /// ----------
 /// alpha : float, default 0.2
-///     Least share of a traced sample in its pixel's history, 0 to 1: with a quarter traced, 0.2 remembers for as many
-///     frames as 0.05 of `SVGF`.
+///     Smallest weight of a traced sample in its pixel's history, 0 to 1: with a quarter of the pixels traced, 0.2
+///     averages over as many frames as 0.05 in `SVGF`.
 /// weight : float, default 0.1
-///     How much of a sample a reconstructed one is where nothing else is known, above 0 to 1.
+///     The fraction of a sample that a reconstructed colour counts for without history, above 0 to 1.
 /// radius : int, default 2
-///     Samples up to so many pixels to each side lend to a pixel that has none, 1 to 16.
+///     Radius in pixels of the window from which untraced pixels are reconstructed, 1 to 16.
 /// iterations : int, default 5
 ///     Passes of the spatial filter, 0 to 16.
 /// sigma_luminance : float, default 4.0
-///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
+///     The filter's scale of luminance differences, in standard deviations; above 0.
 /// by_confidence, fireflies : bool, default False
 /// reflections : sequence of float, default (0.5, 2.0)
 /// choice : bool, default False
-///     As in `SVGF`. Most scenes gain; highlights that few samples hit can lose.
+///     As in `SVGF`. It helps in most scenes; highlights that few samples hit can get worse.
 /// innovation : bool, default True
 ///     As in `SVGF`.
 /// antialias : bool, default True
@@ -46,11 +47,10 @@ use crate::pipelines::{half_res, svgf};
 ///
 /// Notes
 /// -----
-/// Each step is that of `SVGF` with one more of this package's functions: the demodulated colour goes
-/// through `reconstruct`, and on to `accumulate` with a weight of 1 where it was traced, and elsewhere of
-/// ``weight / (1 + N)``, N being the reprojected history's length: a history without end becomes the mean of its own
-/// samples. The gradient, in windows twice as wide, and the reflections look at what was traced alone, and the last stage
-/// clips history to 0.6 standard deviations.
+/// Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
+/// `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
+/// length, so that a long history converges to the mean of its own samples. The gradient (with windows twice as wide)
+/// and the reflections use traced samples only, and the last stage clips history to 0.6 standard deviations.
 ///
 /// Examples
 /// --------
@@ -93,7 +93,7 @@ impl HalfRes {
             radius: joint_bilateral::Params::radius(radius)?,
             ..Default::default()
         };
-        let whole = half_res::Params { weight, window }.svgf();
+        let whole = svgf::Params::half_res(lend::Params { weight, window });
         let params = svgf::Params {
             accumulate: accumulate::Params {
                 alpha,
@@ -121,15 +121,15 @@ impl HalfRes {
     /// Parameters
     /// ----------
     /// frame : Frame
-    ///     Of the same size as those before; NaN where nothing was traced.
+    ///     The next frame, of the same size as the previous ones; NaN where nothing was traced.
     /// out : Output, optional
-    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones. From the
-    ///     second frame on no memory for images is then asked for.
+    ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
+    ///     second frame on, no image memory is then allocated.
     ///
     /// Returns
     /// -------
     /// Output
-    ///     `history_length` counts traced samples; `missing` is the number of pixels that had none.
+    ///     `history_length` counts traced samples; `missing` is the number of untraced pixels.
     ///
     /// Raises
     /// ------
@@ -145,17 +145,18 @@ impl HalfRes {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Forgets the sequence; the next frame is a first one.
+    /// Discards all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }
 
-    /// The pixel of each 2×2 to trace in a frame: all of them in four, and two diagonal ones in any two of these pairs.
+    /// The pixel of each 2×2 to trace in a frame: four frames cover all pixels, and each even frame and the next a
+    /// diagonal.
     ///
     /// Parameters
     /// ----------
     /// number : int
-    ///     Of the frame, from 0.
+    ///     Frame number, from 0.
     ///
     /// Returns
     /// -------

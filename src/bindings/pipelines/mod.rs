@@ -1,4 +1,4 @@
-//! The pipelines, and what goes in and comes out.
+//! The pipelines' base class, their inputs and outputs.
 
 pub mod bmfr;
 pub mod half_res;
@@ -25,15 +25,15 @@ use crate::kernels::camera::pinhole;
 use crate::kernels::judge::surface::Surface;
 use crate::pipelines::{self, Extras};
 
-/// A method that works on a sequence frame by frame.
+/// Base class of pipelines, which process a sequence frame by frame.
 ///
-/// Its `repr` is the call that makes another one, with the parameters that were given. A copy, deep or not, and what comes
-/// out of a pickle are made by this call: they have the parameters, no history, and begin a sequence of their own.
+/// The `repr` is the constructor call with the given parameters. Copies (shallow or deep) and unpickled objects are
+/// made by this call: they have the same parameters, no history, and start a new sequence.
 ///
 /// Parameters
 /// ----------
 /// *args, **kwargs
-///     Those of the method.
+///     Parameters of the pipeline.
 #[pyclass(frozen, subclass, module = "yester")]
 #[derive(Default)]
 pub struct Pipeline {
@@ -42,14 +42,14 @@ pub struct Pipeline {
 
 #[pymethods]
 impl Pipeline {
-    /// For methods that are written in Python.
+    /// Lets Python classes derive from this one.
     #[new]
     #[pyo3(signature = (*_args, **_kwargs))]
     fn new(_args: &Bound<'_, PyTuple>, _kwargs: Option<&Bound<'_, PyDict>>) -> Self {
         Self::default()
     }
 
-    /// Keeps the parameters, as they are now.
+    /// Stores the given parameters for `repr`, copies and pickles.
     #[pyo3(signature = (*args, **kwargs))]
     fn __init__(
         &self,
@@ -61,7 +61,7 @@ impl Pipeline {
         let copies = py
             .import("copy")?
             .call_method1("deepcopy", ((args, kwargs),))?;
-        // A second call would change nothing else.
+        // A second `__init__` must not change the parameters.
         let _ = self.call.set(copies.extract()?);
         Ok(())
     }
@@ -93,7 +93,7 @@ impl Pipeline {
 }
 
 impl Pipeline {
-    /// A method that is about to learn its parameters.
+    /// The base object; `__init__` fills in the parameters.
     fn made<M: pyo3::PyClass<BaseType = Self>>(method: M) -> PyClassInitializer<M> {
         PyClassInitializer::from(Self::default()).add_subclass(method)
     }
@@ -106,26 +106,27 @@ impl Pipeline {
     }
 }
 
-/// One denoised frame and what the denoiser knows of it.
+/// One denoised frame, with its auxiliary outputs.
 ///
 /// Attributes
 /// ----------
 /// color : (H, W, 3) float32
 ///     Linear; finite everywhere.
 /// variance : (H, W) float32 or None
-///     Estimated variance of the filtered luminance, before albedo is put back; None from pipelines without an estimate.
+///     Estimated variance of the filtered luminance, before remodulation; None from pipelines without an estimate.
 /// choice : (H, W) float32 or None
-///     Passes of the filter that each pixel shows, a fraction where two results are mixed; None where none are chosen.
+///     Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
+///     choice.
 /// history_length : (H, W) float32
 ///     Samples that went into each pixel, up to 1/alpha.
 /// confidence : (H, W) float32
-///     Share of the history's footprint that was accepted, 0 to 1; 0 where the pixel starts anew.
+///     Accepted fraction of the history's footprint, 0 to 1; 0 where history was rejected (disocclusion).
 /// rejection : (H, W) uint8
 ///     Bits of `Rejection`: the tests that taps of the footprint failed (one pixel for filter "nearest", else 2×2).
 /// used : tuple of str
-///     What took part: of "motion", "camera" (motion computed from cameras), "albedo", "emission", "normal", "depth",
-///     "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay", "hit_distance" and
-///     "jitter".
+///     The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
+///     "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",
+///     "hit_distance" and "jitter".
 /// missing : int
 ///     Pixels whose sample was not finite.
 #[pyclass(frozen, get_all, module = "yester")]
@@ -140,7 +141,7 @@ pub struct Output {
     missing: usize,
 }
 
-/// The arrays that a step writes: those of an earlier output, or new ones.
+/// The arrays that a step writes: an earlier output's, or new ones.
 struct Room<'py> {
     color: Direct<'py>,
     variance: Option<Direct<'py>>,
@@ -226,7 +227,7 @@ impl<'py> Room<'py> {
 
 #[pymethods]
 impl Output {
-    /// For stages that are written in Python.
+    /// Constructor for pipelines written in Python.
     #[new]
     #[pyo3(signature = (color, history_length, confidence, rejection, *, variance=None, choice=None, used=vec![], missing=0))]
     #[pyo3(
@@ -274,7 +275,7 @@ impl Output {
         })
     }
 
-    /// Pickles and copies: a shallow copy has the same arrays.
+    /// Supports pickling and copying; a shallow copy shares the arrays.
     fn __getnewargs_ex__<'py>(
         &self,
         py: Python<'py>,
@@ -305,7 +306,7 @@ impl Output {
     }
 }
 
-/// The name that a preset has now. The one that it had before serves for one more release.
+/// A preset's current name; the former one is deprecated and works for one more release.
 fn renamed<'a>(py: Python<'_>, preset: &'a str) -> PyResult<&'a str> {
     if preset != "seed" {
         return Ok(preset);
@@ -315,7 +316,7 @@ fn renamed<'a>(py: Python<'_>, preset: &'a str) -> PyResult<&'a str> {
     Ok("textbook")
 }
 
-/// The buffers of a `yester.Frame`, which has checked them; borrowing them costs nothing.
+/// The buffers of a `yester.Frame`, borrowed; `Frame` has validated them.
 struct FrameArgs<'py> {
     floats: [Option<Input<'py>>; 11],
     ids: Option<Input<'py, u32>>,
@@ -370,7 +371,7 @@ impl<'py> FrameArgs<'py> {
         color.pixels().size
     }
 
-    /// Works on the frame without the interpreter.
+    /// Runs `step` on the frame without the interpreter's lock.
     fn step(
         self,
         py: Python<'py>,
@@ -402,7 +403,7 @@ impl<'py> FrameArgs<'py> {
             jitter: self.jitter,
         };
         let (summary, mistake) = detached(py, || pipeline.step(&frame, output))??;
-        // Its buffers may be those that were written to.
+        // Release the frame's buffers first: `out` may alias them.
         drop(self);
         let output = room.output(py, summary)?;
         if let Some(mistake) = mistake {

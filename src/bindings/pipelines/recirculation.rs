@@ -8,39 +8,37 @@ use crate::kernels::fetch::pull_push;
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::recirculation;
 
-/// Whole pictures from frames of which a part of the pixels is traced.
+/// Completes frames of which only a part of the pixels is traced.
 ///
-/// What has been seen is kept as points in the world, one for each pixel, and scattered to where it appears now; the
-/// samples of the new frame, its holes filled from around, join it by quality. No buffer is needed where nothing was
-/// traced.
+/// History is kept as world-space points, one for each pixel, and scattered to where they appear now. The new frame's
+/// samples, with holes filled from their surroundings, are blended with it by quality. Untraced pixels need no buffers.
 ///
-/// A pixel of a frame was traced if its colour is finite and its place is known: its `position`, or else its `depth`,
-/// +inf where nothing was hit. All others are missing, whatever is in their buffers; NaN says so. Every frame needs a
-/// camera. The pattern of traced pixels should change from frame to frame, so that each is traced at some time.
+/// A pixel counts as traced if its colour is finite and its position is known: `position`, or else `depth`, +inf where
+/// nothing was hit. All others are missing, whatever their other buffers contain; mark them by NaN. Every frame needs a
+/// camera. The pattern of traced pixels should change from frame to frame, so that each pixel is traced at some time.
 ///
 /// Parameters
 /// ----------
 /// preset : {"best", "textbook"}, default "best"
-///     Where the other parameters come from that are not given: our own measurements; the method as its source
+///     Source of the parameters that are not given: our own measurements; or the textbook method as its source
 ///     describes it, with ``factor=4, levels=2, nearness=1, history="fetch", share=(0.1, 0.5)``.
 /// factor : int, optional
-///     By how much the levels that fill holes grow, 2 to 16: as for `pull_push`. "best" has 2.
+///     Ratio of the sides of successive levels of hole filling, 2 to 16, as in `pull_push`. "best" has 2.
 /// levels : int, optional
-///     How many of them, at least 1. "best" has as many as there can be.
+///     Number of levels, at least 1. "best" goes down to a single pixel.
 /// nearness : int, optional
-///     Power of the inverse of depth by which samples weigh where holes are filled, 0 to 4: near samples override
-///     distant ones. "best" has 0.
+///     Exponent of inverse depth in the samples' weight for hole filling, 0 to 4: near samples override distant ones.
+///     "best" has 0.
 /// history : {"splat", "fetch"}, optional
-///     Whether what was known is scattered to where it appears now, or read where each pixel comes from, by the motion
-///     of the new samples. "best" has "splat".
+///     Scatter history to where it appears now, or fetch it along the motion of the new samples. "best" has "splat".
 /// blur, share, fade, limit : optional
-///     As for `recirculate`. "best" has its defaults. The blur is not carried on if history is splatted.
+///     As in `recirculate`. "best" has its defaults. With "splat", history stays free of the blur.
 /// tolerance : float, optional
-///     As for `splat`; and by how much a sample's depth may differ, as a share of it, from that of what was known
-///     there. Both have 0.1. Without effect if history is fetched.
+///     As in `splat`; also the largest difference of a sample's depth, relative to it, from that of history at its
+///     pixel. Both presets have 0.1. No effect with "fetch".
 /// innovation : bool, optional
-///     Whether what new samples, over blocks of pixels and a few frames, show to be wrong with the result is added to it
-///     and to what is carried on (`innovation`): light that changes. It is a share of each pixel's own light, so that
+///     Add the error of the result, as estimated from new samples over blocks of pixels and a few frames, to the result
+///     and to history (`innovation`), for changing light. The correction is relative to each pixel's own light, so that
 ///     fireflies in history grow with the light around them. "best" does it.
 ///
 /// Raises
@@ -50,21 +48,22 @@ use crate::pipelines::recirculation;
 ///
 /// Notes
 /// -----
-/// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and
-/// gives their bits: `pull_push` (of colour and the inverse of depth), `splat` (with a reach of 0.5), `motion_vectors`,
+/// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and gives their
+/// bits: `pull_push` (of colour and the inverse of depth), `splat` (with a reach of 0.5), `motion_vectors`,
 /// `recirculate`, without blur for the next frame and with it for the result, and from the second frame on `innovation`
-/// (``sparse=True``, with the `exposure` of the result, and the motion of `recirculate`). A pixel's point lies where it was
-/// sampled (`Frame.position` or `Frame.jitter`, else the centre), where it comes from, or, at the depth of those
-/// around, in the centre. What is filled does not count beside what has eight times its quality, or what stands still
-/// would never be as sharp as its samples. With `Frame.motion` where a pixel is traced, what moves by itself is taken
-/// to go on as it did (`splat`'s drift); without, it stays behind until samples overwrite it.
+/// (``sparse=True``, with the `exposure` of the result, and the motion of `recirculate`). The point of a traced pixel
+/// lies where it was sampled (`Frame.position` or `Frame.jitter`, else the centre), that of a pixel with history where
+/// history's point lies, and that of a filled pixel at the centre, at the filled depth. Filled colour is ignored where
+/// history has eight times its quality; otherwise static pixels would never become as sharp as their samples. With
+/// `Frame.motion` at traced pixels, moving objects are extrapolated (`splat`'s drift); without it, they leave a ghost
+/// until samples overwrite it.
 ///
-/// Where holes are filled, a sample at depth ``z`` weighs ``max(z**-nearness, 1e-24)``, and the quality of a filled
-/// pixel is divided by the weight at its depth, so that it counts samples.
+/// In hole filling, a sample at depth ``z`` has weight ``max(z**-nearness, 1e-24)``. The quality of a filled pixel is
+/// divided by the weight at its depth, so that it counts samples.
 ///
-/// Fetched history takes one `recirculate` (with `fetch`) of the image shown last, blur and all, along the motion of
-/// the filled samples. No test tells whether it shows the same surface. It is read between pixels in every frame, which
-/// softens it, and averages noise: the notebook `recirculation.ipynb` has both, beside the other choices of "textbook".
+/// "fetch" applies one `recirculate` (with `fetch`) to the previous result, including its blur, along the motion of the
+/// filled samples. It is not validated against the surface. Interpolation in every frame blurs it, and averages noise:
+/// the notebook `recirculation.ipynb` shows both, beside the other choices of "textbook".
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct Recirculation {
     inner: recirculation::Recirculation,
@@ -120,17 +119,17 @@ impl Recirculation {
     /// Parameters
     /// ----------
     /// frame : Frame
-    ///     Of the same size as those before, with camera, and depth or position.
+    ///     The next frame, of the same size as the previous ones, with camera, and depth or position.
     /// out : Output, optional
-    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones.
+    ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones.
     ///
     /// Returns
     /// -------
     /// Output
-    ///     Without a variance. `history_length` is the quality that is carried on: 1 for a sample, and more for
-    ///     several; the smaller, the farther off samples are. `confidence` is 1 where the past knows the pixel, else 0;
-    ///     `rejection` is OUTSIDE where no point of the past came to be, or motion leads to none, and DEPTH where a sample
-    ///     shows that another surface has taken its place. As long as nothing at all has been traced, colour is black.
+    ///     Without a variance. `history_length` is the quality of the pixel: 1 for a sample, more for several; the
+    ///     farther away the samples, the smaller. `confidence` is 1 where there is history, else 0; `rejection` is
+    ///     OUTSIDE where no point of history arrived, or motion leads to none, and DEPTH where a sample's depth
+    ///     disagrees with history's. Until anything has been traced, colour is black.
     ///
     /// Raises
     /// ------
@@ -147,7 +146,7 @@ impl Recirculation {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Forgets the sequence; the next frame is a first one.
+    /// Discards all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

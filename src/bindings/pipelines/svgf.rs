@@ -13,75 +13,77 @@ use crate::pipelines::{svgf, taa};
 
 /// Spatiotemporal variance-guided filtering of a sequence of frames.
 ///
-/// Carries the history of every pixel along its motion, accepts it where it shows the same surface, merges it with the
-/// new sample, estimates the variance that is left and filters in space accordingly. Surface that a frame lacks drop out
-/// of the tests and weights: without albedo, texture is filtered with the light; without normals, depth or ids, their
-/// tests fall away; without motion, it is computed from the cameras if both frames have one and depth or position is
-/// known, and otherwise history stays in place.
+/// Reprojects history along each pixel's motion, validates that it shows the same surface, merges it with the new
+/// sample, estimates the remaining variance and filters in space accordingly. Buffers that a frame lacks drop out of
+/// the tests and weights: without albedo, texture is filtered with the light; without normals, depth or ids, their
+/// tests are skipped. Without motion, it is computed from the cameras if both frames have one and depth or position is
+/// known; otherwise history is read in place.
 ///
 /// Parameters
 /// ----------
 /// alpha : float, default 0.2
-///     Least share of the new sample in the history, 0 to 1. 0.05 remembers four times as long: steadier where nothing
-///     moves, and behind where reflections or light do.
+///     Smallest weight of the new sample in the history, 0 to 1. 0.05 averages over four times as many frames: less
+///     noise in static regions, more lag of reflections and light.
 /// moments_alpha : float, default 0.2
-///     The same for the moments of luminance.
+///     Smallest weight of the new sample in the moments of luminance.
 /// iterations : int, default 3
-///     Passes of the spatial filter, 0 to 16; with `choice`, where nothing is known yet.
+///     Passes of the spatial filter, 0 to 16; with `choice`, the number used without evidence.
 /// radius : int, default 1
-///     Of a pass: 1 for 3×3 taps; 2 for the 5×5 of the paper, which reach twice as far and take twice the time.
+///     Radius of a pass in taps: 1 for 3×3; 2 for the 5×5 of the paper, which reaches twice as far and takes twice the
+///     time.
 /// sigma_luminance : float, default 3.0
-///     Luminance difference that counts as one in the filter, in standard deviations; above 0.
+///     The filter's scale of luminance differences, in standard deviations; above 0.
 /// sigma_normal : float, default 128.0
-///     How sharply differences of normals count in the filter; from 0.
+///     Sharpness of the filter's normal weight; from 0.
 /// sigma_depth : float, default 1.0
-///     Depth difference that counts as one, in multiples of what the slope explains; above 0. For frames without
+///     Scale of depth differences, in multiples of the slope's own; above 0. For frames without
 ///     camera or normals.
 /// sigma_plane : float, default 0.01
-///     Plane distance that counts as one, as a share of depth; above 0. For frames with camera, depth and normals.
+///     Scale of plane distances, relative to depth; above 0. For frames with camera, depth and normals.
 /// relative_depth : float or (float, float), default 0.1
 ///     Largest relative difference from the expected depth that history may have; above 0. For frames without camera,
 ///     normals or motion of 3 channels.
 /// plane_distance : float or (float, float), default 0.01
-///     Largest distance from the history's plane, as a share of depth; above 0. For frames with these.
+///     Largest distance from the history's plane, relative to depth; above 0. For frames with these.
 /// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
 /// relative_albedo : float or (float, float), optional
-///     Largest relative difference between the luminance of a pixel's albedo and its history's, from 0: refuses the history
-///     of surfaces whose texture is swapped or moves. Light without its texture mostly stays what it was, so by default
-///     nothing is refused.
+///     Largest relative difference between the luminance of a pixel's albedo and its history's, at least 0: rejects
+///     history where textures change or move. Illumination usually survives a change of texture, so by default this is
+///     not tested.
 /// min_length : float, default 3.5
-///     Samples from which the temporal variance is trusted; at least 1. Not a whole number by default, so that rounding
+///     History length from which the temporal variance is used; at least 1. The default is fractional so that rounding
 ///     of resampled lengths does not decide.
 /// feedback : bool, default False
-///     Whether the filter's first pass, instead of its input, is the next frame's history: less noise in motion, more
-///     bias.
+///     Use the output of the filter's first pass, instead of its input, as the next frame's history: less noise in
+///     motion, more bias.
 /// by_confidence : bool, default False
-///     Whether the new sample's share rises where the history is not wholly trusted: ``alpha + (1 - confidence) (1 - alpha)``.
+///     Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
 /// gradient : bool, default True
-///     Whether changes of light shorten history. They are estimated from the new samples and history, as far as noise lets
-///     see. Frames that have a `replay`, if the frame before had one or was the first, tell them without noise: there,
-///     unless `innovation` is off, history is first corrected by what the replay shows, and shortened by what the
-///     correction leaves and by at least half of the whole change.
+///     Shorten history where the light changes. The change is estimated from the new samples and history, where it
+///     exceeds the noise. Frames with a `replay` (a re-render with the same random numbers), if the previous frame had
+///     one or was the first, show the change without noise: there, unless `innovation` is off, history is first
+///     corrected by the change, then shortened by the part that the correction misses, and by at least half of the
+///     whole change.
 /// fireflies : bool, default False
-///     Whether samples far brighter than their surroundings, of which history knows nothing, are held down and their excess
-///     spread over their surface first (`suppress_fireflies`).
+///     First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
+///     their surface (`suppress_fireflies`).
 /// reflections : sequence of float, default (0.5, 2.0)
-///     Distances behind the surface, in multiples of its depth, +inf included, at which history is looked for as well:
-///     where one of them predicts the new samples better than the surface itself (`prediction_gain`), it takes its
-///     place. Each costs time, most of it in tiles of 16 pixels where it has won for a sixteenth of them in the frame
-///     before, and in those around; every eighth frame asks everywhere. Rows decide in pairs. () leaves it out,
-///     (0.25, 0.5, 1, 2, 4, inf) is a finer choice for very glossy scenes. Frames with a `hit_distance` are tried at
-///     that one alone. Needs cameras, and depth.
+///     Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
+///     fetched as well. Where one of these histories predicts the new samples better than the surface's own
+///     (`prediction_gain`), it is used instead. Each distance costs time, mostly in tiles of 16 pixels of which at
+///     least a sixteenth chose it in the previous frame, and in their neighbours; every eighth frame tests all tiles.
+///     Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames
+///     with a `hit_distance` use that distance alone. Needs cameras and depth.
 /// choice : bool, default True
-///     Whether each tile of 8×8 pixels gets as many passes of the filter, from none to one more than `iterations`, as
-///     predicted the samples of the frames before best (`choice`). Mirrors, texture that albedo does not tell and fine
-///     shadows keep their detail, and even surfaces are smoothed more.
+///     Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, that best
+///     predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and fine shadows
+///     keep their detail, and uniform surfaces are smoothed more.
 /// innovation : bool, default True
-///     Whether what new samples, together with those of a few frames before, show to be wrong with the result is added to it
-///     and to the history (`innovation`): light that moves, and what the filter or reflections blur.
+///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
+///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
 /// antialias : bool, default True
-///     Whether a stage of temporal antialiasing, `TAA` with preset "denoised", follows.
+///     End with a stage of temporal antialiasing, `TAA` with preset "denoised".
 ///
 /// Raises
 /// ------
@@ -93,9 +95,9 @@ use crate::pipelines::{svgf, taa};
 /// Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
 /// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
 /// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
-/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `choice` and `innovation` (with the `exposure` of the
-/// history), `remodulate`, and those of `TAA`. A replay's correction is an `innovation` too, of history with the change
-/// of its samples relative to their blur by `atrous`.
+/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `choice` and `innovation` (with the `exposure` of
+/// the history), `remodulate`, and those of `TAA`. The correction by a replay is an `innovation` of history, too: its
+/// samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {
     inner: svgf::Svgf,
@@ -176,7 +178,7 @@ impl SVGF {
             innovation: innovation.then(innovation::Params::default),
             reflections,
             antialias: antialias.then_some(taa::Params::DENOISED),
-            half_res: None,
+            lend: None,
         };
         let inner = svgf::Svgf::new(params)?;
         Ok(Pipeline::made(Self { inner }))
@@ -187,10 +189,10 @@ impl SVGF {
     /// Parameters
     /// ----------
     /// frame : Frame
-    ///     Of the same size as those before.
+    ///     The next frame, of the same size as the previous ones.
     /// out : Output, optional
-    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones. From the
-    ///     second frame on no memory for images is then asked for.
+    ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
+    ///     second frame on, no image memory is then allocated.
     ///
     /// Returns
     /// -------
@@ -210,7 +212,7 @@ impl SVGF {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Forgets the sequence; the next frame is a first one.
+    /// Discards all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

@@ -13,26 +13,27 @@ use crate::pipelines::taa;
 
 /// Temporal antialiasing of a sequence of frames.
 ///
-/// Carries the colours of former frames along the motion, holds them to the colours that the new frame has around each
-/// pixel, and blends. For frames without noise to speak of, with samples that differ in place from frame to frame; what
-/// noise there is makes neighbourhoods wide and histories doubtful. No surface is told from another unless tests are
-/// switched on, so that edges are antialiased, and all buffers but colour may be absent: without motion, it is computed
-/// from the cameras if both frames have one and depth or position is known, and otherwise history stays in place.
+/// Reprojects history along the motion, clips it to the neighbourhood of the new colour, and blends. For jittered
+/// frames with little noise: noise widens the neighbourhoods, so that clipping becomes less effective. Unless tests are
+/// switched on, history of different surfaces mixes, which is what antialiases edges. All buffers but colour are
+/// optional: without motion, it is computed from the cameras if both frames have one and depth or position is known;
+/// otherwise history is read in place.
 ///
 /// Parameters
 /// ----------
 /// preset : {"best", "denoised", "textbook", "karis", "filament"}, default "best"
-///     Where the other parameters come from that are not given: our own measurements, on frames without noise and on
-///     denoised ones; the textbook equation (range of the 3×3 pixels, clamped, 5 % of the new sample); after Karis 2014,
-///     *High Quality Temporal Supersampling*, and after Google's Filament, whose techniques these have, not every constant.
+///     Source of the parameters that are not given: our own measurements, on frames without noise and on denoised ones;
+///     the textbook equation (clamped to the range of the 3×3 pixels, 5 % of the new sample); Karis 2014, *High Quality
+///     Temporal Supersampling*; Google's Filament. The last two have the techniques of their sources, but not all
+///     constants.
 /// alpha : float, optional
-///     Least share of the new sample, 0 to 1.
+///     Smallest weight of the new sample, 0 to 1.
 /// fast_alpha : float, optional
-///     The same for fast motion.
+///     Smallest weight of the new sample in fast motion, 0 to 1.
 /// speed : float or (float, float), optional
 ///     Pixels up to which motion is slow, and from which it is fast.
 /// dilate : {"3x3", "cross", "none"}, optional
-///     Which pixels may lend their motion, as in `dilate_motion`: the nearest one where there is depth, else the longest.
+///     Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
 /// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
 ///     As in `reproject`.
 /// box, gamma, window, space, response : optional
@@ -41,27 +42,27 @@ use crate::pipelines::taa;
 ///     As in `blend`.
 /// relative_depth, plane_distance, normal_angle : float or (float, float), optional
 ///     Tests that history must pass, with thresholds as in `reproject`; by default none. With `plane_distance`, frames
-///     with camera, depth, normals and motion of 3 channels are tested by it, others by `relative_depth` if that is given.
-///     A test drops out where one of two frames lacks its buffers. Along edges the tests refuse the history that would
-///     antialias them.
+///     with camera, depth, normals and motion of 3 channels are tested by it, others by `relative_depth` if that is
+///     given. A test drops out where one of two frames lacks its buffers. Along edges the tests refuse the history that
+///     would antialias them.
 /// relative_albedo : float or (float, float), optional
-///     Largest relative difference of the albedo's luminance: refuses history where textures are swapped or move.
+///     Largest relative difference of the albedo's luminance: rejects history where textures change or move.
 /// ids : bool, default False
-///     Whether history must be of the same id.
+///     Reject history with another id.
 /// gradient : bool, default False
-///     Whether changes of light, as far as aliasing and noise let see, shorten history (`temporal_gradient`). Pays for
-///     frames without noise; fireflies and other rare bright samples are taken for changes.
+///     Shorten history where the light changes by more than aliasing and noise explain (`temporal_gradient`). It helps
+///     with frames without noise; fireflies and other rare bright samples are mistaken for changes.
 /// anti_lag : float, default 0.0
-///     How much clipping shortens history: the `strength` of `anti_lag`; from 0, which leaves it out. 1 pays for frames
-///     without noise, and costs next to no time; noise is clipped as well, and is then averaged less.
+///     Shorten history where it is clipped: the `strength` of `anti_lag`; 0 turns it off. 1 helps with frames without
+///     noise, at almost no cost; in noisy frames, noise is clipped as well, and is then averaged less.
 /// alternation : bool, default False
-///     Whether history is not clipped where the colours of whole neighbourhoods come and go and come again
-///     (`alternation`): against flicker where aliasing is wider than the neighbourhood. It costs most of the time that
-///     all the rest takes. `SVGF` gets it as ``SVGF(antialias=False)`` followed by ``TAA("denoised", alternation=True)``.
+///     Do not clip history where the colours of whole neighbourhoods alternate (`alternation`): against flicker where an
+///     aliased feature is wider than the neighbourhood. It nearly doubles the time. For `SVGF`, use
+///     ``SVGF(antialias=False)`` followed by ``TAA("denoised", alternation=True)``.
 /// innovation : bool, default False
-///     Whether what the samples of this and a few earlier frames show to be wrong with the result is added to what is shown
-///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): light that changes, in frames with noise. In frames without, a part
-///     of the aliasing counts as news.
+///     Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
+///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
+///     Without noise, part of the aliasing is mistaken for change.
 ///
 /// Raises
 /// ------
@@ -70,11 +71,11 @@ use crate::pipelines::taa;
 ///
 /// Notes
 /// -----
-/// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames that
-/// tell their jitter, but for "textbook"), `motion_vectors`, `dilate_motion`, `reproject` without fallback, `blend_factor`,
-/// `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3, widest=5``), `blend`.
-/// The share of the N-th sample of a pixel is at least 1/N. With a gradient λ, N becomes N (1 - λ)¹⁰ before, and the share a
-/// ``lerp(a, 1, λ)``, as in `accumulate`.
+/// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames
+/// that tell their jitter, but for "textbook"), `motion_vectors`, `dilate_motion`, `reproject` without fallback,
+/// `blend_factor`, `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3,
+/// widest=5``), `blend`. The weight of a pixel's N-th sample is at least 1/N. With a gradient λ, N is first shortened
+/// to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct TAA {
     inner: taa::Taa,
@@ -112,7 +113,7 @@ impl TAA {
         alternation: bool,
         innovation: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
-        /// The mode that is named, or the preset's.
+        /// Parses the mode, or keeps the preset's.
         fn or<T: Copy>(
             name: Option<&str>,
             argument: &str,
@@ -170,10 +171,10 @@ impl TAA {
     /// Parameters
     /// ----------
     /// frame : Frame
-    ///     Of the same size as those before.
+    ///     The next frame, of the same size as the previous ones.
     /// out : Output, optional
-    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones. From the
-    ///     second frame on no memory for images is then asked for.
+    ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
+    ///     second frame on, no image memory is then allocated.
     ///
     /// Returns
     /// -------
@@ -194,7 +195,7 @@ impl TAA {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Forgets the sequence; the next frame is a first one.
+    /// Discards all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

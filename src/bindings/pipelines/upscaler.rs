@@ -10,29 +10,29 @@ use crate::pipelines::upscaler;
 
 /// Temporal upscaling of a sequence of frames.
 ///
-/// Every frame is rendered small, each with its samples at another place in their pixels (`jitter`); the history, of the
-/// size of the output, gathers what all of them saw. All buffers of a frame have the small size; all but colour may be
-/// absent: without depth nothing is known to have been hidden, without motion, it is computed from the cameras if both
-/// frames have one and depth or position is known, and otherwise history stays in place. A frame that does not tell its
-/// jitter counts as not jittered: what is no larger than its pixels stays unknown then, however many there are.
+/// Every frame is rendered at low resolution with a different sub-pixel offset (`jitter`); a history at output
+/// resolution accumulates their samples. All buffers of a frame have the low resolution, and all but colour are
+/// optional: without depth, disocclusions are not detected; without motion, it is computed from the cameras if both
+/// frames have one and depth or position is known; otherwise history is read in place. A frame without jitter
+/// information counts as not jittered, so that no sub-pixel detail can be recovered, however many frames there are.
 ///
 /// Parameters
 /// ----------
 /// scale : float, default 2.0
-///     Pixels of the output to one of the input, along each side, 1 to 4; made for 1.3 to 3. Sides are rounded, halves to
-///     even. About ``8 * scale**2`` phases of jitter show everything: ``jitter(32)`` for 2.
+///     Ratio of output to input size along each side, 1 to 4; tuned for 1.3 to 3. Output sizes are rounded, halves to
+///     even. About ``8 * scale**2`` phases of jitter cover the output grid: ``jitter(32)`` for 2.
 /// alpha : float, default 0.06
-///     Least share of one more sample per pixel of the output in its history, 0 to 1, where all stands still.
+///     Smallest weight, 0 to 1, of a sample per output pixel in static history.
 /// fast_alpha : float, default 0.5
-///     The same for fast motion.
+///     Smallest weight in fast motion, 0 to 1.
 /// speed : float or (float, float), default (0, 1)
 ///     Output pixels up to which motion is slow, and from which it is fast.
 /// separation : float, default 0.05
 ///     As in `disocclusion`.
 /// lifetime : float, default 16
-///     Frames after which the lock of a thin feature opens that is no longer seen; above 0.
+///     Frames until the lock of a thin feature expires after its last detection; above 0.
 /// sharpness : float, default 0.0
-///     Strength of `sharpen`, 0 (off) to 1. What is remembered is not sharpened.
+///     Strength of `sharpen`, 0 (off) to 1. History is not sharpened.
 ///
 /// Raises
 /// ------
@@ -41,12 +41,12 @@ use crate::pipelines::upscaler;
 ///
 /// Notes
 /// -----
-/// After AMD's FSR 2 in its parts. Each step consists of this package's functions and gives their bits: `dilate_motion`,
+/// Its parts follow AMD's FSR 2. Each step consists of this package's functions and gives their bits: `dilate_motion`,
 /// `disocclusion`, `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `reproject` with
 /// "catmull-rom" and without tests, `temporal_gradient` between the new samples and the history at their places,
-/// `clip_history`, `blend_factor`, `blend` and `sharpen`. A history of N samples per pixel meets a new frame of weight w with
-/// a share of w/(N + w); clipping is undone where all stands still, as far as the gradient sees no change, and where a thin
-/// feature is locked. `Output.history_length` counts samples per pixel of the output.
+/// `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of weight w is blended into a history of N
+/// samples per pixel with w/(N + w). Clipping is undone in static pixels, unless the gradient detects a change of
+/// light, and where a thin feature is locked. `Output.history_length` counts samples per output pixel.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct Upscaler {
     inner: upscaler::Upscaler,
@@ -90,14 +90,14 @@ impl Upscaler {
     /// Parameters
     /// ----------
     /// frame : Frame
-    ///     Of the same size as those before. Its `reactive` mask, if it has one, says where history may not show.
+    ///     The next frame, of the same size as the previous ones. Its `reactive` mask, if any, excludes history.
     /// out : Output, optional
-    ///     Of an earlier step, no longer needed: its arrays are overwritten and returned, instead of new ones.
+    ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones.
     ///
     /// Returns
     /// -------
     /// Output
-    ///     Of the large size, without a variance.
+    ///     At output resolution, without a variance.
     ///
     /// Raises
     /// ------
@@ -113,7 +113,7 @@ impl Upscaler {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Forgets the sequence; the next frame is a first one.
+    /// Discards all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

@@ -1,11 +1,12 @@
 //! Dilated motion: each pixel takes the motion of the nearest surface around it.
 //!
-//! Along an edge, a pixel mixes foreground and background from frame to frame. If its history follows whichever it
-//! shows just now, the edge is never antialiased; if it follows the foreground, the edge moves as one (Karis 2014,
-//! *High Quality Temporal Supersampling*). The longest motion is what remains without depth.
+//! Along an edge, jittered samples of a pixel hit foreground and background in turn. If its history followed whichever
+//! the current sample hits, the edge would never be antialiased; if it follows the foreground, the edge moves as one
+//! (Karis 2014, *High Quality Temporal Supersampling*). Without depth, the longest motion stands in for the nearest.
 //!
-//! Inputs: motion (2 or 3), depth (1, optional). Output: motion. Motion that is not finite is nobody's choice, depth
-//! that is NaN or not above 0 is infinitely far. Of equals the pixel itself wins, then the first from the top left.
+//! Inputs: motion (2 or 3), depth (1, optional). Output: motion. Motion that is not finite is never chosen; depth that
+//! is NaN or not above 0 counts as infinite. Ties go to the pixel itself, then to the first neighbour from the top
+//! left.
 
 use std::ops::Range;
 
@@ -13,7 +14,7 @@ use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::pixels::{PixelsMut, Rolling, Row, lanes, smaller};
 use crate::rows::{self, Kernel};
 
-/// The neighbours that are looked at.
+/// The neighbours that are searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Window {
     /// 3×3.
@@ -27,7 +28,7 @@ impl Window {
     pub const NAMES: [(&str, Self); 2] = [("3x3", Self::Square), ("cross", Self::Cross)];
 }
 
-/// Whose motion is taken.
+/// The criterion: the neighbour with the least depth, or with the longest motion.
 #[derive(Clone, Copy, Debug)]
 pub enum Choice<'a> {
     /// That of the least depth.
@@ -36,13 +37,13 @@ pub enum Choice<'a> {
     Longest,
 }
 
-/// The motion around the pixels of a row.
+/// Sliding window of three rows of motion.
 pub(crate) struct Dilation<'a> {
     motion: Pixels<'a>,
     choice: Choice<'a>,
     window: Window,
-    /// Ranks, of which the lowest is chosen, and the motion's channels. Depth ranks by itself, length by minus its square;
-    /// infinite depth comes behind all others, and motion that is not known, which is infinity here, behind that.
+    /// Rank, then the channels of motion; the lowest rank wins. The rank is the depth, or minus the squared length. It
+    /// is `f32::MAX` for infinite depth and infinity for unknown motion.
     rows: Rolling<4>,
 }
 
@@ -56,7 +57,7 @@ impl<'a> Dilation<'a> {
         }
     }
 
-    /// Goes to a row, which is below the one before unless it is the first.
+    /// Centres the window on row `y`: the row after the previous call's, unless `first`.
     #[inline(always)]
     pub fn roll(&mut self, y: usize, first: bool) {
         for y in self.rows.due(y, first) {
@@ -71,7 +72,7 @@ impl<'a> Dilation<'a> {
         }
     }
 
-    /// The motion that the pixels of a run take.
+    /// The dilated motion of a span.
     #[inline(always)]
     pub fn choose(&self, run: Run, chosen: &mut [Row; 3]) {
         match self.window {
@@ -80,7 +81,7 @@ impl<'a> Dilation<'a> {
         }
     }
 
-    /// The lowest ranks around the pixels of a run: of the nearest, depths.
+    /// The lowest rank in the 3×3 neighbourhoods of a span: for [`Choice::Nearest`], the dilated depth.
     #[inline(always)]
     pub fn nearest(&self, run: Run, depth: &mut Row) {
         let ranks = [-1, 0, 1].map(|dy| self.rows.columns(run, dy)[0]);
@@ -103,7 +104,7 @@ impl<'a> Dilation<'a> {
     ) {
         let rows = [-1, 0, 1].map(|dy| self.rows.columns(run, dy));
         for i in 0..lanes(run) {
-            // The pixel's own first: of equals it wins.
+            // Start from the pixel itself, so that it wins ties.
             let [mut best, mut x, mut y, mut z] = rows[1].map(|row| row[i + 1]);
             for dy in 0..3 {
                 for dx in 0..3 {

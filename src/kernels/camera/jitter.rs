@@ -4,9 +4,9 @@
 //! - **r2**: ½ + n (1/ρ, 1/ρ²) modulo 1, with ρ³ = ρ + 1 (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom
 //!   Sequences*).
 //! - **rotated-grid**: a lattice with one point in each of n columns and n rows, y = (a·column mod n), with the a that
-//!   keeps the points farthest apart when the pixel is repeated; for 5, 10, 13 … it is a rotated square grid. Four points
-//!   are those of 4× rotated-grid multisampling. From left to right.
-//! - **blue-noise**: the same points, each next one farthest from all before it, so that every beginning is spread out.
+//!   maximises the smallest (toroidal) distance; for n = 5, 10, 13 … it is a rotated square grid. For n = 4 it is the
+//!   pattern of 4× rotated-grid multisampling. Ordered from left to right.
+//! - **blue-noise**: the same points reordered, each farthest from all before it, so that every prefix is well spread.
 //!
 //! Output: offsets from the pixel's centre, in pixels, in [−½, ½).
 
@@ -35,8 +35,8 @@ impl Sequence {
 
 type Point = [f64; 2];
 
-/// The first `count` offsets, of which the last two sequences have no more. `go_on` is asked at times, and ends long work
-/// with its error.
+/// The first `count` offsets; rotated-grid and blue-noise depend on `count` and end there. `go_on` is polled; its error
+/// cancels long computations.
 pub fn jitter<E>(
     count: usize,
     sequence: Sequence,
@@ -53,7 +53,7 @@ pub fn jitter<E>(
     Ok(points.into_iter().map(|p| p.map(|v| v - 0.5)).collect())
 }
 
-/// Steps, of one look at every point each, between two questions whether to go on.
+/// Steps, each O(count), between two polls of `go_on`.
 const STEPS: usize = 256;
 
 fn radical_inverse(mut n: usize, base: usize) -> f64 {
@@ -87,7 +87,7 @@ fn rotated_grid<E>(
         .collect())
 }
 
-/// The row of each column's point.
+/// The rows of the lattice's points, column by column.
 fn lattice<E>(count: usize, go_on: &mut impl FnMut() -> Result<(), E>) -> Result<Vec<usize>, E> {
     let rows = |a: usize| (0..count).map(move |column| a * column % count);
     // A lattice looks the same from each of its points: the nearest to the first is the nearest to any.
@@ -95,7 +95,7 @@ fn lattice<E>(count: usize, go_on: &mut impl FnMut() -> Result<(), E>) -> Result
         let apart = |d: usize| d.min(count - d).pow(2);
         (rows(a).enumerate().skip(1)).map(move |(column, row)| apart(column) + apart(row))
     };
-    // Every row is taken once when a and the count have no common divisor.
+    // Each row holds exactly one point if and only if a and the count are coprime.
     fn divisor(a: usize, b: usize) -> usize {
         if b == 0 { a } else { divisor(b, a % b) }
     }
@@ -104,7 +104,7 @@ fn lattice<E>(count: usize, go_on: &mut impl FnMut() -> Result<(), E>) -> Result
         if a % STEPS == 0 {
             go_on()?;
         }
-        // The smallest of equals.
+        // `>`: the smallest a wins ties.
         if divisor(a, count) == 1 && distances(a).all(|distance| distance > nearest) {
             (best, nearest) = (a, distances(a).min().unwrap_or_default());
         }
@@ -112,7 +112,7 @@ fn lattice<E>(count: usize, go_on: &mut impl FnMut() -> Result<(), E>) -> Result
     Ok(rows(best).collect())
 }
 
-/// Orders points so that each is as far as can be from all before it, the pixel being repeated.
+/// Orders points so that each has the largest toroidal distance to all before it.
 fn spread<E>(
     mut points: Vec<Point>,
     go_on: &mut impl FnMut() -> Result<(), E>,
@@ -124,7 +124,7 @@ fn spread<E>(
             .iter()
             .sum()
     };
-    // From each point to the nearest of those before `next`.
+    // Squared distance of each point to the nearest of those before `next`.
     let mut nearest = vec![f64::MAX; points.len()];
     for next in 1..points.len() {
         if next % STEPS == 0 {
@@ -134,7 +134,7 @@ fn spread<E>(
         for (nearest, &point) in nearest.iter_mut().zip(&points).skip(next) {
             *nearest = nearest.min(distance(last, point));
         }
-        // Equal but for rounding counts as equal, of which the first is taken.
+        // The tolerance makes distances that differ by rounding equal: the first point wins ties.
         let best = (next + 1..points.len()).fold(next, |best, i| {
             if nearest[i] > nearest[best] + 1e-9 {
                 i

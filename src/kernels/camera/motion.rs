@@ -4,13 +4,13 @@
 //! previous · inverse(current), or the identity. Its motion is
 //!   project(previous, T·X) − project(current, X)
 //! in pixels, and its change of depth is the third channel. With X on the ray of its pixel, X = C + z D(p), both are
-//! rational in p and z (see [`super::pinhole::Warp`]). Background stands at infinity along the pixel's ray, where only the
-//! camera's rotation moves it. Both ends are those of the same point, so sub-pixel jitter of the sample cancels, and a
-//! still camera gives zeros exactly. Everything is computed in double precision.
+//! rational in p and z (see [`super::pinhole::Warp`]). Background lies at infinity along the pixel's ray, where only the
+//! camera's rotation moves it. Both ends project the same point, so the sub-pixel jitter of the sample cancels, and a
+//! still camera gives exact zeros. Everything is computed in double precision.
 //!
 //! Inputs: depth (H, W), view-space z, +inf where nothing was hit, or position (H, W, 3), world space, not finite where
 //! nothing was hit; ids (H, W). Output: (H, W, 3), previous minus current x and y in pixels and depth in scene units;
-//! NaN where the point was not in front of the previous camera or its depth is no number above zero.
+//! NaN where the point was not in front of the previous camera, or where depth is NaN or not above zero.
 
 use std::ops::Range;
 
@@ -22,7 +22,7 @@ use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
-/// What is known of where the pixels' surfaces are.
+/// The positions of the pixels' surfaces, as either buffer.
 #[derive(Clone, Copy)]
 pub enum Geometry<'a> {
     /// View-space z (1), +inf where nothing was hit.
@@ -31,14 +31,14 @@ pub enum Geometry<'a> {
     Position(Pixels<'a>),
 }
 
-/// What the pixels of a run show.
+/// The visible points of a span, in the form that [`Warp::motion`] takes.
 pub(crate) struct Shown {
-    /// Where it appears, in pixels.
+    /// Position in pixels.
     pub x: [f64; SEGMENT],
     pub y: [f64; SEGMENT],
-    /// NaN where it is not known, 1 for the background.
+    /// NaN where unknown, 1 for background.
     pub depth: [f64; SEGMENT],
-    /// 1, or 0 for the background.
+    /// Weight of the camera's translation: 1 for surfaces, 0 for background.
     pub near: [f64; SEGMENT],
     geometry: [Row; 3],
 }
@@ -121,11 +121,11 @@ struct Motion<'a> {
     camera: &'a Camera,
     still: Warp,
     ids: Option<Pixels<'a, u32>>,
-    /// Of objects that moved, sorted by id.
+    /// Warps of objects that moved, sorted by id.
     moved: Vec<(u32, Warp)>,
 }
 
-/// Writes the motion (3 channels) of a frame.
+/// Writes motion vectors (3 channels).
 pub fn motion_vectors<'a>(
     geometry: Geometry<'a>,
     camera: &'a Camera,

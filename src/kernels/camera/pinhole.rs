@@ -2,7 +2,7 @@
 //!
 //! A world-to-clip matrix M maps column vectors; x points right and y up in clip space, w is positive in front.
 //! The pixel of a point is ((x/w + 1)/2 · width, (1 − y/w)/2 · height), with pixel centres at +0.5, and its depth is
-//! w / |M₃,xyz|: the distance along the camera axis. The z row of M, which every API has its own idea of, is not used.
+//! w / |M₃,xyz|: the distance along the camera axis. The z row of M, which differs between APIs, is not used.
 //! With h = A·X + b = depth · (u, v, 1) for a pixel (u, v), the camera stands at C = −A⁻¹b and a point of known depth
 //! is X = C + depth · D(u, v), D(u, v) = A⁻¹(u, v, 1) (Hartley and Zisserman, *Multiple View Geometry*, chapter 6).
 
@@ -11,7 +11,7 @@ use glam::{DAffine3, DMat3, DVec2, DVec3, Vec3};
 use crate::error::{Error, Result};
 use crate::image::Size;
 
-/// A 4×4 matrix as numpy has it: a list of rows.
+/// A 4×4 matrix in numpy's order: an array of rows.
 pub type Rows4 = [[f64; 4]; 4];
 
 /// A pinhole camera and the size of its image.
@@ -19,14 +19,14 @@ pub type Rows4 = [[f64; 4]; 4];
 pub struct Camera {
     pub(crate) world_to_clip: Rows4,
     pub(crate) size: Size,
-    /// World to (u, v, 1) · depth, without its translation.
+    /// A: the linear part of the map from world to (u, v, 1) · depth.
     to_pixel: DMat3,
     translation: DVec3,
     from_pixel: DMat3,
     pub(crate) position: DVec3,
 }
 
-/// Which side of the image a field of view spans.
+/// The axis along which a field of view is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FovAxis {
     /// The width.
@@ -68,7 +68,7 @@ impl Camera {
             DMat3::from_cols((rx + rw) * half_width, (rw - ry) * half_height, rw).transpose();
         let y = world_to_clip[1][3] / scale;
         let translation = DVec3::new((x + w) * half_width, (w - y) * half_height, w);
-        // Relative to the lengths of its rows, so that neither the unit of length nor the resolution matters.
+        // Compared relative to the rows' lengths, so that neither the scene's unit nor the resolution matters.
         let volume: f64 = [0, 1, 2].map(|i| to_pixel.row(i).length()).iter().product();
         if !(to_pixel.determinant().abs() > 1e-12 * volume) {
             return Err(Error::value(
@@ -134,7 +134,7 @@ impl Camera {
         let x = right * (2.0 * focal / width) + forward * (2.0 * centre.x / width - 1.0);
         let y = up * (2.0 * focal / height) + forward * (1.0 - 2.0 * centre.y / height);
         let row = |v: DVec3, offset: f64| [v.x, v.y, v.z, offset - v.dot(origin)];
-        // An infinite far plane and a near plane at distance ½, for those who need a z row.
+        // The z row is not used here; for other readers of the matrix: near plane at ½, far plane at infinity.
         Self::new(
             [
                 row(x, 0.0),
@@ -146,7 +146,7 @@ impl Camera {
         )
     }
 
-    /// The camera whose pixel centres see what this one sees `offset` pixels beside them.
+    /// The camera whose samples at pixel centres are this camera's samples at pixel centres plus `offset`.
     pub fn jittered(&self, offset: DVec2) -> Result<Self> {
         if !offset.is_finite() {
             return Err(Error::value("offset", "finite pixels", offset));
@@ -160,7 +160,7 @@ impl Camera {
         Self::new(matrix, self.size)
     }
 
-    /// The pixel and depth of a world point; the pixel means nothing unless depth > 0.
+    /// The pixel and depth of a world point; the pixel is valid only for depth > 0.
     #[inline(always)]
     pub fn project(&self, point: DVec3) -> (DVec2, f64) {
         let h = self.to_pixel * point + self.translation;
@@ -209,20 +209,20 @@ impl Camera {
         self.to_pixel.row(2)
     }
 
-    /// How many pixels, by area, a unit square shows at unit depth, facing the camera.
+    /// The area in pixels of a unit square that faces the camera at unit depth.
     pub(crate) fn pixels_per_unit(&self) -> f64 {
         self.to_pixel.determinant().abs()
     }
 }
 
-/// Rays of unit depth of a camera, for points relative to it.
+/// A camera's rays of unit depth, for points relative to the camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Rays {
-    /// What a pixel to the right adds.
+    /// Change of the ray per pixel to the right.
     pub dx: Vec3,
-    /// What a pixel down adds.
+    /// Change of the ray per pixel down.
     pub dy: Vec3,
-    /// At the corner of the first pixel.
+    /// The ray through the image's top left corner.
     pub corner: Vec3,
 }
 
@@ -233,12 +233,12 @@ impl Rays {
     }
 }
 
-/// How what one camera sees moves to where another saw it, one frame before.
+/// Maps a pixel and depth of one camera to the pixel and depth of another, one frame before.
 ///
-/// A point that appears at the pixel p = (u, v, 1) at depth z is X = C + z A⁻¹p. Where T·X stood, the other camera saw
-///   h = z (p + E p) + t,  E = A′ T A⁻¹ − 1,  t = A′ T·C + b′;
-/// the motion (h − h_z p)/h_z needs the small E alone, so that no digits cancel, and is zero where E and t are. At
-/// infinity, z = 1 and t does not count.
+/// A point that appears at the pixel p = (u, v, 1) at depth z is X = C + z A⁻¹p. The other camera saw T·X at
+///   h = z (p + E p) + t,  E = A′ T A⁻¹ − 1,  t = A′ T·C + b′.
+/// The motion (h − h_z p)/h_z is computed from the small E and t alone, which avoids cancellation and makes it exactly
+/// zero where they are. At infinity, z = 1 and t does not count.
 #[derive(Clone, Copy)]
 pub(crate) struct Warp {
     turn: DMat3,
@@ -246,7 +246,7 @@ pub(crate) struct Warp {
 }
 
 impl Warp {
-    /// With the transform of the object.
+    /// `transform` is that of the object, previous · inverse(current).
     pub fn new(now: &Camera, before: &Camera, transform: DAffine3) -> Self {
         if now == before && transform == DAffine3::IDENTITY {
             return Self {
@@ -262,8 +262,8 @@ impl Warp {
         }
     }
 
-    /// Previous minus current position in pixels and, but for the background, depth, of what appears at a place; `near` is
-    /// 0 for the background, or 1. NaN where it was not in front.
+    /// Previous minus current pixel position and depth of the point at a pixel position. `near` is 1, or 0 for
+    /// background, whose change of depth is 0. NaN where the point was not in front of the other camera.
     #[inline(always)]
     pub fn motion(&self, [x, y]: [f64; 2], depth: f64, near: f64) -> [f32; 3] {
         let turned = self.turn * DVec3::new(x, y, 1.0) * depth + self.shift * near;

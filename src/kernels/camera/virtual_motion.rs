@@ -1,14 +1,15 @@
 //! Virtual motion: where each pixel's reflection was in the previous frame.
 //!
-//! What a flat mirror shows does not lie on it but behind it, on the continued view ray, as far from the surface as the
-//! reflected object is. Across frames the reflection moves like that point,
+//! A flat mirror's image lies behind the mirror, on the continued view ray, at the distance of the reflected object from
+//! the surface. Across frames the reflection moves like that virtual point,
 //!   V = X + h (X − C)/|X − C|,
-//! with X the surface, C the camera, h the distance from the surface to what it reflects (NRD's ReBLUR and ReLAX follow
-//! specular light in this way). The motion is project(previous, V) − project(current, X), for h = 0 the surface's own.
-//! Curved mirrors bend it, and moving ones turn it: then it is as good as a guess.
+//! with X the surface, C the camera, h the hit distance from the surface to the reflected object (NRD's ReBLUR and ReLAX
+//! follow specular light in this way). The motion is project(previous, V) − project(current, X), for h = 0 the surface's
+//! own. For curved or moving mirrors it is an approximation without bound on the error.
 //!
-//! Inputs: geometry as for [`super::motion`], h (1), from 0 to +inf (the environment). Output: (H, W, 2), in pixels; NaN
-//! where h is no such number or V was not in front of the previous camera; surface moves as it does.
+//! Inputs: geometry as for [`super::motion`], h (1), from 0 to +inf (the environment). Output: (H, W, 2), in pixels;
+//! NaN where h is NaN or negative, or V was not in front of the previous camera. Background pixels move with the
+//! environment.
 
 use std::ops::Range;
 
@@ -20,7 +21,7 @@ use crate::image::{Pixels, SEGMENT, segments};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel};
 
-/// Two cameras between which reflections move.
+/// The current camera and the warp to the previous one.
 pub(crate) struct Mirrored<'a> {
     camera: &'a Camera,
     warp: Warp,
@@ -34,7 +35,7 @@ impl<'a> Mirrored<'a> {
         }
     }
 
-    /// The motion of what some of the pixels shown, from `start` on, reflect at these distances.
+    /// The motion of the reflections in the pixels of `shown` from `start` on, at these hit distances.
     #[inline(always)]
     pub fn motion(
         &self,
@@ -50,11 +51,11 @@ impl<'a> Mirrored<'a> {
         let (x, y) = (&mut x[..len], &mut y[..len]);
         for i in 0..len {
             let distance = f64::from(distances[i]);
-            // A unit of depth is as long as the ray.
+            // Distance along the ray to depth: the ray has unit depth.
             let ray = self.camera.ray(DVec2::new(u[i], v[i]));
             let behind = depth[i] + distance / ray.length();
             let known = if distance >= 0.0 { behind } else { f64::NAN };
-            // At infinity, but where the surface is not known.
+            // The environment's reflection lies at infinity. The depth test keeps unknown surfaces (NaN) unknown.
             let far = (distance == f64::INFINITY) & (depth[i] > 0.0);
             let (image, near) = if far { (1.0, 0.0) } else { (known, 1.0) };
             let (image, near) = if surface[i] == 0.0 {
@@ -74,7 +75,7 @@ struct VirtualMotion<'a> {
     mirrored: Mirrored<'a>,
 }
 
-/// Writes the motion (2 channels) of what the pixels reflect.
+/// Writes the motion (2 channels) of the pixels' reflections.
 pub fn virtual_motion<'a>(
     geometry: Geometry<'a>,
     hit_distance: Pixels<'a>,

@@ -3,16 +3,16 @@
 //!
 //! **Pull**: f × f pixels become one, whose colour and quality are
 //!   c = Σ q c / Σ q,  q = Σ q / (n f²),
-//! n being how many of them lie in the image: the share that is known, over the f² by which a pixel of the coarser
-//! image is larger. So good pixels outweigh poor ones, and what fills a hole counts as little as a point of its size.
+//! n being the number of them inside the image: their mean quality, divided by f² because a coarse pixel is that much
+//! larger. So good pixels outweigh poor ones, and a filled hole has as low a quality as a point of the coarse pixel's size.
 //! **Push**: from the coarsest level down, holes get the mean of the 2 × 2 coarser pixels around, weighted by the
-//! bilinear weights b and by quality, Σ b q c / Σ b q, and the quality Σ b q. What is no hole stays as it is.
+//! bilinear weights b and by quality, Σ b q c / Σ b q, and the quality Σ b q. Other pixels are unchanged.
 //!
-//! By default there are as many levels as it takes to get one pixel, and a single point fills the whole image; with
-//! fewer, what is a hole in the coarsest level stays one in parts.
+//! By default the coarsest level has one pixel, so that a single point fills the whole image; with fewer levels, holes
+//! that remain in the coarsest level are not filled.
 //!
 //! Inputs: colour (any channels), quality (1), 0 in holes; colour that is not finite is a hole as well. Outputs: both
-//! without holes, or with NaN and quality 0 where nothing is known.
+//! without holes, or with NaN and quality 0 where no level has a value.
 
 use std::ops::Range;
 
@@ -23,9 +23,9 @@ use crate::rows::{self, BAND, Kernel};
 /// The pyramid of [`pull_push`].
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// By how much each level is smaller to a side; 2 to 16; 2.
+    /// f: ratio of the sides of successive levels; 2 to 16; 2.
     pub factor: usize,
-    /// How many coarser levels, at least 1; by default as many as there can be.
+    /// Number of coarser levels; ≥ 1; as many as it takes to get a single pixel.
     pub levels: usize,
 }
 
@@ -55,7 +55,7 @@ impl Params {
     }
 }
 
-/// Writes records of colour, and quality.
+/// Writes filled colour (interleaved) and quality.
 pub fn pull_push<'a>(
     color: Pixels<'a>,
     quality: Option<Pixels<'a>>,
@@ -71,7 +71,7 @@ pub fn pull_push<'a>(
         known: None,
         factor,
     };
-    // Colour, and quality as the last channel.
+    // Planar levels: colour, then quality.
     let mut pyramid: Vec<Image> = vec![];
     while pyramid.len() < params.levels {
         let finer = pyramid.last();
@@ -117,12 +117,12 @@ pub fn pull_push<'a>(
     rows::run(&last, size.height, outs);
 }
 
-/// One level from the next finer.
+/// Downsamples one level; holds the finer level.
 struct Pull<'a> {
     color: Pixels<'a>,
-    /// Of the finest level, if it has any.
+    /// Input quality of the finest level, unchecked; `None` means 1.
     quality: Option<Pixels<'a>>,
-    /// Of others.
+    /// Quality of a pyramid level.
     known: Option<View<'a>>,
     factor: usize,
 }
@@ -180,18 +180,18 @@ impl<'a> Kernel for Pull<'a> {
     }
 }
 
-/// Fills the holes of one level from the next coarser.
+/// Fills the holes of one level from the next coarser one.
 struct Push<'a> {
     coarse: &'a Image,
     channels: usize,
     factor: usize,
-    /// Of each column: the two coarse ones around, and the share of the second.
+    /// Per column: the two coarse columns around and the weight of the second.
     columns: Vec<([u32; 2], f32)>,
 }
 
 impl<'a> Push<'a> {
     fn new(coarse: &'a Image, factor: usize, size: Size) -> Self {
-        let columns = (0..size.width).map(|x| between(x, factor, coarse.size.width));
+        let columns = (0..size.width).map(|x| interpolation(x, factor, coarse.size.width));
         Self {
             coarse,
             channels: coarse.channels - 1,
@@ -200,16 +200,16 @@ impl<'a> Push<'a> {
         }
     }
 
-    /// The coarse pixels at the height of a row: the products of colour and quality, and quality.
+    /// Interpolates the coarse level at the height of row `y`: colour premultiplied by quality, then quality.
     #[inline(always)]
     fn blend(&self, y: usize, blended: &mut [f32]) {
         let Size { height, width } = self.coarse.size;
-        let ([above, below], share) = between(y, self.factor, height);
+        let ([above, below], weight) = interpolation(y, self.factor, height);
         let quality = self.coarse.view().channel(self.channels);
         let known = [above, below].map(|y| quality.row(0, y as usize));
         let (products, sums) = blended.split_at_mut(self.channels * width);
         for x in 0..width {
-            sums[x] = known[0][x] * (1.0 - share) + known[1][x] * share;
+            sums[x] = known[0][x] * (1.0 - weight) + known[1][x] * weight;
         }
         for (channel, products) in products.chunks_exact_mut(width).enumerate() {
             let [above, below] = [above, below].map(|y| {
@@ -219,19 +219,19 @@ impl<'a> Push<'a> {
             });
             for x in 0..width {
                 let (a, b) = (above[x] * known[0][x], below[x] * known[1][x]);
-                products[x] = a * (1.0 - share) + b * share;
+                products[x] = a * (1.0 - weight) + b * weight;
             }
         }
     }
 
-    /// What a hole in this column gets: the quality, and the colour by its channel; none where nothing is known.
+    /// Interpolates such a row at column `x`: returns the quality and, if it is above 0, passes the colour to `set`.
     #[inline(always)]
     fn fill(&self, blended: &[f32], x: usize, mut set: impl FnMut(usize, f32)) -> f32 {
         let width = self.coarse.size.width;
-        let ([left, right], share) = self.columns[x];
+        let ([left, right], weight) = self.columns[x];
         let at = |channel: usize| {
             let row = &blended[channel * width..][..width];
-            row[left as usize] * (1.0 - share) + row[right as usize] * share
+            row[left as usize] * (1.0 - weight) + row[right as usize] * weight
         };
         let quality = at(self.channels);
         if quality > 0.0 {
@@ -242,14 +242,14 @@ impl<'a> Push<'a> {
         quality
     }
 
-    fn room(&self) -> Vec<f32> {
+    fn scratch(&self) -> Vec<f32> {
         vec![0.0; (self.channels + 1) * self.coarse.size.width]
     }
 }
 
-/// The two coarse pixels whose centres are around that of a fine one, and the share of the second.
+/// The two coarse pixels whose centres enclose a fine pixel's along an axis, and the weight of the second.
 #[inline(always)]
-fn between(place: usize, factor: usize, count: usize) -> ([u32; 2], f32) {
+fn interpolation(place: usize, factor: usize, count: usize) -> ([u32; 2], f32) {
     let at = (place as f32 + 0.5) / factor as f32 - 0.5;
     let first = at.floor();
     let last = count as i32 - 1;
@@ -262,7 +262,7 @@ impl<'a> Kernel for Push<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let mut blended = self.room();
+        let mut blended = self.scratch();
         for y in rows {
             self.blend(y, &mut blended);
             for x in 0..self.columns.len() {
@@ -276,7 +276,7 @@ impl<'a> Kernel for Push<'a> {
     }
 }
 
-/// The finest level, as numpy has it.
+/// Writes the finest level, interleaved.
 struct Fill<'a> {
     finest: Pull<'a>,
     push: Option<Push<'a>>,
@@ -288,7 +288,7 @@ impl<'a> Kernel for Fill<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, (filled, qualities): Self::Out) {
         let Pixels { size, channels, .. } = self.finest.color;
-        let mut blended = self.push.as_ref().map_or(vec![], Push::room);
+        let mut blended = self.push.as_ref().map_or(vec![], Push::scratch);
         let first = rows.start * size.width;
         for y in rows {
             if let Some(push) = &self.push {

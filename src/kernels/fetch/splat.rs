@@ -1,20 +1,20 @@
-//! Forward reprojection: the points that the previous frame saw, scattered to where they appear now.
+//! Forward reprojection: the previous frame's pixels, scattered as points to where they appear now.
 //!
-//! A pixel of the previous frame is a point: a colour at its depth z, seen at the pixel's centre plus an offset, with a
-//! quality q. Its new place p and depth z' follow from the two cameras (see
-//! [`crate::kernels::camera::pinhole::Warp`]), for background from their rotation, less its drift, which is how it moves
-//! by itself. It covers the pixels whose centres lie within a square around p, whose side is that of its old pixel at its
-//! new distance, a little enlarged where it grows so that no rounding leaves cracks,
+//! A point is a pixel of the previous frame: a colour at depth z, seen at the pixel's centre plus an offset, with a
+//! quality q. Its new position p and depth z' follow from the two cameras (see [`crate::kernels::camera::pinhole::Warp`];
+//! for background from their rotation), minus its drift, the object's own motion. It covers the pixels whose centres lie
+//! within a square around p. The side of the square is that of the old pixel at the new distance, slightly enlarged where
+//! it grows, so that rounding leaves no cracks,
 //!   s = 1 + 1.01 max(0, z/z' · √(f'x f'y / fx fy) − 1),
-//! and counts there as q/s⁴: it has become larger than a pixel, and as much less sharp. Of the points that cover a pixel
-//! the nearest, at depth z₀, decides what is seen; with it are averaged those of the same surface, each with weight
+//! and the point has quality q/s⁴ there: it is larger than a pixel, and that much less sharp. The nearest point that
+//! covers a pixel, at depth z₀, determines the visible surface; points of the same surface are averaged with weights
 //!   w = q/s⁴ · max(0, 1 − (z' − z₀)/(t z₀)),
-//! t being the tolerance. All sums go through the points in the order of their source pixels.
+//! t being the tolerance. All sums run over the points in the order of their source pixels.
 //!
-//! Points that keep their places within their pixels leave cracks between them as they move. A pixel that no point covers
-//! may therefore take those that would cover it with squares larger by a given reach on every side, and as if they were.
+//! Points keep their sub-pixel positions and so leave cracks between them as they move. A pixel that no point covers may
+//! therefore use points whose squares, enlarged by `reach` on every side, cover it; their quality falls accordingly.
 //!
-//! Where a point covers other pixels than the one that it lies in, these get copies of it at their centres.
+//! A covered pixel other than the one that contains the point gets a copy with offset 0.
 //!
 //! Inputs: colour (any channels), depth (1), offset (2, in pixels), drift (2 or 3, previous minus current pixels and
 //! depth), quality (1), all of the previous frame; both cameras. Outputs: colour, depth, offset and quality of this
@@ -32,9 +32,9 @@ use crate::rows::{self, BAND, Kernel};
 /// What a point covers.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// Difference of depth, as a share of it, from which on points belong to another surface; above 0; 0.1.
+    /// t: relative depth difference from which points belong to another surface; above 0; 0.1.
     pub tolerance: f32,
-    /// Pixels beside a point's square within which it stands in where none covers; 0 to 1; 0.
+    /// Pixels by which squares are enlarged to fill cracks; 0 to 1; 0.
     pub reach: f32,
 }
 
@@ -57,23 +57,22 @@ impl Params {
     }
 }
 
-/// What the previous frame saw: a point for every pixel whose numbers are finite, whose depth is above 0 (+inf is the
-/// background), and whose quality is.
+/// The previous frame's points: every pixel with finite values, depth above 0 (+inf for background) and quality above 0.
 #[derive(Clone, Copy)]
 pub struct Points<'a> {
     /// Any number of channels.
     pub color: Pixels<'a>,
     /// View-space z in the previous camera (1).
     pub depth: Pixels<'a>,
-    /// From the pixels' centres; none if not given.
+    /// Position relative to the pixel's centre; `None` means 0.
     pub offset: Option<Pixels<'a>>,
-    /// Beyond what the cameras explain; none if not given, nor where it is not finite.
+    /// Motion beyond that of the cameras; `None` and values that are not finite mean 0.
     pub drift: Option<Pixels<'a>>,
-    /// 1 if not given.
+    /// `None` means 1.
     pub quality: Option<Pixels<'a>>,
 }
 
-/// What is to be written: records of colour and offset, and a number for each pixel of the others.
+/// Outputs, interleaved.
 pub struct Splats<'a> {
     /// As many channels as the points have, side by side; NaN where no point is.
     pub color: &'a mut [f32],
@@ -101,33 +100,33 @@ impl<'a> Splats<'a> {
     }
 }
 
-/// No point covers more than so many pixels to a side.
+/// Largest side of a point's square, in pixels.
 const LARGEST: f32 = 16.0;
 
-/// By how much more than they grow points cover, so that no rounding leaves cracks between them.
+/// Enlarges the growth of squares, so that rounding leaves no cracks between them.
 const MARGIN: f32 = 1.01;
 
 /// Scatters points from the second camera to the first, which is the current one.
 pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Splats) {
     let Pixels { size, channels, .. } = points.color;
     let count = rows::bands(size.height).count();
-    let mut sent = vec![vec![]; count];
+    let mut bins = vec![vec![]; count];
     let project = Project::new(points, cameras, params);
-    rows::run(&project, size.height, sent.iter_mut());
+    rows::run(&project, size.height, bins.iter_mut());
     let gather = Gather {
         color: points.color,
-        sent: &sent,
+        bins: &bins,
         params,
     };
     let outs = splats.bands(size.width, channels);
     rows::run(&gather, size.height, outs);
 }
 
-/// A point in this frame.
+/// A point projected to the current frame.
 #[derive(Clone, Copy)]
 struct Point {
     source: u32,
-    /// The pixel that it lies in, and where from its centre: at least −½, below ½.
+    /// The pixel that contains the point, and its offset from that pixel's centre, in [−½, ½).
     x: i32,
     y: i32,
     offset: [f32; 2],
@@ -137,7 +136,7 @@ struct Point {
 }
 
 impl Point {
-    /// The pixels of a line that it covers: those whose centres are more than −s/2 and at most s/2 away.
+    /// The pixels covered along an axis: those with centres in (−s/2, s/2] around the point.
     #[inline(always)]
     fn covers(place: i32, offset: f32, side: f32, end: usize) -> Range<usize> {
         let half = 0.5 * side;
@@ -147,7 +146,7 @@ impl Point {
         first.clamp(0, end) as usize..(last + 1).clamp(0, end) as usize
     }
 
-    /// Columns and rows, if it were larger by `reach` on every side.
+    /// Covered columns and rows, with the square enlarged by `reach` on every side.
     #[inline(always)]
     fn square(&self, size: Size, reach: f32) -> [Range<usize>; 2] {
         let side = self.side + 2.0 * reach;
@@ -158,13 +157,13 @@ impl Point {
     }
 }
 
-/// For each band of this frame, in order, the points that one band of the previous sends there.
-type Sent = Vec<Vec<Point>>;
+/// Binned points of one band of the previous frame: a list for each band of the current frame.
+type Bins = Vec<Vec<Point>>;
 
 struct Project<'a> {
     points: Points<'a>,
     warp: Warp,
-    /// How much larger the new camera shows what is as far away.
+    /// Magnification of the new camera relative to the old one at equal depth.
     zoom: f64,
     reach: f32,
 }
@@ -179,7 +178,7 @@ impl<'a> Project<'a> {
         }
     }
 
-    /// The point of a pixel, unless there is none or it is not in front of the camera.
+    /// The point of a pixel; `None` if the pixel is invalid or the point lies behind the camera.
     #[inline(always)]
     fn point(&self, source: usize, x: usize, y: usize) -> Option<Point> {
         let Points {
@@ -214,7 +213,7 @@ impl<'a> Project<'a> {
         };
         let moved = [ox + mx - dx, oy + my - dy];
         let now = depth + mz - dz;
-        // Farther away than any image reaches, nothing is covered; and whole numbers stay exact.
+        // Positions far outside any image cover nothing, and beyond 2^24 integers would not be exact.
         if !(moved.iter().all(|v| v.abs() < 1e6) && now > 0.0) {
             return None;
         }
@@ -239,12 +238,12 @@ impl<'a> Project<'a> {
 }
 
 impl<'a> Kernel for Project<'a> {
-    type Out = &'a mut Sent;
+    type Out = &'a mut Bins;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, sent: &'a mut Sent) {
+    fn rows(&self, rows: Range<usize>, bins: &'a mut Bins) {
         let size = self.points.color.size;
-        sent.resize(rows::bands(size.height).count(), vec![]);
+        bins.resize(rows::bands(size.height).count(), vec![]);
         for y in rows {
             for x in 0..size.width {
                 let Some(point) = self.point(y * size.width + x, x, y) else {
@@ -255,7 +254,7 @@ impl<'a> Kernel for Project<'a> {
                     continue;
                 }
                 for band in covered.start / BAND..=(covered.end - 1) / BAND {
-                    sent[band].push(point);
+                    bins[band].push(point);
                 }
             }
         }
@@ -269,13 +268,14 @@ fn finite(value: f32) -> f32 {
 
 struct Gather<'a> {
     color: Pixels<'a>,
-    /// By bands of the previous frame.
-    sent: &'a [Sent],
+    /// One for each band of the previous frame.
+    bins: &'a [Bins],
     params: Params,
 }
 
 impl Gather<'_> {
-    /// Calls for every pixel that a point covers or may stand in for, by its place in the band.
+    /// Calls `call` with every point, every pixel of the band that its enlarged square covers, and that pixel's index in
+    /// the band.
     #[inline(always)]
     fn each(
         &self,
@@ -285,7 +285,7 @@ impl Gather<'_> {
     ) {
         let size = self.color.size;
         let band = rows.start / BAND;
-        for point in self.sent.iter().flat_map(|sent| &sent[band]) {
+        for point in self.bins.iter().flat_map(|bins| &bins[band]) {
             let [columns, covered] = point.square(size, reach);
             for y in covered.start.max(rows.start)..covered.end.min(rows.end) {
                 for x in columns.clone() {
@@ -308,7 +308,7 @@ impl<'a> Kernel for Gather<'a> {
         out.quality.fill(0.0);
         let Params { tolerance, reach } = self.params;
         let mut nearest = vec![f32::NAN; out.depth.len()];
-        // Where NaN stands, any is nearer.
+        // The initial NaN is replaced by any depth.
         let nearer = |before: f32, depth: f32| if before <= depth { before } else { depth };
         self.each(&rows, 0.0, |point, _, at| {
             nearest[at] = nearer(nearest[at], point.depth);
@@ -330,10 +330,10 @@ impl<'a> Kernel for Gather<'a> {
             };
             let first = weights[at] == 0.0;
             weights[at] += weight;
-            let share = weight / weights[at];
-            // One point, or several alike, are kept to the bit.
+            let fraction = weight / weights[at];
+            // Running mean. A single point, or several equal ones, keep their bits.
             let join = |mean: &mut f32, value: f32| {
-                let moved = *mean + share * (value - *mean);
+                let moved = *mean + fraction * (value - *mean);
                 *mean = if first || value == *mean {
                     value
                 } else {
@@ -353,14 +353,15 @@ impl<'a> Kernel for Gather<'a> {
             add(point, pixel, at, nearest[at], point.quality);
         });
         if reach > 0.0 {
+            // Nearest depth of enlarged squares, for pixels that no square covers.
             let mut spare = vec![f32::NAN; nearest.len()];
             self.each(&rows, reach, |point, _, at| {
                 spare[at] = nearer(spare[at], point.depth);
             });
             self.each(&rows, reach, |point, pixel, at| {
                 if nearest[at].is_nan() {
-                    let share = point.side / (point.side + 2.0 * reach);
-                    let area = share * share;
+                    let ratio = point.side / (point.side + 2.0 * reach);
+                    let area = ratio * ratio;
                     add(point, pixel, at, spare[at], point.quality * (area * area));
                 }
             });

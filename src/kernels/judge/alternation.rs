@@ -1,21 +1,21 @@
-//! Alternation: a neighbourhood whose colours come and go and come again.
+//! Alternation: neighbourhoods whose colours alternate from frame to frame.
 //!
-//! Where aliasing is wider than the neighbourhood, all of its pixels show one thing in one frame and another in the next.
-//! Clipping then gives the one or the other, history is lost with every frame, and the image flickers. One frame alone
-//! cannot tell that from a change of light or a disocclusion; the return of what was there before can.
+//! Where an aliased feature is wider than the neighbourhood, all of its pixels show one thing in one frame and another in
+//! the next. Clipping then discards history in every frame, and the image flickers. A single frame cannot tell this from a
+//! change of light or a disocclusion; the return of earlier colours can.
 //!
-//! Of every neighbourhood, 3×3 pixels in tone-mapped YCoCg, the memory holds the mean μ, the mean μ₀ from before its last
+//! The memory of a neighbourhood, 3×3 pixels in tone-mapped YCoCg, holds the mean μ, the mean μ₀ from before its last
 //! jump, and a count of returns e. With the new mean m and range r (per channel):
-//! - it **jumps** if |m − μ| > r in some channel, so that the last mean lies well outside of what is there now, and the
+//! - it **jumps** if |m − μ| > r in some channel, so that the last mean lies well outside the current range, and the
 //!   largest |m − μ| is more than a fifth of the largest coordinate of m and μ;
 //! - a jump is a **return** if |m − μ₀| < ½ |m − μ|: then e ← min(e + 1, 3); any other jump sets e ← 0;
-//! - a jump sets μ₀ ← μ; without one, μ₀ ← μ₀ + ⅛ (m − μ₀) and e ← ⅞ e, so that what was long ago is no return.
+//! - a jump sets μ₀ ← μ; without one, μ₀ ← μ₀ + ⅛ (m − μ₀) and e ← ⅞ e, so that old states are forgotten.
 //!
-//! The first return might be chance: clamp(e − 1, 0, 1) is the share of history that should not be clipped. (AMD's FSR
-//! 2.2 sees luminances of single pixels return, among the last four frames.)
+//! The first return might be chance: clamp(e − 1, 0, 1) is the weight of unclipped history. (AMD's FSR 2.2 detects
+//! returning luminances of single pixels among the last four frames.)
 //!
 //! Inputs: colour (3), memory (7: μ, μ₀, e), optional. Output: memory. Missing pixels do not count; where all are
-//! missing, memory stays as it is. Where there is no memory, μ and μ₀ are m and e is 0.
+//! missing, memory is unchanged. Without memory, μ and μ₀ start at m and e at 0.
 
 use std::ops::Range;
 
@@ -27,13 +27,13 @@ use crate::rows::{self, BAND, Kernel};
 /// Channels of the memory.
 pub const CHANNELS: usize = 7;
 /// The largest count of returns.
-const MOST: f32 = 3.0;
-/// The smallest jump, as a share of the larger mean.
+const MAX_COUNT: f32 = 3.0;
+/// The smallest jump, relative to the larger mean.
 const JUMP: f32 = 0.2;
-/// How much of the way memory goes towards what does not jump.
+/// Rate at which μ₀ drifts to m, and e decays, without a jump.
 const PACE: f32 = 0.125;
 
-/// What is remembered, and the coverage of that, 0 where there is none.
+/// Reprojected memory and its coverage, 0 where there is no history.
 #[derive(Clone, Copy)]
 pub struct Known<'a> {
     /// Of [`CHANNELS`] channels, where the pixel is now.
@@ -64,7 +64,7 @@ pub fn alternation<'a>(
     rows::run_far(&kernel, height, 1, memory);
 }
 
-/// The share of history that should not be clipped.
+/// The weight of unclipped history.
 #[inline(always)]
 pub(crate) fn hold(count: f32) -> f32 {
     larger(count - 1.0, 0.0).min(1.0)
@@ -103,7 +103,7 @@ impl<'a> Kernel for Alternation<'a> {
                 } else {
                     memory[0].fill(f32::NAN);
                 }
-                let around = window.look(run);
+                let around = window.statistics(run);
                 for i in 0..lanes(run) {
                     let of = |rows: &[Row; 3]| [rows[0][i], rows[1][i], rows[2][i]];
                     let (low, high) = (of(around.low), of(around.high));
@@ -120,7 +120,7 @@ impl<'a> Kernel for Alternation<'a> {
     }
 }
 
-/// The memory of one pixel after one more frame; none where it is not finite.
+/// Updates the memory of one pixel; memory that is not finite starts anew.
 #[inline(always)]
 fn remember(memory: [f32; CHANNELS], mean: [f32; 3], range: [f32; 3]) -> [f32; CHANNELS] {
     let known = memory.iter().fold(true, |all, v| all & v.is_finite());
@@ -141,7 +141,7 @@ fn remember(memory: [f32; CHANNELS], mean: [f32; 3], range: [f32; 3]) -> [f32; C
     let jumps = beyond & (largest > JUMP * size);
     let returns = apart < 0.25 * moved;
     let counted = if returns {
-        (count + 1.0).min(MOST)
+        (count + 1.0).min(MAX_COUNT)
     } else {
         0.0
     };

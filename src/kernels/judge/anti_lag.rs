@@ -1,12 +1,12 @@
-//! Anti-lag: a history that had to be clipped far is forgotten faster.
+//! Anti-lag: history that was clipped by a large distance is shortened, so that it follows faster.
 //!
 //!   N′ = N / (1 + s·d·N),  d = |l(h) − l(k)| / max(|l(h)|, |l(k)|),
 //!
-//! with l the luminance of the history before (h) and after clipping (k): where clipping changes nothing N stays, where
-//! it changes all, about 1/s samples are left, so that the following samples count more (NRD's ReBLUR and ReLAX
+//! with l the luminance of the history before (h) and after clipping (k). Where clipping changes nothing, N stays; where
+//! it changes everything, about 1/s samples are left, so that the following samples count more (NRD's ReBLUR and ReLAX
 //! shorten histories by the distance that clamping moves them, in a similar form).
 //!
-//! Inputs: length (1), history (3), clipped (3). Output: length (1). Missing history has no distance.
+//! Inputs: length (1), history (3), clipped (3). Output: length (1). Where history is missing, N stays.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ struct AntiLag<'a> {
     strength: f32,
 }
 
-/// A strength from 0; 1.
+/// s; ≥ 0; 1.
 pub fn check(name: &str, strength: f32) -> Result<()> {
     in_range(name, strength, "a finite number from 0", |v| {
         v >= 0.0 && v.is_finite()
@@ -68,7 +68,7 @@ impl<'a> Kernel for AntiLag<'a> {
     }
 }
 
-/// Shortens the lengths of a run.
+/// Shortens the history lengths of a span.
 #[inline(always)]
 pub(crate) fn shorten(lengths: &mut [f32], history: &[Row; 3], clipped: &[Row; 3], strength: f32) {
     let n = lengths.len().min(SEGMENT);
@@ -80,7 +80,7 @@ pub(crate) fn shorten(lengths: &mut [f32], history: &[Row; 3], clipped: &[Row; 3
             luminance(kr[x], kg[x], kb[x]),
         );
         let distance = (h - k).abs() / larger(h.abs(), k.abs());
-        // NaN where both are black, or one is missing. The quotient is right for lengths without end, too.
+        // The distance is NaN if both are black or one is missing. Written as 1/(1/N + …), so that N may be infinite.
         let shortened = 1.0 / (1.0 / lengths[x] + strength * distance);
         let moved = distance.is_finite() & (strength * distance > 0.0);
         lengths[x] = if moved { shortened } else { lengths[x] };

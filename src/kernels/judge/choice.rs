@@ -1,41 +1,43 @@
-//! Choice: which of several predictions is best, tile by tile, by new samples that none of them has seen.
+//! Choice: which of several predictions is best, tile by tile, judged by new samples that none of them has seen.
 //!
-//! The candidates p₀ … p are a series, each a step further than the one before, as images after more and more passes of a
-//! filter are. A new sample y is an unbiased look at the truth, and (a − y)² − (b − y)² is linear in it (see
-//! [`super::prediction`]). With μ the mean of the usual candidate's channels, at least 0, s = μ + e/16 for the exposure e,
-//! aₖ = (pₖ − μ)/s and r = clamp((y − μ)/s, ±8), step k is worth
+//! The candidates p₀, p₁, … are a series, such as the images after 0, 1, … passes of a filter. A new sample y is an
+//! unbiased estimate of the reference, and (a − y)² − (b − y)² is linear in it (see [`super::prediction`]). With μ the
+//! mean of the default candidate's channels, at least 0, s = μ + e/16 for the exposure e, aₖ = (pₖ − μ)/s and r =
+//! clamp((y − μ)/s, ±8), step k from candidate k − 1 to k costs
 //!   dₖ = mean over channels of (aₖ − aₖ₋₁)(aₖ + aₖ₋₁ − 2r),
-//! negative where it brings the image nearer to the truth.
-//! **Evidence.** Of each 2×2 pixels the candidates of the frame before are known at one. The new frame's pixels whose motion
-//! leads nearest to it, and that have history, compare there. Tiles of 8×8 sum dₖ, dₖ² and their number n; what earlier frames
-//! have seen comes along the motion of the tile's centre, by bilinear interpolation between tiles, and weighs 1 − β a frame.
-//! **Decision.** Of the sums G of d, V of d² and n, averaged over neighbouring tiles by {1, 2, 1}/4 ⊗ {1, 2, 1}/4, the cost of
-//! candidate j against the usual one u is
+//! negative where the step brings the image nearer to the reference.
+//! **Evidence.** The previous frame's candidates are stored at one pixel of each 2×2. Pixels of the new frame that have
+//! history and whose motion ends nearest to a stored pixel are compared there. Tiles of 8×8 sum dₖ, dₖ² and their
+//! number n. The sums of earlier frames are reprojected by the motion of the tile's centre, interpolated bilinearly
+//! between tiles, and decay by 1 − β a frame.
+//! **Decision.** With the sums G of d, V of d² and n averaged over neighbouring tiles by {1, 2, 1}/4 ⊗ {1, 2, 1}/4, the
+//! cost of candidate j relative to the default u is
 //!   Σ ±Gₖ/n + c √(Σ Vₖ/n / (64/9 n)),  k over the steps between u and j, + beyond u and − before it,
-//! 64/9 being how many tiles the average amounts to. The cheapest is chosen: another than u only where it is better by c
-//! standard errors, and none where n is below 16.
+//! 64/9 being the effective number of tiles in the average. The cheapest candidate wins: one other than u must be
+//! better by c standard errors, and where n is below 16, u stays.
 //!
-//! Between the centres of tiles the choice is interpolated, and a number between two candidates means their mixture, so that
-//! the tiles do not show. Motion is followed to the nearest pixel: resampling would blur the candidates, and the sharper ones
-//! more, which falsifies the comparison. The clamp at ±8 keeps one bright sample from deciding for a tile; the price is a bias
-//! where much of the light comes in rare samples brighter than that.
+//! The choice is interpolated between tile centres, and a fractional choice mixes two candidates, so that tiles do not
+//! show. Motion is rounded to the nearest pixel: resampling would blur sharp candidates more than smooth ones and bias
+//! the comparison. The clamp at ±8 keeps a single bright sample from deciding for a tile, at the price of a bias where
+//! much of the light comes in rare samples brighter than that.
 //!
-//! Inputs: new samples (3), candidates (3 each; of half the size), motion (2), coverage (1), evidence (2 steps + 1; of an
-//! eighth of the size). Outputs: choice (1) and evidence, of an eighth of the size.
+//! Inputs: new samples (3), candidates (3 each; of half the size), motion (2), coverage (1), evidence (2 steps + 1; of
+//! an eighth of the size). Outputs: choice (1) and evidence, of an eighth of the size.
 
 use std::ops::Range;
 
+use super::innovation;
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
-use crate::pixels::{Colors, Row, larger, smaller};
+use crate::pixels::{Colors, LANES, Row, larger, rows_of, smaller};
 use crate::rows::{self, BAND, Kernel};
 
 /// What it takes for another candidate than the usual one.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// c: how many standard errors a candidate must be better than the usual one; ≥ 0; 0.5.
+    /// c: standard errors by which a candidate must beat the default; ≥ 0; 0.5.
     pub strictness: f32,
-    /// β: share of the evidence that is forgotten in a frame; 0 to 1; 0.1.
+    /// β: fraction of the evidence that decays per frame; 0 to 1; 0.1.
     pub share: f32,
 }
 
@@ -63,16 +65,14 @@ impl Params {
     }
 }
 
-/// Pixels to each side of a tile, of which a segment has a whole number.
-pub const TILE: usize = 8;
+/// Side of a tile in pixels; divides [`SEGMENT`].
+const TILE: usize = 8;
 
-/// Largest relative difference of a sample.
+/// Bound of a sample's relative difference r.
 const BOUND: f32 = 8.0;
-/// Black, as a share of the exposure.
-const BLACK: f32 = 1.0 / 16.0;
-/// Comparisons without which nothing is decided.
-const LEAST: f32 = 16.0;
-/// How many tiles the average over neighbours amounts to: one over the sum of its squared weights.
+/// With fewer comparisons the default stays.
+const MIN_COMPARISONS: f32 = 16.0;
+/// Effective number of tiles in the average over neighbours: one over the sum of its squared weights.
 const TILES: f32 = 64.0 / 9.0;
 
 fn parts(size: Size, side: usize) -> Size {
@@ -82,48 +82,66 @@ fn parts(size: Size, side: usize) -> Size {
     }
 }
 
-/// How many tiles an image of this size has.
+/// The grid of tiles of an image.
 pub fn tiles(size: Size) -> Size {
     parts(size, TILE)
 }
 
-/// Of an image of this size, the size of what is known of candidates.
+/// The size of stored candidates: one pixel of each 2×2.
 pub fn known_size(size: Size) -> Size {
     parts(size, 2)
 }
 
-/// Numbers of a tile's evidence about so many candidates.
+/// Channels of a tile's evidence: Σd and Σd² of each step, and n.
 pub fn channels(candidates: usize) -> usize {
     2 * (candidates - 1) + 1
 }
 
-/// What a frame leaves to the next: candidates at one pixel of each 2×2, NaN where that is beyond the image.
-pub struct Candidates {
-    /// Three planes for each.
+/// Candidates stored for the next frame: one pixel of each 2×2, NaN where that pixel lies beyond the image.
+pub(crate) struct Candidates {
+    size: Size,
+    /// One planar image per candidate.
     images: Vec<Image>,
     offset: [usize; 2],
 }
 
+/// A row of a candidate.
+pub(crate) type CandidateRow<'a> = [&'a mut [f32]; 3];
+
 impl Candidates {
-    /// Of frame `age` of a sequence, none of them known yet; at the pixels that the next frame traces, where a quarter is
-    /// traced and nothing moves.
-    pub fn none(age: usize) -> Self {
+    /// Empty, for frame `age` of a sequence. The stored pixel cycles through the 2×2 in the order in which sequences
+    /// that trace a quarter of the pixels do, so that, without motion, it is the one that the next frame traces.
+    pub fn none(age: usize, size: Size) -> Self {
         Self {
+            size,
             images: vec![],
             offset: [[1, 1], [1, 0], [0, 1], [0, 0]][age % 4],
         }
     }
 
-    /// Keeps the next candidate of an image of this size.
-    pub fn keep(&mut self, image: &impl Colors, size: Size) {
-        let mut kept = Image::blank(known_size(size), 3);
-        let kernel = Keep {
-            image,
-            size,
-            offset: self.offset,
-        };
-        rows::run(&kernel, kept.size.height, kept.bands());
-        self.images.push(kept);
+    /// The column of each two that is stored.
+    pub fn column(&self) -> usize {
+        self.offset[0]
+    }
+
+    /// Adds a candidate. Returns, for each row of the image, the row in which its pixels are to be stored, if they are.
+    pub fn add(&mut self) -> impl Iterator<Item = Option<CandidateRow<'_>>> {
+        let (Size { height, width }, kept) = (self.size, known_size(self.size));
+        self.images.push(Image::blank(kept, 3));
+        let image = self.images.last_mut().expect("one was added");
+        let mut rows = rows_of::<3>(image);
+        let mine = self.offset[1];
+        if kept.width * 2 > width && self.offset[0] == 1 {
+            rows.iter_mut()
+                .flatten()
+                .for_each(|row| row[kept.width - 1] = f32::NAN);
+        }
+        if kept.height * 2 > height && mine == 1 {
+            let last = rows.pop().expect("at least one row");
+            last.into_iter().for_each(|row| row.fill(f32::NAN));
+        }
+        let mut rows = rows.into_iter();
+        (0..height).map(move |y| (y % 2 == mine).then(|| rows.next()).flatten())
     }
 
     /// As an argument of [`choice`] for the next frame.
@@ -135,55 +153,30 @@ impl Candidates {
     }
 }
 
-struct Keep<'a, C> {
-    image: &'a C,
-    size: Size,
-    offset: [usize; 2],
-}
-
-impl<'a, C: Colors> Kernel for Keep<'a, C> {
-    type Out = BandMut<'a>;
-
-    #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
-        let [dx, dy] = self.offset;
-        let mut colors = [[0.0; SEGMENT]; 3];
-        for row in rows {
-            let y = 2 * row + dy;
-            for run in segments(y, self.size.width) {
-                if y < self.size.height {
-                    self.image.colors(run, &mut colors);
-                    // What follows the image's last pixel is missing.
-                    colors
-                        .iter_mut()
-                        .for_each(|row| row[run.len..].fill(f32::NAN));
-                } else {
-                    colors = [[f32::NAN; SEGMENT]; 3];
-                }
-                let half = Run {
-                    y: row,
-                    x: run.x / 2,
-                    len: run.len.div_ceil(2),
-                };
-                for (kept, colors) in out.parts(half).zip(&colors) {
-                    for (kept, pair) in kept.iter_mut().zip(colors.as_chunks::<2>().0) {
-                        *kept = pair[dx];
-                    }
-                }
-            }
+/// Stores one column of each two of a run.
+#[inline(always)]
+pub(crate) fn keep(column: usize, run: Run, colors: &[Row; 3], row: &mut CandidateRow) {
+    for (kept, colors) in row.iter_mut().zip(colors) {
+        let colors = colors[..run.len].as_chunks::<2>();
+        let kept = &mut kept[run.x / 2..];
+        for (kept, pair) in kept.iter_mut().zip(colors.0) {
+            *kept = pair[column];
+        }
+        if let (0, [last]) = (column, colors.1) {
+            kept[colors.0.len()] = *last;
         }
     }
 }
 
-/// What is known of the candidates of the frame before.
+/// The previous frame's candidates.
 pub struct Known<'a> {
-    /// Of [`known_size`].
+    /// Images of [`known_size`].
     pub candidates: Vec<Pixels<'a>>,
-    /// Which pixel of each 2×2 they are of, in x and y.
+    /// The stored pixel of each 2×2: x and y, 0 or 1.
     pub offset: [usize; 2],
 }
 
-/// Chooses a candidate for each tile, and says what is known of them.
+/// Chooses a candidate for each tile; returns the choice and the evidence for the next frame.
 pub fn choice(
     fresh: &impl Colors,
     known: Known,
@@ -196,19 +189,19 @@ pub fn choice(
 ) -> (Image, Records) {
     let size = tiles(coverage.size);
     let numbers = channels(known.candidates.len());
-    let look = Look {
+    let compare = Compare {
         fresh,
         known,
         motion,
         coverage,
         evidence,
-        black: (exposure * BLACK).max(f32::MIN_POSITIVE),
+        black: innovation::black(exposure),
         usual,
         keep: 1.0 - params.share,
     };
     let mut after = Records::blank(size, numbers);
     let band = BAND * size.width * numbers;
-    rows::run(&look, size.height, after.data_mut().chunks_mut(band));
+    rows::run(&compare, size.height, after.data_mut().chunks_mut(band));
     let mut chosen = Image::blank(size, 1);
     let decide = Decide {
         evidence: after.pixels(),
@@ -219,8 +212,8 @@ pub fn choice(
     (chosen, after)
 }
 
-/// Compares candidates.
-struct Look<'a, F> {
+/// Compares the candidates with the new samples and updates the evidence.
+struct Compare<'a, F> {
     fresh: &'a F,
     known: Known<'a>,
     motion: Pixels<'a>,
@@ -228,14 +221,14 @@ struct Look<'a, F> {
     evidence: Option<Pixels<'a>>,
     black: f32,
     usual: usize,
-    /// What is left of evidence after a frame.
+    /// Decay of evidence per frame, 1 − β.
     keep: f32,
 }
 
-/// Where nothing is known of the candidates.
+/// Index of pixels that cannot be compared: their motion does not end at a stored pixel.
 const NOWHERE: u32 = u32::MAX;
 
-impl<'a, F: Colors> Kernel for Look<'a, F> {
+impl<'a, F: Colors> Kernel for Compare<'a, F> {
     type Out = &'a mut [f32];
 
     #[inline(always)]
@@ -259,8 +252,8 @@ impl<'a, F: Colors> Kernel for Look<'a, F> {
     }
 }
 
-impl<F: Colors> Look<'_, F> {
-    /// What a tile has from the frame before.
+impl<F: Colors> Compare<'_, F> {
+    /// Reprojects and decays a tile's evidence.
     #[inline(always)]
     fn carry(&self, row: usize, column: usize, record: &mut [f32]) {
         record.fill(0.0);
@@ -293,7 +286,7 @@ impl<F: Colors> Look<'_, F> {
         }
     }
 
-    /// Adds what a run's samples say to the evidence of its tiles.
+    /// Adds a span's comparisons to the evidence of its tiles.
     #[inline(always)]
     fn compare(&self, run: Run, found: &mut Found, evidence: &mut [f32]) {
         let places = self.places(run);
@@ -326,7 +319,7 @@ impl<F: Colors> Look<'_, F> {
         }
     }
 
-    /// What each sample says of each step, where it and all candidates are there.
+    /// Computes dₖ of the gathered pixels; `missing` marks pixels without a valid sample or candidate.
     #[inline(always)]
     fn steps(&self, fresh: &[Row; 3], found: &mut Found) {
         let Found {
@@ -337,6 +330,8 @@ impl<F: Colors> Look<'_, F> {
             missing,
         } = found;
         let (columns, places) = (&columns[..*count], &places[..*count]);
+        // Whole vectors: what follows the last is not read.
+        let filled = count.next_multiple_of(LANES).min(SEGMENT);
         let mut sample = [[0.0; SEGMENT]; 3];
         for (sample, fresh) in sample.iter_mut().zip(fresh) {
             for (sample, &column) in sample.iter_mut().zip(columns) {
@@ -346,15 +341,15 @@ impl<F: Colors> Look<'_, F> {
         let mut next = [[0.0; SEGMENT]; 3];
         gather(self.known.candidates[self.usual], places, &mut next);
         let (mut middle, mut per) = ([0.0; SEGMENT], [0.0; SEGMENT]);
-        for i in 0..SEGMENT {
+        for i in 0..filled {
             let mean = (next[0][i] + next[1][i] + next[2][i]) * (1.0 / 3.0);
             middle[i] = larger(mean, 0.0);
             per[i] = 1.0 / (middle[i] + self.black);
             missing[i] = 0.0;
         }
         for sample in &mut sample {
-            for i in 0..SEGMENT {
-                // NaN where it is not finite, else 0.
+            for i in 0..filled {
+                // 0 · x is NaN if x is not finite, else 0.
                 missing[i] += 0.0 * sample[i];
                 let relative = (sample[i] - middle[i]) * per[i];
                 sample[i] = smaller(larger(relative, -BOUND), BOUND);
@@ -364,14 +359,14 @@ impl<F: Colors> Look<'_, F> {
         for (k, &candidate) in self.known.candidates.iter().enumerate() {
             gather(candidate, places, &mut next);
             for next in &mut next {
-                for i in 0..SEGMENT {
+                for i in 0..filled {
                     missing[i] += 0.0 * next[i];
                     next[i] = (next[i] - middle[i]) * per[i];
                 }
             }
             if k > 0 {
                 let step = &mut steps[k - 1];
-                for i in 0..SEGMENT {
+                for i in 0..filled {
                     let gain = |c: usize| {
                         let (next, before) = (next[c][i], before[c][i]);
                         (next - before) * (next + before - 2.0 * sample[c][i])
@@ -383,7 +378,7 @@ impl<F: Colors> Look<'_, F> {
         }
     }
 
-    /// Where each pixel finds the candidates.
+    /// For each pixel, the index of the stored pixel at the end of its motion, or [`NOWHERE`].
     #[inline(always)]
     fn places(&self, run: Run) -> [u32; SEGMENT] {
         let Size { height, width } = self.coverage.size;
@@ -409,15 +404,16 @@ impl<F: Colors> Look<'_, F> {
     }
 }
 
-/// The pixels of a run that find the candidates, one after the other.
+/// The comparable pixels of a span, compacted.
 struct Found {
     count: usize,
+    /// Position in the span.
     columns: [usize; SEGMENT],
-    /// Where the candidates are known.
+    /// Index of the stored pixel.
     places: [u32; SEGMENT],
-    /// What their samples say of each step.
+    /// dₖ.
     steps: Vec<Row>,
-    /// NaN where the sample or a candidate is not there, else 0.
+    /// NaN where the sample or a candidate is missing, else 0.
     missing: Row,
 }
 
@@ -433,7 +429,6 @@ impl Found {
     }
 }
 
-/// The colours of these pixels.
 #[inline(always)]
 fn gather(image: Pixels, places: &[u32], into: &mut [Row; 3]) {
     for (channel, row) in into.iter_mut().enumerate() {
@@ -479,7 +474,7 @@ impl Decide<'_> {
         let (sums, count) = evidence.split_at(evidence.len() - 1);
         let (gains, squares) = sums.split_at(sums.len() / 2);
         let (n, usual) = (count[0], self.usual);
-        if !(n >= LEAST) {
+        if !(n >= MIN_COMPARISONS) {
             return usual;
         }
         let (mut best, mut least) = (usual, 0.0);
@@ -501,30 +496,42 @@ impl Decide<'_> {
     }
 }
 
-/// The candidates that pixels show, interpolated between the tiles that chose them.
+/// The tiles' choice, interpolated at pixels.
 pub(crate) struct Levels<'a>(pub &'a Image);
 
 impl Levels<'_> {
+    /// Writes the levels of a run that begins with a tile.
     #[inline(always)]
     pub fn read(&self, run: Run, into: &mut [f32]) {
+        const PARTS: usize = 2 * TILE;
         let Size { height, width } = self.0.size;
-        let (top, bottom, down) = between(run.y, height);
-        let [upper, lower] = [top, bottom].map(|row| self.0.view().row(0, row));
-        for (i, level) in into.iter_mut().enumerate() {
-            let (left, right, across) = between(run.x + i, width);
-            let above = upper[left] + across * (upper[right] - upper[left]);
-            let below = lower[left] + across * (lower[right] - lower[left]);
-            *level = above + down * (below - above);
+        // In halves of a pixel from the centre of the first tile.
+        let from = 2 * run.y as isize + 1 - TILE as isize;
+        let down = from.rem_euclid(PARTS as isize) as f32 / PARTS as f32;
+        let row = |row: isize| {
+            let row = row.clamp(0, height as isize - 1);
+            self.0.view().row(0, row as usize)
+        };
+        let above = from.div_euclid(PARTS as isize);
+        let (upper, lower) = (row(above), row(above + 1));
+        let tile = |column: isize| {
+            let at = column.clamp(0, width as isize - 1) as usize;
+            upper[at] + down * (lower[at] - upper[at])
+        };
+        let first = (run.x / TILE) as isize;
+        let (half, mut left) = (TILE / 2, tile(first - 1));
+        for (k, start) in (0..into.len() + half).step_by(TILE).enumerate() {
+            let right = tile(first + k as isize);
+            for part in 0..TILE {
+                let across = (2 * part + 1) as f32 / PARTS as f32;
+                if let Some(level) = (start + part)
+                    .checked_sub(half)
+                    .and_then(|i| into.get_mut(i))
+                {
+                    *level = left + across * (right - left);
+                }
+            }
+            left = right;
         }
     }
-}
-
-/// The tiles between whose centres a pixel's lies, and how far it is from the first to the second.
-#[inline(always)]
-fn between(pixel: usize, tiles: usize) -> (usize, usize, f32) {
-    let from = (2 * pixel + 1) as isize - TILE as isize;
-    let first = from.div_euclid(2 * TILE as isize);
-    let part = from.rem_euclid(2 * TILE as isize) as f32 / (2 * TILE) as f32;
-    let held = |tile: isize| tile.clamp(0, tiles as isize - 1) as usize;
-    (held(first), held(first + 1), part)
 }

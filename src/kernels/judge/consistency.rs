@@ -1,8 +1,8 @@
-//! Consistency: why a pixel's history is refused, and how much of it is not.
+//! Consistency: which tests a pixel's history fails, and the confidence in it.
 //!
-//! Over the bilinear footprint at the end of the motion vector: the mask has the bit of every test that one of the taps
-//! fails, and the confidence is the share of the footprint's weight that passes them all. The tests and their sources
-//! are those of [`super::surface`].
+//! Over the bilinear footprint at the end of the motion vector: the mask has the bit of every test that any tap fails, and
+//! the confidence is the fraction of the footprint's weight that passes all tests. The tests and their sources are those
+//! of [`super::surface`].
 
 use std::ops::Range;
 

@@ -1,17 +1,17 @@
-//! Disocclusion: surfaces that something nearer hid in the previous frame, told from the current frame alone.
+//! Disocclusion: surfaces that were hidden in the previous frame, detected from the current frame alone.
 //!
-//! Every pixel's depth goes to where its surface was, and the nearest that arrives at a pixel stays: the previous depth as
-//! far as the current frame still knows it. A surface that was behind what stands there was hidden: its history shows
-//! another. A pixel and its motion are those of the nearest surface of its 3×3 pixels, as in [`super::super::camera::dilate`],
-//! so that edges move as one. With z′ the previous depth of a pixel, S the depths that were scattered, and the bilinear
-//! weights w of the 2×2 pixels where it was:
+//! Every pixel's depth is scattered to its previous position, nearest depth wins: this reconstructs the previous depth
+//! buffer, as far as its surfaces are still visible. A surface that lies behind the reconstructed depth was hidden, so its
+//! history shows something else. Depth and motion are dilated over 3×3 pixels as in [`super::super::camera::dilate`], so
+//! that edges move as one. With z′ the previous depth of a pixel, S the reconstructed depths, and w the bilinear weights
+//! of the 2×2 pixels at its previous position:
 //!   disocclusion = Σ w [S < (1 − separation) z′] / Σ w
-//! (FSR 2's depth clip, which takes for the separation what a depth buffer can resolve after Akeley and Su 2006, *Minimum
+//! (FSR 2's depth clip. There the separation is the resolution of a depth buffer after Akeley and Su 2006, *Minimum
 //! Triangle Separation for Correct z-Buffer Occlusion*: 1.37e-5 of the depth for each pixel of half the image's width; ours
-//! also has to let pass what a slope adds between pixels). Taps outside the image do not count.
+//! must also tolerate the depth change of a slope between pixels). Taps outside the image do not count.
 //!
-//! Inputs: depth (1), motion (2 or 3; the third is the change of depth). Output: share (1) in [0, 1]; 1 where nothing is
-//! known. The least of several depths does not depend on their order, so that threads may scatter at once.
+//! Inputs: depth (1), motion (2 or 3; the third is the change of depth). Output: (1) in [0, 1]; 1 where nothing is known.
+//! The scatter takes minima, which do not depend on order, so that threads may scatter concurrently.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -35,7 +35,7 @@ pub fn disocclusion<'a>(
     depth: View<'a>,
     motion: Pixels<'a>,
     separation: f32,
-    share: impl Iterator<Item = PixelsMut<'a>>,
+    disoccluded: impl Iterator<Item = PixelsMut<'a>>,
 ) {
     let size = depth.size;
     let moved = Moved { depth, motion };
@@ -51,12 +51,12 @@ pub fn disocclusion<'a>(
         .into_iter()
         .map(|bits| f32::from_bits(bits.into_inner()))
         .collect();
-    let judge = Judge {
+    let compare = Compare {
         moved: &moved,
         nearest: &nearest,
         nearer: 1.0 - separation,
     };
-    rows::run(&judge, size.height, share);
+    rows::run(&compare, size.height, disoccluded);
 }
 
 struct Moved<'a> {
@@ -65,7 +65,7 @@ struct Moved<'a> {
 }
 
 impl Moved<'_> {
-    /// Hands on, row by row, where the pixels of runs were: x, y and depth.
+    /// Calls `each` for every span with its pixels' previous positions: x, y and depth.
     #[inline(always)]
     fn each_run(&self, rows: Range<usize>, mut each: impl FnMut(Run, &[Row; 3])) {
         let choice = Choice::Nearest(self.depth);
@@ -81,7 +81,7 @@ impl Moved<'_> {
                 for i in 0..run.len {
                     x[i] += (run.x + i) as f32;
                     y[i] += run.y as f32;
-                    // Bits of numbers from 0 sort as they do.
+                    // The bit patterns of floats sort as the floats do only for numbers from 0 up.
                     z[i] = (depth[i] + z[i]).max(0.0);
                 }
                 each(run, &moved);
@@ -90,7 +90,7 @@ impl Moved<'_> {
     }
 }
 
-/// The 2×2 pixels around a place, with their weights; those that are not inside have none.
+/// The bilinear footprint at a position: pixel index and weight, 0 outside the image.
 #[inline(always)]
 fn taps(size: Size, x: f32, y: f32) -> [(usize, f32); 4] {
     let (left, top) = (x.floor(), y.floor());
@@ -114,7 +114,7 @@ fn taps(size: Size, x: f32, y: f32) -> [(usize, f32); 4] {
 
 struct Scatter<'m> {
     moved: &'m Moved<'m>,
-    /// Bits of floats.
+    /// The reconstructed depth buffer, as bits of f32.
     nearest: &'m [AtomicU32],
 }
 
@@ -136,19 +136,20 @@ impl Kernel for Scatter<'_> {
     }
 }
 
-struct Judge<'m, 'a> {
+struct Compare<'m, 'a> {
     moved: &'m Moved<'a>,
     nearest: &'m [f32],
+    /// 1 − separation.
     nearer: f32,
 }
 
-impl<'a> Kernel for Judge<'_, 'a> {
+impl<'a> Kernel for Compare<'_, 'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut share: PixelsMut<'a>) {
+    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let size = self.moved.depth.size;
-        let mut shares = [0.0; SEGMENT];
+        let mut disoccluded = [0.0; SEGMENT];
         self.moved.each_run(rows, |run, [x, y, z]| {
             for i in 0..run.len {
                 let (mut hidden, mut all) = (0.0, 0.0);
@@ -157,9 +158,9 @@ impl<'a> Kernel for Judge<'_, 'a> {
                     hidden += if behind { weight } else { 0.0 };
                     all += weight;
                 }
-                shares[i] = if all > 0.0 { hidden / all } else { 1.0 };
+                disoccluded[i] = if all > 0.0 { hidden / all } else { 1.0 };
             }
-            share.write(run, [&shares[..]]);
+            out.write(run, [&disoccluded[..]]);
         });
     }
 }

@@ -1,8 +1,8 @@
-//! The radiance that a frame's tone curve takes for 1, so that curves do the same at every scale of radiance.
+//! Automatic exposure: the radiance that a frame's tone curves are scaled by, so that they act alike at every scale.
 //!
-//!   e = 8 (mean √l)², l the luminance, at least 0, of the pixels that are present:
-//! proportional to the frame's radiance, and moved by all of its pixels rather than by the few brightest. The factor puts e
-//! near 1 for images that are exposed as photographs are. Where all is black, e = 1.
+//!   e = 8 (mean √l)², l the luminance, at least 0, of the valid pixels:
+//! proportional to the frame's radiance, and determined by all of its pixels rather than by the few brightest. The factor
+//! 8 puts e near 1 for images that are exposed like photographs. For a black frame, e = 1.
 //!
 //! Input: colour (3). Output: a number above 0.
 
@@ -43,7 +43,7 @@ pub fn exposure(color: Pixels) -> f32 {
     }
 }
 
-/// For each row: the sum of the roots, and of the pixels.
+/// Writes, for each row, the sum of √l and the number of valid pixels.
 struct Sums<'a> {
     color: Pixels<'a>,
 }
@@ -55,13 +55,13 @@ impl<'a> Kernel for Sums<'a> {
     fn rows(&self, rows: Range<usize>, mut sums: BandMut<'a>) {
         let mut colors = [[0.0; SEGMENT]; 3];
         for y in rows {
-            // Sums beside each other: one would wait for itself.
+            // One partial sum per lane: a single sum would be one chain of dependent additions.
             let (mut roots, mut counts) = ([0.0_f32; LANES], [0.0_f32; LANES]);
             for run in segments(y, self.color.size.width) {
                 self.color
                     .read(run, colors.each_mut().map(Row::as_mut_slice));
                 let [r, g, b] = colors.each_mut();
-                // What follows the image's last pixel is missing.
+                // Padding beyond the image's last pixel counts as missing.
                 r[run.len..].fill(f32::NAN);
                 for x in (0..run.len).step_by(LANES) {
                     for i in 0..LANES {

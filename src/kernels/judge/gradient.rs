@@ -60,10 +60,10 @@ impl Params {
     }
 }
 
-/// w, δ, δ² and m; all 0 where a pixel is missing.
+/// w, δ, δ² and m of each pixel; all 0 where it is missing.
 const CHANNELS: usize = 4;
 
-/// Writes the gradient of each pixel; where a coverage is given and 0, nothing is known of before.
+/// Writes the gradient of each pixel. `previous` counts where the coverage is above 0, or everywhere without one.
 pub fn temporal_gradient(
     color: Pixels,
     previous: Pixels,
@@ -82,12 +82,12 @@ pub fn temporal_gradient(
     rows::run_far(&kernel, size.height, reach(params.widest), bands);
 }
 
-/// Pixels to each side that count after so many passes.
+/// Radius in pixels of the blur after so many passes.
 fn reach(passes: u32) -> usize {
     (1 << passes) - 1
 }
 
-/// Of the composed kernel's weights, over both axes.
+/// Sum of the squared weights of the two-dimensional blur after so many passes: how much it reduces variance.
 fn sum_of_squares(passes: u32) -> f32 {
     let mut kernel = vec![1.0_f64];
     for pass in 0..passes {
@@ -114,9 +114,9 @@ struct Gradient<'a> {
 /// A row of each channel.
 type Sums = [Vec<f32>; CHANNELS];
 
-/// A strip of columns on its way through the passes, each of which leaves it narrower by its step on both sides.
+/// Line buffers for a strip of columns. Every pass makes the strip narrower by its step on both sides.
 struct Strip {
-    /// Of both images.
+    /// One row of the new and of the previous colours.
     colors: [Vec<f32>; 6],
     sums: Sums,
     blurred: Sums,
@@ -163,7 +163,8 @@ impl<'a> Kernel for Gradient<'a> {
 }
 
 impl Gradient<'_> {
-    /// Sends the next row of a strip through the passes, and as far as those have got, raises the gradient.
+    /// Pushes the next row of a strip through all passes. A pass lags the one before it by its radius; rows that reach the
+    /// measured passes raise the gradient.
     #[inline(always)]
     fn advance(
         &self,
@@ -176,7 +177,7 @@ impl Gradient<'_> {
         let Size { height, width } = self.color.size;
         let Params { passes, widest, .. } = self.params;
         for pass in 0..=widest {
-            // What later passes will take from each side.
+            // The halo that later passes still need on each side.
             let rest = reach(widest) - reach(pass);
             let y = (rows.start + row).checked_sub(rest);
             let y = y.filter(|&y| y < height);
@@ -199,7 +200,7 @@ impl Gradient<'_> {
                 break;
             };
             blur.advance(row, &strip.sums, &mut strip.blurred);
-            // Rows before those have no others above.
+            // This pass has not yet seen enough rows above to produce one.
             let Some(next) = row.checked_sub(2 * blur.step) else {
                 break;
             };
@@ -208,7 +209,7 @@ impl Gradient<'_> {
         }
     }
 
-    /// What the pixels of a row differ by.
+    /// Fills a row with w, δ, δ² and m.
     #[inline(always)]
     fn compare(&self, y: usize, left: usize, strip: &mut Strip) {
         let Strip { colors, sums, .. } = strip;
@@ -244,7 +245,7 @@ impl Gradient<'_> {
         }
     }
 
-    /// Raises the gradient to what the sums after so many passes show.
+    /// Raises the gradient to the change that the sums after this pass show beyond their noise.
     #[inline(always)]
     fn raise(&self, pass: u32, rest: usize, sums: &Sums, gradient: &mut [f32]) {
         let n = gradient.len();
@@ -255,7 +256,7 @@ impl Gradient<'_> {
         let noise = self.params.noise;
         let squares = sum_of_squares(pass);
         for x in 0..n {
-            // The mean, its error and the light, each times the weight.
+            // Numerator and denominator of the relative change are both scaled by the weight, which cancels.
             let variance = square[x] - delta[x] * delta[x] / weight[x];
             let error = (larger(variance, 0.0) * squares).sqrt();
             let change = (delta[x].abs() - noise * error) / most[x];
@@ -265,17 +266,17 @@ impl Gradient<'_> {
     }
 }
 
-/// Those of a row's places that are the image's, if so many lie before the strip.
+/// The part of a line buffer that lies inside the image, for a halo of `before` columns left of the strip.
 fn inside(length: usize, left: usize, before: usize, width: usize) -> Range<usize> {
     before.saturating_sub(left)..(width + before - left).min(length)
 }
 
-/// {1, 2, 1}/4 along both axes at a step, row by row from above.
+/// Blur by {1, 2, 1}/4 along both axes with taps `step` apart; takes and returns one row at a time.
 struct Blur {
     step: usize,
-    /// Of the rows that come out.
+    /// Length of the rows that come out.
     length: usize,
-    /// Rows that are blurred along themselves, the last of them in two times `step`, in turn.
+    /// Ring of the last 2 × `step` rows, blurred horizontally, in two halves.
     rows: [Vec<f32>; 2],
 }
 
@@ -288,7 +289,7 @@ impl Blur {
         }
     }
 
-    /// Takes a row, and finds the one that is `step` above, if it has got as many before.
+    /// Takes a row and writes the finished one `step` rows above it.
     #[inline(always)]
     fn advance(&mut self, row: usize, from: &Sums, into: &mut Sums) {
         let Self { step, length, .. } = *self;
@@ -311,7 +312,7 @@ impl Blur {
     }
 }
 
-/// Puts the row, blurred along itself, in the place of that before the last, and between them all three.
+/// Blurs a row horizontally, combines it vertically with the two before, and stores it in the oldest one's place.
 #[inline(always)]
 fn smooth(step: usize, row: &[f32], before: &mut [f32], own: &[f32], into: &mut [f32]) {
     let n = into.len();

@@ -1,37 +1,37 @@
 //! Convex hulls of a few colours, and where a segment enters them.
 //!
-//! - [`Polygon`]: the exact hull of chrominances, with the range of the first coordinate. Points are float32, products
-//!   of their differences are taken in float64, so that collinear points are found to be. A hull of two points is their
-//!   segment, of one the point.
-//! - [`enter_hulls`]: the exact hull of the colours. With the target as origin, a way w leaves the hull of the colours q at
-//!   the share t = max 1/Σμ over all w = Σ μ q, μ ≥ 0. By linear programming a maximum needs no more than three of the
-//!   colours: all triples are tried, and by Cramer's rule each is one determinant and three shared with others. A hull
-//!   thinner than a millionth of the largest coordinate counts as flat: then the same holds for pairs in the plane, and
-//!   for single colours in line, of ways that stay as near to their triangles with the target, or segments. In float64.
-//! - [`enter_slabs`]: the smallest intersection of slabs along thirteen directions (a 26-DOP: axes and diagonals of the cube)
-//!   that holds the colours. It contains their exact hull, and needs no more than minima and maxima.
+//! - [`Polygon`]: the exact hull of chrominances, with the range of the first coordinate. Points are float32; products
+//!   of their differences are float64, which makes the test for collinear points exact. The hull of two points is a
+//!   segment, that of one a point.
+//! - [`enter_hulls`]: the exact hull of the colours. With the target as origin, a ray along w leaves the hull of the
+//!   colours q at the parameter t = max 1/Σμ over all w = Σ μ q, μ ≥ 0. By linear programming three colours attain the
+//!   maximum: all triples are tried, and by Cramer's rule each takes one determinant and three shared with other
+//!   triples. A hull thinner than a millionth of the largest coordinate counts as flat: then pairs of colours stand for
+//!   triples (in the plane) or single colours (on a line), for rays that stay within that distance of the triangle or
+//!   segment that the colours form with the target. In float64.
+//! - [`enter_slabs`]: the smallest intersection of slabs along thirteen directions (a 26-DOP: axes and diagonals of the
+//!   cube) that holds the colours. It contains their exact hull, and takes minima and maxima alone.
 
 use crate::image::SEGMENT;
+use crate::math::Color;
 use crate::pixels::{Columns, LANES, Row, larger, smaller};
 
-type Color = [f32; 3];
-
-/// Where a segment leaves: the share of the way from `inside` to `outside`, from the signed distances of both ends.
+/// The parameter from inside (0) to outside (1) at which a segment crosses a plane, from its ends' signed distances.
 #[inline(always)]
 fn crossing(outside: f32, inside: f32) -> f32 {
-    // The end inside is so by construction; rounding may say otherwise.
+    // The inner end is inside by construction, but rounding may make its distance negative.
     let inside = larger(inside, 0.0);
     inside / (inside - outside)
 }
 
-/// From the target, which is near, rather than from the colour: a colour far out has no digits left for its goal.
+/// Interpolated from the target's end, because a far colour cannot represent an offset of the target's precision.
 #[inline(always)]
 pub fn toward(color: Color, target: Color, t: f32) -> Color {
     [0, 1, 2].map(|c| target[c] + t * (color[c] - target[c]))
 }
 
 pub struct Polygon {
-    /// Corners in order, of the second and third coordinate.
+    /// Corners in winding order; second and third coordinate of the colours.
     corners: [[f64; 2]; 26],
     count: usize,
     low: f32,
@@ -48,7 +48,7 @@ impl Polygon {
             *point = [f64::from(color[1]), f64::from(color[2])];
             (low, high) = (low.min(color[0]), high.max(color[0]));
         }
-        // A handful, of which no two orders differ in the result.
+        // Insertion sort: at most 25 points, and equal points are interchangeable.
         for i in 1..points.len() {
             for j in (1..=i).rev() {
                 let [a, b] = [points[j - 1], points[j]];
@@ -57,7 +57,7 @@ impl Polygon {
                 }
             }
         }
-        // The lower chain from left to right, the upper one back (Andrew 1979).
+        // Monotone chain: lower hull from left to right, then upper hull back (Andrew 1979).
         let mut hull = Self {
             corners: [[0.0; 2]; 26],
             count: 0,
@@ -71,14 +71,14 @@ impl Polygon {
         for &point in points.iter().rev() {
             hull.push(point, start);
         }
-        // The first corner stands at the end again.
+        // The upper chain ends with the first corner again.
         if hull.count > 1 {
             hull.count -= 1;
         }
         hull
     }
 
-    /// Adds a corner to the chain from `start` on, without those before it that it makes superfluous.
+    /// Appends a corner to the chain that begins at `start`; removes corners that are no longer convex.
     #[inline(always)]
     fn push(&mut self, point: [f64; 2], start: usize) {
         if self.count > 0 && self.corners[self.count - 1] == point {
@@ -96,24 +96,24 @@ impl Polygon {
     }
 }
 
-/// Positive where c lies to the left of the line from a to b.
+/// Positive if c lies to the left of the line from a to b.
 #[inline(always)]
 fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Positive where c lies beyond a in the direction of b.
+/// Positive if c lies beyond a in the direction of b.
 #[inline(always)]
 fn ahead(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1])
 }
 
 impl Polygon {
-    /// The colour on the way to a target inside where it enters the hull; `None` where it is inside.
+    /// Where the segment from a colour to a target inside enters the hull; `None` if the colour is inside.
     #[inline(always)]
     pub fn enter(&self, color: Color, target: Color) -> Option<Color> {
         let [from, to] = [color, target].map(|c| [f64::from(c[1]), f64::from(c[2])]);
-        // The least share of the way from target to colour at which a bound is crossed.
+        // The smallest parameter from target to colour at which a bound is crossed.
         let mut t = None;
         let mut bound = |outside: f64, inside: f64| {
             if outside < 0.0 {
@@ -149,7 +149,7 @@ impl Polygon {
     }
 }
 
-/// Along the axes first.
+/// Slab directions: axes, face diagonals, space diagonals.
 const DIRECTIONS: [[f32; 3]; 13] = [
     [1.0, 0.0, 0.0],
     [0.0, 1.0, 0.0],
@@ -171,8 +171,8 @@ fn along(direction: [f32; 3], color: Color) -> f32 {
     direction[0] * color[0] + direction[1] * color[1] + direction[2] * color[2]
 }
 
-/// Brings each of `n` colours to where it enters the hull of the colours around it, on the way to its target inside; NaN
-/// for those that are inside, or have no others around.
+/// Moves each of `n` colours towards its target until it enters the 26-DOP of its neighbourhood; NaN for colours that
+/// are inside or have no valid neighbours.
 #[inline(always)]
 pub fn enter_slabs<const N: usize>(
     n: usize,
@@ -181,7 +181,7 @@ pub fn enter_slabs<const N: usize>(
     [c0, c1, c2]: &mut [Row; 3],
 ) {
     let n = n.min(SEGMENT);
-    let mut shares = [f32::INFINITY; SEGMENT];
+    let mut nearest = [f32::INFINITY; SEGMENT];
     let (mut lows, mut highs): (Columns, Columns) = ([0.0; _], [0.0; _]);
     for direction in DIRECTIONS {
         for i in 0..n + LANES {
@@ -202,28 +202,29 @@ pub fn enter_slabs<const N: usize>(
             let below = from < low;
             let outside = if below { from - low } else { high - from };
             let inside = if below { to - low } else { high - to };
-            let share = smaller(crossing(outside, inside), shares[i]);
+            let t = smaller(crossing(outside, inside), nearest[i]);
             let leaves = (outside < 0.0) & (low <= high);
-            shares[i] = if leaves { share } else { shares[i] };
+            nearest[i] = if leaves { t } else { nearest[i] };
         }
     }
     for i in 0..n {
         let (color, target) = ([c0[i], c1[i], c2[i]], [t0[i], t1[i], t2[i]]);
-        let entered = toward(color, target, shares[i]);
-        let moves = shares[i] < f32::INFINITY;
+        let entered = toward(color, target, nearest[i]);
+        let moves = nearest[i] < f32::INFINITY;
         [c0[i], c1[i], c2[i]] = entered.map(|c| if moves { c } else { f32::NAN });
     }
 }
 
-/// Pixels whose hulls are found at once.
+/// Pixels whose hulls are computed together, one a lane.
 const WIDE: usize = 8;
 type Wide = [f64; WIDE];
-/// Colours around the middle one.
-const MOST: usize = 24;
-/// How thick a hull is that counts as flat, as a share of the largest coordinate, and how near to it is inside.
-const ROOM: f64 = 1e-6;
-/// Volumes and areas that are no more than rounding, relative to the lengths of their edges.
-const LEAST: f64 = 1e-12;
+/// Neighbours of a pixel in 5×5.
+const MAX_NEIGHBOURS: usize = 24;
+/// A hull thinner than this counts as flat, and a colour as near to a flat hull as inside; relative to the largest
+/// coordinate.
+const TOLERANCE: f64 = 1e-6;
+/// Volumes and areas below this are rounding errors; relative to the product of their edges' lengths.
+const ROUNDOFF: f64 = 1e-12;
 
 #[inline(always)]
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -244,8 +245,8 @@ fn of(vectors: &[Wide; 3], l: usize) -> [f64; 3] {
     [vectors[0][l], vectors[1][l], vectors[2][l]]
 }
 
-/// Brings each of `n` colours to where it enters the exact hull of the colours around it, on the way to its target inside;
-/// NaN for those that are inside, or have no others around.
+/// Moves each of `n` colours towards its target until it enters the exact hull of its neighbourhood; NaN for colours
+/// that are inside or have no valid neighbours.
 #[inline(always)]
 pub fn enter_hulls<const N: usize>(
     n: usize,
@@ -259,7 +260,7 @@ pub fn enter_hulls<const N: usize>(
         let mut largest = [0.0; WIDE];
         for (dy, row) in rows.iter().enumerate() {
             for dx in 0..N {
-                // The middle one is the target, or missing.
+                // The centre is the target itself, or missing: it adds nothing to the hull.
                 let own = (dy == N / 2) & (dx == N / 2);
                 let mut vectors = [[0.0; WIDE]; 3];
                 for c in 0..3 {
@@ -284,13 +285,13 @@ pub fn enter_hulls<const N: usize>(
                 way[c][l] = f64::from(colors[c][start + l]) - f64::from(targets[c][start + l]);
             }
         }
-        let shares = hulls.leave(&way, largest.map(|largest| ROOM * largest));
+        let exits = hulls.exit(&way, largest.map(|largest| TOLERANCE * largest));
         for l in 0..WIDE {
             let i = start + l;
             let color = [colors[0][i], colors[1][i], colors[2][i]];
             let target = [targets[0][i], targets[1][i], targets[2][i]];
-            let entered = toward(color, target, shares[l] as f32);
-            let moves = shares[l] < 1.0;
+            let entered = toward(color, target, exits[l] as f32);
+            let moves = exits[l] < 1.0;
             for c in 0..3 {
                 colors[c][i] = if moves { entered[c] } else { f32::NAN };
             }
@@ -298,13 +299,14 @@ pub fn enter_hulls<const N: usize>(
     }
 }
 
-/// The colours around some pixels from their targets, and what is made of them.
+/// Neighbourhoods of [`WIDE`] pixels relative to their targets, and scratch.
 struct Hulls {
     count: usize,
-    around: [[Wide; 3]; MOST],
-    lengths: [Wide; MOST],
-    /// Of every pair, in order, the cross product; and how much of it is along the way.
+    around: [[Wide; 3]; MAX_NEIGHBOURS],
+    lengths: [Wide; MAX_NEIGHBOURS],
+    /// Cross product of every pair of neighbours, in lexicographic order.
     products: Vec<[Wide; 3]>,
+    /// Dot product of each cross product with the ray.
     along: Vec<Wide>,
 }
 
@@ -313,30 +315,29 @@ impl Hulls {
         let pairs = count * (count - 1) / 2;
         Self {
             count,
-            around: [[[0.0; WIDE]; 3]; MOST],
-            lengths: [[0.0; WIDE]; MOST],
+            around: [[[0.0; WIDE]; 3]; MAX_NEIGHBOURS],
+            lengths: [[0.0; WIDE]; MAX_NEIGHBOURS],
             products: vec![[[0.0; WIDE]; 3]; pairs],
             along: vec![[0.0; WIDE]; pairs],
         }
     }
 
-    /// Where ways from the targets leave the hulls, as shares of the ways, which may be left by some room where hulls
-    /// are flat.
+    /// The ray parameters at which the segments from the targets along `way` leave the hulls; 1 or more for ends inside.
     #[inline(always)]
-    fn leave(&mut self, way: &[Wide; 3], room: Wide) -> Wide {
-        let mut shares = self.leave_solid(way, room);
-        if shares.iter().any(|share| share.is_nan()) {
-            let flat = self.leave_flat(way, room);
-            for (share, flat) in shares.iter_mut().zip(flat) {
-                *share = if share.is_nan() { flat } else { *share };
+    fn exit(&mut self, way: &[Wide; 3], tolerance: Wide) -> Wide {
+        let mut exits = self.exit_solid(way, tolerance);
+        if exits.iter().any(|exit| exit.is_nan()) {
+            let flat = self.exit_flat(way, tolerance);
+            for (exit, flat) in exits.iter_mut().zip(flat) {
+                *exit = if exit.is_nan() { flat } else { *exit };
             }
         }
-        shares
+        exits
     }
 
-    /// NaN where hulls are flat.
+    /// Hulls with a volume; NaN for flat ones.
     #[inline(always)]
-    fn leave_solid(&mut self, way: &[Wide; 3], room: Wide) -> Wide {
+    fn exit_solid(&mut self, way: &[Wide; 3], tolerance: Wide) -> Wide {
         let Self {
             count,
             around,
@@ -356,7 +357,7 @@ impl Hulls {
         let mut pairs = products.iter_mut().zip(&mut *along);
         for (i, first) in around.iter().enumerate() {
             for second in &around[i + 1..] {
-                let (products, along) = pairs.next().expect("room for every pair");
+                let (products, along) = pairs.next().expect("one for every pair");
                 for l in 0..WIDE {
                     let normal = product(of(first, l), of(second, l));
                     for c in 0..3 {
@@ -373,7 +374,7 @@ impl Hulls {
             }
         }
         let pair = |i: usize, j: usize| i * (2 * count - i - 1) / 2 + j - i - 1;
-        // The largest share is a quotient, so that nothing is divided on the way.
+        // The largest quotient volume/sum, compared by cross-multiplication so that the loop has no division.
         let [mut volumes, mut thickest] = [[0.0; WIDE]; 2];
         let mut sums = [1.0; WIDE];
         for i in 0..count {
@@ -387,7 +388,7 @@ impl Hulls {
                         let side = if volume > 0.0 { 1.0 } else { -1.0 };
                         let (x, y, z) = (side * first[l], side * second[l], -side * third[l]);
                         let (volume, sum) = (side * volume, x + y + z);
-                        let solid = volume > LEAST * (a[l] * b[l] * c[l]);
+                        let solid = volume > ROUNDOFF * (a[l] * b[l] * c[l]);
                         let inside = (x >= 0.0) & (y >= 0.0) & (z >= 0.0) & solid;
                         let later = inside & (volume * sums[l] > volumes[l] * sum);
                         volumes[l] = if later { volume } else { volumes[l] };
@@ -399,7 +400,7 @@ impl Hulls {
             }
         }
         std::array::from_fn(|l| {
-            let solid = thickest[l] > room[l] * widest[l].sqrt();
+            let solid = thickest[l] > tolerance[l] * widest[l].sqrt();
             if solid {
                 volumes[l] / sums[l]
             } else {
@@ -408,19 +409,19 @@ impl Hulls {
         })
     }
 
-    /// By points, segments and triangles, whichever the colours are.
-    fn leave_flat(&self, way: &[Wide; 3], room: Wide) -> Wide {
+    /// Hulls that are triangles (area), segments (line) or a single point.
+    fn exit_flat(&self, way: &[Wide; 3], tolerance: Wide) -> Wide {
         std::array::from_fn(|l| {
-            let (w, room) = (of(way, l), room[l]);
-            let point = room / dot(w, w).sqrt();
+            let (w, tolerance) = (of(way, l), tolerance[l]);
+            let point = tolerance / dot(w, w).sqrt();
             let [mut line, mut area, mut longest, mut widest] = [0.0_f64; 4];
             let mut normals = self.products.iter();
             for i in 0..self.count {
                 let (a, length) = (of(&self.around[i], l), self.lengths[i][l]);
-                let share = dot(w, a) / dot(a, a);
-                let rest = [0, 1, 2].map(|c| w[c] - share * a[c]);
-                if share > 0.0 {
-                    line = line.max((1.0 / share).min(room / dot(rest, rest).sqrt()));
+                let t = dot(w, a) / dot(a, a);
+                let rest = [0, 1, 2].map(|c| w[c] - t * a[c]);
+                if t > 0.0 {
+                    line = line.max((1.0 / t).min(tolerance / dot(rest, rest).sqrt()));
                 }
                 longest = longest.max(length);
                 for j in i + 1..self.count {
@@ -428,10 +429,10 @@ impl Hulls {
                     let normal = of(normals.next().expect("one for every pair"), l);
                     let square = dot(normal, normal);
                     let size = square.sqrt();
-                    if size > LEAST * length * self.lengths[j][l] {
+                    if size > ROUNDOFF * length * self.lengths[j][l] {
                         let first = dot(product(w, b), normal);
                         let second = dot(product(a, w), normal);
-                        let near = room * size / dot(w, normal).abs();
+                        let near = tolerance * size / dot(w, normal).abs();
                         if first >= 0.0 && second >= 0.0 {
                             area = area.max((square / (first + second)).min(near));
                         }
@@ -440,11 +441,11 @@ impl Hulls {
                 }
             }
             if !point.is_finite() {
-                // A colour that is missing stays so, and so does one that is the target.
+                // The colour is missing or equal to the target: it stays.
                 1.0
-            } else if widest > room * longest {
+            } else if widest > tolerance * longest {
                 area
-            } else if longest > room {
+            } else if longest > tolerance {
                 line
             } else {
                 point
@@ -462,7 +463,7 @@ mod tests {
         prop::array::uniform3(-3_i8..=3).prop_map(|c| c.map(f32::from))
     }
 
-    /// Whether a colour that has these around it, up to 25, stays.
+    /// True if a colour with up to 25 neighbours is inside their 26-DOP.
     fn stays_in_slabs(around: &[Color], color: Color, target: Color) -> bool {
         let mut rows = [[[f32::NAN; SEGMENT + LANES]; 3]; 5];
         for (i, tap) in around.iter().enumerate() {
@@ -480,7 +481,7 @@ mod tests {
         color[0][0].is_nan()
     }
 
-    /// Whether a colour that has these around it, up to 24, and its target stays in their exact hull.
+    /// True if a colour is inside the exact hull of its up to 24 neighbours and its target.
     fn stays_in_hull(around: &[Color], color: Color, target: Color) -> bool {
         let mut rows = [[[f32::NAN; SEGMENT + LANES]; 3]; 5];
         for i in 0..25 {
@@ -504,7 +505,7 @@ mod tests {
     }
 
     proptest! {
-        /// On small whole numbers, where collinear points are common and nothing is rounded.
+        /// Small integers: collinear points are common and arithmetic is exact.
         #[test]
         fn colors_are_inside_their_hulls(colors in prop::collection::vec(color(), 1..25), target in 0_usize..25) {
             let target = colors[target % colors.len()];

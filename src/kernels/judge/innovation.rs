@@ -1,36 +1,39 @@
 //! Innovation: what a prediction gets wrong, estimated from new samples that it has not seen.
 //!
-//! New samples y are noisy but right in the mean; a prediction p is steady but lags and blurs. The mean of y − p is what p
-//! gets wrong. Relative to the light, so that dark places count as bright ones do, and bounded:
+//! New samples y are noisy but unbiased; a prediction p is steady but lags and blurs. The mean of y − p is the error of
+//! p. It is measured relative to the light, so that dark and bright places count alike, and bounded:
 //!   r = clamp((y − p) / (l + e/16), ±50), l = max(p, 0), e the exposure.
-//! Where samples are sparse, a prediction of few is noisy itself, and r would be divided by that noise, which has a mean: it
-//! is large where chance made p dark, small where a bright sample is part of p. There l is the mean of max(p, 0) over blocks
-//! of 4×4 pixels, bilinearly between their centres.
-//! **Evidence.** Blocks of 2×2 pixels hold the mean r̄ of r over the samples that are there, and its variance v: the mean of
-//! |r|² (1 + 4/N²), divided by their number, N the length of history, at least 1, as a prediction of few samples is made of
-//! those very samples. What earlier frames saw and did not correct comes along the motion, from the nearest block:
+//! Where samples are sparse, a prediction made of few of them is noisy itself, and dividing by it biases r: r is large
+//! where p is dark by chance, small where p contains a bright sample. There l is the mean of max(p, 0) over blocks of
+//! 4×4 pixels, interpolated bilinearly between their centres.
+//! **Evidence.** Blocks of 2×2 pixels hold the mean r̄ of r over their valid samples and its variance v: the mean of
+//! |r|² (1 + 4/N²) divided by the number of samples. N is the length of history, at least 1; the second factor accounts
+//! for a short history that consists of those very samples. Uncorrected evidence of earlier frames is reprojected along
+//! the motion, from the nearest block:
 //!   E ← (1 − w) r̄ + w E′,  V ← (1 − w)² v + w² V′,  w = (1 − β) · mean of clamp(N − 1, 0, 1),
-//! with β = 0 for blocks without samples. Where samples are sparse, blocks without keep what they know (w = 1), and if they
-//! know nothing (w = 0), are left out of all means below; their V is NaN. What persists is believed sooner than what flickers.
-//! **Shrinkage.** E is averaged over 2×2 again for each coarser level, and V by the squares of the same weights, as a variance
-//! is. From coarse to fine, with d what coarser levels have found:
+//! with β = 0 for blocks without samples. With sparse samples, a block without any keeps its evidence (w = 1); one that
+//! has none to keep (w = 0) is unknown: its V is NaN, and all means below leave it out. Persistent differences are so
+//! believed sooner than flickering ones.
+//! **Shrinkage.** Each coarser level averages E over 2×2 blocks, and V with the squares of the same weights. From
+//! coarse to fine, with d the correction found by coarser levels:
 //!   b = ⟨E − d⟩,  s = max(0, 1 − c ⟨V⟩² / |b|²),  d ← d + s b,
-//! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of these
-//! weights, and d goes from level to level by bilinear interpolation. s is the share that James and Stein keep of a mean:
-//! nothing where it is no larger than chance makes it, nearly all where it is many times that. The correction is
-//! d (max(p, 0) + e/16), of the pixel's own p. The evidence for the next frame is E − d at the finest level, with its V,
-//! where the correction is fed back into what the next prediction is made of; otherwise E, as the next samples miss what
-//! these did.
+//! where ⟨·⟩ is a blur by {1, 2, 1}/4 ⊗ {1, 2, 1}/4 with borders replicated, ⟨·⟩² that of a variance, by the squares of
+//! these weights, and d is upsampled bilinearly from level to level. s is James and Stein's shrinkage factor: 0 for a
+//! mean no larger than chance makes it, nearly 1 for one many times that. The correction is d (max(p, 0) + e/16), with
+//! the pixel's own p. If the correction is fed back into the history from which the next prediction is made, the
+//! evidence passed on is the rest, E − d at the finest level, with its V; otherwise it is E, because the next
+//! prediction will have the same error.
 //!
-//! One bright sample among many has |b|² no larger than its own variance, in its frame and in those after, and is no news
-//! (James and Stein 1961, *Estimation with Quadratic Loss*; shrinkage by scales as in Donoho and Johnstone 1994, *Ideal
-//! Spatial Adaptation by Wavelet Shrinkage*; y − p is the innovation of Kalman 1960, *A New Approach to Linear Filtering and
-//! Prediction Problems*). Light that comes in samples more than 50 times as bright as the mean is seen too dark. Where motion
-//! magnifies, several blocks fetch the same evidence and V counts it as several: by a tenth a frame, every seventh sample of 30
-//! times the light is believed for a frame.
+//! A single bright sample among many has |b|² no larger than its own variance, in its frame and the following ones, and
+//! is not believed (James and Stein 1961, *Estimation with Quadratic Loss*; shrinkage by scales as in Donoho and
+//! Johnstone 1994, *Ideal Spatial Adaptation by Wavelet Shrinkage*; y − p is the innovation of Kalman 1960, *A New
+//! Approach to Linear Filtering and Prediction Problems*). Limits: light that comes in samples more than 50 times
+//! brighter than the mean is underestimated. Where motion magnifies, several blocks fetch the same evidence and V
+//! counts it as independent: at a magnification of a tenth per frame, one in seven samples of 30 times the light is
+//! wrongly believed for a frame.
 //!
-//! Inputs: new samples (3), prediction (3), N (1), motion (2), evidence of the frame before (4: E, V; of half the size).
-//! Outputs: correction (3), evidence. Where sample or prediction is missing, nothing is learnt.
+//! Inputs: new samples (3), prediction (3), N (1), motion (2), evidence of the previous frame (4: E, V; half size).
+//! Outputs: correction (3), evidence. A pixel whose sample or prediction is missing adds no evidence.
 
 use std::ops::Range;
 
@@ -45,15 +48,16 @@ use crate::rows::{self, BAND, Kernel};
 /// What counts as wrong, and over which blocks it is looked for.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// c: how far above chance a difference must be; ≥ 0; 3.
+    /// c: multiple of the variance below which a difference counts as noise; ≥ 0; 3.
     pub strictness: f32,
-    /// β: share of the new frame in the evidence; above 0, up to 1; 0.5.
+    /// β: weight of the new frame in the evidence; above 0, up to 1; 0.5.
     pub share: f32,
-    /// Sizes of blocks that are looked at, from 2 pixels on; 1 to 8; 4.
+    /// Levels of the pyramid of blocks; the finest has 2×2 pixels; 1 to 8; 4.
     pub levels: u32,
-    /// Whether what the next prediction is made of gets the correction too, so that its samples no longer miss it; true.
+    /// True if the history of the next prediction is corrected too, so that later samples no longer show the difference;
+    /// true.
     pub fed_back: bool,
-    /// Whether few pixels are sampled, so that the prediction is noisy and blocks may know nothing; false.
+    /// True if few pixels are sampled: predictions are noisy, and blocks may be unknown; false.
     pub sparse: bool,
 }
 
@@ -95,12 +99,12 @@ impl Params {
 /// Channels of evidence: E and its variance.
 pub const CHANNELS: usize = 4;
 
-/// Largest relative difference.
+/// Bound of the relative difference r.
 const BOUND: f32 = 50.0;
-/// Black, as a share of the exposure.
+/// Black level relative to the exposure.
 const BLACK: f32 = 1.0 / 16.0;
-/// What a prediction of N samples owes to the newest adds this, over N², to the noise.
-const OWN: f32 = 4.0;
+/// Noise grows by 1 + 4/N²: a prediction of N samples is correlated with the newest, which is one of them.
+const CORRELATION: f32 = 4.0;
 
 /// Size of the evidence for images of this size.
 pub fn evidence_size(size: Size) -> Size {
@@ -110,28 +114,28 @@ pub fn evidence_size(size: Size) -> Size {
     }
 }
 
-/// What was found wrong with a prediction.
+/// The correction of a prediction, at half resolution.
 pub struct Innovation {
     /// d, for blocks of 2×2 pixels.
     found: Image,
     black: f32,
 }
 
-/// What the frames before have seen and not corrected, and how this frame's pixels find it.
+/// Evidence of earlier frames, and the motion that reprojects it.
 #[derive(Clone, Copy)]
 pub struct Known<'a> {
-    /// Records of [`CHANNELS`], of [`evidence_size`].
+    /// Interleaved, [`CHANNELS`] channels, of [`evidence_size`].
     pub evidence: Pixels<'a>,
-    /// In pixels of the image, to the frame before; none means 0.
+    /// Motion vectors in full-resolution pixels; `None` for no motion.
     pub motion: Option<Pixels<'a>>,
 }
 
-/// The light below which differences count as absolute: what is added to l in r.
+/// The black level added to l in r: far below it, differences count as absolute instead of relative.
 pub(crate) fn black(exposure: f32) -> f32 {
     (exposure * BLACK).max(f32::MIN_POSITIVE)
 }
 
-/// Finds what is wrong with a prediction, and the evidence for the next frame.
+/// Estimates the error of a prediction; returns the correction and the evidence for the next frame.
 pub fn innovation(
     fresh: &impl Colors,
     prediction: &impl Colors,
@@ -142,8 +146,10 @@ pub fn innovation(
 ) -> (Innovation, Records) {
     let black = black(exposure);
     let size = evidence_size(length.size);
-    let around = params.sparse.then(|| Around::of(prediction, length.size));
-    let look = Look {
+    let around = params
+        .sparse
+        .then(|| LocalLight::of(prediction, length.size));
+    let gather = Gather {
         fresh,
         prediction,
         around: around.as_ref(),
@@ -153,7 +159,7 @@ pub fn innovation(
         share: params.share,
     };
     let mut finest = Image::blank(size, CHANNELS);
-    rows::run(&look, size.height, finest.bands());
+    rows::run(&gather, size.height, finest.bands());
 
     let mut coarser: Vec<Image> = vec![];
     for _ in 1..params.levels {
@@ -192,34 +198,34 @@ pub fn innovation(
     (Innovation { found, black }, evidence)
 }
 
-/// Sees what new samples and those before make of each block.
-struct Look<'a, F, P> {
+/// Writes E and V of every 2×2 block: the new samples' merged with reprojected evidence.
+struct Gather<'a, F, P> {
     fresh: &'a F,
     prediction: &'a P,
-    /// What differences count in units of, if not the prediction.
-    around: Option<&'a Around>,
+    /// The light l, if it is not the prediction itself.
+    around: Option<&'a LocalLight>,
     length: Pixels<'a>,
     known: Option<Known<'a>>,
     black: f32,
     share: f32,
 }
 
-/// Of the pixels of a run, two rows together.
+/// Sums over two rows of pixels, column by column of a span.
 struct Pairs {
     relative: [Row; 3],
-    /// |r|² of the last row, which noise is made of.
+    /// |r|² of the row added last.
     square: Row,
     noise: Row,
-    /// How many samples there are.
+    /// Number of valid samples.
     samples: Row,
-    /// How far history reaches, 0 or 1 a pixel.
+    /// Sum of clamp(N − 1, 0, 1).
     trust: Row,
     motion: [Row; 2],
-    /// How many pixels lie in the image.
+    /// Rows inside the image: 2, or 1 at an odd bottom border.
     pixels: f32,
 }
 
-impl<'a, F: Colors, P: Colors> Kernel for Look<'a, F, P> {
+impl<'a, F: Colors, P: Colors> Kernel for Gather<'a, F, P> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
@@ -242,8 +248,8 @@ impl<'a, F: Colors, P: Colors> Kernel for Look<'a, F, P> {
     }
 }
 
-impl<F: Colors, P: Colors> Look<'_, F, P> {
-    /// Sums over the two rows of pixels.
+impl<F: Colors, P: Colors> Gather<'_, F, P> {
+    /// Sums the two rows of pixels under a row of blocks.
     #[inline(always)]
     fn pair(&self, run: Run, pairs: &mut Pairs) {
         let mut fresh = [[0.0; SEGMENT]; 3];
@@ -261,7 +267,7 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
             if let Some(from) = self.known.and_then(|known| known.motion) {
                 from.read(line, motion.each_mut().map(Row::as_mut_slice));
             }
-            // What follows the image's last pixel is missing.
+            // Padding beyond the image's last pixel counts as missing.
             fresh[0][run.len..].fill(f32::NAN);
             length[run.len..].fill(0.0);
             motion.iter_mut().for_each(|row| row[run.len..].fill(0.0));
@@ -278,7 +284,7 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
             pairs.add(&fresh, &predicted, light, self.black);
             for x in 0..SEGMENT {
                 let few = larger(length[x], 1.0);
-                pairs.noise[x] += pairs.square[x] * (1.0 + OWN / (few * few));
+                pairs.noise[x] += pairs.square[x] * (1.0 + CORRELATION / (few * few));
                 pairs.trust[x] += saturate(length[x] - 1.0);
                 pairs.motion[0][x] += motion[0][x];
                 pairs.motion[1][x] += motion[1][x];
@@ -286,7 +292,7 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
         }
     }
 
-    /// Joins columns, and evidence from before.
+    /// Sums pairs of columns and merges the reprojected evidence.
     #[inline(always)]
     fn blocks(&self, run: Run, pairs: &Pairs, out: [&mut [f32]; CHANNELS]) {
         const BLOCKS: usize = SEGMENT / 2;
@@ -299,7 +305,7 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
             let (bottom, side) = (height as f32, width as f32);
             let mut places = [0_u32; BLOCKS];
             for i in 0..BLOCKS {
-                // The last block of an image may have one column.
+                // The last block has one column where the width is odd.
                 let columns = smaller((run.len as f32) - 2.0 * i as f32, 2.0);
                 let pixels = larger(columns, 1.0) * pairs.pixels;
                 let [dx, dy] = [sum(&pairs.motion[0], i), sum(&pairs.motion[1], i)];
@@ -328,7 +334,7 @@ impl<F: Colors, P: Colors> Look<'_, F, P> {
             let per = 1.0 / larger(samples, 1.0);
             let [or, og, ob, old] = before[i];
             let some = if samples > 0.0 { self.share } else { 0.0 };
-            // Most blocks have no sample in a frame: they keep what they know until they get one.
+            // Sparse: most blocks have no sample in a frame and keep their evidence until they get one.
             let lasts = self.around.is_some() & (samples == 0.0) & (trust[i] > 0.0);
             let w = if lasts { 1.0 } else { (1.0 - some) * trust[i] };
             let new = 1.0 - w;
@@ -360,7 +366,7 @@ impl Pairs {
             .for_each(|row| row.fill(0.0));
     }
 
-    /// Adds a row's differences, and puts their squares in place.
+    /// Adds the differences of one row of pixels and overwrites `square` with theirs.
     #[inline(always)]
     fn add(
         &mut self,
@@ -385,28 +391,29 @@ impl Pairs {
     }
 }
 
-/// r of a channel.
+/// r of one channel.
 #[inline(always)]
 fn relative(difference: f32, light: f32, black: f32) -> f32 {
     let r = difference / (larger(light, 0.0) + black);
     smaller(larger(r, -BOUND), BOUND)
 }
 
-/// Of a block's two columns.
+/// Sum over a block's two columns.
 #[inline(always)]
 fn sum(row: &Row, block: usize) -> f32 {
     row[2 * block] + row[2 * block + 1]
 }
 
-/// Side of the blocks that light is averaged over where predictions are noisy.
+/// Side of the blocks over which light is averaged for noisy predictions.
 const WIDE: usize = 4;
-/// What the block next to a pixel's own weighs, by the pixel's place in its block: the one before, or the one after.
+/// Bilinear weight of the neighbouring block by the pixel's position in its own block: the previous block for the first
+/// half, the next one for the second.
 const NEXT: [f32; WIDE] = [0.375, 0.125, 0.125, 0.375];
 
 /// Mean light of blocks of 4×4 pixels.
-struct Around(Image);
+struct LocalLight(Image);
 
-impl Around {
+impl LocalLight {
     fn of(light: &impl Colors, size: Size) -> Self {
         let [height, width] = [size.height, size.width].map(|n| n.div_ceil(WIDE));
         let mut blocks = Image::blank(Size { height, width }, 3);
@@ -414,7 +421,7 @@ impl Around {
         Self(blocks)
     }
 
-    /// Interpolates a run's light.
+    /// Light of a span, interpolated between block centres.
     #[inline(always)]
     fn read(&self, run: Run, light: &mut [Row; 3]) {
         const BLOCKS: usize = SEGMENT / WIDE;
@@ -422,14 +429,14 @@ impl Around {
         let (y, first) = (run.y / WIDE, run.x / WIDE);
         let count = run.len.div_ceil(WIDE);
         let other = next_block(y, run.y % WIDE, height);
-        let share = NEXT[run.y % WIDE];
-        // One block further to each side.
+        let weight = NEXT[run.y % WIDE];
+        // With a halo of one block on each side.
         let mut means = [0.0; BLOCKS + 2];
         for (channel, light) in light.iter_mut().enumerate() {
             let [own, other] = [y, other].map(|y| self.0.view().row(channel, y));
             for (i, mean) in means[..count + 2].iter_mut().enumerate() {
                 let x = (first + i).saturating_sub(1).min(width - 1);
-                *mean = own[x] * (1.0 - share) + other[x] * share;
+                *mean = own[x] * (1.0 - weight) + other[x] * weight;
             }
             let pixels = light.as_chunks_mut::<WIDE>().0;
             for (i, pixels) in pixels[..count].iter_mut().enumerate() {
@@ -451,10 +458,10 @@ fn next_block(block: usize, place: usize, count: usize) -> usize {
     }
 }
 
-/// What is missing or below black is black.
+/// Averages light over blocks. Missing and negative values count as 0.
 struct Average<'a, P> {
     light: &'a P,
-    /// Of the image.
+    /// Full-resolution size.
     size: Size,
 }
 
@@ -493,17 +500,18 @@ impl<'a, P: Colors> Kernel for Average<'a, P> {
     }
 }
 
-/// Means of 2×2 blocks, and what that makes of the variance. At a border that cuts blocks, a single one is its own mean.
+/// One coarser level: means of 2×2 blocks and the variances of these means. A block cut by the border averages what it
+/// has.
 struct Pool<'a> {
     finer: View<'a>,
-    /// Whether some may be unknown.
+    /// True if blocks may be unknown.
     sparse: bool,
 }
 
 impl Pool<'_> {
-    /// Of those that are known.
+    /// Averages the known blocks alone.
     #[inline(always)]
-    fn known(&self, y: usize, out: [&mut [f32]; CHANNELS]) {
+    fn pool_known(&self, y: usize, out: [&mut [f32]; CHANNELS]) {
         let Size { height, width } = self.finer.size;
         let rows = [2 * y, (2 * y + 1).min(height - 1)].map(|y| self.finer.rows::<CHANNELS>(y));
         let rows = &rows[..(height - 2 * y).min(2)];
@@ -538,13 +546,14 @@ impl<'a> Kernel for Pool<'a> {
         let Size { height, width } = self.finer.size;
         for y in rows {
             if self.sparse {
-                self.known(y, out.rows(y));
+                self.pool_known(y, out.rows(y));
                 continue;
             }
             let cut = 2 * y + 1 == height;
             let below = if cut { 2 * y } else { 2 * y + 1 };
             for channel in 0..CHANNELS {
-                // Half the sum of two, or one: for variances, halved once more where there are two.
+                // Factor for a sum of two values: ½ for means, ¼ for the variance of a mean. At a cut border both
+                // values are the same row, so ½ restores it.
                 let half = |cut: bool| if channel < 3 || cut { 0.5 } else { 0.25 };
                 let (down, across) = (half(cut), half(false));
                 let [above, below] = [2 * y, below].map(|y| self.finer.row(channel, y));
@@ -567,10 +576,10 @@ impl<'a> Kernel for Pool<'a> {
     }
 }
 
-/// A row of a coarser image at the height of a finer row: between the two around, the nearer of which has three quarters.
-/// One place further to each side.
+/// Upsamples vertically: the coarse row interpolated at the height of fine row `y`, weights ¾ and ¼, with a halo of one
+/// block on each side.
 #[inline(always)]
-fn between_rows(coarse: View, channel: usize, y: usize, into: &mut [f32]) {
+fn upsample_rows(coarse: View, channel: usize, y: usize, into: &mut [f32]) {
     let Size { height, width } = coarse.size;
     let own = y / 2;
     let other = match y % 2 {
@@ -584,9 +593,9 @@ fn between_rows(coarse: View, channel: usize, y: usize, into: &mut [f32]) {
     (into[0], into[width + 1]) = (into[1], into[width]);
 }
 
-/// Interpolates the finer places of that row; the first of them is the first of its block.
+/// Upsamples such a row horizontally, weights ¾ and ¼; `fine` begins at the start of a block.
 #[inline(always)]
-fn between(row: &[f32], fine: &mut [f32]) {
+fn upsample_columns(row: &[f32], fine: &mut [f32]) {
     let (pairs, last) = fine.as_chunks_mut::<2>();
     let blocks = pairs.len();
     let (left, own, right) = (&row[..blocks], &row[1..][..blocks], &row[2..][..blocks]);
@@ -599,7 +608,7 @@ fn between(row: &[f32], fine: &mut [f32]) {
     }
 }
 
-/// Takes from E what coarser levels have found, and writes that. What is unknown stays so.
+/// Upsamples the coarser levels' d, writes it, and subtracts it from E. Unknown blocks stay unknown.
 struct Subtract<'a>(Option<View<'a>>);
 
 impl<'a> Kernel for Subtract<'a> {
@@ -618,8 +627,8 @@ impl<'a> Kernel for Subtract<'a> {
                     found.fill(0.0);
                     continue;
                 };
-                between_rows(coarse, channel, y, &mut row);
-                between(&row, found);
+                upsample_rows(coarse, channel, y, &mut row);
+                upsample_columns(&row, found);
                 for ((rest, found), variance) in rest.iter_mut().zip(found).zip(&*variances) {
                     *rest -= if variance.is_nan() { 0.0 } else { *found };
                 }
@@ -628,9 +637,9 @@ impl<'a> Kernel for Subtract<'a> {
     }
 }
 
-/// Adds to what was found what this level keeps of its means. At the finest, writes the evidence that is left.
+/// Adds this level's shrunk means s b to d. At the finest level, also writes the evidence for the next frame.
 struct Shrink<'a> {
-    /// E without what coarser levels found, and V.
+    /// E − d and V.
     blocks: View<'a>,
     params: Params,
 }
@@ -641,11 +650,11 @@ impl<'a> Kernel for Shrink<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, (mut found, mut rest): Self::Out) {
         let Size { height, width } = self.blocks.size;
-        // One block further to each side.
+        // With a halo of one block on each side.
         let mut sums = [(); 3].map(|()| vec![0.0; width + 2]);
         let mut steps = [(); 3].map(|()| vec![0.0; width]);
         let (mut variances, mut variance) = (vec![0.0; width + 2], vec![0.0; width]);
-        // How much of the window is known; of all, 4 and 16.
+        // Sums of the blur's integer weights over known blocks: 4 for a full column, 16 for the full window.
         let (mut weights, mut weight) = (vec![4.0; width + 2], vec![16.0; width]);
         for y in rows {
             let lines = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
@@ -660,7 +669,7 @@ impl<'a> Kernel for Shrink<'a> {
             let [above, own, below] = lines.map(|y| self.blocks.row(3, y));
             let [before, here, after] = squared_weights(y, height);
             for (x, inner) in variances[1..=width].iter_mut().enumerate() {
-                let [above, own, below] = [above[x], own[x], below[x]].map(present);
+                let [above, own, below] = [above[x], own[x], below[x]].map(or_zero);
                 *inner = (before * above + after * below) + here * own;
             }
             if self.params.sparse {
@@ -723,19 +732,20 @@ impl<'a> Kernel for Shrink<'a> {
     }
 }
 
-/// Of what is unknown, nothing.
+/// The variance; 0 for unknown blocks.
 #[inline(always)]
-fn present(variance: f32) -> f32 {
+fn or_zero(variance: f32) -> f32 {
     if variance.is_nan() { 0.0 } else { variance }
 }
 
-/// 1, or 0 of what is unknown.
+/// 1 for known blocks, 0 for unknown ones.
 #[inline(always)]
 fn known(variance: f32) -> f32 {
     if variance.is_nan() { 0.0 } else { 1.0 }
 }
 
-/// Of {1, 2, 1} along an axis: weights that a border joins are added first.
+/// Squares of the weights {1, 2, 1} along an axis. At a border, the replicated block's weights are added before
+/// squaring.
 #[inline(always)]
 fn squared_weights(place: usize, count: usize) -> [f32; 3] {
     let (first, last) = (place == 0, place + 1 == count);
@@ -747,7 +757,7 @@ fn squared_weights(place: usize, count: usize) -> [f32; 3] {
     }
 }
 
-/// A row of what was found, on its way to the pixels: one block further to each side.
+/// Scratch: d interpolated at the height of one row of pixels, with a halo of one block on each side.
 pub(crate) struct Line([Vec<f32>; 3]);
 
 impl Innovation {
@@ -755,15 +765,15 @@ impl Innovation {
         Line([(); 3].map(|()| vec![0.0; self.found.size.width + 2]))
     }
 
-    /// Goes to the image's row `y`.
+    /// Interpolates d at the height of pixel row `y`.
     #[inline(always)]
     pub(crate) fn go_to(&self, y: usize, line: &mut Line) {
         for (channel, row) in line.0.iter_mut().enumerate() {
-            between_rows(self.found.view(), channel, y, row);
+            upsample_rows(self.found.view(), channel, y, row);
         }
     }
 
-    /// The correction of a run of that row, by what was predicted; none where nothing was found.
+    /// The correction of a span of that row, scaled by the predicted light; `None` if it is zero throughout.
     #[inline(always)]
     pub(crate) fn correction(
         &self,
@@ -778,7 +788,7 @@ impl Innovation {
         }
         let mut result = [[0.0; SEGMENT]; 3];
         for ((result, row), predicted) in result.iter_mut().zip(rows).zip(predicted) {
-            between(row, &mut result[..run.len]);
+            upsample_columns(row, &mut result[..run.len]);
             for (result, &p) in result.iter_mut().zip(predicted) {
                 let light = if p.is_finite() { larger(p, 0.0) } else { 0.0 };
                 *result *= light + self.black;
@@ -787,7 +797,7 @@ impl Innovation {
         Some(result)
     }
 
-    /// Corrects the records of an image of what was predicted.
+    /// Corrects a predicted image (interleaved) in place.
     pub(crate) fn correct(&self, size: Size, colors: &mut [f32]) {
         let kernel = Correct {
             innovation: self,
@@ -800,7 +810,7 @@ impl Innovation {
         );
     }
 
-    /// The correction of an image.
+    /// Writes the correction of a whole image.
     pub fn corrections<'a>(
         &'a self,
         prediction: &'a impl Colors,
@@ -816,7 +826,7 @@ impl Innovation {
     }
 }
 
-/// No light is less than none. What is missing stays so.
+/// Adds a correction and clamps at 0; NaN stays NaN.
 #[inline(always)]
 pub(crate) fn corrected(light: f32, found: f32) -> f32 {
     let light = light + found;

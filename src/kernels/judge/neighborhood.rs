@@ -1,7 +1,7 @@
-//! Neighbourhood clipping: history is held to the colours that the current frame has around the pixel.
+//! Neighbourhood clipping: history is clipped to the range of the current frame's colours around the pixel.
 //!
-//! Statistics of the 3×3 or 5×5 neighbourhood of the current colour give a box, in a colour space; a history colour
-//! outside is brought to it.
+//! Statistics of the 3×3 or 5×5 neighbourhood of the current colour give a box in a colour space; a history colour
+//! outside the box is moved onto it.
 //! - **box**: the range of the neighbourhood; the mean of the ranges of the square and of the cross, which is rounder
 //!   (Karis 2014, *High Quality Temporal Supersampling*); mean ± γ standard deviations (Salvi 2016, *An Excursion in
 //!   Temporal Supersampling*); or the intersection of the first and the last. Instead of a box, the convex hull, for the
@@ -9,20 +9,20 @@
 //!   of thirteen slabs (see [`super::hull`]).
 //! - **space**: RGB, YCoCg, or either after c / (e + max(r, g, b)), which keeps single bright pixels from opening the box
 //!   (Lottes 2016, *Optimized Reversible Tonemapper for Resolve*), with e the exposure. The corners of such a box may lie
-//!   beyond the range of the curve: what is clipped becomes no brighter than history and all of the neighbourhood.
+//!   beyond the range of the curve; a clipped colour is limited to the brightest of history and neighbourhood.
 //! - **response**: each channel clamped; clipped on the way to the box's centre (Playdead 2016, *Temporal Reprojection
-//!   Anti-Aliasing in INSIDE*); clipped on the way to the current colour, which is first clamped into the box, since
-//!   otherwise one outside its own box would return bad history whole; or onto the ellipsoid of half-axes
+//!   Anti-Aliasing in INSIDE*); clipped on the way to the current colour, which is first clamped into the box, because a
+//!   current colour outside its own box would let bad history through unclipped; or onto the ellipsoid of half-axes
 //!   γσ · (1.7, 1, 1), wider in luminance (FSR 3.1).
 //!
-//! Who is outside a box, and how far, is judged with room for a millionth of the box's largest coordinate, so that where a
-//! neighbourhood is flat along an axis, rounding does not decide.
+//! The inside test has a tolerance of a millionth of the box's largest coordinate. Without it, rounding would decide
+//! where the neighbourhood is flat along an axis.
 //!
-//! Inputs: history (3), colour (3). Output: history; a colour inside keeps its bits. Pixels of the neighbourhood that lie
-//! outside the image or are missing do not count; where none counts, and where history is missing, it stays.
+//! Inputs: history (3), colour (3). Output: history; a colour inside keeps its bits. Neighbours that are missing or
+//! outside the image do not count. History is unchanged where it is missing or has no valid neighbour.
 //!
-//! Statistics are taken of the columns first, and of these across; what deviates is put together as Chan, Golub and LeVeque
-//! 1983, *Algorithms for Computing the Sample Variance*, do, since a mean of squares would cancel.
+//! Statistics are separable: columns first, then across columns. Variances are merged by the formula of Chan, Golub and
+//! LeVeque 1983, *Algorithms for Computing the Sample Variance*, since a mean of squares would cancel.
 
 use std::ops::Range;
 
@@ -30,8 +30,7 @@ use super::exposure;
 use super::hull::{Polygon, enter_hulls, enter_slabs, toward};
 use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
-use crate::kernels::merge::blend::{self, Alpha, Weighting};
-use crate::math::is_present;
+use crate::math::{Color, from_ycocg, inverse_tone_map, is_present, max_channel, tone_map, ycocg};
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, put, smaller};
 use crate::rows::{self, BAND, Kernel, Part};
 
@@ -93,13 +92,13 @@ pub struct Params {
     pub bounds: Bounds,
     /// Half the side of the variance box in standard deviations; ≥ 0; 1.
     pub gamma: f32,
-    /// The neighbourhood reaches so many pixels to each side; 1 or 2; 1.
+    /// Radius of the neighbourhood in pixels; 1 or 2; 1.
     pub radius: isize,
     /// YCoCg.
     pub space: Space,
     /// Center.
     pub response: Response,
-    /// The radiance that tone curves take for 1; above 0; 1.
+    /// The radiance that tone curves map to ½; above 0; 1.
     pub exposure: f32,
 }
 
@@ -165,27 +164,25 @@ fn name_of<T: Copy + PartialEq>(mode: T, names: &[(&str, T)]) -> String {
     format!("{:?}", known.map_or("", |(name, _)| name))
 }
 
-type Color = [f32; 3];
-
 impl Space {
     #[inline(always)]
     fn of(self, rgb: Color, exposure: f32) -> Color {
         match self {
             Self::Rgb => rgb,
             Self::YCoCg => ycocg(rgb),
-            Self::ToneMappedRgb => tone_mapped(rgb, exposure),
-            Self::ToneMappedYCoCg => ycocg(tone_mapped(rgb, exposure)),
+            Self::ToneMappedRgb => tone_map(rgb, exposure),
+            Self::ToneMappedYCoCg => ycocg(tone_map(rgb, exposure)),
         }
     }
 
-    /// Tone-mapped colours become no brighter than `most`.
+    /// `limit` bounds the largest channel of tone-mapped colours (see [`inverse_tone_map`]).
     #[inline(always)]
-    fn to_rgb(self, color: Color, exposure: f32, most: f32) -> Color {
+    fn to_rgb(self, color: Color, exposure: f32, limit: f32) -> Color {
         match self {
             Self::Rgb => color,
             Self::YCoCg => from_ycocg(color),
-            Self::ToneMappedRgb => untone_mapped(color, exposure, most),
-            Self::ToneMappedYCoCg => untone_mapped(from_ycocg(color), exposure, most),
+            Self::ToneMappedRgb => inverse_tone_map(color, exposure, limit),
+            Self::ToneMappedYCoCg => inverse_tone_map(from_ycocg(color), exposure, limit),
         }
     }
 
@@ -203,53 +200,16 @@ impl Space {
     }
 }
 
-#[inline(always)]
-fn ycocg([r, g, b]: Color) -> Color {
-    [
-        0.25 * r + 0.5 * g + 0.25 * b,
-        0.5 * r - 0.5 * b,
-        -0.25 * r + 0.5 * g - 0.25 * b,
-    ]
-}
-
-#[inline(always)]
-fn from_ycocg([y, co, cg]: Color) -> Color {
-    [y - cg + co, y + cg, y - cg - co]
-}
-
-#[inline(always)]
-pub(crate) fn brightest([r, g, b]: Color) -> f32 {
-    larger(larger(larger(r, g), b), 0.0)
-}
-
-#[inline(always)]
-pub(crate) fn tone_mapped(rgb: Color, exposure: f32) -> Color {
-    let scale = 1.0 / (exposure + brightest(rgb));
-    rgb.map(|c| c * scale)
-}
-
-/// Toned, `most` is most / (e + most); whatever is brighter is scaled down to it.
-#[inline(always)]
-pub(crate) fn untone_mapped(rgb: Color, exposure: f32, most: f32) -> Color {
-    let bright = brightest(rgb);
-    let shown = bright.min(most / (exposure + most));
-    let scale = exposure / (1.0 - shown) * if bright > shown { shown / bright } else { 1.0 };
-    rgb.map(|c| c * scale)
-}
-
 struct Clip<'a> {
     history: Pixels<'a>,
     color: Pixels<'a>,
-    alpha: Option<Alpha<'a>>,
     params: Params,
 }
 
-/// Brings the colours of `history` to those that `color` has around each pixel, and blends them with it if there is
-/// an alpha.
+/// Clips `history` to the neighbourhoods of `color`.
 pub fn clip_history<'a>(
     history: Pixels<'a>,
     color: Pixels<'a>,
-    alpha: Option<Alpha<'a>>,
     params: Params,
     clipped: impl Iterator<Item = PixelsMut<'a>>,
 ) {
@@ -257,7 +217,6 @@ pub fn clip_history<'a>(
     let kernel = Clip {
         history,
         color,
-        alpha,
         params,
     };
     rows::run_far(&kernel, height, params.radius as usize, clipped);
@@ -271,8 +230,6 @@ impl<'a> Kernel for Clip<'a> {
         let size = self.color.size;
         let mut window = Window::new(size.width, self.params);
         let mut clipped = [[0.0; SEGMENT]; 3];
-        let mut blended = [[0.0; SEGMENT]; 3];
-        let mut shares = [0.0; SEGMENT];
         for y in rows.clone() {
             window.roll(self.color, y, y == rows.start);
             let out = &mut outs[(y - rows.start) / BAND];
@@ -280,31 +237,24 @@ impl<'a> Kernel for Clip<'a> {
                 self.history
                     .read(run, clipped.each_mut().map(Row::as_mut_slice));
                 window.clip(run, &mut clipped);
-                let Some(alpha) = self.alpha else {
-                    out.write(run, clipped.each_ref().map(Row::as_slice));
-                    continue;
-                };
-                alpha.read(run, &mut shares);
-                let own = window.colors.own(run);
-                blend::mix(own, &clipped, &shares, Weighting::None, 1.0, &mut blended);
-                out.write(run, blended.each_ref().map(Row::as_slice));
+                out.write(run, clipped.each_ref().map(Row::as_slice));
             }
         }
     }
 }
 
-/// The colours around the pixels of a row.
+/// Sliding window of 2·radius + 1 rows, and the clip of a row's history to it.
 pub(crate) struct Window {
     params: Params,
-    /// As they are.
+    /// Input colours, unconverted.
     pub colors: Rolling<3>,
-    /// In the space of the box; NaN where missing.
+    /// Colours in the space of the box; NaN where missing.
     converted: Rolling<3>,
-    /// The brightest channel, where tone curves ask for it; 0 where missing.
-    brightest: Option<Rolling<1>>,
+    /// The largest channel of each pixel, 0 where missing; only for tone-mapped spaces.
+    max_channel: Option<Rolling<1>>,
     boxes: Box<Boxes>,
-    /// History in the space of the box.
-    moved: [Row; 3],
+    /// Scratch: history in the space of the box.
+    history: [Row; 3],
 }
 
 impl Window {
@@ -316,43 +266,43 @@ impl Window {
             params,
             colors: Rolling::new(width, radius),
             converted: Rolling::new(width, radius),
-            brightest: toned.then(|| Rolling::within(width, radius, 0.0)),
+            max_channel: toned.then(|| Rolling::within(width, radius, 0.0)),
             boxes: Box::new(Boxes::new()),
-            moved: [[0.0; SEGMENT]; 3],
+            history: [[0.0; SEGMENT]; 3],
         }
     }
 
-    /// Goes to a row, which is below the one before unless it is the first.
+    /// Centres the window on row `y`: the row after the previous call's, unless `first`.
     #[inline(always)]
     pub fn roll(&mut self, color: Pixels, y: usize, first: bool) {
         let Params {
             space, exposure, ..
         } = self.params;
-        let (mut own, mut moved) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
-        let mut light = [[0.0; SEGMENT]];
+        let (mut own, mut mapped) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
+        let mut largest = [[0.0; SEGMENT]];
         for y in self.colors.due(y, first) {
             let size = color.size;
             let (colors, converted) = (self.colors.fresh(y, size), self.converted.fresh(y, size));
-            let brightest = (self.brightest.as_mut()).map(|rows| rows.fresh(y, size));
+            let max_channel = (self.max_channel.as_mut()).map(|rows| rows.fresh(y, size));
             let Some((mut colors, mut converted)) = colors.zip(converted) else {
                 continue;
             };
-            let mut brightest = brightest.flatten();
+            let mut max_channel = max_channel.flatten();
             for run in segments(y as usize, size.width) {
                 color.read(run, own.each_mut().map(Row::as_mut_slice));
                 put(&mut colors, run, &own);
                 let own = own.each_ref().map(Row::as_slice);
-                space.convert(own, moved.each_mut().map(Row::as_mut_slice), exposure);
-                put(&mut converted, run, &moved);
-                if let Some(brightest) = &mut brightest {
-                    mark_brightest(own, &mut light[0]);
-                    put(brightest, run, &light);
+                space.convert(own, mapped.each_mut().map(Row::as_mut_slice), exposure);
+                put(&mut converted, run, &mapped);
+                if let Some(max_channel) = &mut max_channel {
+                    find_max_channels(own, &mut largest[0]);
+                    put(max_channel, run, &largest);
                 }
             }
         }
     }
 
-    /// Brings the run's history to the colours around.
+    /// Clips a span of history to the neighbourhoods of its pixels.
     pub fn clip(&mut self, run: Run, history: &mut [Row; 3]) {
         rows::apart(ClipRun {
             window: self,
@@ -372,10 +322,10 @@ impl Window {
             gamma,
             ..
         } = self.params;
-        let below = |i: usize| i as isize - (N / 2) as isize;
+        let offset = |i: usize| i as isize - (N / 2) as isize;
         let rows: [[&Columns; 3]; N] =
-            std::array::from_fn(|i| self.converted.columns(run, below(i)));
-        let new = &mut self.moved;
+            std::array::from_fn(|i| self.converted.columns(run, offset(i)));
+        let new = &mut self.history;
         {
             let history = history.each_ref().map(|row| &row[..n]);
             space.convert(history, new.each_mut().map(|row| &mut row[..n]), exposure);
@@ -396,38 +346,38 @@ impl Window {
                 let axes = space.axes().map(|axis| gamma * axis);
                 let own = self.converted.own(run);
                 match response {
-                    Response::Clamp => boxes.move_in(n, new, |b, _, color| b.clamp(color)),
-                    Response::Center => boxes.move_in(n, new, |b, _, color| b.to_center(color)),
-                    Response::Current => boxes.move_in(n, new, |b, i, color| {
+                    Response::Clamp => boxes.clip_by(n, new, |b, _, color| b.clamp(color)),
+                    Response::Center => boxes.clip_by(n, new, |b, _, color| b.to_center(color)),
+                    Response::Current => boxes.clip_by(n, new, |b, i, color| {
                         b.to_current(color, own.map(|row| row[i]))
                     }),
                     Response::Ellipsoid => {
-                        boxes.move_in(n, new, |b, _, color| b.to_ellipsoid(color, axes));
+                        boxes.clip_by(n, new, |b, _, color| b.to_ellipsoid(color, axes));
                     }
                 }
             }
         }
-        let mut most = [0.0; SEGMENT];
-        if let Some(brightest) = &self.brightest {
+        let mut limits = [0.0; SEGMENT];
+        if let Some(max_channel) = &self.max_channel {
             let mut columns: Columns = [0.0; _];
             for i in 0..N {
-                let [row] = brightest.columns(run, below(i));
-                for (column, &light) in columns[..n + LANES].iter_mut().zip(row) {
-                    *column = larger(*column, light);
+                let [row] = max_channel.columns(run, offset(i));
+                for (column, &largest) in columns[..n + LANES].iter_mut().zip(row) {
+                    *column = larger(*column, largest);
                 }
             }
             for i in 0..n {
                 for dx in 0..N {
-                    most[i] = larger(most[i], columns[i + dx]);
+                    limits[i] = larger(limits[i], columns[i + dx]);
                 }
             }
         }
-        space.replace(n, history, new, exposure, &most);
+        space.replace(n, history, new, exposure, &limits);
     }
 }
 
-/// Of the neighbourhoods of a run's pixels, in the space of the box; nothing counts where there are none.
-pub(crate) struct Around<'a> {
+/// Statistics of the 3×3 neighbourhoods of a span, in the space of the box; valid where `count` is above 0.
+pub(crate) struct Statistics<'a> {
     pub count: &'a Row,
     pub mean: &'a [Row; 3],
     pub low: &'a [Row; 3],
@@ -435,9 +385,8 @@ pub(crate) struct Around<'a> {
 }
 
 impl Window {
-    /// Means and ranges of 3×3 pixels.
     #[inline(always)]
-    pub fn look(&mut self, run: Run) -> Around<'_> {
+    pub fn statistics(&mut self, run: Run) -> Statistics<'_> {
         let rows = std::array::from_fn(|i| self.converted.columns(run, i as isize - 1));
         let boxes = &mut self.boxes;
         boxes.find_ranges::<3>(lanes(run), rows);
@@ -449,7 +398,7 @@ impl Window {
             high,
             ..
         } = &**boxes;
-        Around {
+        Statistics {
             count,
             mean,
             low,
@@ -482,7 +431,7 @@ impl Part for ClipRun<'_> {
 }
 
 impl Space {
-    /// Colours in this space; NaN where missing.
+    /// Converts RGB to this space; NaN where missing.
     #[inline(always)]
     fn convert(self, colors: [&[f32]; 3], into: [&mut [f32]; 3], exposure: f32) {
         #[inline(always)]
@@ -507,54 +456,59 @@ impl Space {
         }
     }
 
-    /// Puts the new colours, of this space, in place of `colors`; NaN stands for those that stay.
+    /// Overwrites `colors` (RGB) with `new` (this space), except where `new` is NaN. The largest channel of tone-mapped
+    /// results is limited to that of the old colour or to `limits`.
     #[inline(always)]
-    fn replace(self, n: usize, colors: &mut [Row; 3], new: &[Row; 3], exposure: f32, most: &Row) {
+    fn replace(self, n: usize, colors: &mut [Row; 3], new: &[Row; 3], exposure: f32, limits: &Row) {
         #[inline(always)]
         fn each(
             n: usize,
             [r, g, b]: &mut [Row; 3],
             [n0, n1, n2]: &[Row; 3],
-            most: &Row,
+            limits: &Row,
             to_rgb: impl Fn(Color, f32) -> Color,
         ) {
             for i in 0..n {
                 let rgb = [r[i], g[i], b[i]];
-                let new = to_rgb([n0[i], n1[i], n2[i]], larger(brightest(rgb), most[i]));
+                let new = to_rgb([n0[i], n1[i], n2[i]], larger(max_channel(rgb), limits[i]));
                 let stays = n0[i].is_nan() | !is_present(rgb);
                 let pick = |c: usize| if stays { rgb[c] } else { new[c] };
                 (r[i], g[i], b[i]) = (pick(0), pick(1), pick(2));
             }
         }
         match self {
-            Self::Rgb => each(n, colors, new, most, |c, most| {
-                Self::Rgb.to_rgb(c, exposure, most)
+            Self::Rgb => each(n, colors, new, limits, |c, limit| {
+                Self::Rgb.to_rgb(c, exposure, limit)
             }),
-            Self::YCoCg => each(n, colors, new, most, |c, most| {
-                Self::YCoCg.to_rgb(c, exposure, most)
+            Self::YCoCg => each(n, colors, new, limits, |c, limit| {
+                Self::YCoCg.to_rgb(c, exposure, limit)
             }),
-            Self::ToneMappedRgb => each(n, colors, new, most, |c, most| {
-                Self::ToneMappedRgb.to_rgb(c, exposure, most)
+            Self::ToneMappedRgb => each(n, colors, new, limits, |c, limit| {
+                Self::ToneMappedRgb.to_rgb(c, exposure, limit)
             }),
-            Self::ToneMappedYCoCg => each(n, colors, new, most, |c, most| {
-                Self::ToneMappedYCoCg.to_rgb(c, exposure, most)
+            Self::ToneMappedYCoCg => each(n, colors, new, limits, |c, limit| {
+                Self::ToneMappedYCoCg.to_rgb(c, exposure, limit)
             }),
         }
     }
 }
 
-/// Of present pixels the brightest channel, of others 0.
+/// The largest channel of each pixel; 0 where missing.
 #[inline(always)]
-fn mark_brightest([r, g, b]: [&[f32]; 3], into: &mut [f32]) {
+fn find_max_channels([r, g, b]: [&[f32]; 3], into: &mut [f32]) {
     let n = into.len();
     let (r, g, b) = (&r[..n], &g[..n], &b[..n]);
     for i in 0..n {
         let rgb = [r[i], g[i], b[i]];
-        into[i] = if is_present(rgb) { brightest(rgb) } else { 0.0 };
+        into[i] = if is_present(rgb) {
+            max_channel(rgb)
+        } else {
+            0.0
+        };
     }
 }
 
-/// What is around a pixel, and the number of those.
+/// The valid colours of a pixel's neighbourhood, compacted, and their number.
 #[inline(always)]
 fn taps<const N: usize>(i: usize, rows: [[&Columns; 3]; N]) -> ([Color; 25], usize) {
     let mut taps = [[0.0; 3]; 25];
@@ -571,8 +525,8 @@ fn taps<const N: usize>(i: usize, rows: [[&Columns; 3]; N]) -> ([Color; 25], usi
     (taps, count)
 }
 
-/// Where colours outside a hull head: for the pixel's own colour, which is one of the hull's, or for their mean where it is
-/// missing.
+/// The point inside the hull towards which history is clipped: the pixel's current colour, which is one of the hull's
+/// points, or the neighbourhood's mean where the current colour is missing.
 #[inline(always)]
 fn find_targets<const N: usize>(n: usize, rows: [[&Columns; 3]; N], targets: &mut [Row; 3]) {
     for (target, row) in targets.iter_mut().zip(rows[N / 2]) {
@@ -610,15 +564,15 @@ fn enter_polygons<const N: usize>(n: usize, rows: [[&Columns; 3]; N], colors: &m
 
 #[inline(always)]
 fn mean(taps: &[Color]) -> Color {
-    let share = 1.0 / taps.len() as f32;
-    [0, 1, 2].map(|c| taps.iter().fold(0.0, |sum, tap| sum + tap[c]) * share)
+    let weight = 1.0 / taps.len() as f32;
+    [0, 1, 2].map(|c| taps.iter().fold(0.0, |sum, tap| sum + tap[c]) * weight)
 }
 
-/// Who is outside a box, and how far, is judged with some room, this share of the box's largest coordinate: where a
-/// neighbourhood is flat along an axis, rounding shall not decide.
-const ROOM: f32 = 1e-6;
+/// Tolerance of the inside test, relative to the box's largest coordinate: rounding must not decide where a neighbourhood
+/// is flat along an axis.
+const TOLERANCE: f32 = 1e-6;
 
-/// Statistics of the neighbourhoods of a run's pixels.
+/// Statistics of a span's neighbourhoods, structure of arrays.
 struct Boxes {
     count: Row,
     mean: [Row; 3],
@@ -629,12 +583,12 @@ struct Boxes {
     ranges: ColumnRanges,
 }
 
-/// Statistics of the columns of such neighbourhoods.
+/// Statistics of single columns of height N, from which those of N×N neighbourhoods are merged.
 struct ColumnSums {
     count: Columns,
     sum: [Columns; 3],
     mean: [Columns; 3],
-    /// Of the deviations from the column's mean.
+    /// Sum of squared deviations from the column's mean.
     squares: [Columns; 3],
 }
 
@@ -642,7 +596,7 @@ impl ColumnSums {
     #[inline(always)]
     fn find<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
         for i in 0..n.min(SEGMENT) + LANES {
-            // A colour is missing in all channels.
+            // Conversion made a missing colour NaN in every channel, so one channel tells.
             let mut there = [true; N];
             let mut count = 0.0;
             for k in 0..N {
@@ -650,13 +604,13 @@ impl ColumnSums {
                 count += if there[k] { 1.0 } else { 0.0 };
             }
             self.count[i] = count;
-            let share = reciprocal::<N>(count);
+            let weight = reciprocal::<N>(count);
             for c in 0..3 {
                 let mut sum = 0.0;
                 for k in 0..N {
                     sum += if there[k] { rows[k][c][i] } else { 0.0 };
                 }
-                let mean = sum * share;
+                let mean = sum * weight;
                 let mut squares = 0.0;
                 for k in 0..N {
                     let off = rows[k][c][i] - mean;
@@ -670,19 +624,19 @@ impl ColumnSums {
     }
 }
 
-/// 1/count, of up to `N`, without a division; 1 for none.
+/// 1/count for counts up to `N`, by selects instead of a division; 1 for a count of 0.
 #[inline(always)]
 fn reciprocal<const N: usize>(count: f32) -> f32 {
-    (2..=N).fold(1.0, |share, n| {
+    (2..=N).fold(1.0, |found, n| {
         if count == n as f32 {
             1.0 / n as f32
         } else {
-            share
+            found
         }
     })
 }
 
-/// Ranges of columns.
+/// Minima and maxima of single columns.
 struct ColumnRanges {
     low: [Columns; 3],
     high: [Columns; 3],
@@ -726,7 +680,7 @@ impl Boxes {
         }
     }
 
-    /// What the neighbours of a run's pixels are, those that are inside and present.
+    /// Computes the boxes of a span from the valid neighbours inside the image.
     #[inline(always)]
     fn find<const N: usize>(
         &mut self,
@@ -779,7 +733,7 @@ impl Boxes {
         }
     }
 
-    /// Takes the mean with the ranges of the crosses.
+    /// Averages the range of the square with that of the cross.
     #[inline(always)]
     fn round<const N: usize>(&mut self, n: usize, rows: [[&Columns; 3]; N]) {
         let columns = &self.ranges;
@@ -790,7 +744,7 @@ impl Boxes {
                     let tap = rows[N / 2][c][i + dx];
                     (low, high) = (smaller(tap, low), larger(tap, high));
                 }
-                // Where all of the cross is missing, the square is all there is.
+                // With the whole cross missing, keep the square's range.
                 let some = low <= high;
                 let half = |a: f32, b: f32| if some { 0.5 * (a + b) } else { a };
                 self.low[c][i] = half(self.low[c][i], low);
@@ -799,7 +753,7 @@ impl Boxes {
         }
     }
 
-    /// Finds means, deviations, and the bounds that are drawn from them and the range.
+    /// Computes means, deviations, and the bounds that `bounds` makes of them and the range.
     #[inline(always)]
     fn find_deviations<const N: usize>(
         &mut self,
@@ -815,19 +769,19 @@ impl Boxes {
                 count += columns.count[i + dx];
             }
             self.count[i] = count;
-            let share = 1.0 / count;
+            let weight = 1.0 / count;
             for c in 0..3 {
                 let mut sum = 0.0;
                 for dx in 0..N {
                     sum += columns.sum[c][i + dx];
                 }
-                let mean = sum * share;
+                let mean = sum * weight;
                 let mut squares = 0.0;
                 for dx in 0..N {
                     let off = columns.mean[c][i + dx] - mean;
                     squares += columns.squares[c][i + dx] + columns.count[i + dx] * (off * off);
                 }
-                let deviation = (squares * share).sqrt();
+                let deviation = (squares * weight).sqrt();
                 let range = [self.low[c][i], self.high[c][i]];
                 [self.low[c][i], self.high[c][i]] = bounds(mean, deviation, range);
                 self.mean[c][i] = mean;
@@ -836,17 +790,17 @@ impl Boxes {
         }
     }
 
-    /// Moves colours to where `place` finds them to go; NaN where they stay.
+    /// Replaces each colour by what `clip` returns: the clipped colour, or NaN for a colour that stays.
     #[inline(always)]
-    fn move_in(
+    fn clip_by(
         &self,
         n: usize,
         [c0, c1, c2]: &mut [Row; 3],
-        place: impl Fn(&Neighborhood, usize, Color) -> Color,
+        clip: impl Fn(&Neighborhood, usize, Color) -> Color,
     ) {
         for i in 0..n.min(SEGMENT) {
             let color = [c0[i], c1[i], c2[i]];
-            [c0[i], c1[i], c2[i]] = place(&self.at(i), i, color);
+            [c0[i], c1[i], c2[i]] = clip(&self.at(i), i, color);
         }
     }
 
@@ -857,15 +811,18 @@ impl Boxes {
         let largest = (low.iter().zip(high)).fold(0.0_f32, |most, (low, high)| {
             larger(larger(most, low.abs()), high.abs())
         });
-        let room = ROOM * largest;
+        let tolerance = TOLERANCE * largest;
         Neighborhood {
             empty: self.count[i] == 0.0,
             mean: of(&self.mean),
             deviation: of(&self.deviation),
             low,
             high,
-            wide: [low.map(|low| low - room), high.map(|high| high + room)],
-            room,
+            padded: [
+                low.map(|low| low - tolerance),
+                high.map(|high| high + tolerance),
+            ],
+            tolerance,
         }
     }
 }
@@ -877,28 +834,28 @@ struct Neighborhood {
     deviation: Color,
     low: Color,
     high: Color,
-    /// The box with some room.
-    wide: [Color; 2],
-    room: f32,
+    /// The box, enlarged by the tolerance.
+    padded: [Color; 2],
+    tolerance: f32,
 }
 
-/// Where a colour goes; NaN where it stays.
+/// Each response returns the clipped colour, or NaN for a colour inside.
 impl Neighborhood {
     #[inline(always)]
-    fn keeps(&self, color: Color) -> bool {
-        let [low, high] = self.wide;
+    fn contains(&self, color: Color) -> bool {
+        let [low, high] = self.padded;
         let inside = |c: usize| (low[c] <= color[c]) & (color[c] <= high[c]);
         self.empty | (inside(0) & inside(1) & inside(2))
     }
 
     #[inline(always)]
-    fn unless_kept(&self, color: Color, clipped: Color) -> Color {
-        let kept = self.keeps(color);
-        clipped.map(|c| if kept { f32::NAN } else { c })
+    fn unless_inside(&self, color: Color, clipped: Color) -> Color {
+        let inside = self.contains(color);
+        clipped.map(|c| if inside { f32::NAN } else { c })
     }
 
     #[inline(always)]
-    fn held(&self, color: Color) -> Color {
+    fn clamped(&self, color: Color) -> Color {
         [0, 1, 2].map(|c| smaller(larger(color[c], self.low[c]), self.high[c]))
     }
 
@@ -909,51 +866,45 @@ impl Neighborhood {
 
     #[inline(always)]
     fn clamp(&self, color: Color) -> Color {
-        let held = self.held(color);
-        self.unless_kept(color, held)
+        let clamped = self.clamped(color);
+        self.unless_inside(color, clamped)
     }
 
     #[inline(always)]
     fn to_center(&self, color: Color) -> Color {
-        let ([low, high], center) = (self.wide, self.center());
-        // Along an axis where the colour is at the centre, any share of the way will do.
-        let share = (0..3).fold(1.0, |share, c| {
-            smaller(
-                0.5 * (high[c] - low[c]) / (color[c] - center[c]).abs(),
-                share,
-            )
+        let ([low, high], center) = (self.padded, self.center());
+        // 0/0 where the colour is at the centre along an axis: `smaller` then keeps the other axes' t.
+        let t = (0..3).fold(1.0, |t, c| {
+            smaller(0.5 * (high[c] - low[c]) / (color[c] - center[c]).abs(), t)
         });
-        let clipped = self.held([0, 1, 2].map(|c| center[c] + share * (color[c] - center[c])));
-        self.unless_kept(color, clipped)
+        let clipped = self.clamped([0, 1, 2].map(|c| center[c] + t * (color[c] - center[c])));
+        self.unless_inside(color, clipped)
     }
 
     #[inline(always)]
     fn to_current(&self, color: Color, own: Color) -> Color {
-        let (center, held) = (self.center(), self.held(own));
-        let target = [0, 1, 2].map(|c| if own[0].is_nan() { center[c] } else { held[c] });
-        let [low, high] = self.wide;
+        let (center, clamped) = (self.center(), self.clamped(own));
+        let missing = own[0].is_nan();
+        let target = [0, 1, 2].map(|c| if missing { center[c] } else { clamped[c] });
+        let [low, high] = self.padded;
         let exit = |c: usize| {
             let below = color[c] < low[c];
             let bound = if below { self.low[c] } else { self.high[c] };
-            let share = (bound - target[c]) / (color[c] - target[c]);
-            if below | (color[c] > high[c]) {
-                share
-            } else {
-                1.0
-            }
+            let t = (bound - target[c]) / (color[c] - target[c]);
+            if below | (color[c] > high[c]) { t } else { 1.0 }
         };
-        let share = smaller(exit(0), smaller(exit(1), exit(2)));
-        let clipped = self.held(toward(color, target, share));
-        self.unless_kept(color, clipped)
+        let t = smaller(exit(0), smaller(exit(1), exit(2)));
+        let clipped = self.clamped(toward(color, target, t));
+        self.unless_inside(color, clipped)
     }
 
-    /// The half-axes are multiples of the deviations.
+    /// `axes` are the half-axes in standard deviations.
     #[inline(always)]
     fn to_ellipsoid(&self, color: Color, axes: Color) -> Color {
         let v = [0, 1, 2].map(|c| {
-            beyond(
+            ratio(
                 color[c] - self.mean[c],
-                axes[c] * self.deviation[c] + self.room,
+                axes[c] * self.deviation[c] + self.tolerance,
             )
         });
         let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
@@ -963,9 +914,9 @@ impl Neighborhood {
     }
 }
 
-/// |distance| / half, where nothing is no share of nothing.
+/// |distance| / half_axis; 0/0 counts as 0.
 #[inline(always)]
-fn beyond(distance: f32, half: f32) -> f32 {
-    let share = distance.abs() / half;
-    if distance == 0.0 { 0.0 } else { share }
+fn ratio(distance: f32, half_axis: f32) -> f32 {
+    let ratio = distance.abs() / half_axis;
+    if distance == 0.0 { 0.0 } else { ratio }
 }

@@ -1,10 +1,10 @@
-//! How much better one history predicts the new sample than another, judged without a reference.
+//! How much better one history predicts the new sample than another, measured without a reference.
 //!
-//! A new sample c is an unbiased look at the truth which no history has seen. Of two predictions k and h,
+//! A new sample c is an unbiased estimate of the reference, independent of all history. For two predictions k and h,
 //!   (k − c)² − (h − c)² = (k − h)(k + h − 2c)
-//! is, on average over c's noise, the difference of their true squared errors: it is linear in c, so that noise cancels
-//! where a tone curve or a clamp would leave a bias. Relative to brightness and averaged over a neighbourhood of the same
-//! object,
+//! equals, on average over c's noise, the difference of their true squared errors: it is linear in c, so that noise
+//! averages out; a tone curve or a clamp would leave a bias. Relative to brightness and averaged over the neighbours of the
+//! same object,
 //!   d = mean of Σ (k − h)(k + h − 2c) / (Σ h² + 0.01),  sums over the channels:
 //! negative where k is better.
 //!
@@ -19,13 +19,13 @@ use crate::lanes::{Classes, Lanes};
 use crate::pixels::{Rolling, Row};
 use crate::rows::{self, LanesKernel};
 
-/// The offset of relMSE, by which dark pixels do not count beyond measure.
+/// The offset of relMSE, which bounds the weight of dark pixels.
 const EPSILON: f32 = 0.01;
 
 /// Most pixels of the window to each side.
 pub const MOST: usize = 16;
 
-/// Writes the gain of a candidate; `radius` is that of the window, 0 to [`MOST`] pixels.
+/// Writes d of a candidate k against the base h; `radius` is that of the window, 0 to [`MOST`] pixels.
 pub fn prediction_gain<'a>(
     candidate: Pixels<'a>,
     base: Pixels<'a>,
@@ -42,7 +42,7 @@ pub fn prediction_gain<'a>(
     rows::run_lanes(&kernel, color.size.height, gain);
 }
 
-/// Of a run of pixels; not finite where something is missing.
+/// d of single pixels before averaging; not finite where an input is missing.
 #[inline(always)]
 pub(crate) fn terms(
     candidate: [&[f32]; 3],
@@ -63,7 +63,7 @@ pub(crate) fn terms(
     }
 }
 
-/// The ids of the rows around one, of every so many rows of an image.
+/// Sliding window of ids, over every n-th row of an image.
 pub(crate) struct Ids<'a> {
     ids: Option<Pixels<'a, u32>>,
     every: usize,
@@ -71,7 +71,7 @@ pub(crate) struct Ids<'a> {
 }
 
 impl<'a> Ids<'a> {
-    /// Where there are none, all are alike.
+    /// Without ids, all pixels count as one object.
     pub fn new(ids: Option<Pixels<'a, u32>>, width: usize, radius: usize, every: usize) -> Self {
         Self {
             ids,
@@ -80,7 +80,7 @@ impl<'a> Ids<'a> {
         }
     }
 
-    /// Goes to row `y`, which is below the one before unless it is the first.
+    /// Centres the window on row `y`: the row after the previous call's, unless `first`.
     #[inline(always)]
     pub fn roll(&mut self, y: usize, first: bool) {
         let Some(ids) = self.ids else { return };
@@ -94,7 +94,7 @@ impl<'a> Ids<'a> {
     }
 }
 
-/// The mean of the terms, which are those of rows around a run, over windows: 0 where none is finite.
+/// Averages the terms over each pixel's window, same object only; 0 where no term is finite.
 #[inline(always)]
 pub(crate) fn mean<S: Simd>(
     simd: S,
@@ -126,7 +126,7 @@ pub(crate) fn mean<S: Simd>(
 }
 
 struct Gain<'a> {
-    /// Candidate, base and colour.
+    /// k, h and c.
     images: [Pixels<'a>; 3],
     ids: Option<Pixels<'a, u32>>,
     radius: usize,

@@ -1,11 +1,11 @@
-//! Thin features: ridges of light, or furrows, that are narrower than a pixel is wide.
+//! Thin features: bright or dark lines that are narrower than a pixel.
 //!
-//! Of the 3×3 pixels, those whose luminance is like the middle one's, max ≤ similarity · min, belong to its feature. The
-//! feature is thin if none of the four 2×2 blocks that hold the pixel belongs to it as a whole, and if it is brighter than
-//! all of the others, or darker (after FSR 2's locks, by AMD). Jittered samples hit such features in some frames and miss
-//! them in others, where no neighbourhood shows them: history of theirs must not be held to it.
+//! Of the 3×3 pixels, those whose luminance is similar to the centre's, max ≤ similarity · min, belong to its feature. The
+//! feature is thin if none of the four 2×2 blocks around the centre belongs to it entirely, and if it is brighter, or
+//! darker, than all other pixels (after the locks of AMD's FSR 2). Jittered samples hit such a feature in some frames and
+//! miss it in others, where the neighbourhood does not contain it: there its history must not be clipped.
 //!
-//! Input: colour (3). Output: 1 or 0 (1). Pixels that are missing or outside count as alike, so that they make no ridge.
+//! Input: colour (3). Output: 1 or 0 (1). Neighbours that are missing or outside count as similar: they make no line.
 
 use std::ops::Range;
 
@@ -15,7 +15,7 @@ use crate::math::{is_present, luminance};
 use crate::pixels::{Columns, PixelsMut, Rolling, lanes};
 use crate::rows::{self, Kernel};
 
-/// A ratio from 1; 1.05.
+/// The largest ratio of similar luminances; ≥ 1; 1.05.
 pub fn check(similarity: f32) -> Result<()> {
     in_range("similarity", similarity, "a finite ratio from 1", |v| {
         v >= 1.0 && v.is_finite()

@@ -19,9 +19,9 @@
 use std::ops::Range;
 
 use crate::error::{Error, Result, in_range};
-use crate::image::{Pixels, Run, SEGMENT, View, segments};
+use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::math::{is_present, luminance, saturate};
-use crate::pixels::{PixelsMut, Row, larger, smaller};
+use crate::pixels::{Colors, PixelsMut, Row, larger, smaller};
 use crate::rows::{self, Kernel};
 
 /// Least weights of the new sample, and when history is shortened.
@@ -71,80 +71,143 @@ impl Params {
 /// Channels of a history image: colour 0 to 2, moments 3 and 4, length 5.
 pub const CHANNELS: usize = 6;
 
-struct Accumulate<'a, const PARTS: usize> {
-    color: Pixels<'a>,
-    weight: Option<View<'a>>,
-    history: [Pixels<'a>; 3],
-    gradient: Option<View<'a>>,
-    confidence: Option<View<'a>>,
-    params: Params,
+/// The source of a span's history: [`Images`], for other crates.
+pub trait History: Sync {
+    /// A band of what is known of the history beside its channels, to be written.
+    type Out: Send;
+    /// Buffers that spans share.
+    type Scratch;
+
+    /// Buffers for [`History::read`].
+    fn scratch(&self) -> Self::Scratch;
+
+    /// Reads a run's history, and the confidence in it, which is 1 before.
+    fn read(
+        &self,
+        run: Run,
+        scratch: &mut Self::Scratch,
+        history: &mut [Row; CHANNELS],
+        confidence: &mut Row,
+        out: &mut Self::Out,
+    );
+}
+
+/// A history that lies in images: colour, moments and length.
+pub struct Images<'a> {
+    /// Colour, moments and length.
+    pub parts: [Pixels<'a>; 3],
+    /// 1 channel, 0 to 1; 1 without.
+    pub confidence: Option<View<'a>>,
+}
+
+impl History for Images<'_> {
+    type Out = ();
+    type Scratch = ();
+
+    fn scratch(&self) {}
+
+    #[inline(always)]
+    fn read(
+        &self,
+        run: Run,
+        (): &mut (),
+        history: &mut [Row; CHANNELS],
+        confidence: &mut Row,
+        (): &mut (),
+    ) {
+        let [r, g, b, first, second, length] = history.each_mut().map(Row::as_mut_slice);
+        let [color, moments, lengths] = self.parts;
+        color.read(run, [r, g, b]);
+        moments.read(run, [first, second]);
+        lengths.read(run, [length]);
+        if let Some(image) = self.confidence {
+            load_shares(image, run, confidence);
+        }
+    }
+}
+
+/// New samples, and what is known of them.
+pub struct Samples<'a, C> {
+    /// The size of all images.
+    pub size: Size,
+    /// 3 channels.
+    pub color: &'a C,
+    /// How much of a sample each is; 1 without.
+    pub weight: Option<View<'a>>,
+    /// How much the light has changed; 0 without.
+    pub gradient: Option<View<'a>>,
 }
 
 /// Some of a history's channels, and where they go.
 pub type Part<'a> = (Range<usize>, PixelsMut<'a>);
 
-/// Writes parts of the history, which comes as colour, moments and length, with the new samples merged in. Returns the
-/// number of missing samples.
-pub fn accumulate<'a, const PARTS: usize>(
-    color: Pixels<'a>,
-    weight: Option<View<'a>>,
-    history: [Pixels<'a>; 3],
-    gradient: Option<View<'a>>,
-    confidence: Option<View<'a>>,
+/// Writes parts of the history with the new samples merged in. Returns the number of missing samples.
+pub fn accumulate<'a, C: Colors, H: History<Out: 'a>, const PARTS: usize>(
+    samples: Samples<C>,
+    history: &H,
     params: Params,
     merged: impl Iterator<Item = [Part<'a>; PARTS]>,
+    known: impl Iterator<Item = H::Out>,
 ) -> usize {
-    let height = color.size.height;
+    let height = samples.size.height;
     let mut missing = vec![0; rows::bands(height).count()];
-    let kernel = Accumulate::<PARTS> {
-        color,
-        weight,
+    let kernel = Accumulate::<C, H, PARTS> {
+        samples,
         history,
-        gradient,
-        confidence,
         params,
     };
-    let outs = merged
-        .zip(&mut missing)
-        .map(|(merged, missing)| Outs { merged, missing });
+    let outs = (merged.zip(known).zip(&mut missing)).map(|((merged, known), missing)| Outs {
+        merged,
+        known,
+        missing,
+    });
     rows::run(&kernel, height, outs);
     missing.iter().sum()
 }
 
-struct Outs<'a, const PARTS: usize> {
+struct Accumulate<'a, C, H, const PARTS: usize> {
+    samples: Samples<'a, C>,
+    history: &'a H,
+    params: Params,
+}
+
+struct Outs<'a, O, const PARTS: usize> {
     merged: [Part<'a>; PARTS],
+    known: O,
     missing: &'a mut usize,
 }
 
-impl<'a, const PARTS: usize> Kernel for Accumulate<'a, PARTS> {
-    type Out = Outs<'a, PARTS>;
+impl<'a, C: Colors, H: History<Out: 'a>, const PARTS: usize> Kernel
+    for Accumulate<'a, C, H, PARTS>
+{
+    type Out = Outs<'a, H::Out, PARTS>;
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: Self::Out) {
         let mut colors = [[0.0; SEGMENT]; 3];
         let mut history = [[0.0; SEGMENT]; CHANNELS];
-        let (mut weights, mut changes, mut confidences) =
-            ([1.0; SEGMENT], [0.0; SEGMENT], [1.0; SEGMENT]);
-        for run in rows.flat_map(|y| segments(y, self.color.size.width)) {
-            self.color
-                .read(run, colors.each_mut().map(Row::as_mut_slice));
-            if let Some(weight) = self.weight {
+        let [mut weights, mut confidences] = [[1.0; SEGMENT]; 2];
+        let mut changes = [0.0; SEGMENT];
+        let mut scratch = self.history.scratch();
+        let Samples {
+            size,
+            color,
+            weight,
+            gradient,
+        } = self.samples;
+        for run in rows.flat_map(|y| segments(y, size.width)) {
+            color.colors(run, &mut colors);
+            if let Some(weight) = weight {
                 load_shares(weight, run, &mut weights);
                 for (red, &weight) in colors[0].iter_mut().zip(&weights) {
                     *red = if weight > 0.0 { *red } else { f32::NAN };
                 }
             }
             *out.missing += count_missing(colors.each_ref().map(|row| &row[..run.len]));
-            let [r, g, b, first, second, length] = history.each_mut().map(Row::as_mut_slice);
-            let [color, moments, lengths] = self.history;
-            color.read(run, [r, g, b]);
-            moments.read(run, [first, second]);
-            lengths.read(run, [length]);
-            if let Some(gradient) = self.gradient {
+            let (confidence, known) = (&mut confidences, &mut out.known);
+            (self.history).read(run, &mut scratch, &mut history, confidence, known);
+            if let Some(gradient) = gradient {
                 load_shares(gradient, run, &mut changes);
-            }
-            if let Some(confidence) = self.confidence {
-                load_shares(confidence, run, &mut confidences);
             }
             let how = [&weights, &changes, &confidences];
             self.params.merge(&colors, how, &mut history);
@@ -155,7 +218,7 @@ impl<'a, const PARTS: usize> Kernel for Accumulate<'a, PARTS> {
     }
 }
 
-/// Of a run, held to [0, 1].
+/// Loads a run, clamped to [0, 1].
 #[inline(always)]
 pub(crate) fn load_shares(image: View, run: Run, shares: &mut Row) {
     let values = &image.row(0, run.y)[run.x..][..run.len];
@@ -164,7 +227,7 @@ pub(crate) fn load_shares(image: View, run: Run, shares: &mut Row) {
     }
 }
 
-/// Pixels of a row whose sample is missing.
+/// Counts the pixels of a row that have no finite sample.
 #[inline(always)]
 pub(crate) fn count_missing([r, g, b]: [&[f32]; 3]) -> usize {
     r.iter()
@@ -182,8 +245,8 @@ pub(crate) fn tenth_power(x: f32) -> f32 {
 }
 
 impl Params {
-    /// Merges new colours into the channels of a history, by how much of a sample each is, above 0 to 1, by how much the
-    /// light has changed, and by the confidence in the history, both 0 to 1.
+    /// Merges new colours into a history. `weights` say how much of a sample each colour is, above 0 to 1; `changes` are the
+    /// temporal gradient and `confidences` the trust in the history, both 0 to 1.
     #[inline(always)]
     pub(crate) fn merge(
         self,

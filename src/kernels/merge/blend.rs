@@ -1,25 +1,26 @@
-//! The blend of history and new sample, by a share α for each pixel.
+//! The blend of history and new sample by a blend factor α for each pixel.
 //!
 //! - **none**: h + α (c − h).
-//! - **tone**: each side weighted by 1/(e + luminance) as well, with e the exposure, so that no bright sample outweighs the rest (Karis 2014,
-//!   *High Quality Temporal Supersampling*).
-//! - **luminance**: α grows to four times as much where the luminances differ, lerp(4α, α, (1 − δ)²) with
+//! - **tone**: each side also weighted by 1/(e + luminance), with e the exposure, so that no bright sample outweighs the
+//!   rest (Karis 2014, *High Quality Temporal Supersampling*).
+//! - **luminance**: α grows up to fourfold where luminances differ, lerp(4α, α, (1 − δ)²) with
 //!   δ = |l − l′| / max(l, l′, 0.2 e) (Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*).
 //!
-//! Against flicker, α may fall where history lies near the border of the luminances that surround the pixel: there it
-//! has most likely just been clipped, and the next frame would clip it to the other side (Karis 2014). With
-//! d = min(l_h − l_min, l_max − l_h) / (½(l_max − l_min)) in [0, 1] and k = lerp(flicker, 1, d): α·k, but 1 stays 1.
+//! Against flicker, α may be reduced where history lies near the minimum or maximum luminance of the neighbourhood:
+//! there it has most likely just been clipped, and the next frame would clip it to the other side (Karis 2014). With d
+//! = min(l_h − l_min, l_max − l_h) / (½(l_max − l_min)) in [0, 1] and k = lerp(flicker, 1, d): α·k, but 1 stays 1.
 //!
-//! Inputs: colour (3), history (3), α (1). Output: colour (3). What is missing on one side comes from the other.
+//! Inputs: colour (3), history (3), α (1). Output: colour (3). Where one side is missing, the other is copied.
 
 use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::kernels::judge::exposure;
+use crate::kernels::judge::neighborhood::{self, Window};
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, BAND, Kernel};
 
 /// What beside α weighs the two colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +38,7 @@ pub enum Weighting {
 pub struct Params {
     /// None.
     pub weighting: Weighting,
-    /// What is left of α on the border of the neighbourhood; 0 to 1; 1, which asks for no neighbourhood.
+    /// Factor on α where history lies at the neighbourhood's extremes; 0 to 1; 1, which skips the neighbourhood.
     pub flicker: f32,
     /// The radiance that counts as 1; above 0; 1.
     pub exposure: f32,
@@ -67,7 +68,7 @@ pub fn check_alpha(share: f32) -> Result<()> {
     })
 }
 
-/// One share for all pixels, or one for each.
+/// One blend factor for all pixels, or one for each.
 #[derive(Clone, Copy)]
 pub enum Alpha<'a> {
     /// 0 to 1.
@@ -77,16 +78,16 @@ pub enum Alpha<'a> {
 }
 
 impl Alpha<'_> {
-    /// The shares of a run.
+    /// The blend factors of a span. NaN counts as 1: the sample alone.
     #[inline(always)]
-    pub(crate) fn read(&self, run: Run, shares: &mut [f32]) {
-        let shares = &mut shares[..run.len];
+    pub(crate) fn read(&self, run: Run, into: &mut [f32]) {
+        let into = &mut into[..run.len];
         match self {
-            Self::Constant(alpha) => shares.fill(*alpha),
+            Self::Constant(alpha) => into.fill(*alpha),
             Self::Map(map) => {
                 let alphas = &map.row(0, run.y)[run.x..][..run.len];
-                for (share, &alpha) in shares.iter_mut().zip(alphas) {
-                    *share = if alpha.is_nan() { 1.0 } else { saturate(alpha) };
+                for (into, &alpha) in into.iter_mut().zip(alphas) {
+                    *into = if alpha.is_nan() { 1.0 } else { saturate(alpha) };
                 }
             }
         }
@@ -132,32 +133,84 @@ impl<'a> Kernel for Blend<'a> {
         let mut colors = Rolling::new(size.width, if flicker < 1.0 { 1 } else { 0 });
         let mut history = [[0.0; SEGMENT]; 3];
         let mut blended = [[0.0; SEGMENT]; 3];
-        let mut shares = [0.0; SEGMENT];
+        let mut alphas = [0.0; SEGMENT];
         for y in rows.clone() {
             colors.roll(self.color, y, y == rows.start);
             for run in segments(y, size.width) {
                 self.history
                     .read(run, history.each_mut().map(Row::as_mut_slice));
-                self.alpha.read(run, &mut shares);
+                self.alpha.read(run, &mut alphas);
                 if flicker < 1.0 {
-                    calm(&colors, run, &history, flicker, &mut shares);
+                    calm(&colors, run, &history, flicker, &mut alphas);
                 }
                 let own = colors.own(run);
-                mix(own, &history, &shares, weighting, exposure, &mut blended);
+                mix(own, &history, &alphas, weighting, exposure, &mut blended);
                 out.write(run, blended.each_ref().map(Row::as_slice));
             }
         }
     }
 }
 
-/// Lessens the shares where history lies near the border of what surrounds the pixel.
+struct ClipBlend<'a> {
+    color: Pixels<'a>,
+    history: Pixels<'a>,
+    alpha: Alpha<'a>,
+    clip: neighborhood::Params,
+}
+
+/// Clips history to the neighbourhood of `color`, then blends without weighting. Fused, so that clipped history never
+/// leaves the cache.
+pub fn clip_and_blend<'a>(
+    color: Pixels<'a>,
+    history: Pixels<'a>,
+    alpha: Alpha<'a>,
+    clip: neighborhood::Params,
+    blended: impl Iterator<Item = PixelsMut<'a>>,
+) {
+    let height = color.size.height;
+    let kernel = ClipBlend {
+        color,
+        history,
+        alpha,
+        clip,
+    };
+    rows::run_far(&kernel, height, clip.radius as usize, blended);
+}
+
+impl<'a> Kernel for ClipBlend<'a> {
+    type Out = Vec<PixelsMut<'a>>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+        let size = self.color.size;
+        let mut window = Window::new(size.width, self.clip);
+        let mut clipped = [[0.0; SEGMENT]; 3];
+        let mut blended = [[0.0; SEGMENT]; 3];
+        let mut alphas = [0.0; SEGMENT];
+        for y in rows.clone() {
+            window.roll(self.color, y, y == rows.start);
+            let out = &mut outs[(y - rows.start) / BAND];
+            for run in segments(y, size.width) {
+                self.history
+                    .read(run, clipped.each_mut().map(Row::as_mut_slice));
+                window.clip(run, &mut clipped);
+                self.alpha.read(run, &mut alphas);
+                let own = window.colors.own(run);
+                mix(own, &clipped, &alphas, Weighting::None, 1.0, &mut blended);
+                out.write(run, blended.each_ref().map(Row::as_slice));
+            }
+        }
+    }
+}
+
+/// Reduces α where history lies near the minimum or maximum luminance of the 3×3 neighbourhood.
 #[inline(always)]
 pub(crate) fn calm(
     colors: &Rolling<3>,
     run: Run,
     history: &[Row; 3],
     flicker: f32,
-    shares: &mut Row,
+    alphas: &mut Row,
 ) {
     let n = lanes(run);
     let mut lows: Columns = [f32::INFINITY; _];
@@ -181,31 +234,31 @@ pub(crate) fn calm(
         let inside = (l - low).min(high - l) / (0.5 * (high - low));
         let inside = if high > low { saturate(inside) } else { 1.0 };
         let kept = flicker + (1.0 - flicker) * inside;
-        shares[i] *= kept + shares[i] * (1.0 - kept);
+        alphas[i] *= kept + alphas[i] * (1.0 - kept);
     }
 }
 
-/// Blends a run by the shares of its colours.
+/// Blends a span.
 #[inline(always)]
 pub(crate) fn mix(
     color: [&[f32]; 3],
     history: &[Row; 3],
-    shares: &Row,
+    alphas: &Row,
     weighting: Weighting,
     exposure: f32,
     blended: &mut [Row; 3],
 ) {
     match weighting {
-        Weighting::None => mix_by(color, history, shares, blended, |a, _, _| a),
-        // The weights' ratio as one share.
-        Weighting::Tone => mix_by(color, history, shares, blended, |a, c, h| {
+        Weighting::None => mix_by(color, history, alphas, blended, |a, _, _| a),
+        // Both weights folded into one effective α.
+        Weighting::Tone => mix_by(color, history, alphas, blended, |a, c, h| {
             let (new, old) = (
                 a / (exposure + c.max(0.0)),
                 (1.0 - a) / (exposure + h.max(0.0)),
             );
             new / (new + old)
         }),
-        Weighting::Luminance => mix_by(color, history, shares, blended, |a, c, h| {
+        Weighting::Luminance => mix_by(color, history, alphas, blended, |a, c, h| {
             let alike = (1.0 - (c - h).abs() / c.max(h).max(0.2 * exposure)).max(0.0);
             let most = (4.0 * a).min(1.0);
             most + alike * alike * (a - most)
@@ -217,9 +270,9 @@ pub(crate) fn mix(
 fn mix_by(
     color: [&[f32]; 3],
     [hr, hg, hb]: &[Row; 3],
-    shares: &Row,
+    alphas: &Row,
     [or, og, ob]: &mut [Row; 3],
-    share: impl Fn(f32, f32, f32) -> f32,
+    effective: impl Fn(f32, f32, f32) -> f32,
 ) {
     let n = color[0].len().min(SEGMENT);
     let [cr, cg, cb] = color.map(|row| &row[..n]);
@@ -227,8 +280,8 @@ fn mix_by(
         let (c, h) = ([cr[x], cg[x], cb[x]], [hr[x], hg[x], hb[x]]);
         let present = is_present(c);
         let remembered = is_present(h);
-        let a = share(
-            shares[x],
+        let a = effective(
+            alphas[x],
             luminance(c[0], c[1], c[2]),
             luminance(h[0], h[1], h[2]),
         );

@@ -1,21 +1,21 @@
-//! Recirculating reprojection: what was traced now, its holes filled, and what was known before, blended by quality.
+//! Recirculating reprojection: blends the new, hole-filled image with history, weighted by quality.
 //!
-//! Of both images each pixel takes the mean at three places along its motion v,
+//! Each pixel takes from both images the mean of three taps along its motion v,
 //!   c = ⅓ Σ image(p + k b v),  k = −1, 0, 1,
-//! which blurs it as a shutter does that is open for 2 b of a frame's time; read bilinearly from the pixels that are
-//! known. The quality of what was known falls with the length of the motion, to a half over h pixels, and both are
-//! blended by the new one's share of quality, held to a range:
+//! a motion blur like that of a shutter open for 2 b of a frame; taps are bilinear over valid pixels. The quality of
+//! history falls with the length of the motion, to a half over h pixels, and the blend factor s is the new image's
+//! fraction of the total quality, clamped to a range:
 //!   q' = q_r / (1 + |v|/h),  s = clamp(q_f / (q_f + q'), s₀, s₁),  c = c_r + s (c_f − c_r).
-//! Carried on is q = min(q_f + q', limit): the more is known of a pixel, the less a new sample changes it.
+//! The quality passed on is q = min(q_f + q', limit): the higher it is, the less a new sample changes the pixel.
 //!
-//! The old image is already where it appears now, or it is that of the previous frame and is fetched: read at p + v
-//! instead of p, and its quality with it, of which pixels that are not known have none.
+//! History is either already reprojected, or it is the previous frame's output and fetched here: colour and quality are
+//! read at p + v instead of p, with quality 0 for missing pixels.
 //!
-//! After "Reprojection 2", a developer's diary of 2008, which gives the three offsets (b = ¼), the shares and their
+//! After "Reprojection 2", a developer's diary of 2008, which gives the three offsets (b = ¼), the blend factor and its
 //! range, fetches the old image, and says that quality falls; how it falls and adds up is our choice.
 //!
-//! Inputs: colour (3) and quality (1) of both images, 0 where there is none; motion (2 or 3). Outputs: colour (3) and
-//! quality (1); NaN and 0 where neither image has any.
+//! Inputs: colour (3) and quality (1) of both images, quality 0 where missing; motion (2 or 3). Outputs: colour (3) and
+//! quality (1); NaN and 0 where both images are missing.
 
 use std::ops::Range;
 
@@ -28,15 +28,15 @@ use crate::rows::{self, Kernel};
 /// Blur, and how quality weighs.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// How far the outer places are along the motion, b; 0 to 1; ¼.
+    /// b: distance of the outer taps, as a fraction of the motion; 0 to 1; ¼.
     pub blur: f32,
-    /// Least and greatest share of the new image where both are known; 0 to 1; (0, 1).
+    /// s₀ and s₁: range of the blend factor where both images are valid; 0 to 1; (0, 1).
     pub share: [f32; 2],
-    /// Motion in pixels over which quality falls to a half; above 0; infinite, over which it does not.
+    /// h: motion in pixels over which quality falls to a half; above 0; infinity (quality does not fall).
     pub fade: f32,
-    /// Highest quality that is carried on, above 0; 8.
+    /// Upper bound of the quality passed on; above 0; 8.
     pub limit: f32,
-    /// Whether the old image is that of the previous frame, read at p + v; false.
+    /// True if history is the previous frame's output, to be read at p + v; false.
     pub fetch: bool,
 }
 
@@ -70,10 +70,10 @@ impl Params {
     }
 }
 
-/// Motion that is as long is not known.
+/// Motion this long counts as unknown.
 pub(crate) const FARTHEST: f32 = 1e6;
 
-/// Colour, and its quality.
+/// An image with its quality.
 #[derive(Clone, Copy)]
 pub struct Known<'a> {
     /// 3 channels.
@@ -83,7 +83,7 @@ pub struct Known<'a> {
 }
 
 impl Known<'_> {
-    /// Reads a run, with quality 0 where there is nothing.
+    /// Reads a span; quality is 0 where colour or quality is invalid.
     #[inline(always)]
     fn read(&self, run: Run, color: &mut [Row; 3], quality: &mut Row) {
         let n = run.len;
@@ -97,19 +97,19 @@ impl Known<'_> {
         }
     }
 
-    /// To be read between pixels: colours, and 1 as fourth number and quality as fifth, or zeros where there is nothing.
-    fn to_places<const N: usize>(self) -> Records {
+    /// Interleaved copy for bilinear taps: colour, validity (1) and, for N = 5, quality; all zeros where missing.
+    fn interleaved<const N: usize>(self) -> Records {
         let size = self.color.size;
-        let mut places = Records::blank(size, N);
-        let outs = PixelsMut::bands(size, N, places.data_mut());
-        rows::run(&ToPlaces::<N>(self), size.height, outs);
-        places
+        let mut texels = Records::blank(size, N);
+        let outs = PixelsMut::bands(size, N, texels.data_mut());
+        rows::run(&Interleave::<N>(self), size.height, outs);
+        texels
     }
 }
 
-struct ToPlaces<'a, const N: usize>(Known<'a>);
+struct Interleave<'a, const N: usize>(Known<'a>);
 
-impl<'a, const N: usize> Kernel for ToPlaces<'a, N> {
+impl<'a, const N: usize> Kernel for Interleave<'a, N> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
@@ -131,9 +131,9 @@ impl<'a, const N: usize> Kernel for ToPlaces<'a, N> {
     }
 }
 
-/// Adds the weighted sum of the four pixels around a place, in pixel centres.
+/// Adds a bilinear tap at (x, y), where integers are pixel centres.
 #[inline(always)]
-fn add<const N: usize>(places: &[[f32; N]], size: Size, [x, y]: [f32; 2], sum: &mut [f32; N]) {
+fn add<const N: usize>(texels: &[[f32; N]], size: Size, [x, y]: [f32; 2], sum: &mut [f32; N]) {
     let Size { height, width } = size;
     let (left, top) = (x.floor(), y.floor());
     let (right, down) = (x - left, y - top);
@@ -147,7 +147,7 @@ fn add<const N: usize>(places: &[[f32; N]], size: Size, [x, y]: [f32; 2], sum: &
     let inner = left >= 0 && top >= 0 && left + 1 < width as i32 && top + 1 < height as i32;
     if inner {
         let first = top as usize * width + left as usize;
-        let (above, below) = (&places[first..][..2], &places[first + width..][..2]);
+        let (above, below) = (&texels[first..][..2], &texels[first + width..][..2]);
         for c in 0..N {
             sum[c] += weights[0] * above[0][c] + weights[1] * above[1][c];
             sum[c] += weights[2] * below[0][c] + weights[3] * below[1][c];
@@ -157,15 +157,15 @@ fn add<const N: usize>(places: &[[f32; N]], size: Size, [x, y]: [f32; 2], sum: &
     for (i, weight) in weights.into_iter().enumerate() {
         let (x, y) = (left + (i % 2) as i32, top + (i / 2) as i32);
         if (0..width as i32).contains(&x) && (0..height as i32).contains(&y) {
-            let place = &places[y as usize * width + x as usize];
-            for (sum, value) in sum.iter_mut().zip(place) {
+            let texel = &texels[y as usize * width + x as usize];
+            for (sum, value) in sum.iter_mut().zip(texel) {
                 *sum += weight * value;
             }
         }
     }
 }
 
-/// Writes records of colour, and quality.
+/// Writes blended colour and quality.
 pub fn recirculate<'a>(
     filled: Known<'a>,
     reprojected: Known<'a>,
@@ -178,11 +178,11 @@ pub fn recirculate<'a>(
     let blurs = params.blur > 0.0;
     let kernel = Recirculate {
         images,
-        places: [
-            blurs.then(|| filled.to_places::<4>()),
-            (blurs && !params.fetch).then(|| reprojected.to_places::<4>()),
+        blurred: [
+            blurs.then(|| filled.interleaved::<4>()),
+            (blurs && !params.fetch).then(|| reprojected.interleaved::<4>()),
         ],
-        previous: params.fetch.then(|| reprojected.to_places::<5>()),
+        previous: params.fetch.then(|| reprojected.interleaved::<5>()),
         motion,
         params,
     };
@@ -190,47 +190,45 @@ pub fn recirculate<'a>(
 }
 
 struct Recirculate<'a> {
-    /// The new and the old.
+    /// The new image and history.
     images: [Known<'a>; 2],
-    /// To be blurred in place.
-    places: [Option<Records>; 2],
-    /// The old image, to be fetched.
+    /// Interleaved copies for motion blur at the pixel's own position.
+    blurred: [Option<Records>; 2],
+    /// Interleaved copy of history if it is to be fetched.
     previous: Option<Records>,
     motion: Pixels<'a>,
     params: Params,
 }
 
 impl Recirculate<'_> {
-    /// Replaces the known colours of a run by the means at their three places.
+    /// Replaces the valid colours of a span by the mean of their three taps.
     #[inline(always)]
     fn blur(
         &self,
-        places: &Records,
+        texels: &Records,
         run: Run,
         motion: &[Row; 2],
         quality: &Row,
         color: &mut [Row; 3],
     ) {
         let size = self.motion.size;
-        let places = places.pixels().numbers().0.as_chunks::<4>().0;
+        let texels = texels.pixels().numbers().0.as_chunks::<4>().0;
         let blur = self.params.blur;
         for i in 0..run.len {
             let (x, y) = ((run.x + i) as f32, run.y as f32);
             let (dx, dy) = (blur * motion[0][i], blur * motion[1][i]);
             if quality[i] > 0.0 && (dx != 0.0 || dy != 0.0) {
-                let mut sum = places[run.y * size.width + run.x + i];
-                add(places, size, [x - dx, y - dy], &mut sum);
-                add(places, size, [x + dx, y + dy], &mut sum);
+                let mut sum = texels[run.y * size.width + run.x + i];
+                add(texels, size, [x - dx, y - dy], &mut sum);
+                add(texels, size, [x + dx, y + dy], &mut sum);
                 for (row, value) in color.iter_mut().zip(sum) {
                     row[i] = value / sum[3];
                 }
             }
         }
     }
-}
 
-impl Recirculate<'_> {
-    /// Replaces a run of the old image by what motion leads to, blurred.
+    /// Fetches and blurs a span of history at the end of its motion; without motion, the span is already in place.
     #[inline(always)]
     fn fetch(
         &self,
@@ -241,7 +239,7 @@ impl Recirculate<'_> {
         color: &mut [Row; 3],
     ) {
         let size = self.motion.size;
-        let places = previous.pixels().numbers().0.as_chunks::<5>().0;
+        let texels = previous.pixels().numbers().0.as_chunks::<5>().0;
         let blur = self.params.blur;
         for i in 0..run.len {
             let (mx, my) = (motion[0][i], motion[1][i]);
@@ -250,12 +248,12 @@ impl Recirculate<'_> {
             }
             let (x, y) = ((run.x + i) as f32 + mx, run.y as f32 + my);
             let mut sum = [0.0; 5];
-            add(places, size, [x, y], &mut sum);
+            add(texels, size, [x, y], &mut sum);
             quality[i] = sum[4];
             if blur > 0.0 {
                 let (dx, dy) = (blur * mx, blur * my);
-                add(places, size, [x - dx, y - dy], &mut sum);
-                add(places, size, [x + dx, y + dy], &mut sum);
+                add(texels, size, [x - dx, y - dy], &mut sum);
+                add(texels, size, [x + dx, y + dy], &mut sum);
             }
             for (row, value) in color.iter_mut().zip(sum) {
                 row[i] = value / sum[3];
@@ -284,15 +282,15 @@ impl<'a> Kernel for Recirculate<'a> {
                 .read(run, motion.each_mut().map(Row::as_mut_slice));
             let [mx, my] = motion.each_mut().map(|row| &mut row[..n]);
             for i in 0..n {
-                // Motion that is not known, or leads nowhere, blurs nothing.
+                // Unknown or excessive motion counts as none: no blur, no fetch.
                 let known = (mx[i].abs() < FARTHEST) & (my[i].abs() < FARTHEST);
                 (mx[i], my[i]) = if known { (mx[i], my[i]) } else { (0.0, 0.0) };
             }
             for (side, image) in self.images.iter().enumerate() {
                 image.read(run, &mut colors[side], &mut qualities[side]);
-                if let Some(places) = &self.places[side] {
+                if let Some(texels) = &self.blurred[side] {
                     let (color, quality) = (&mut colors[side], &qualities[side]);
-                    self.blur(places, run, &motion, quality, color);
+                    self.blur(texels, run, &motion, quality, color);
                 }
             }
             if let Some(previous) = &self.previous {
@@ -303,12 +301,12 @@ impl<'a> Kernel for Recirculate<'a> {
             for i in 0..n {
                 let length = (motion[0][i] * motion[0][i] + motion[1][i] * motion[1][i]).sqrt();
                 let faded = known[i] / (1.0 + length / fade);
-                let share = fresh[i] / (fresh[i] + faded);
-                let held = if share < low { low } else { share };
-                let held = if held > high { high } else { held };
+                let alpha = fresh[i] / (fresh[i] + faded);
+                let alpha = if alpha < low { low } else { alpha };
+                let alpha = if alpha > high { high } else { alpha };
                 for c in 0..3 {
                     let (new, old) = (new[c][i], &mut old[c][i]);
-                    let blended = *old + held * (new - *old);
+                    let blended = *old + alpha * (new - *old);
                     let alone = if fresh[i] > 0.0 { new } else { f32::NAN };
                     let or_old = if fresh[i] > 0.0 { blended } else { *old };
                     *old = if faded > 0.0 { or_old } else { alone };

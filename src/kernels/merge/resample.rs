@@ -2,16 +2,18 @@
 //!
 //! Sample q of the image lies at q + offset. A pixel of the new grid, at x in the image's pixels, becomes
 //!   Σ k(d.x) k(d.y) c / Σ k(d.x) k(d.y),  d = q + offset − x,
-//! over the 4×4 samples around it, with k one of the filters of [`super::super::fetch`]: Lanczos' of two lobes, which FSR 2
-//! takes, Catmull and Rom's, or the tent of bilinear interpolation; the nearest sample is copied. Dering holds the first
-//! two to the range of the nearest 2×2 samples. What such a frame knows of a pixel depends on how near its samples lie:
+//! over the 4×4 samples around it, with k one of the filters of [`super::super::fetch`]: Lanczos with two lobes (as in
+//! FSR 2), Catmull-Rom, or the tent of bilinear interpolation; "nearest" copies a sample. Deringing clamps the first
+//! two to the range of the nearest 2×2 samples. The information that a frame has about a pixel depends on how near its
+//! samples are:
 //!   weight = Σ g(s·d.x) g(s·d.y),
-//! with s pixels of the new grid to one of the image's and g the normal distribution of deviation 0.33: samples per pixel,
-//! on average 1/s² (Karis 2014, *High Quality Temporal Supersampling*, weights samples by a like curve, twice as wide).
+//! with s the ratio of the new resolution to the image's and g the density of a normal distribution with standard
+//! deviation 0.33: the weight is in samples per pixel, 1/s² on average (Karis 2014, *High Quality Temporal
+//! Supersampling*, weights samples by a similar curve, twice as wide).
 //!
-//! Inputs: image of any channels, offset in its pixels. Outputs: image of the new size, weight (1). Missing samples do not
-//! count, but the nearest is copied as it is; NaN where the filter's weights that count are not positive in sum. Nothing
-//! is blurred first where the new grid is the coarser.
+//! Inputs: image of any channels, offset in its pixels. Outputs: image of the new size, weight (1). Missing samples do
+//! not count ("nearest" copies them); NaN where the sum of the remaining filter weights is not positive. There is no
+//! low-pass filter: downsampling aliases.
 
 use std::ops::Range;
 
@@ -28,13 +30,13 @@ pub const FILTERS: [(&str, Filter); 4] = [
     ("lanczos-2", Filter::Wide(Wide::Lanczos2)),
 ];
 
-/// Of the distance, in pixels of the new grid, at which samples still count.
+/// Standard deviation of g, in pixels of the new grid.
 const DEVIATION: f64 = 0.33;
 
-/// Taps along an axis, at −1, 0, 1 and 2 from the sample before.
+/// Taps along an axis, at −1, 0, 1 and 2 from the sample at or before the pixel.
 const TAPS: usize = 4;
 
-/// What the places of one axis of the new grid take from the image.
+/// Precomputed taps along one axis, for every position of the new grid.
 struct Axis {
     nearest: Vec<usize>,
     taps: Vec<Taps>,
@@ -42,7 +44,7 @@ struct Axis {
 
 #[derive(Clone, Copy)]
 struct Taps {
-    /// Those that lie outside are of no weight.
+    /// Sample indices, clamped to the image; taps outside have weight 0.
     at: [usize; TAPS],
     filter: [f32; TAPS],
     density: [f32; TAPS],
@@ -87,20 +89,20 @@ impl Axis {
     }
 }
 
-/// Where the new places lie among the samples, counted from the first.
+/// Positions of the new grid's pixels along an axis, in units of samples from the first.
 fn places(from: usize, to: usize, offset: f64) -> impl Iterator<Item = f64> {
     let (from, count) = (from as f64, to as f64);
     (0..to).map(move |i| (i as f64 + 0.5) * from / count - 0.5 - offset)
 }
 
-/// The sample next to each place of an axis.
+/// The nearest sample to each position of an axis.
 pub(crate) fn nearest(from: usize, to: usize, offset: f64) -> Vec<usize> {
     places(from, to, offset)
         .map(|x| ((x + 0.5).floor().max(0.0) as usize).min(from - 1))
         .collect()
 }
 
-/// Writes the image on a grid of the given size, and its weights.
+/// Writes the image resampled to `size`, and its weights.
 pub fn resample<'a>(
     image: Pixels<'a>,
     size: Size,
@@ -130,13 +132,13 @@ struct Resample<'a> {
     rows: Axis,
 }
 
-/// Rows of the image: its channels, 0 where missing, and whether the pixels are there, 1 or 0.
-struct Held {
+/// Ring buffer of image rows: planar channels, 0 where missing, then validity, 1 or 0.
+struct CachedRows {
     rows: [Option<usize>; TAPS],
     data: [Vec<Vec<f32>>; TAPS],
 }
 
-impl Held {
+impl CachedRows {
     fn new(image: &Pixels) -> Self {
         let row = || vec![vec![0.0; image.size.width]; image.channels + 1];
         Self {
@@ -145,7 +147,7 @@ impl Held {
         }
     }
 
-    /// Reads a row, unless it is held.
+    /// Reads a row unless it is cached.
     #[inline(always)]
     fn load(&mut self, image: &Pixels, y: usize) {
         let place = y % TAPS;
@@ -180,9 +182,10 @@ impl<'a> Kernel for Resample<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, (mut resampled, mut weights): Self::Out) {
         let Pixels { size, channels, .. } = self.image;
-        let mut held = Held::new(&self.image);
+        let mut cached = CachedRows::new(&self.image);
         let row = || vec![0.0; size.width];
-        // Weighted sums down the columns: of the channels, of the filter and of the density; ranges of the two rows next.
+        // Per input column, over the taps of this output row: filtered channels, sum of filter weights, density, and the
+        // range of the two nearest rows.
         let mut sums = vec![row(); channels + 1];
         let mut density = row();
         let (mut lows, mut highs) = (vec![row(); channels], vec![row(); channels]);
@@ -191,17 +194,17 @@ impl<'a> Kernel for Resample<'a> {
         for y in rows {
             let taps = &self.rows.taps[y];
             for (k, &at) in taps.at.iter().enumerate() {
-                held.load(&self.image, at);
+                cached.load(&self.image, at);
                 let (filter, dense) = (taps.filter[k], taps.density[k]);
-                for (sum, row) in sums.iter_mut().zip(held.row(at)) {
+                for (sum, row) in sums.iter_mut().zip(cached.row(at)) {
                     add(sum, filter, row, k == 0);
                 }
-                add(&mut density, dense, &held.row(at)[channels], k == 0);
+                add(&mut density, dense, &cached.row(at)[channels], k == 0);
             }
             if self.dering {
                 for c in 0..channels {
                     let [above, below] = [1, 2].map(|k| {
-                        let rows = held.row(taps.at[k]);
+                        let rows = cached.row(taps.at[k]);
                         (&rows[c], &rows[channels])
                     });
                     range(above, below, &mut lows[c], &mut highs[c]);
@@ -219,10 +222,10 @@ impl<'a> Kernel for Resample<'a> {
                             let [left, right] = [taps.at[1], taps.at[2]];
                             let low = smaller(lows[c][left], lows[c][right]);
                             let high = larger(highs[c][left], highs[c][right]);
-                            // Where none of the 2×2 is there, nothing holds.
-                            let held = larger(smaller(value, high), low);
+                            // With all of the 2×2 missing, the range is empty and does not clamp.
+                            let clamped = larger(smaller(value, high), low);
                             value = if (low <= high) & !value.is_nan() {
-                                held
+                                clamped
                             } else {
                                 value
                             };
@@ -246,7 +249,7 @@ impl<'a> Kernel for Resample<'a> {
     }
 }
 
-/// Adds a weighted row to a sum, or begins with it.
+/// Adds a weighted row to a sum; the first one overwrites it.
 #[inline(always)]
 fn add(sum: &mut [f32], weight: f32, row: &[f32], first: bool) {
     for (sum, value) in sum.iter_mut().zip(row) {
@@ -264,7 +267,7 @@ fn across(row: &[f32], at: &[usize; TAPS], weights: &[f32; TAPS]) -> f32 {
     sum
 }
 
-/// The range of two rows, of those that are there.
+/// Minimum and maximum of two rows' valid samples.
 #[inline(always)]
 fn range(
     (above, here): (&Vec<f32>, &Vec<f32>),

@@ -7,10 +7,11 @@
 //! - **tent**: 1 − |d|;
 //! - **blackman-harris**: the four-term window of that name, 3.3 pixels wide (Karis 2014, *High Quality Temporal
 //!   Supersampling*);
-//! - **mitchell**: the cubic with B = C = ⅓ (Mitchell and Netravali 1988, *Reconstruction Filters in Computer Graphics*).
+//! - **mitchell**: the cubic with B = C = ⅓ (Mitchell and Netravali 1988, *Reconstruction Filters in Computer
+//!   Graphics*).
 //!
 //! Inputs: images of any channels, and an offset in pixels for each. Output: one image. Missing samples do not count;
-//! NaN where the weights that do are not positive in sum.
+//! NaN where the sum of the remaining weights is not positive.
 
 use std::ops::Range;
 
@@ -32,10 +33,10 @@ pub enum Filter {
     Mitchell,
 }
 
-/// Pixels to each side that the widest filter reaches with offsets of up to half a pixel.
+/// Radius of the widest filter in pixels, for offsets of up to half a pixel.
 const REACH: usize = 2;
 
-/// So many of them, then.
+/// Taps along an axis.
 const WINDOW: usize = 2 * REACH + 1;
 
 impl Filter {
@@ -74,8 +75,8 @@ pub fn check(offset: [f64; 2]) -> Result<()> {
     Err(Error::value("offsets", "pixels from -0.5 to 0.5", got))
 }
 
-/// Writes the reconstruction of frames, each with how far its samples lie beside their pixels' centres, by at most half
-/// a pixel. Returns how many samples are missing.
+/// Reconstructs one image from frames and their jitter offsets, at most half a pixel. Returns the number of missing
+/// samples.
 pub fn resolve<'a>(
     frames: &'a [(Pixels<'a>, [f64; 2])],
     filter: Filter,
@@ -105,7 +106,7 @@ struct Resolve<'a> {
 
 struct Frame<'a> {
     samples: Pixels<'a>,
-    /// Along x and y, for pixels from −[`REACH`] to [`REACH`].
+    /// Filter weights along x and y, for taps from −[`REACH`] to [`REACH`].
     weights: [[f32; WINDOW]; 2],
 }
 
@@ -120,9 +121,9 @@ impl<'a> Kernel for Resolve<'a> {
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, outs: Self::Out) {
         let Pixels { size, channels, .. } = self.frames[0].samples;
-        // Weighted sums of the channels, and of the weights.
+        // Planar: weighted sums of the channels, then the sum of weights.
         let mut sums = vec![0.0; (channels + 1) * BAND * size.width];
-        // Samples, 0 where missing, and whether they are there, 1 or 0.
+        // One sliding window per channel, 0 where missing, then one of validity, 1 or 0.
         let mut around: Vec<_> = (0..=channels)
             .map(|_| Rolling::<1>::new(size.width, REACH))
             .collect();
@@ -140,7 +141,7 @@ impl<'a> Kernel for Resolve<'a> {
                 let (weights, parts) = parts.split_last_mut().expect("at least one");
                 for part in &mut *parts {
                     for (sum, &weight) in part.iter_mut().zip(&**weights) {
-                        // Where negative lobes outweigh the rest, nothing sensible is left.
+                        // Negative lobes may cancel the rest: division by a tiny sum would amplify noise.
                         let mean = *sum / weight;
                         *sum = if weight > 1e-6 { mean } else { f32::NAN };
                     }
@@ -152,7 +153,7 @@ impl<'a> Kernel for Resolve<'a> {
 }
 
 impl Frame<'_> {
-    /// Adds the weighted samples around a band's pixels, and returns how many of its own are missing.
+    /// Adds this frame's weighted samples to a band; returns the number of missing samples in the band.
     #[inline(always)]
     fn add(&self, rows: &Range<usize>, around: &mut [Rolling<1>], sums: &mut [f32]) -> usize {
         let width = self.samples.size.width;
@@ -175,7 +176,7 @@ impl Frame<'_> {
         missing
     }
 
-    /// Reads a row, and returns how many of its samples are there.
+    /// Reads a row into the windows; returns the number of valid samples.
     #[inline(always)]
     fn load(&self, y: isize, samples: &mut [Rolling<1>], here: &mut Rolling<1>) -> usize {
         let size = self.samples.size;
@@ -209,7 +210,7 @@ impl Frame<'_> {
         here.iter().filter(|&&here| here > 0.0).count()
     }
 
-    /// Adds the weighted samples around a run: down the columns first.
+    /// Adds a span's weighted samples; separable, columns first.
     #[inline(always)]
     fn add_run(&self, around: &Rolling<1>, run: Run, sums: &mut [f32]) {
         let [along, down] = self.weights;

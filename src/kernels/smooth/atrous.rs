@@ -85,10 +85,10 @@ impl Params {
     }
 }
 
-/// Between passes an image has colour (0 to 2), luminance (3) and variance (4 or 5). A missing pixel is black with NaN for
-/// luminance, which makes every weight with it zero; so is the border.
+/// Channels between passes: colour (0 to 2), luminance (3) and variance (4 or 5). Missing pixels and the padding are black
+/// with NaN for luminance, which makes their weight as taps zero.
 const LUMINANCE: usize = 3;
-/// What a pass overwrites in its place. The variance it does not, as it is read in the rows above and below.
+/// Channels that a pass overwrites in place. Variance alternates between two, since its 3×3 blur reads neighbouring rows.
 const IN_PLACE: usize = 4;
 const VARIANCES: [usize; 2] = [4, 5];
 
@@ -110,17 +110,17 @@ pub fn atrous<'a>(
     let mut image = Filtered::new(guide.layout);
     rows::run(&Load { color, variance }, size.height, image.bands());
     for iteration in 0..params.iterations {
-        image.filter(guide, params, iteration);
+        image.filter(guide, params, iteration, &(), std::iter::repeat(()));
     }
     let variances = bands_of(filtered_variance, size);
     let outs = (filtered.zip(variances)).map(|(color, variance)| Outs { color, variance });
     rows::run(&Unload { image: &image }, size.height, outs);
 }
 
-/// An image on its way through the passes.
+/// An image between passes.
 pub(crate) struct Filtered {
     image: Bordered,
-    /// The channel of the variance, and that of the next.
+    /// Channels of the current variance and of the next pass's.
     variances: [usize; 2],
 }
 
@@ -138,50 +138,89 @@ impl Filtered {
         self.image.layout.size
     }
 
-    /// To be loaded.
+    /// Bands, to be filled before the first pass.
     pub fn bands(&mut self) -> impl Iterator<Item = BorderedBand<'_>> {
         self.image.bands()
     }
 
-    /// Runs pass `iteration`, from 0.
-    pub fn filter(&mut self, guide: &Guide, params: Params, iteration: u32) {
+    /// Runs pass `iteration`, from 0. Each row goes to the sink as soon as it is filtered, with that row of its outputs.
+    pub fn filter<K: Sink>(
+        &mut self,
+        guide: &Guide,
+        params: Params,
+        iteration: u32,
+        sink: &K,
+        outs: impl Iterator<Item = K::Row>,
+    ) {
         let step = 1 << iteration;
-        let (variance, chains) = self.image.chains(step, params.radius, self.variances);
+        let (variance, chains) = (self.image).chains(step, params.radius, self.variances, outs);
         let pass = Pass {
             variance,
             guide,
             params,
             step,
+            sink,
         };
         let parts = chains.into_iter().map(|chain| (chain.range(), chain));
         rows::run_lane_parts(&pass, parts.collect());
         self.variances.reverse();
     }
 
-    /// NaN where the image is missing.
     #[inline(always)]
-    pub fn luminance(&self, run: Run) -> &[f32] {
-        &self.image.row(LUMINANCE, run.y)[run.x..][..run.len]
-    }
-
-    #[inline(always)]
-    pub fn variance(&self, y: usize) -> &[f32] {
-        self.image.row(self.variances[0], y)
+    pub fn row(&self, y: usize) -> FilteredRow<'_> {
+        FilteredRow {
+            channels: self.image.rows(y),
+            variance: self.image.row(self.variances[0], y),
+        }
     }
 }
 
 impl Colors for Filtered {
-    /// NaN where it is missing.
     #[inline(always)]
     fn colors(&self, run: Run, color: &mut [Row; 3]) {
-        let rows = self.image.rows::<IN_PLACE>(run.y);
-        let [r, g, b, l] = rows.map(|row| &row[run.x..][..run.len]);
+        self.row(run.y).colors(run, color);
+    }
+}
+
+/// A row of an image between passes.
+pub(crate) struct FilteredRow<'a> {
+    channels: [&'a [f32]; IN_PLACE],
+    pub variance: &'a [f32],
+}
+
+impl FilteredRow<'_> {
+    /// A part of the row; NaN where the image is missing.
+    #[inline(always)]
+    pub fn colors(&self, run: Run, color: &mut [Row; 3]) {
+        let [r, g, b, l] = self.channels.map(|row| &row[run.x..][..run.len]);
         for (out, plane) in color.iter_mut().zip([r, g, b]) {
             for ((out, &value), &l) in out.iter_mut().zip(plane).zip(l) {
                 *out = if l.is_nan() { f32::NAN } else { value };
             }
         }
     }
+
+    /// Luminance, NaN where the image is missing.
+    #[inline(always)]
+    pub fn luminance(&self, run: Run) -> &[f32] {
+        &self.channels[LUMINANCE][run.x..][..run.len]
+    }
+}
+
+/// Reads each row that a pass has filtered, while it is still in cache, instead of in a sweep of its own.
+pub(crate) trait Sink: Sync {
+    /// One row of the sink's outputs.
+    type Row: Send;
+
+    fn take(&self, y: usize, filtered: FilteredRow, out: &mut Self::Row);
+}
+
+/// Takes nothing.
+impl Sink for () {
+    type Row = ();
+
+    #[inline(always)]
+    fn take(&self, _: usize, _: FilteredRow, (): &mut ()) {}
 }
 
 struct Load<'a> {
@@ -201,13 +240,23 @@ impl<'a> Kernel for Load<'a> {
     }
 }
 
-/// Where a row's variance belongs, to be settled when it is there.
+/// A row that [`settle`] has finished.
+#[inline(always)]
+pub(crate) fn ready<'b>(image: &'b mut BorderedBand, y: usize) -> FilteredRow<'b> {
+    let [r, g, b, l, v] = image.rows::<{ IN_PLACE + 1 }>(y);
+    FilteredRow {
+        channels: [r, g, b, l],
+        variance: v,
+    }
+}
+
+/// A row's variance, to be written before [`settle`].
 #[inline(always)]
 pub(crate) fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut [f32] {
     image.row(VARIANCES[0], y)
 }
 
-/// Makes a row's variance ready, and puts its colour in place.
+/// Completes a row whose variance has been written: sanitises the variance and loads the colour.
 #[inline(always)]
 pub(crate) fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
     for v in image.row(VARIANCES[0], y) {
@@ -221,10 +270,10 @@ pub(crate) fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
     }
 }
 
-/// 2¹²⁰, with which sums of all taps stay finite.
+/// Colours are clamped to ±2¹²⁰, so that sums over all taps stay finite.
 const MOST: f32 = f32::from_bits((120 + 127) << 23);
 
-/// Puts a run's colour in place, held to what can be summed.
+/// Loads the colour of a run, clamped, and its luminance.
 #[inline(always)]
 fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
     let rows = out.rows::<IN_PLACE>(run.y);
@@ -259,7 +308,7 @@ impl<'a> Kernel for Unload<'a> {
         for y in rows {
             out.variance
                 .row(0, y)
-                .copy_from_slice(self.image.variance(y));
+                .copy_from_slice(self.image.row(y).variance);
             for run in segments(y, self.image.size().width) {
                 self.image.colors(run, &mut values);
                 out.color.write(run, values.each_ref().map(Row::as_slice));
@@ -268,15 +317,19 @@ impl<'a> Kernel for Unload<'a> {
     }
 }
 
-struct Pass<'a> {
+struct Pass<'a, K> {
     variance: &'a [f32],
     guide: &'a Guide,
     params: Params,
     step: usize,
+    sink: &'a K,
 }
 
-impl<'a> LanesKernel for Pass<'a> {
-    type Out = Chain<'a, IN_PLACE>;
+impl<'a, K: Sink> LanesKernel for Pass<'a, K>
+where
+    K::Row: 'a,
+{
+    type Out = Chain<'a, IN_PLACE, K::Row>;
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, _: Range<usize>, chain: Self::Out) {
@@ -287,29 +340,29 @@ impl<'a> LanesKernel for Pass<'a> {
     }
 }
 
-impl Pass<'_> {
+impl<K: Sink> Pass<'_, K> {
     #[inline(always)]
-    fn filter<S: Simd, const RADIUS: usize>(&self, simd: S, chain: Chain<IN_PLACE>) {
-        let layout = self.guide.layout;
+    fn filter<S: Simd, const RADIUS: usize>(&self, simd: S, chain: Chain<IN_PLACE, K::Row>) {
+        let (layout, sink) = (self.guide.layout, self.sink);
         let around = Around::<RADIUS> {
             layout,
             variance: self.variance,
             guide: self.guide.compare(&self.params.sigmas),
             sigma_luminance: self.params.sigma_luminance,
         };
-        // The first passes' steps as constants; each has memory for its taps.
+        // Constant steps let the compiler fold the addresses of taps; the padding holds them all.
         match self.step {
-            1 => around.rows(simd, [1, isize::MAX], chain),
-            2 => around.rows(simd, [2, isize::MAX], chain),
-            4 => around.rows(simd, [4, isize::MAX], chain),
-            8 => around.rows(simd, [8, isize::MAX], chain),
-            16 => around.rows(simd, [16, isize::MAX], chain),
-            step => around.rows(simd, [step as isize, layout.farthest()], chain),
+            1 => around.rows(simd, [1, isize::MAX], chain, sink),
+            2 => around.rows(simd, [2, isize::MAX], chain, sink),
+            4 => around.rows(simd, [4, isize::MAX], chain, sink),
+            8 => around.rows(simd, [8, isize::MAX], chain, sink),
+            16 => around.rows(simd, [16, isize::MAX], chain, sink),
+            step => around.rows(simd, [step as isize, layout.farthest()], chain, sink),
         }
     }
 }
 
-/// What a pass reads, but for what it overwrites.
+/// The inputs that a pass does not overwrite.
 struct Around<'a, const RADIUS: usize> {
     layout: Layout,
     variance: &'a [f32],
@@ -317,10 +370,10 @@ struct Around<'a, const RADIUS: usize> {
     sigma_luminance: f32,
 }
 
-/// A row of taps, cut out of all that a pass reads. As rows are of one length, one look at it is enough for all.
+/// One row of taps in every input. The slices have the same length, so that one bounds check serves them all.
 #[derive(Clone, Copy)]
 struct Line<'a> {
-    /// How many rows below the pixels' own, and log₂ of what this makes of a tap's weight.
+    /// Rows below the centre, and log₂ of the kernel's weight for that distance.
     down: isize,
     own: f32,
     channels: [&'a [f32]; IN_PLACE],
@@ -328,8 +381,8 @@ struct Line<'a> {
     guide: Comparison<'a>,
 }
 
-/// What taps are compared with. Luminance and sharpness, log₂e over the difference that counts as one, are 0 where a centre
-/// is missing, so that they do not count.
+/// What taps are compared with. `sharpness` is log₂e over the luminance difference that counts as one. Both luminance and
+/// sharpness are 0 where the centre is missing, so that any tap may fill it.
 struct Like<S: Simd> {
     center: Center<S>,
     luminance: Lanes<S>,
@@ -344,16 +397,22 @@ struct Sums<S: Simd> {
 }
 
 impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
-    /// log₂ of a tap's own weight, by its steps along each axis.
+    /// log₂ of the kernel's weight, by steps along one axis.
     const KERNEL: &'static [f32] = if RADIUS == 1 {
         &LOG2_LINEAR
     } else {
         &LOG2_CUBIC
     };
 
-    /// For taps that are `step` apart, but not farther to the side than the `farthest`.
+    /// Filters the rows of a chain. Taps are `step` apart and at most `farthest` pixels to the side.
     #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, [step, farthest]: [isize; 2], mut chain: Chain<IN_PLACE>) {
+    fn rows<S: Simd, K: Sink>(
+        &self,
+        simd: S,
+        [step, farthest]: [isize; 2],
+        mut chain: Chain<IN_PLACE, K::Row>,
+        sink: &K,
+    ) {
         let Size { width, height } = self.layout.size;
         for link in 0..chain.len {
             let Link {
@@ -361,9 +420,10 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
                 around,
                 mut out,
                 apart,
+                extra,
             } = chain.link(link);
             let lines = self.lines(y, step, &around);
-            // The border continues the rows; above the first and below the last row, these do.
+            // Rows outside the image repeat the first and the last one; columns are padded likewise.
             let cut = |y| self.layout.cut(self.variance, y);
             let near = [
                 cut(y.saturating_sub(1)),
@@ -377,11 +437,16 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
                 }
                 v.store(apart, x);
             }
+            let filtered = FilteredRow {
+                channels: out.map(|row| &*row),
+                variance: apart,
+            };
+            sink.take(y, filtered, extra);
         }
         chain.replicate();
     }
 
-    /// The pixels from (x, y) on.
+    /// Filters one register of pixels, from (x, y) on.
     #[inline(always)]
     fn filter<S: Simd>(
         &self,
@@ -396,7 +461,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         let [r, g, b, l] = Lanes::load_all(simd, own.channels, at);
         let known = l.is_number();
         let sharpness = self.sharpness(simd, at, near, l);
-        // A pixel is like itself, and counts as one.
+        // The centre has weight 1.
         let mut sums = Sums {
             weight: Lanes::all(simd, 1.0).or_all(known, 0.0),
             color: [r, g, b],
@@ -408,7 +473,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
             sharpness: sharpness.or_all(known, 0.0),
         };
         if RADIUS == 1 {
-            // All at once, as three are too few for chains as long as that of the exponential.
+            // All eight at once: three would not hide the latency of the exponential.
             let whole = Columns::new([-1, 0, 1], step, farthest);
             let beside = Columns::new([-1, 1], step, farthest);
             let [_, above, own, below, _] = lines;
@@ -433,7 +498,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
             }
         }
         let some = sums.weight.above(0.0);
-        // One division instead of five; weights are large enough.
+        // One division instead of five. The centre's weight keeps the sum away from subnormals.
         let share = Lanes::all(simd, 1.0) / sums.weight;
         for channel in &mut sums.color {
             *channel = (*channel * share).or_all(some, 0.0);
@@ -444,7 +509,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         ([r, g, b, l], v)
     }
 
-    /// The lines around row y, its own in the middle; with radius 1, the first and the last are not looked at.
+    /// The five rows of taps around row y. With radius 1 the outer two are not read.
     #[inline(always)]
     fn lines<'b>(&self, y: usize, step: isize, around: &[Before<'b, IN_PLACE>]) -> [Line<'b>; 5]
     where
@@ -466,7 +531,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         }
     }
 
-    /// The line so many steps below; another, without weight, in the place of one that lies outside.
+    /// The row of taps so many steps below. Outside the image some other row stands in, with weight zero.
     #[inline(always)]
     fn line<'b>(
         &self,
@@ -495,8 +560,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         }
     }
 
-    /// log₂e over the difference from the centres' luminance that counts as one; the rows of variance `near` are that above,
-    /// their own and that below.
+    /// log₂e over the luminance difference that counts as one, from the variance blurred over three rows.
     #[inline(always)]
     fn sharpness<S: Simd>(
         &self,
@@ -514,7 +578,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
     }
 }
 
-/// Of the weights of a line's taps.
+/// log₂ of the weights of a row of taps.
 #[inline(always)]
 fn exponents<S: Simd, const N: usize>(
     simd: S,
@@ -541,7 +605,7 @@ fn exponents<S: Simd, const N: usize>(
     exponents
 }
 
-/// Adds a line's taps.
+/// Adds a row of taps to the sums.
 #[inline(always)]
 fn add<S: Simd, const N: usize>(
     simd: S,
@@ -570,7 +634,7 @@ fn add<S: Simd, const N: usize>(
     }
 }
 
-/// Along a row.
+/// Blurs by {1, 2, 1}/4 along a row.
 #[inline(always)]
 fn blurred<S: Simd>(simd: S, plane: &[f32], at: usize) -> Lanes<S> {
     let [left, own, right] = [

@@ -3,21 +3,20 @@
 //!   illumination = (colour − emission) / d,  colour = illumination · d + emission,
 //!   d = max(a, f), with the channel's albedo a held to [0, 1] and f = 1/32; d = 1 where all channels of albedo are 0.
 //!
-//! From f on this divides by the albedo, as Falcor's SVGFPass does from 0.001 on. What is darker shines mostly by what albedo
-//! does not scale: black plastic by its highlights, glass by what is behind it, lamps and the sky by themselves. Divided by
-//! a thousandth, such light is a thousand times too bright, and wherever a filter has no guide to stop it, neighbours of
-//! ordinary albedo get the excess. The bound f divides by 32 at most, and where nothing is reflected, colour is taken as it
-//! is. An albedo above 1 (gold in some renderers, a BSDF's value at one pair of directions in others) is no reflectance and
-//! counts as 1.
+//! From f up this divides by the albedo, as Falcor's SVGFPass does from 0.001 up. Most light of a darker surface is not
+//! scaled by the albedo: highlights on black plastic, the background behind glass, emission of lamps and sky. Divided by a
+//! thousandth, such light is a thousand times too bright, and wherever no guide stops the filter, it leaks to neighbours of
+//! ordinary albedo. The bound f limits the gain to 32, and where all albedo is 0, colour is left as it is. An albedo above 1
+//! (gold in some renderers, a BSDF's value at one pair of directions in others) is not a reflectance and counts as 1.
 //!
-//! A smooth passage from f to 1 as albedo falls was tried and lost: it blurs dark texture, and where an albedo is no
-//! reflectance but changes with the view, light changes by as much from frame to frame.
+//! A smooth transition from f to 1 as albedo falls was tried and lost: it blurs dark texture, and where an albedo changes
+//! with the view, the illumination changes as much from frame to frame.
 //!
-//! Where albedo is 0 or at least 1, the round trip has the colour's own bits if there is no emission; elsewhere it is right
-//! to the last place or two.
+//! Where albedo is 0 or at least 1 and there is no emission, the round trip is exact; elsewhere it is right to one or two
+//! units in the last place.
 //!
-//! Inputs: colour or illumination (3), albedo (3), emission (3, optional). NaN or infinity in albedo or emission counts
-//! as 0, in colour it stays.
+//! Inputs: colour or illumination (3), albedo (3), emission (3, optional). NaN and infinity count as 0 in albedo and
+//! emission and are kept in colour.
 
 use std::ops::Range;
 
@@ -25,10 +24,10 @@ use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::pixels::{PixelsMut, Row, larger, smaller};
 use crate::rows::{self, Kernel};
 
-/// f: the least albedo that is divided by.
-const LEAST: f32 = 1.0 / 32.0;
+/// f: lower bound of the divisor.
+const MIN_DIVISOR: f32 = 1.0 / 32.0;
 
-/// What light falls on.
+/// The buffers that separate texture from illumination.
 #[derive(Clone, Copy)]
 pub struct Texture<'a> {
     /// 3 channels, 0 to 1.
@@ -37,7 +36,7 @@ pub struct Texture<'a> {
     pub emission: Option<Pixels<'a>>,
 }
 
-/// Whether texture comes off or is put back.
+/// Direction: divide the texture out, or multiply it back in.
 #[derive(Clone, Copy)]
 pub enum Way {
     /// Colour becomes light.
@@ -46,7 +45,7 @@ pub enum Way {
     Back,
 }
 
-/// Illumination of colour, or colour of illumination.
+/// Colour to illumination, or back.
 pub fn modulate<'a>(
     image: Pixels<'a>,
     texture: Texture<'a>,
@@ -83,7 +82,7 @@ impl<'a> Kernel for Modulate<'a> {
 }
 
 impl Texture<'_> {
-    /// Changes a run's values.
+    /// Demodulates or remodulates a span in place.
     #[inline(always)]
     pub(crate) fn modulate(&self, way: Way, run: Run, values: &mut [Row; 3]) {
         let mut albedo = [[0.0; SEGMENT]; 3];
@@ -114,12 +113,12 @@ fn each(values: &mut [f32], divisors: &[f32], emission: &[f32], f: impl Fn(f32, 
     }
 }
 
-/// d: what light is divided by, in place of each channel's albedo.
+/// Replaces each channel's albedo by its divisor d.
 #[inline(always)]
 fn divisors([r, g, b]: &mut [Row; 3]) {
     for x in 0..SEGMENT {
         let [ar, ag, ab] = [r[x], g[x], b[x]].map(reflectance);
-        let least = if ar + ag + ab > 0.0 { LEAST } else { 1.0 };
+        let least = if ar + ag + ab > 0.0 { MIN_DIVISOR } else { 1.0 };
         (r[x], g[x], b[x]) = (larger(ar, least), larger(ag, least), larger(ab, least));
     }
 }

@@ -1,18 +1,19 @@
-//! Firefly suppression: samples far brighter than their surroundings are held down, and their excess is spread.
+//! Firefly suppression: samples far brighter than their surroundings are clamped, and their excess is redistributed.
 //!
-//! With weights w that tell how far a neighbour shows the same surface ([`super::guide`]), mean and standard deviation of the
-//! luminance over the window without its centre, so that a firefly has no say in its own limit:
+//! The limit comes from the weighted mean and standard deviation of luminance over the window, with guide weights w
+//! ([`super::guide`]). The centre is left out, so that a firefly does not raise its own limit:
 //!   limit = max(mean + t·deviation, (1 + t)·expected)
-//! (NRD's anti-firefly has a 9×9 window and t = 2). `expected` is the luminance that history has here: a sample that history
-//! predicted, such as a highlight's, is no firefly. The excess e = l − limit is not lost, which would darken the image: it
-//! is spread over the window's pixels of the same surface, the centre included, in its own colour:
+//! (NRD's anti-firefly has a 9×9 window and t = 2). `expected` is the luminance of history at the pixel: a sample that
+//! history predicts, such as a highlight, is not a firefly. Discarding the excess e = l − limit would darken the image,
+//! so it is distributed, in its own colour, over the window's pixels of the same surface, the centre included:
 //!   out_q = c_q (1 − e_q / l_q) + Σ_p w_qp c_p (e_p / l_p) / W_p,   W_p = Σ_q w_pq.
 //!
-//! To be used on what is seen, before the texture is taken off: spread as light, the excess of a dark texture would be
-//! multiplied by the albedo of its brighter neighbours.
+//! To be used before demodulation: spread as illumination, the excess of a dark texture would be multiplied by the
+//! albedo of its brighter neighbours.
 //!
-//! Inputs: colour (3), expected colour (3, optional), guide. Outputs: colour (3), removed luminance (1): e. Missing pixels
-//! stay, do not count and take nothing; where the weights without the centre add up to less than two pixels there is no limit.
+//! Inputs: colour (3), expected colour (3, optional), guide. Outputs: colour (3), removed luminance (1): e. Missing
+//! pixels stay missing, do not count and receive nothing. Where the weights without the centre sum to less than two
+//! pixels, there is no limit.
 
 use std::ops::Range;
 
@@ -32,9 +33,9 @@ use crate::rows::{self, Kernel, LanesKernel};
 pub struct Params {
     /// t: standard deviations above the mean; ≥ 0; 2.
     pub threshold: f32,
-    /// The window reaches so many pixels to each side; 1 to 16; 4.
+    /// Radius of the window in pixels; 1 to 16; 4.
     pub radius: usize,
-    /// Whether what exceeds the limit is spread; true.
+    /// True if the excess is redistributed, false if it is discarded; true.
     pub redistribute: bool,
     /// How far surfaces may differ.
     pub sigmas: Sigmas,
@@ -66,13 +67,13 @@ impl Params {
     }
 }
 
-/// Limits have this much room, so that rounding makes no fireflies of equal pixels.
+/// Tolerance of the limit: rounding must not turn equal pixels into fireflies.
 const SLACK: f32 = 1.000_01;
 
-/// Weights that add up to less than so many pixels set no limit.
-const FEWEST: f32 = 2.0;
+/// Smallest sum of weights, in pixels, that sets a limit.
+const MIN_WEIGHT: f32 = 2.0;
 
-/// Writes the colours, and returns the luminance that exceeded the limits. The guide is for taps up to the radius.
+/// Writes the colours and returns the removed luminance. The guide must have a halo of the radius.
 pub fn suppress_fireflies<'a>(
     color: Pixels<'a>,
     expected: Option<Pixels<'a>>,
@@ -86,7 +87,7 @@ pub fn suppress_fireflies<'a>(
     let mut found = Found {
         removed: Image::blank(size, 1),
         kept: Image::blank(size, 1),
-        gifts: Bordered::new(guide.layout, [0.0; 3]),
+        excesses: Bordered::new(guide.layout, [0.0; 3]),
         any: vec![false; size.height],
     };
     let find = Find {
@@ -97,12 +98,12 @@ pub fn suppress_fireflies<'a>(
     };
     let outs = (found.removed.bands())
         .zip(found.kept.bands())
-        .zip(found.gifts.bands())
+        .zip(found.excesses.bands())
         .zip(found.any.chunks_mut(rows::BAND))
-        .map(|(((removed, kept), gifts), any)| FoundBand {
+        .map(|(((removed, kept), excesses), any)| FoundBand {
             removed,
             kept,
-            gifts,
+            excesses,
             any,
         });
     rows::run_lanes(&find, size.height, outs);
@@ -117,7 +118,8 @@ pub fn suppress_fireflies<'a>(
     found.removed
 }
 
-/// What is seen, with borders: colour and luminance, 0 where missing, and log₂ of each pixel's own weight: 0 or −∞.
+/// Channels of the input with a halo: colour and luminance, 0 where missing, then log₂ of each pixel's validity: 0 or
+/// −∞.
 const CHANNELS: usize = 5;
 const LUMINANCE: usize = 3;
 const OWN: usize = 4;
@@ -148,20 +150,20 @@ impl<'a> Kernel for Load<'a> {
 
 /// The fireflies of an image.
 struct Found {
-    /// e: the luminance that exceeds the limit.
+    /// e: the luminance above the limit.
     removed: Image,
-    /// limit / l: the share of its colour that a firefly keeps; 1 for all others.
+    /// limit / l: the factor on a firefly's own colour; 1 for other pixels.
     kept: Image,
-    /// c (e / l) / W: what each pixel gives to one that is like it; with borders.
-    gifts: Bordered,
-    /// Rows with a gift.
+    /// c (e / l) / W: the excess that a pixel scatters, per unit of guide weight; with a halo.
+    excesses: Bordered,
+    /// True for rows with at least one firefly.
     any: Vec<bool>,
 }
 
 struct FoundBand<'a> {
     removed: BandMut<'a>,
     kept: BandMut<'a>,
-    gifts: BorderedBand<'a>,
+    excesses: BorderedBand<'a>,
     any: &'a mut [bool],
 }
 
@@ -184,7 +186,7 @@ impl<'a> LanesKernel for Find<'a> {
             self.predict(y, &mut predicted);
             let taps = layout.taps(y, self.params.radius, 1);
             let (removed, kept) = (out.removed.row(0, y), out.kept.row(0, y));
-            let [gr, gg, gb] = out.gifts.rows(y);
+            let [gr, gg, gb] = out.excesses.rows(y);
             for x in (0..removed.len()).step_by(Lanes::<S>::COUNT) {
                 let at = layout.at(x, y);
                 let center = self.guide.center(simd, x, y);
@@ -209,8 +211,8 @@ impl<'a> LanesKernel for Find<'a> {
                 let ring = mean + variance.sqrt() * self.params.threshold;
                 let expected = Lanes::load(simd, &predicted, x) * (1.0 + self.params.threshold);
                 let limit = ring.or((ring - expected).at_least(0.0), expected) * SLACK;
-                // Squares that overflow leave no limit; what is not positive has no excess.
-                let limited = (count.at_least(FEWEST))
+                // No limit where the squares overflow; no excess where luminance is not positive.
+                let limited = (count.at_least(MIN_WEIGHT))
                     .and(limit.is_finite())
                     .and(second.is_finite())
                     .and(light.above(0.0))
@@ -220,17 +222,17 @@ impl<'a> LanesKernel for Find<'a> {
                 let firefly = excess.above(0.0);
                 (limit / light).or_all(firefly, 1.0).store(kept, x);
                 *any |= !(excess * -1.0).at_least(0.0).all();
-                let share = (excess / light).or_all(firefly, 0.0) / (count + 1.0);
-                (r * share).store(gr, x);
-                (g * share).store(gg, x);
-                (b * share).store(gb, x);
+                let fraction = (excess / light).or_all(firefly, 0.0) / (count + 1.0);
+                (r * fraction).store(gr, x);
+                (g * fraction).store(gg, x);
+                (b * fraction).store(gb, x);
             }
         }
     }
 }
 
 impl Find<'_> {
-    /// The luminance that is expected of a row; 0 where nothing is.
+    /// The expected luminance of a row; 0 where missing.
     #[inline(always)]
     fn predict(&self, y: usize, predicted: &mut [f32]) {
         let Some(expected) = self.expected else {
@@ -254,7 +256,7 @@ fn at_least_zero<S: Simd>(x: Lanes<S>) -> Lanes<S> {
     x.or_all(x.above(0.0), 0.0)
 }
 
-/// Holds colours to their limits, and adds what others give them.
+/// Clamps fireflies and gathers the excess of their neighbours.
 struct Spread<'s, 'a> {
     seen: &'s Bordered,
     found: &'s Found,
@@ -271,7 +273,7 @@ impl<'a> LanesKernel for Spread<'_, 'a> {
         let layout = self.seen.layout;
         let width = layout.size.width;
         let planes = self.seen.planes::<CHANNELS>();
-        let gifts = self.found.gifts.planes::<3>();
+        let excesses = self.found.excesses.planes::<3>();
         let kept = self.found.kept.view();
         let mut held = [(); 3].map(|()| vec![0.0; width + Lanes::<S>::COUNT]);
         for y in rows {
@@ -288,9 +290,9 @@ impl<'a> LanesKernel for Spread<'_, 'a> {
                     for tap in &taps {
                         let [likeness] = self.guide.exponents(simd, &center, tap, [0.0]);
                         let w = exp2_weight(likeness);
-                        let there = Lanes::load_all(simd, gifts, tap.first(at));
-                        for (sum, gift) in sums.iter_mut().zip(there) {
-                            *sum = *sum + w * gift;
+                        let there = Lanes::load_all(simd, excesses, tap.first(at));
+                        for (sum, excess) in sums.iter_mut().zip(there) {
+                            *sum = *sum + w * excess;
                         }
                     }
                 }
@@ -304,7 +306,7 @@ impl<'a> LanesKernel for Spread<'_, 'a> {
 }
 
 impl Spread<'_, '_> {
-    /// Missing pixels stay as they are.
+    /// Writes a row; missing pixels keep their bits.
     #[inline(always)]
     fn write(&self, y: usize, held: &[Vec<f32>; 3], out: &mut PixelsMut) {
         let mut color = [[0.0; SEGMENT]; 3];

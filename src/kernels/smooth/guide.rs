@@ -56,19 +56,19 @@ impl Sigmas {
     }
 }
 
-/// The buffers of one frame in the form in which filters want them: without NaN or infinity.
+/// A frame's guide buffers, padded and free of NaN and infinity.
 pub struct Guide {
     pub(crate) layout: Layout,
-    /// All alike where neither depth nor ids are known.
+    /// One number per surface class; the same everywhere if neither depth nor ids are known.
     class: Bordered<u32>,
     normal: Option<Bordered>,
     depth: Option<Depth>,
 }
 
 enum Depth {
-    /// Depth, 1 where there is no surface, to be compared along the rays.
+    /// Depth, 1 where there is no surface, compared as distance from the centre's plane.
     Plane(Bordered, Rays),
-    /// Depth, and its slopes along x and y.
+    /// Depth and its slopes along x and y, for frames without camera or normals.
     Slope(Bordered),
 }
 
@@ -108,7 +108,7 @@ impl Guide {
         matches!(self.depth, Some(Depth::Plane(..)))
     }
 
-    /// For kernels: what is compared, and how strictly.
+    /// The guide as kernels read it, with how strictly it is compared.
     pub(crate) fn compare(&self, sigmas: &Sigmas) -> Comparison<'_> {
         let [class] = self.class.planes();
         Comparison {
@@ -133,7 +133,7 @@ impl Guide {
 #[derive(Clone, Copy)]
 pub(crate) struct Comparison<'a> {
     layout: Layout,
-    /// The first row that is in it, and how many numbers there are in a plane.
+    /// First row, and numbers in a plane.
     top: usize,
     len: usize,
     class: &'a [u32],
@@ -151,7 +151,7 @@ enum Depths<'a> {
     Slope([&'a [f32]; 3]),
 }
 
-/// What pixels are compared by.
+/// What taps are compared with, for one register of centre pixels.
 ///
 /// With D(x, y) the ray of a pixel, which is linear in x and y, a point of depth Z′ seen Δ pixels away from the pixel (x, y)
 /// of depth Z and normal n is n·(X′ − X) = Z′ (n·D + Δx n·∂D/∂x + Δy n·∂D/∂y) − Z n·D from its plane.
@@ -167,7 +167,7 @@ pub(crate) struct Center<S: Simd> {
 }
 
 impl Comparison<'_> {
-    /// Row y alone, in which taps lie as if it were the first.
+    /// Row y alone, so that all taps in it share one bounds check.
     #[inline(always)]
     pub fn row(&self, y: usize) -> Self {
         let cut = |plane| self.layout.cut(plane, y);
@@ -188,7 +188,7 @@ impl Comparison<'_> {
         }
     }
 
-    /// The pixels from (x, y) on.
+    /// One register of centre pixels, from (x, y) on.
     #[inline(always)]
     pub fn center<S: Simd>(&self, simd: S, x: usize, y: usize) -> Center<S> {
         let at = self.layout.at(x, y - self.top);
@@ -220,9 +220,8 @@ impl Comparison<'_> {
         center
     }
 
-    /// Exponents, in units of log₂, of the weights between centres and taps of theirs: those of the taps themselves, less
-    /// what stands between the two; −∞ between classes. Each operation of all taps before the next, as in
-    /// [`crate::math::exp2_weights`].
+    /// log₂ of the weights of some taps: `own`, the kernel's part, less the differences of normal and depth; −∞ between
+    /// classes. Each operation runs over all taps before the next one, to hide latency, as in [`crate::math::exp2_weights`].
     #[inline(always)]
     pub fn exponents<S: Simd, const N: usize>(
         &self,
@@ -272,7 +271,7 @@ impl Comparison<'_> {
                 let [z, zx, zy] = center.slope;
                 for k in 0..N {
                     let rise = zx * taps.right[k].abs() + zy * taps.down.abs();
-                    // The last term keeps background, where all is zero, from 0/0.
+                    // The last term avoids 0/0 on the background, where depth and slopes are zero.
                     let unit = rise * self.slope_unit + z * 1e-3 + 1e-30;
                     let apart = (z - z_there[k]).abs();
                     exponents[k] = exponents[k] - apart * LOG2_E / unit;
@@ -294,7 +293,7 @@ fn dot<S: Simd>([x, y, z]: [Lanes<S>; 3], v: Vec3) -> Lanes<S> {
     x * v.x + y * v.y + z * v.z
 }
 
-/// Whether a depth is that of a surface.
+/// Whether a depth belongs to a surface rather than to the background.
 #[inline(always)]
 fn is_surface(z: f32) -> bool {
     (z > 0.0) & (z < f32::INFINITY)
@@ -347,7 +346,7 @@ impl<'a> Kernel for Fill<'a> {
     }
 }
 
-/// All alike where neither depth nor ids are known.
+/// Writes a row's classes; all the same if neither depth nor ids are known.
 #[inline(always)]
 fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
     match ids {
@@ -360,13 +359,13 @@ fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
     }
     if let Some(depth) = depth {
         for (class, &z) in class.iter_mut().zip(depth) {
-            // Background is 0: the last id, which would be as well, joins the first, "nothing was hit".
+            // 0 is the background. The id 2³² − 1 would wrap around to it and is merged with id 0 instead.
             *class = if is_surface(z) { (*class).max(1) } else { 0 };
         }
     }
 }
 
-/// Normals as they came, to zero where there is no surface; by depth's classes, if there is depth.
+/// Zeroes normals that are not finite, and those of the background.
 #[inline(always)]
 fn normals(class: Option<&[u32]>, [nx, ny, nz]: [&mut [f32]; 3]) {
     let len = nx.len();
@@ -391,7 +390,7 @@ fn depths(depth: &[f32], out: &mut [f32]) {
     }
 }
 
-/// A neighbour beyond the border is absent: NaN, which is no surface.
+/// Writes depth and slopes of a row. Neighbours outside the image count as NaN, hence as no surface.
 #[inline(always)]
 fn slopes(
     above: Option<&[f32]>,
@@ -410,7 +409,7 @@ fn slopes(
     }
 }
 
-/// The smaller of the differences with the two neighbours, of those that are surfaces; 0 where none is.
+/// The smaller one-sided difference to a neighbour that is a surface; 0 if neither is.
 #[inline(always)]
 fn slope(z: f32, before: f32, after: f32) -> f32 {
     let difference = |other: f32| {

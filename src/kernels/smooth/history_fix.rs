@@ -1,11 +1,12 @@
-//! History fix: pixels that have just come into view take the mean of their surface around them.
+//! History fix: recently disoccluded pixels take the mean of their surface's surroundings.
 //!
-//! Where history has fewer than a few samples, 5×5 taps, far apart at first and closer as samples arrive, are averaged
-//! with the weights of a guide (see [`super::guide`]) and the number of samples that each tap has:
+//! Where history is shorter than a few samples, 5×5 taps, far apart at first and closer as samples arrive, are averaged
+//! with the weights of a guide (see [`super::guide`]) and the history length of each tap:
 //!   c ← Σ w N c / Σ w N,  taps at multiples of max(1, ⌊stride/(1 + N) + ½⌋) pixels
-//! (NRD's ReBLUR and ReLAX: stride 14, histories below 3). Taps that are older than the pixel itself weigh more.
+//! (NRD's ReBLUR and ReLAX: stride 14, histories below 3). Taps with longer history than the pixel itself weigh more.
 //!
-//! Inputs: colour (3), length (1), guide. Output: colour (3). Other pixels keep their bits; missing taps do not count.
+//! Inputs: colour (3), length (1), guide. Output: colour (3). Pixels with enough history keep their bits; missing taps do
+//! not count.
 
 use std::ops::Range;
 
@@ -22,9 +23,9 @@ use crate::rows::{self, LanesKernel};
 /// Which pixels are fixed, and from how far.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// Histories below this are fixed; ≥ 0; 3.
+    /// Histories shorter than this are fixed; ≥ 0; 3.
     pub max_length: f32,
-    /// Distance of the taps, in pixels, for no history; 1 to 64; 14.
+    /// Distance between taps in pixels at history length 0; 1 to 64; 14.
     pub stride: f32,
     /// How far surfaces may differ.
     pub sigmas: Sigmas,
@@ -41,12 +42,12 @@ impl Default for Params {
 }
 
 impl Params {
-    /// Pixels from the farthest tap to the centre.
+    /// The halo that the taps need, in pixels.
     pub fn reach(&self) -> usize {
         2 * self.step(0.0)
     }
 
-    /// Pixels from tap to tap, for a history of this length.
+    /// Distance between taps in pixels, for this history length.
     fn step(&self, length: f32) -> usize {
         (self.stride / (1.0 + length.max(0.0)) + 0.5).max(1.0) as usize
     }
@@ -97,7 +98,7 @@ impl<'a> LanesKernel for Fix<'a> {
                     .row(channel, y)
                     .copy_from_slice(self.color.row(channel, y));
             }
-            // For each step, when it is needed.
+            // Taps by step, created on demand.
             let mut taps = vec![None; self.params.step(0.0) + 1];
             let lengths = self.length.row(0, y).chunks(Lanes::<S>::COUNT);
             for (lengths, x) in lengths.zip((0..).step_by(Lanes::<S>::COUNT)) {
@@ -107,7 +108,7 @@ impl<'a> LanesKernel for Fix<'a> {
                         *step = self.params.step(length);
                     }
                 }
-                // Neighbours mostly came into view together: all that have the same step at once.
+                // Neighbours were mostly disoccluded together, so lanes with the same step are processed together.
                 for lane in 0..lengths.len() {
                     let step = std::mem::take(&mut steps[lane]);
                     if step == 0 {
@@ -137,7 +138,7 @@ impl<'a> LanesKernel for Fix<'a> {
 }
 
 impl Fix<'_> {
-    /// Of the taps of the pixels from (x, y) on: the weight, and the colour times the weight.
+    /// Sums over the taps of the pixels from (x, y) on: weights, and colours times weights.
     #[inline(always)]
     fn sums<S: Simd>(
         &self,

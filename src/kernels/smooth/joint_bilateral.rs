@@ -1,17 +1,17 @@
-//! Joint bilateral reconstruction: colour for the pixels that were not traced, from those near them that were.
+//! Joint bilateral reconstruction: colour for pixels that were not traced, from traced pixels nearby.
 //!
 //! A pixel takes Σwc/Σw over the samples up to r·s pixels to each side, each weighted by
 //!   w = exp(−|Δ|² / (2 (σ s)²)) · guide,
-//! Δ the distance in pixels and `guide` the likeness of the two surfaces (see [`super::guide`]), which full-resolution
-//! buffers tell also where colour was traced sparsely: every s-th pixel of a row and of a column. So edges of geometry stay
+//! Δ the distance in pixels and `guide` the similarity of the two surfaces (see [`super::guide`]). Guide buffers have
+//! full resolution even where colour was traced at every s-th pixel of rows and columns, so that geometric edges stay
 //! sharp (Kopf, Cohen, Lischinski and Uyttendaele 2007, *Joint Bilateral Upsampling*).
 //!
 //! - [`reconstruct`]: samples anywhere in a full image, s = 1; they keep their bits, and only missing pixels are filled.
 //! - [`joint_bilateral_upsample`]: an image of ⌈H/s⌉×⌈W/s⌉ samples, one in each block of s×s pixels, which becomes H×W.
-//!   Blocks that the border cuts short have theirs in the last pixel that they have.
+//!   Blocks cut by the border have their sample in the last pixel inside.
 //!
-//! Inputs: colour (3), guide, and one of what the samples themselves show, if it is another. Output: colour (3). Missing
-//! samples do not count; a pixel without any like it is missing, too.
+//! Inputs: colour (3), the guide of the pixels, and that of the samples if it differs. Output: colour (3). Missing
+//! samples do not count; a pixel without similar samples is missing, too.
 
 use std::ops::Range;
 
@@ -29,9 +29,9 @@ use crate::rows::{self, Kernel, LanesKernel};
 /// The window, and what stops it.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// r: samples to each side that count, where they are as dense as can be; 1 to 16; 2.
+    /// r: radius of the window, in samples; 1 to 16; 2.
     pub radius: usize,
-    /// σ: distance of samples that counts as one standard deviation; > 0; 1.
+    /// σ: standard deviation of the spatial weight, in samples; > 0; 1.
     pub sigma: f32,
     /// How far surfaces may differ.
     pub sigmas: Sigmas,
@@ -48,7 +48,6 @@ impl Default for Params {
 }
 
 impl Params {
-    /// A window's radius.
     pub(crate) fn radius(value: impl Whole<usize>) -> Result<usize> {
         whole("radius", value, "1 to 16 samples", |&n| {
             (1..=16).contains(&n)
@@ -63,14 +62,14 @@ impl Params {
     }
 }
 
-/// Where in the full image the samples of a small one lie.
+/// Positions of a low-resolution image's samples in the full image.
 #[derive(Clone, Copy, Debug)]
 pub struct Grid {
     /// The size of the full image.
     pub full: Size,
     /// s; 1 to 16.
     pub scale: usize,
-    /// Of each sample, right and down, from the centre of its block's first pixel; 0 to s − 1.
+    /// Offset of each sample, right and down, from the centre of its block's first pixel; 0 to s − 1.
     pub offset: [f32; 2],
 }
 
@@ -88,7 +87,7 @@ impl Grid {
             .try_for_each(|d| in_range("offset", d, &expected, |d| (0.0..=last).contains(&d)))
     }
 
-    /// The size of the image that has a sample for each block.
+    /// The low resolution: one sample a block.
     pub fn low(&self) -> Size {
         Size {
             height: self.full.height.div_ceil(self.scale),
@@ -96,18 +95,18 @@ impl Grid {
         }
     }
 
-    /// The pixel of a block that has its sample.
+    /// The pixel of a block that contains its sample.
     fn pixel(&self) -> [usize; 2] {
         self.offset.map(|d| (d + 0.5) as usize)
     }
 
-    /// From that pixel's centre to the sample.
-    fn rest(&self) -> [f32; 2] {
+    /// The sample's position relative to that pixel's centre.
+    fn subpixel(&self) -> [f32; 2] {
         let [x, y] = self.pixel();
         [self.offset[0] - x as f32, self.offset[1] - y as f32]
     }
 
-    /// A full image that has the values of a small one where its samples lie, and `outside` elsewhere.
+    /// Scatters low-resolution values to the pixels that contain their samples; `outside` elsewhere.
     pub(crate) fn scatter<T: Value>(&self, low: Pixels<T>, outside: T) -> Image<T> {
         let mut image = Image::blank(self.full, low.channels);
         let kernel = Scatter {
@@ -148,7 +147,7 @@ impl<'a, T: Value> Kernel for Scatter<'a, T> {
     }
 }
 
-/// Fills the missing pixels of a colour; the guide is for taps up to the radius.
+/// Fills missing pixels. The guide must have a halo of the radius.
 pub fn reconstruct(color: Pixels, guide: &Guide, params: Params) -> Image {
     let samples = Samples::new(color, guide.layout);
     let fill = Fill {
@@ -157,14 +156,14 @@ pub fn reconstruct(color: Pixels, guide: &Guide, params: Params) -> Image {
         shown: guide.compare(&params.sigmas),
         radius: params.radius,
         sigma: params.sigma,
-        rest: [0.0; 2],
+        subpixel: [0.0; 2],
         keep: true,
     };
     fill.image()
 }
 
-/// Brings a small image to full size, by what the full one shows, and what the samples do: the same, or something that
-/// has been scattered like them. Both guides are for taps up to radius times scale pixels.
+/// Upsamples a low-resolution image. `guide` describes the full-resolution pixels, `shown` the samples: the same guide,
+/// or low-resolution buffers scattered like the samples. Both must have a halo of radius · scale pixels.
 pub fn joint_bilateral_upsample(
     low: Pixels,
     grid: Grid,
@@ -179,16 +178,16 @@ pub fn joint_bilateral_upsample(
         shown: shown.compare(&params.sigmas),
         radius: params.radius * grid.scale,
         sigma: params.sigma * grid.scale as f32,
-        rest: grid.rest(),
+        subpixel: grid.subpixel(),
         keep: false,
     };
     fill.image()
 }
 
-/// Colour with borders, black where it is missing, and log₂ of each pixel's own weight: 0 or −∞.
+/// Colour with a halo, black where missing, and log₂ of each pixel's validity: 0 or −∞.
 struct Samples {
     image: Bordered,
-    /// Which rows have any.
+    /// True for rows with at least one sample.
     rows: Vec<bool>,
 }
 
@@ -236,14 +235,14 @@ impl<'a> Kernel for Load<'a> {
 struct Fill<'a> {
     samples: &'a Samples,
     guide: Comparison<'a>,
-    /// What the samples show.
+    /// Guide of the samples.
     shown: Comparison<'a>,
-    /// In pixels.
+    /// Radius and standard deviation in pixels.
     radius: usize,
     sigma: f32,
-    /// From the centre of its pixel to each sample.
-    rest: [f32; 2],
-    /// Whether samples keep their bits.
+    /// Position of the samples relative to their pixels' centres.
+    subpixel: [f32; 2],
+    /// True if traced pixels keep their bits.
     keep: bool,
 }
 
@@ -273,22 +272,22 @@ impl Fill<'_> {
         image
     }
 
-    /// The taps of a row's pixels in rows that have samples, with log₂ of their weight by distance.
+    /// The taps of row `y` that lie in rows with samples, with log₂ of their spatial weights.
     fn taps(&self, y: usize) -> Vec<(Tap, f32)> {
         let scale = LOG2_E / (2.0 * self.sigma * self.sigma);
         let all = self.samples.image.layout.taps(y, self.radius, 1);
         all.into_iter()
             .filter(|tap| self.samples.rows[y.wrapping_add_signed(tap.offset[1])])
             .map(|mut tap| {
-                tap.right[0] += self.rest[0];
-                tap.down += self.rest[1];
+                tap.right[0] += self.subpixel[0];
+                tap.down += self.subpixel[1];
                 let ([x], y) = (tap.right, tap.down);
                 (tap, -(x * x + y * y) * scale)
             })
             .collect()
     }
 
-    /// Of the pixels from (x, y) on; NaN where they have none like them.
+    /// Weighted means of the pixels from (x, y) on; NaN without similar samples.
     #[inline(always)]
     fn mean<S: Simd>(&self, simd: S, x: usize, y: usize, taps: &[(Tap, f32)]) -> [Lanes<S>; 3] {
         let at = self.samples.image.layout.at(x, y);

@@ -6,6 +6,7 @@ pub mod fireflies;
 pub mod guide;
 pub mod history_fix;
 pub mod joint_bilateral;
+pub mod lend;
 pub mod morphological;
 pub mod regress;
 pub mod sharpen;

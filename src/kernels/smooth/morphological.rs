@@ -1,28 +1,27 @@
-//! Morphological antialiasing: edges straightened by the steps that they make, from one image alone.
+//! Morphological antialiasing: smooths the stair-steps of edges in a single image.
 //!
-//! A slanted edge is rendered as stairs. The length of a stair, and the side to which it goes on at its ends, tell where
-//! the edge was, and with it which share of a pixel the other side should have had (Reshetov 2009, *Morphological
-//! Antialiasing*). It is the baseline for all that uses history.
+//! A slanted edge is rendered as stairs. The length of a step, and the side to which the edge continues at its ends,
+//! locate the true edge, and with it the area of each pixel that belongs to the other side (Reshetov 2009,
+//! *Morphological Antialiasing*). It is the baseline for methods that use history.
 //!
 //! - **Discontinuity**: the boundary of two pixels, side by side or one above the other, with |L - L'| > threshold,
 //!   where L = √(l/(1 + l)) is perceived brightness, l ≥ 0 the Rec. 709 luminance.
-//! - **Separation line**: a longest run of n discontinuities along a row of boundaries (or a column; all below with x and
-//!   y exchanged), with the brighter pixels all on one side. The sides must not change, or the two edges of a thin
-//!   slanted line would be taken for a single one.
+//! - **Separation line**: a maximal sequence of n discontinuities along a row of boundaries (or a column; all below
+//!   with x and y exchanged), with the brighter pixels all on one side. If the sides could change, the two edges of a
+//!   thin slanted line would be merged into one.
 //! - **Crossing**: at each end of the line, the discontinuities of the two pixels above it and of the two below it with
-//!   their neighbours beyond the end. If it is one of them, the edge comes from there: it starts at the end, half a
-//!   pixel above or below, and comes down straight to the middle of the line. Otherwise, and at the end of the image, it
-//!   keeps to the line. Crossings at one end make the shape L, at both ends U or, on different sides, Z.
-//! - **Share**: the area that the edge cuts off a pixel at distance d = 0, 1, … from its end: (n - 2d - 1)/(2n) in its
-//!   half, 1/(8n) in the middle of an odd n, nothing beyond.
-//! - **Search**: `max_length` boundaries to each side. A line that is longer counts as that long, without a crossing
-//!   there.
-//! - **Direction**: where a pixel has shares in both, rows and columns saw the same edge, and longer lines saw it better:
-//!   the direction with the largest share counts. Equal ones, as on diagonals, count half each. Hence shares never
-//!   sum up to more than one.
+//!   their neighbours beyond the end. If exactly one is present, the edge continues there: it starts at the end of the
+//!   line, half a pixel above or below, and descends linearly to the middle of the line. Otherwise, and at the border of
+//!   the image, it stays on the line. A crossing at one end makes the shape L, at both ends U or, on different sides, Z.
+//! - **Coverage**: the area that the edge cuts off a pixel at distance d = 0, 1, … from the line's end: (n - 2d -
+//!   1)/(2n) in the near half, 1/(8n) in the middle of an odd n, 0 beyond.
+//! - **Search**: `max_length` boundaries to each side. A longer line is cut there, without a crossing.
+//! - **Direction**: a pixel with coverage from both rows and columns saw the same edge twice; the longer line locates it
+//!   better: the direction with the largest coverage counts. Equal ones, as on diagonals, count half each. Hence the
+//!   coverages never sum to more than 1.
 //!
-//! The pixel becomes (1 - Σ share) own + Σ share · neighbour, in linear colour. Input and output: colour (3). Missing
-//! pixels have no discontinuities and stay, as does every pixel without a share, to the bit.
+//! The pixel becomes (1 - Σ coverage) own + Σ coverage · neighbour, in linear colour. Input and output: colour (3).
+//! Missing pixels have no discontinuities. They and every pixel with zero coverage keep their bits.
 
 use std::ops::Range;
 
@@ -34,14 +33,13 @@ use crate::rows::{self, Kernel};
 /// What counts as an edge, and how far it is followed.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// Difference of brightness, which is 0 to 1, that is not yet a discontinuity; ≥ 0; 0.1.
+    /// Largest difference of brightness (0 to 1) that is not a discontinuity; ≥ 0; 0.1.
     pub threshold: f32,
-    /// Boundaries that are searched to each side; 1 to 128; 16.
+    /// Search distance to each side, in pixels; 1 to 128; 16.
     pub max_length: usize,
 }
 
 impl Params {
-    /// A length of search.
     pub(crate) fn max_length(value: impl Whole<usize>) -> Result<usize> {
         let range = |n: &usize| (1..=128).contains(n);
         whole("max_length", value, "1 to 128 pixels", range)
@@ -56,7 +54,7 @@ impl Params {
     }
 }
 
-/// The channels of the discontinuities: of each pixel with the one below it, and with the one to the right.
+/// Channels of the edge image: the boundaries with the pixel below and with the pixel to the right.
 const BELOW: usize = 0;
 const RIGHT: usize = 1;
 
@@ -95,9 +93,9 @@ impl<'a> Kernel for Brightness<'a> {
             let [out] = out.rows(y);
             for x in 0..r.len() {
                 let present = is_present([r[x], g[x], b[x]]);
-                // The sum of the largest floats may be rounded to infinity.
+                // The luminance of the largest floats may round to infinity.
                 let l = luminance(r[x], g[x], b[x]).clamp(0.0, f32::MAX);
-                // No difference from NaN exceeds any threshold.
+                // A difference from NaN exceeds no threshold: missing pixels have no edges.
                 out[x] = if present {
                     (l / (1.0 + l)).sqrt()
                 } else {
@@ -119,7 +117,7 @@ impl<'a> Kernel for Edges<'a> {
 
     #[inline(always)]
     fn rows(&self, rows: Range<usize>, mut out: BandMut<'a, i8>) {
-        // What lies outside stays 0.
+        // Boundaries with the outside stay 0.
         let size = self.brightness.size;
         for y in rows {
             let row = self.brightness.row(0, y);
@@ -159,7 +157,7 @@ impl<'a> Kernel for Blend<'a> {
                     .copy_from_slice(self.color.row(channel, y));
             }
             for x in 0..width {
-                let Some(shares) = self.shares(x, y) else {
+                let Some(coverages) = self.coverages(x, y) else {
                     continue;
                 };
                 let own = y * width + x;
@@ -169,43 +167,45 @@ impl<'a> Kernel for Blend<'a> {
                     own.wrapping_sub(1),
                     own + 1,
                 ];
-                let [up, down, left, right] = shares;
-                // In pairs, so that the bits are those of the mirrored image.
+                let [up, down, left, right] = coverages;
+                // Summed in symmetric pairs, so that a mirrored image gives mirrored bits.
                 let rest = 1.0 - ((up + down) + (left + right));
                 for channel in 0..3 {
                     let plane = self.color.plane(channel);
-                    // Neighbours without a share may be outside or missing.
-                    let lent = |k: usize| {
-                        if shares[k] > 0.0 {
-                            shares[k] * plane[neighbors[k]]
+                    // A neighbour with zero coverage may be outside or missing: its value must not be read.
+                    let term = |k: usize| {
+                        if coverages[k] > 0.0 {
+                            coverages[k] * plane[neighbors[k]]
                         } else {
                             0.0
                         }
                     };
                     out.row(channel, y)[x] =
-                        rest * plane[own] + ((lent(0) + lent(1)) + (lent(2) + lent(3)));
+                        rest * plane[own] + ((term(0) + term(1)) + (term(2) + term(3)));
                 }
             }
         }
     }
 }
 
-/// A direction of separation lines.
+/// Separation lines through a pixel, in one direction.
 struct Lines<'a> {
-    /// The discontinuities that lines are made of, and those that cross them, by pixel.
+    /// Discontinuities along the lines, by pixel.
     edges: &'a [i8],
+    /// Discontinuities across them.
     crossings: &'a [i8],
-    /// From one pixel to the next along a line.
+    /// Index step from one pixel to the next along a line.
     step: usize,
-    /// The pixel's place along its line, and their number there.
+    /// The pixel's position along its line.
     place: usize,
+    /// Size of the image along the line.
     extent: usize,
 }
 
 impl Blend<'_> {
-    /// Shares of the neighbours above, below, to the left and to the right; `None` where all are 0.
+    /// Coverage by the neighbours above, below, left and right; `None` if all are 0.
     #[inline(always)]
-    fn shares(&self, x: usize, y: usize) -> Option<[f32; 4]> {
+    fn coverages(&self, x: usize, y: usize) -> Option<[f32; 4]> {
         let size = self.color.size;
         let own = y * size.width + x;
         let (below, right) = (self.edges.plane(BELOW), self.edges.plane(RIGHT));
@@ -232,18 +232,18 @@ impl Blend<'_> {
             place: y,
             extent: size.height,
         };
-        let share = |k: usize, lines: &Lines, other: usize| {
+        let coverage = |k: usize, lines: &Lines, other: usize| {
             if some[k] {
-                self.share(lines, own, other)
+                self.coverage(lines, own, other)
             } else {
                 0.0
             }
         };
-        let up = share(0, &rows, own.wrapping_sub(size.width));
-        let down = share(1, &rows, own + size.width);
-        let left = share(2, &columns, own.wrapping_sub(1));
-        let right = share(3, &columns, own + 1);
-        // Each share is one rounded quotient of small whole numbers, so that equal ones are found to be equal.
+        let up = coverage(0, &rows, own.wrapping_sub(size.width));
+        let down = coverage(1, &rows, own + size.width);
+        let left = coverage(2, &columns, own.wrapping_sub(1));
+        let right = coverage(3, &columns, own + 1);
+        // Each coverage is a quotient of small integers, rounded once, so that equal values compare equal.
         let (in_rows, in_columns) = (up.max(down), left.max(right));
         let (r, c) = if in_rows > in_columns {
             (1.0, 0.0)
@@ -252,13 +252,13 @@ impl Blend<'_> {
         } else {
             (0.5, 0.5)
         };
-        let shares = [r * up, r * down, c * left, c * right];
-        (shares != [0.0; 4]).then_some(shares)
+        let coverages = [r * up, r * down, c * left, c * right];
+        (coverages != [0.0; 4]).then_some(coverages)
     }
 
     /// The area that the edge along the boundary with `other` cuts off `own`.
     #[inline(always)]
-    fn share(&self, lines: &Lines, own: usize, other: usize) -> f32 {
+    fn coverage(&self, lines: &Lines, own: usize, other: usize) -> f32 {
         let &Lines {
             edges,
             crossings,
@@ -281,20 +281,20 @@ impl Blend<'_> {
         }
         let length = before + 1 + after;
         let crossed = |i: usize| crossings[i] != 0;
-        let mut share = 0.0;
+        let mut coverage = 0.0;
         if before < to_start {
             let back = (before + 1) * step;
             if crossed(own - back) && !crossed(other - back) {
-                share += cut_off(before, length);
+                coverage += cut_off(before, length);
             }
         }
         if after < to_end {
             let ahead = after * step;
             if crossed(own + ahead) && !crossed(other + ahead) {
-                share += cut_off(after, length);
+                coverage += cut_off(after, length);
             }
         }
-        share
+        coverage
     }
 }
 

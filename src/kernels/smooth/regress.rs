@@ -1,27 +1,27 @@
-//! Block-wise regression: the light of a block of pixels as a combination of features of the surfaces that it shows
-//! (Koskela et al. 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*).
+//! Block-wise regression: the light of a block of pixels as a linear combination of feature buffers (Koskela et al.
+//! 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*).
 //!
-//! Over each block, Σ wᵢ |cᵢ − Σ βⱼ fⱼ(i)|² is least, with features f of {1, normal, position, position²}, those that are
-//! given and that vary within the block. Positions are taken from the block's mean and in units of its extent, which
-//! changes nothing of what the features can express together, and the columns are orthogonalised one after the other
-//! (QR by modified Gram-Schmidt, in double precision), the colours with them, so that what is left of these is the
-//! residual. A feature of which less than a [`RANK`]th is left by those before adds nothing but rounding, and is left
-//! out: planes, of which two coordinates tell the third, and everything else that lacks rank need no noise added, as
-//! the paper has it.
+//! Each block minimises Σ wᵢ |cᵢ − Σ βⱼ fⱼ(i)|² with features f of {1, normal, position, position²}, as far as they are
+//! given and vary within the block. Positions are relative to the block's mean, in units of its extent; this does not
+//! change the span of the features. The columns are orthogonalised one after the other (QR by modified Gram-Schmidt, in
+//! double precision) together with the colours, whose rest is the residual. A column that the previous ones explain to
+//! all but a fraction of [`RANK`] is rank-deficient (for instance the third coordinate on a plane): only rounding is
+//! left of it, and it is skipped. The paper adds noise to the features instead.
 //!
-//! The next feature is the one of which most is left, until none is; or, for the fewest, the one that takes most off the
-//! residual S, as long as that lowers the generalised cross-validation score (Craven and Wahba 1979)
+//! Column pivoting takes the feature with the largest rest until none is left; or, for the fewest features, the one that
+//! reduces the residual S most, as long as that lowers the generalised cross-validation score (Craven and Wahba 1979)
 //!   S / (1 − (1 + λ k)/n)²,
-//! an estimate of the error at pixels that the fit has not seen, with k features besides the constant, n = (Σw)²/Σw²
-//! samples, and λ = [`PENALTY`].
+//! an estimate of the error at pixels outside the fit, with k features besides the constant, n = (Σw)²/Σw² samples, and
+//! λ = [`PENALTY`].
 //!
-//! Blocks form a grid, displaced by an offset; what the image's border cuts to less than half a block belongs to its
-//! neighbour. Fits are held to the range of the colours that they are made of.
+//! Blocks form a grid, displaced by an offset; a block that the image's border cuts to less than half is merged with its
+//! neighbour. Fits are clamped to the range of the colours that went into them.
 //!
-//! Inputs: colour (3), normal (3), position (3) or depth with a camera's rays, weight (1). Outputs: the fitted colour (3)
-//! and how many features it has, 1 for the constant. Pixels whose colour is missing or whose weight is 0 have no say and
-//! get what their features make of it; those that show no surface (features that are not finite, zero normals) or have no
-//! weight (not finite, negative) keep their colour and count 0 features, as do blocks where nobody has a say.
+//! Inputs: colour (3), normal (3), position (3) or depth with a camera's rays, weight (1). Outputs: the fitted colour
+//! (3) and its number of features, 1 for the constant. A pixel with missing colour or weight 0 does not take part in
+//! the fit but gets the fitted colour. A pixel without a surface (features not finite, zero normal) or with an invalid
+//! weight (not finite, negative) keeps its colour and counts 0 features, and so do all pixels of a block without valid
+//! samples.
 
 use std::ops::Range;
 
@@ -32,18 +32,21 @@ use crate::kernels::camera::pinhole::Rays;
 use crate::math::is_present;
 use crate::rows::{self, Kernel};
 
-/// What of a feature must be left by others: features tell of surfaces with about three digits.
+/// A column counts as rank-deficient below this fraction of its norm: feature buffers have about three significant
+/// digits.
 const RANK: f64 = 1e-2;
 
-/// Variation that counts: of normals, of positions beside the block's extent, and of that beside the coordinates.
+/// Features with a smaller standard deviation are constant: normals absolutely, coordinates relative to the block's
+/// extent.
 const FLAT: f64 = 1e-3;
+/// A block's extent below this fraction of its coordinates is rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Residuals beside the colours, both squared, that are roundings.
-const NOTHING: f64 = 1e-14;
+/// Ratio of squared residual to squared colour below which the residual is rounding.
+const EXPLAINED: f64 = 1e-14;
 
-/// What a feature counts that was chosen among others: Friedman 1991, *Multivariate Adaptive Regression Splines*, has 3, and so
-/// do our measurements, in which 1 takes more features to the same error and 8 loses.
+/// λ: cost of a feature chosen among several, in degrees of freedom. Friedman 1991, *Multivariate Adaptive Regression
+/// Splines*, has 3; so do our measurements, where 1 takes more features for the same error and 8 has a larger error.
 const PENALTY: f64 = 3.0;
 
 /// Which features a fit has.
@@ -60,7 +63,7 @@ pub enum Choice {
 pub struct Params {
     /// Side of a block in pixels; 4 to 256; 32.
     pub block: usize,
-    /// Where, right and down, a block begins; any, 0.
+    /// Offset of the grid of blocks, right and down, in pixels; any; 0.
     pub offset: [i64; 2],
     /// Fewest.
     pub features: Choice,
@@ -90,7 +93,7 @@ impl Params {
         Ok(())
     }
 
-    /// The blocks along a side of the image.
+    /// Ranges of the blocks along one axis.
     fn cut(&self, length: usize, axis: usize) -> Vec<Range<usize>> {
         let first = self.offset[axis].rem_euclid(self.block as i64) as usize;
         let mut ends: Vec<_> = (first..length)
@@ -103,7 +106,7 @@ impl Params {
     }
 }
 
-/// What a fit is made of.
+/// Feature buffers.
 #[derive(Clone, Copy)]
 pub struct Features<'a> {
     /// 3 channels.
@@ -112,17 +115,17 @@ pub struct Features<'a> {
     pub place: Option<Place<'a>>,
 }
 
-/// Where surfaces are.
+/// Positions, as a buffer or from depth.
 #[derive(Clone, Copy)]
 pub enum Place<'a> {
     /// World space (3).
     Position(Pixels<'a>),
-    /// Along the rays.
+    /// Depth along a camera's rays.
     Depth(Pixels<'a>, Rays),
 }
 
 impl<'a> Place<'a> {
-    /// None for depth without rays.
+    /// `None` for depth without rays.
     pub fn new(geometry: Geometry<'a>, rays: Option<Rays>) -> Option<Self> {
         match geometry {
             Geometry::Position(position) => Some(Self::Position(position)),
@@ -131,7 +134,7 @@ impl<'a> Place<'a> {
     }
 }
 
-/// Writes records of the fitted colours, and the numbers of features.
+/// Writes fitted colours (interleaved) and the numbers of features.
 pub fn regress(
     color: Pixels,
     features: Features,
@@ -197,49 +200,50 @@ impl<'a> Kernel for Regress<'a> {
     }
 }
 
-/// Numbers that are summed up side by side, in an order that no instruction set changes.
-const SIDES: usize = 16;
+/// Partial sums per reduction: a fixed number, so that every instruction set adds in the same order.
+const LANES: usize = 16;
 
 /// Normal, position, position².
 const COLUMNS: usize = 9;
 
-/// The pixels of a block, column by column of their least-squares problem.
+/// The least-squares problem of one block, structure of arrays.
 struct Block {
-    /// Pixels, in whole vectors.
+    /// Pixels, padded to a multiple of [`LANES`].
     length: usize,
-    /// 0 where a pixel has no say.
+    /// 0 for pixels that do not take part in the fit.
     weight: Vec<f64>,
-    /// Whether a pixel shows a surface.
+    /// True where the pixel shows a surface.
     surface: Vec<bool>,
     color: [Vec<f32>; 3],
-    /// What is not yet explained.
+    /// Colours minus the features taken so far.
     residual: [Vec<f64>; 3],
     columns: [Vec<f64>; COLUMNS],
-    /// Those that are there.
+    /// Columns not yet taken.
     given: [bool; COLUMNS],
-    /// The current one, weighted.
+    /// Scratch: weight times the current column.
     weighted: Vec<f64>,
     lowest: [f32; 3],
     highest: [f32; 3],
+    /// Scratch: one row of an input.
     row: [Vec<f32>; 3],
 }
 
 impl Block {
     fn new(pixels: usize) -> Self {
-        let room = pixels.next_multiple_of(SIDES);
-        let numbers = || vec![0.0; room];
+        let padded = pixels.next_multiple_of(LANES);
+        let numbers = || vec![0.0; padded];
         Self {
             length: 0,
             weight: numbers(),
-            surface: vec![false; room],
-            color: [(); 3].map(|()| vec![0.0; room]),
+            surface: vec![false; padded],
+            color: [(); 3].map(|()| vec![0.0; padded]),
             residual: [(); 3].map(|()| numbers()),
             columns: [(); COLUMNS].map(|()| numbers()),
             given: [false; COLUMNS],
             weighted: numbers(),
             lowest: [0.0; 3],
             highest: [0.0; 3],
-            row: [(); 3].map(|()| vec![0.0; room]),
+            row: [(); 3].map(|()| vec![0.0; padded]),
         }
     }
 
@@ -247,7 +251,7 @@ impl Block {
     fn load(&mut self, from: &Regress, rows: &Range<usize>, columns: &Range<usize>) {
         let across = columns.len();
         let pixels = rows.len() * across;
-        self.length = pixels.next_multiple_of(SIDES);
+        self.length = pixels.next_multiple_of(LANES);
         self.surface[..self.length].fill(true);
         self.surface[pixels..self.length].fill(false);
         let Features { normal, place } = from.features;
@@ -292,7 +296,8 @@ impl Block {
                     }
                 }
                 Some(Place::Depth(depth, Rays { dx, dy, corner })) => {
-                    // Rounded rays are those of a camera that is as good; rounded points would not lie in planes.
+                    // In double precision: rays rounded to float32 are those of a slightly different camera, but points
+                    // rounded to float32 would not lie on planes.
                     let [dx, dy, corner] = [dx, dy, corner].map(|axis| axis.as_dvec3());
                     let z = &mut self.row[0][..across];
                     depth.load(run, 0, z);
@@ -343,7 +348,7 @@ impl Block {
         }
     }
 
-    /// Fits the colours, and returns the number of features; 0 where nothing is known.
+    /// Fits the colours; returns the number of features, 0 without valid samples.
     #[inline(always)]
     fn fit(&mut self, choice: Choice) -> u8 {
         let n = self.length;
@@ -353,9 +358,9 @@ impl Block {
         }
         let samples = total * total / dot(&self.weight[..n], &self.weight[..n]);
         let score = |unexplained: f64, count: u8| {
-            let room = 1.0 - (1.0 + PENALTY * f64::from(count)) / samples;
-            if room > 0.0 {
-                unexplained / (room * room)
+            let freedom = 1.0 - (1.0 + PENALTY * f64::from(count)) / samples;
+            if freedom > 0.0 {
+                unexplained / (freedom * freedom)
             } else {
                 f64::INFINITY
             }
@@ -369,7 +374,7 @@ impl Block {
         }
         self.prepare(total);
 
-        // What the features taken so far have left of each column's square, and its products with the residual.
+        // Updated instead of recomputed: the squared norm of each column's rest, and its products with the residual.
         let mut left = [1.0; COLUMNS];
         let mut products = [[0.0; 3]; COLUMNS];
         for j in (0..COLUMNS).filter(|&j| self.given[j]) {
@@ -397,9 +402,9 @@ impl Block {
                 }
             }
             let Some(j) = best else { break };
-            // Roundings of the colours are nothing to be explained.
+            // A residual at rounding level is not fitted further.
             let pays = score(rest, count + 1) < score(unexplained, count);
-            if choice == Choice::Fewest && (unexplained <= NOTHING * power || !pays) {
+            if choice == Choice::Fewest && (unexplained <= EXPLAINED * power || !pays) {
                 break;
             }
             (self.given[j], unexplained) = (false, rest);
@@ -429,7 +434,7 @@ impl Block {
         1 + count
     }
 
-    /// Centres the columns, makes squares, scales all to one, and strikes out what does not vary.
+    /// Centres the columns, computes squares, scales all to unit variance and drops constant ones.
     #[inline(always)]
     fn prepare(&mut self, total: f64) {
         let n = self.length;
@@ -474,7 +479,7 @@ impl Block {
         }
     }
 
-    /// Writes a row's colours, from pixel `first` of the block on.
+    /// Writes one row of the block, which starts at its pixel `first`.
     #[inline(always)]
     fn store(&self, first: usize, count: u8, fitted: &mut [f32], used: &mut [u8]) {
         let pixels = fitted.as_chunks_mut::<3>().0.iter_mut().zip(used);
@@ -489,17 +494,17 @@ impl Block {
                     0.0
                 };
                 let fit = (known - self.residual[c][i]) as f32;
-                let held = fit.max(self.lowest[c]).min(self.highest[c]);
-                fitted[c] = if fits { held } else { own };
+                let clamped = fit.max(self.lowest[c]).min(self.highest[c]);
+                fitted[c] = if fits { clamped } else { own };
             }
         }
     }
 }
 
 #[inline(always)]
-fn sum_of(parts: [f64; SIDES]) -> f64 {
+fn sum_of(parts: [f64; LANES]) -> f64 {
     let mut parts = parts;
-    let mut half = SIDES / 2;
+    let mut half = LANES / 2;
     while half > 0 {
         for i in 0..half {
             parts[i] += parts[i + half];
@@ -511,9 +516,9 @@ fn sum_of(parts: [f64; SIDES]) -> f64 {
 
 #[inline(always)]
 fn sum(a: &[f64]) -> f64 {
-    let mut parts = [0.0; SIDES];
-    for a in a.as_chunks::<SIDES>().0 {
-        for i in 0..SIDES {
+    let mut parts = [0.0; LANES];
+    for a in a.as_chunks::<LANES>().0 {
+        for i in 0..LANES {
             parts[i] += a[i];
         }
     }
@@ -522,14 +527,14 @@ fn sum(a: &[f64]) -> f64 {
 
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut parts = [0.0; SIDES];
+    let mut parts = [0.0; LANES];
     for (a, b) in a
-        .as_chunks::<SIDES>()
+        .as_chunks::<LANES>()
         .0
         .iter()
-        .zip(b.as_chunks::<SIDES>().0)
+        .zip(b.as_chunks::<LANES>().0)
     {
-        for i in 0..SIDES {
+        for i in 0..LANES {
             parts[i] += a[i] * b[i];
         }
     }
@@ -538,14 +543,14 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 #[inline(always)]
 fn weighted_square(weight: &[f64], a: &[f64]) -> f64 {
-    let mut parts = [0.0; SIDES];
+    let mut parts = [0.0; LANES];
     for (w, a) in weight
-        .as_chunks::<SIDES>()
+        .as_chunks::<LANES>()
         .0
         .iter()
-        .zip(a.as_chunks::<SIDES>().0)
+        .zip(a.as_chunks::<LANES>().0)
     {
-        for i in 0..SIDES {
+        for i in 0..LANES {
             parts[i] += w[i] * a[i] * a[i];
         }
     }
@@ -566,7 +571,7 @@ fn subtract(from: &mut [f64], factor: f64, what: &[f64]) {
     }
 }
 
-/// Subtracts the mean, and returns it.
+/// Subtracts the weighted mean and returns it.
 #[inline(always)]
 fn center(column: &mut [f64], weight: &[f64], total: f64) -> f64 {
     let mean = dot(weight, column) / total;

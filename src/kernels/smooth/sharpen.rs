@@ -1,30 +1,29 @@
-//! Sharpening: what resampling has blurred, as far as the neighbours leave room.
+//! Sharpening of images that resampling has blurred, without overshoot beyond the neighbours.
 //!
 //! In tone-mapped colours, c / (e + max(r, g, b)) with e the exposure, a pixel becomes
 //!   (p + λ Σ n) / (1 + 4λ),  n its four neighbours,
-//! with the λ between −3/16 and 0 by which no channel would leave [0, 1] if the pixel were like its neighbours:
+//! with the strongest λ between −3/16 and 0 that keeps every channel in [0, 1] for a pixel like its neighbours:
 //!   λ = strength · max(−3/16, max over channels of max(−min n / (4 max n), (1 − max n) / (4 min n − 4)))
-//! (RCAS, robust contrast adaptive sharpening, of AMD's FSR 1). The result is held to the range of the five, so that edges
-//! become steep without halos.
+//! (RCAS, robust contrast adaptive sharpening, of AMD's FSR 1). The result is clamped to the range of the five pixels,
+//! so that edges become steep without halos.
 //!
-//! Input: colour (3). Output: colour. Neighbours that are missing or outside are like the pixel; missing pixels stay, as do
-//! those without a λ, to the bit.
+//! Input: colour (3). Output: colour. Missing neighbours and those outside the image are replaced by the pixel itself.
+//! Missing pixels and pixels with λ = 0 keep their bits.
 
 use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
-use crate::kernels::judge::neighborhood::{brightest, tone_mapped, untone_mapped};
-use crate::math::is_present;
+use crate::math::{inverse_tone_map, is_present, max_channel, tone_map};
 use crate::pixels::{PixelsMut, Rolling, Row, larger, smaller};
 use crate::rows::{self, Kernel};
 
 /// How much is sharpened.
 #[derive(Clone, Copy, Debug)]
 pub struct Params {
-    /// 0, which leaves all as it is, to 1; 0.5.
+    /// Scale of λ; 0 (no change) to 1; 0.5.
     pub strength: f32,
-    /// The radiance that the tone curve takes for 1; above 0; 1.
+    /// The radiance that the tone curve maps to ½; above 0; 1.
     pub exposure: f32,
 }
 
@@ -88,15 +87,15 @@ impl Sharpen<'_> {
             colors.columns(run, 0),
             colors.columns(run, 1),
         ];
-        // Loops, not closures, which are not always compiled into their caller, and then not for its instructions.
+        // Loops instead of closures: a closure that is not inlined is compiled without the caller's instruction set.
         const PLACES: [[usize; 2]; 4] = [[0, 1], [1, 0], [1, 2], [2, 1]];
         for i in 0..run.len {
             let mut own = [0.0; 3];
             for c in 0..3 {
                 own[c] = rows[1][c][i + 1];
             }
-            let mut most = brightest(own);
-            let toned = tone_mapped(own, exposure);
+            let mut limit = max_channel(own);
+            let toned = tone_map(own, exposure);
             let mut around = [[0.0; 3]; 4];
             for (around, [row, column]) in around.iter_mut().zip(PLACES) {
                 let mut color = [0.0; 3];
@@ -107,8 +106,8 @@ impl Sharpen<'_> {
                 for c in 0..3 {
                     color[c] = if present { color[c] } else { own[c] };
                 }
-                most = larger(brightest(color), most);
-                *around = tone_mapped(color, exposure);
+                limit = larger(max_channel(color), limit);
+                *around = tone_map(color, exposure);
             }
             let mut lobe = f32::NEG_INFINITY;
             let [mut low, mut high, mut sum] = [[0.0; 3]; 3];
@@ -121,7 +120,7 @@ impl Sharpen<'_> {
                 );
                 let down = -0.25 * low[c].max(0.0) / high[c];
                 let up = 0.25 * (1.0 - high[c]) / (low[c] - 1.0);
-                // Black neighbours leave no room.
+                // 0/0: black neighbours allow no undershoot.
                 let down = if high[c] > 0.0 { down } else { 0.0 };
                 lobe = larger(larger(down, up), lobe);
             }
@@ -134,7 +133,7 @@ impl Sharpen<'_> {
                     smaller(low[c], toned[c]),
                 );
             }
-            let sharp = untone_mapped(sharp, exposure, most);
+            let sharp = inverse_tone_map(sharp, exposure, limit);
             for c in 0..3 {
                 out[c][i] = if (lobe < 0.0) & is_present(own) & is_present(sharp) {
                     sharp[c]

@@ -61,10 +61,10 @@ impl Params {
     }
 }
 
-/// Taps that are weighed at once.
+/// Taps whose weights are computed together.
 const TOGETHER: usize = 4;
 
-/// Below this, a variance is 0.
+/// Smaller variances count as 0: subnormal numbers are slow.
 pub(crate) const SMALLEST: f32 = 1e-30;
 
 #[inline(always)]
@@ -72,7 +72,7 @@ pub(crate) fn floored(variance: f32) -> f32 {
     if variance >= SMALLEST { variance } else { 0.0 }
 }
 
-/// An estimate that can be made row by row.
+/// The variance of a history, estimated row by row.
 pub struct Estimate<'a> {
     moments: Pixels<'a>,
     length: Pixels<'a>,
@@ -80,10 +80,10 @@ pub struct Estimate<'a> {
     params: Params,
 }
 
-/// What it reads for a row.
+/// Line buffers for the rows around one.
 pub(crate) struct Around {
     moments: Rolling<2>,
-    /// Of the row's pixels.
+    /// History length of the row's pixels.
     length: Vec<f32>,
 }
 
@@ -107,7 +107,7 @@ impl<'a> LanesKernel for Estimate<'a> {
 }
 
 impl<'a> Estimate<'a> {
-    /// Of the moments (2) and the length (1) of a history; a guide for at least the window's radius.
+    /// The guide must reach as far as the window.
     pub fn new(moments: Pixels<'a>, length: Pixels<'a>, guide: &'a Guide, params: Params) -> Self {
         Self {
             moments,
@@ -117,7 +117,7 @@ impl<'a> Estimate<'a> {
         }
     }
 
-    /// Room for what rows read.
+    /// Empty line buffers.
     #[inline(always)]
     pub(crate) fn around(&self) -> Around {
         let width = self.moments.size.width;
@@ -127,7 +127,7 @@ impl<'a> Estimate<'a> {
         }
     }
 
-    /// Of row `y`, which is below the one before unless it is the first.
+    /// Estimates row `y`. Rows come in ascending order; `first` says that the line buffers are empty.
     #[inline(always)]
     pub(crate) fn row<S: Simd>(
         &self,
@@ -155,7 +155,7 @@ impl<'a> Estimate<'a> {
         }
     }
 
-    /// Of the pixels from (x, y) on.
+    /// Estimates one register of pixels, from (x, y) on.
     #[inline(always)]
     fn variance<S: Simd>(
         &self,
@@ -188,7 +188,7 @@ impl<'a> Estimate<'a> {
     ) -> Lanes<S> {
         let center = guide.center(simd, x, y);
         let mut sums = [Lanes::all(simd, 0.0); 3];
-        // Several at once, as one alone is a long chain.
+        // Several taps at once hide the latency of each one's exponential.
         let (groups, rest) = taps.as_chunks::<TOGETHER>();
         for group in groups {
             self.add(simd, x, guide, &center, group, rows, &mut sums);
@@ -203,7 +203,7 @@ impl<'a> Estimate<'a> {
         floored_all((m2 - m1 * m1) * young).or_all(weight.above(0.0), 0.0)
     }
 
-    /// Adds taps' weights and moments.
+    /// Adds the weights and weighted moments of some taps.
     #[inline(always)]
     fn add<S: Simd, const N: usize>(
         &self,
@@ -238,7 +238,7 @@ fn known<S: Simd>(m1: Lanes<S>, m2: Lanes<S>) -> Mask<S> {
     m1.is_finite().and(m2.is_finite())
 }
 
-/// The same of neighbouring pixels.
+/// The same for a register of pixels.
 #[inline(always)]
 pub(crate) fn floored_all<S: Simd>(variance: Lanes<S>) -> Lanes<S> {
     variance.or_all(variance.at_least(SMALLEST), 0.0)

@@ -1,0 +1,90 @@
+//! A frame's illumination: its samples with the texture divided out ([`crate::kernels::smooth::demodulate`]).
+
+use super::frame::Frame;
+use crate::image::{Image, Pixels, Run};
+use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
+use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
+use crate::kernels::smooth::guide::Guide;
+use crate::pixels::{Colors, PixelsMut, Row};
+
+/// Demodulated when it is read.
+#[derive(Clone, Copy)]
+pub struct Illumination<'a> {
+    color: Pixels<'a>,
+    texture: Option<Texture<'a>>,
+}
+
+impl<'a> Illumination<'a> {
+    pub fn of(frame: &Frame<'a>) -> Self {
+        Self {
+            color: frame.color,
+            texture: texture(frame),
+        }
+    }
+
+    /// Of an image that is demodulated already.
+    pub fn ready(image: &'a Image) -> Self {
+        Self {
+            color: image.pixels(),
+            texture: None,
+        }
+    }
+}
+
+impl Colors for Illumination<'_> {
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        self.color.colors(run, into);
+        if let Some(texture) = &self.texture {
+            texture.modulate(Way::Off, run, into);
+        }
+    }
+}
+
+pub fn texture<'a>(frame: &Frame<'a>) -> Option<Texture<'a>> {
+    frame.albedo.map(|albedo| Texture {
+        albedo,
+        emission: frame.emission,
+    })
+}
+
+pub fn illumination(color: Pixels, texture: Option<Texture>) -> Image {
+    match texture {
+        Some(texture) => modulated(color, texture, Way::Off),
+        None => color.to_planes(),
+    }
+}
+
+fn modulated(image: Pixels, texture: Texture, way: Way) -> Image {
+    let mut result = Image::blank(image.size, 3);
+    modulate(image, texture, way, result.bands().map(PixelsMut::Planar));
+    result
+}
+
+/// Illumination without fireflies. They are held down and spread in what is seen: with texture, but without emission. `known`
+/// is the history's illumination; the guide must reach as far as the window of `params`.
+pub fn without_fireflies(
+    illumination: &Image,
+    known: Option<Pixels>,
+    texture: Option<Texture>,
+    guide: &Guide,
+    params: fireflies::Params,
+) -> Image {
+    let suppress = |seen: Pixels, expected: Option<Pixels>| {
+        let mut held = Image::blank(seen.size, 3);
+        let bands = held.bands().map(PixelsMut::Planar);
+        suppress_fireflies(seen, expected, guide, params, bands);
+        held
+    };
+    let Some(texture) = texture else {
+        return suppress(illumination.pixels(), known);
+    };
+    let texture = Texture {
+        emission: None,
+        ..texture
+    };
+    let seen = modulated(illumination.pixels(), texture, Way::Back);
+    let expected = known.map(|known| modulated(known, texture, Way::Back));
+    let held = suppress(seen.pixels(), expected.as_ref().map(Image::pixels));
+    modulated(held.pixels(), texture, Way::Off)
+}

@@ -1,0 +1,189 @@
+//! What a frame leaves to the next, and what the next frame makes of it; common to [`super::svgf`] and [`super::bmfr`]:
+//!
+//!   (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
+
+use super::frame::{Frame, Motion, Output, SurfaceRecords, check_size};
+use super::reflections::{self, Own};
+use super::replay;
+use super::svgf::Params;
+use crate::error::{Error, Result};
+use crate::image::{Image, Pixels, Records, View};
+use crate::kernels::camera::pinhole::Camera;
+use crate::kernels::fetch::footprint::Filter;
+use crate::kernels::fetch::reproject::{self, Fetch, reproject};
+use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::judge::surface::{Surface, Tests};
+
+const BILINEAR: reproject::Params = reproject::Params {
+    filter: Filter::Bilinear,
+    fallback: true,
+    dering: true,
+};
+
+/// The state after a frame. Images of several channels are interleaved, as they will be gathered.
+pub struct Memory {
+    /// Beginning with the channels of [`crate::kernels::merge::accumulate`].
+    pub history: Records,
+    /// The colour that the next frame's replay is compared with, where one is expected.
+    shown: Option<replay::Before>,
+    pub reflections: Option<reflections::Memory>,
+    surface: SurfaceRecords,
+    pub camera: Option<Camera>,
+    demodulated: bool,
+}
+
+impl Memory {
+    /// `first` if no history came before: the colour is kept for a replay after a first frame, and after a frame with one.
+    pub fn new(frame: &Frame, history: Records, params: &Params, first: bool) -> Self {
+        let replayed = params.gradient && (first || frame.replay.is_some());
+        let compared = Surface {
+            color: frame.surface.color.filter(|_| params.same_albedo),
+            ..frame.surface
+        };
+        Self {
+            history,
+            shown: replayed.then(|| replay::Before::of(frame)),
+            reflections: None,
+            surface: SurfaceRecords::of(&compared),
+            camera: frame.camera,
+            demodulated: frame.albedo.is_some(),
+        }
+    }
+
+    pub fn expects_replay(&self) -> bool {
+        self.shown.is_some()
+    }
+
+    /// Whether the frame goes on where this ended.
+    pub fn check(&self, frame: &Frame) -> Result<()> {
+        check_size(self.history.size, frame.color.size)?;
+        if self.demodulated == frame.albedo.is_some() {
+            return Ok(());
+        }
+        let [before, now] = [self.demodulated, frame.albedo.is_some()]
+            .map(|has| if has { "given" } else { "absent" });
+        Err(Error::value(
+            "albedo",
+            format!("{before}, as in earlier frames (or reset() before)"),
+            now,
+        ))
+    }
+
+    /// Whether reflections will be looked for: both cameras, and where the surfaces are, must be known.
+    pub fn looks_for_reflections(&self, frame: &Frame) -> bool {
+        let cameras = frame.camera.is_some() && self.camera.is_some();
+        let distances = frame.hit_distance.is_some() || frame.surface.depth.is_some();
+        self.reflections.is_some() && cameras && distances && frame.geometry().is_some()
+    }
+
+    /// Fetches history run by run.
+    pub fn fetch<'a>(&'a self, frame: &Frame<'a>, motion: &Motion, params: &Params) -> Fetch<'a> {
+        let tests = self.tests(frame, motion, params);
+        Fetch::new(&[self.history.pixels()], frame.color.size, tests, BILINEAR)
+    }
+
+    /// The validation of history.
+    fn tests<'a>(&'a self, frame: &Frame<'a>, motion: &Motion, params: &Params) -> Tests<'a> {
+        let camera = self.camera.as_ref().filter(|_| motion.tells_depth());
+        let rays = camera.map(Camera::rays);
+        Tests::new(frame.surface, self.surface.surface(), rays, &params.surface)
+    }
+}
+
+/// What the memory knows of the current frame's pixels.
+pub struct Recalled {
+    /// Beginning with the channels of [`crate::kernels::merge::accumulate`].
+    pub history: Image,
+    /// The new illumination without fireflies, where they are suppressed.
+    pub held: Option<Image>,
+    pub gradient: Option<Image>,
+    pub reflections: Option<reflections::Won>,
+}
+
+/// Brings history to the current frame. `hold` suppresses fireflies, given the history's illumination. Writes the output's
+/// confidence and rejection.
+pub fn recall(
+    params: &Params,
+    memory: Option<&mut Memory>,
+    channels: usize,
+    frame: &Frame,
+    motion: &Motion,
+    sample: &Image,
+    hold: impl FnOnce(Option<Pixels>) -> Option<Image>,
+    output: &mut Output,
+) -> Recalled {
+    let Some(memory) = memory else {
+        output.confidence.fill(0.0);
+        output.rejection.fill(0);
+        return Recalled {
+            history: Image::new(frame.color.size, channels),
+            held: hold(None),
+            gradient: None,
+            reflections: None,
+        };
+    };
+    let replayed = (frame.replay.zip(memory.shown.as_ref())).map(|(replay, shown)| {
+        let light = memory.reflections.as_mut().map(|known| &mut known.light);
+        let corrects = params.innovation.is_some();
+        replay::relight(replay, shown, &mut memory.history, light, corrects)
+    });
+    let tests = memory.tests(frame, motion, params);
+    let motion = motion.pixels();
+
+    let mut planes = vec![memory.history.pixels()];
+    planes.extend(replayed.as_ref().map(Image::pixels));
+    let coverage = &mut *output.confidence;
+    let values = reproject(&planes, motion, tests, BILINEAR, coverage, output.rejection);
+    let mut values = values.into_iter();
+    let mut next = || values.next().expect("an image for each that is fetched");
+    let mut history = next();
+
+    let held = hold(Some(history.pixels().part(0..3)));
+    let color = held.as_ref().unwrap_or(sample);
+    let gradient = params.gradient.then(|| match replayed {
+        Some(_) => next(),
+        None => {
+            let known = [color.pixels(), history.pixels().part(0..3)];
+            let coverage = Some(View::new(motion.size, 1, coverage));
+            find_gradient(known, coverage, params.estimated_gradient())
+        }
+    });
+
+    let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
+    let reflections =
+        (memory.reflections.as_ref().zip(cameras)).and_then(|(known, (now, then))| {
+            let own = Own {
+                motion,
+                tests,
+                params: BILINEAR,
+            };
+            reflections::choose(
+                known,
+                memory.history.pixels(),
+                &params.reflections,
+                frame,
+                [now, then],
+                memory.surface.surface(),
+                own,
+                sample.view(),
+                &mut history,
+                coverage,
+            )
+        });
+    Recalled {
+        history,
+        held,
+        gradient,
+        reflections,
+    }
+}
+
+pub fn find_gradient(
+    [now, before]: [Pixels; 2],
+    coverage: Option<View>,
+    params: gradient::Params,
+) -> Image {
+    let mut gradient = Image::blank(now.size, 1);
+    temporal_gradient(now, before, coverage, params, gradient.data_mut());
+    gradient
+}

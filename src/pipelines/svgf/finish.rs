@@ -1,0 +1,136 @@
+//! The last sweep: the innovation corrects the filtered light and the history behind it, and the texture is put back.
+
+use std::ops::Range;
+
+use super::Current;
+use super::passes::Passes;
+use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, bands_of, segments};
+use crate::kernels::judge::innovation::{Innovation, corrected};
+use crate::kernels::merge::accumulate;
+use crate::kernels::smooth::demodulate::{Texture, Way};
+use crate::pipelines::correction::{correct_history, correct_light};
+use crate::pipelines::frame::{Output, blacken_missing};
+use crate::pipelines::illumination::texture;
+use crate::pipelines::taa::Stage;
+use crate::pixels::{Colors, PixelsMut, Row};
+use crate::rows::{self, BAND, Kernel};
+
+/// Writes colour and variance. History, and the light in which reflections are looked for, are corrected in place.
+pub fn finish(
+    now: &Current,
+    passes: Passes,
+    innovation: Option<&Innovation>,
+    history: &mut Records,
+    light: Option<&mut Records>,
+    antialias: Option<&mut Stage>,
+    output: Output,
+) {
+    let size = now.size();
+    let kernel = Finish {
+        passes: &passes,
+        innovation,
+        texture: texture(now.frame),
+        // The output stage fills them with what it remembers.
+        blacken: antialias.is_none(),
+    };
+    let mut aliased = (antialias.is_some()).then(|| Image::blank(size, 3));
+    let colors: Box<dyn Iterator<Item = _>> = match &mut aliased {
+        Some(image) => Box::new(image.bands().map(PixelsMut::Planar)),
+        None => Box::new(PixelsMut::bands(size, 3, output.color)),
+    };
+    let band = BAND * size.width;
+    let variances = bands_of(output.variance.expect("an estimate has room"), size);
+    let histories = history.data_mut().chunks_mut(band * accumulate::CHANNELS);
+    let mut lights = light.map(|light| light.data_mut().chunks_mut(band * 3));
+    let outs = colors.zip(variances).zip(histories);
+    let outs = outs.map(|((color, variance), history)| Outs {
+        color,
+        variance,
+        history,
+        light: lights.as_mut().and_then(Iterator::next),
+    });
+    rows::run(&kernel, size.height, outs);
+    // The next images take its place.
+    drop(passes);
+    if let Some((stage, color)) = antialias.zip(aliased) {
+        let depth = now.frame.surface.depth.map(Pixels::plane);
+        let out = PixelsMut::bands(size, 3, output.color);
+        stage.step(color.pixels(), now.motion.pixels(), depth, out, None);
+    }
+}
+
+struct Finish<'a> {
+    passes: &'a Passes,
+    innovation: Option<&'a Innovation>,
+    texture: Option<Texture<'a>>,
+    /// Whether pixels of which neither history nor neighbours know anything become black.
+    blacken: bool,
+}
+
+/// A band of each output; history and light interleaved.
+struct Outs<'a> {
+    color: PixelsMut<'a>,
+    variance: BandMut<'a>,
+    history: &'a mut [f32],
+    light: Option<&'a mut [f32]>,
+}
+
+impl<'a> Kernel for Finish<'a> {
+    type Out = Outs<'a>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+        let mut color = [[0.0; SEGMENT]; 3];
+        let mut line = self.innovation.map(Innovation::line);
+        let (top, width) = (rows.start, self.passes.size().width);
+        for y in rows {
+            out.variance
+                .row(0, y)
+                .copy_from_slice(self.passes.variance(y));
+            if let Some((innovation, line)) = self.innovation.zip(line.as_mut()) {
+                innovation.go_to(y, line);
+            }
+            for run in segments(y, width) {
+                self.passes.colors(run, &mut color);
+                let correction = match (self.innovation, &line) {
+                    (Some(innovation), Some(line)) => innovation.correction(line, run, &color),
+                    _ => None,
+                };
+                if let Some(correction) = &correction {
+                    let first = (y - top) * width + run.x;
+                    out.correct([first, run.len], &mut color, correction);
+                }
+                if let Some(texture) = &self.texture {
+                    texture.modulate(Way::Back, run, &mut color);
+                }
+                if self.blacken {
+                    color.iter_mut().for_each(|row| blacken_missing(row));
+                }
+                out.color.write(run, color.each_ref().map(Row::as_slice));
+            }
+        }
+    }
+}
+
+impl Outs<'_> {
+    /// Corrects a run of the colour and of the images behind it, of `len` pixels from the `first` of the band on.
+    #[inline(always)]
+    fn correct(&mut self, [first, len]: [usize; 2], color: &mut [Row; 3], correction: &[Row; 3]) {
+        for (color, correction) in color.iter_mut().zip(correction) {
+            for (color, &correction) in color.iter_mut().zip(correction) {
+                *color = corrected(*color, correction);
+            }
+        }
+        let of = |i: usize| correction.each_ref().map(|row| row[i]);
+        let history = self.history.as_chunks_mut::<{ accumulate::CHANNELS }>().0;
+        for (i, pixel) in history[first..][..len].iter_mut().enumerate() {
+            correct_history(of(i), pixel);
+        }
+        if let Some(light) = &mut self.light {
+            let light = light.as_chunks_mut::<3>().0;
+            for (i, pixel) in light[first..][..len].iter_mut().enumerate() {
+                correct_light(of(i), pixel);
+            }
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! What comes before the filter: a frame's illumination joins the history.
+
+use super::Current;
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, deinterleave};
+use crate::kernels::fetch::footprint::MotionLanes;
+use crate::kernels::fetch::reproject::{Fetch, Fetched};
+use crate::kernels::merge::accumulate::{self, CHANNELS, History, Images, Samples, accumulate};
+use crate::kernels::smooth::lend;
+use crate::pipelines::frame::Output;
+use crate::pipelines::illumination::{texture, without_fireflies};
+use crate::pipelines::recall::{Memory, Recalled, recall};
+use crate::pipelines::reflections;
+use crate::pixels::{PixelsMut, Row};
+
+/// The history with a frame's samples in it.
+pub struct Merged {
+    pub history: Records,
+    /// Samples that were not finite.
+    pub missing: usize,
+    pub reflections: Option<reflections::Won>,
+}
+
+/// Brings history to the frame, image by image, and merges its illumination into it. Writes the output's length, confidence and
+/// rejection.
+pub fn merge(
+    now: &Current,
+    sample: &Image,
+    memory: Option<&mut Memory>,
+    output: &mut Output,
+) -> Merged {
+    let Current {
+        params,
+        frame,
+        motion,
+        ..
+    } = *now;
+    let size = now.size();
+    let hold = |known: Option<Pixels>| {
+        let texture = texture(frame);
+        (params.fireflies)
+            .map(|params| without_fireflies(sample, known, texture, now.guide(), params))
+    };
+    let Recalled {
+        history: known,
+        held,
+        gradient,
+        reflections,
+    } = recall(
+        params, memory, CHANNELS, frame, motion, sample, hold, output,
+    );
+    let color = held.as_ref().unwrap_or(sample);
+    let lent =
+        (params.lend).map(|params| lend::lend(color, known.channels(5..6), now.guide(), params));
+    let samples = Samples {
+        size,
+        color: &lent.as_ref().map_or(color, |lent| &lent.color).pixels(),
+        weight: lent.as_ref().map(|lent| lent.weight.view()),
+        gradient: gradient.as_ref().map(Image::view),
+    };
+    let images = Images {
+        parts: [0..3, 3..5, 5..6].map(|part| known.pixels().part(part)),
+        confidence: (params.by_confidence).then(|| View::new(size, 1, output.confidence)),
+    };
+    let mut history = Records::blank(size, CHANNELS);
+    let outs = merged(&mut history, output.history_length);
+    let nothing = std::iter::repeat(());
+    let missing = accumulate(samples, &images, params.accumulate, outs, nothing);
+    Merged {
+        history,
+        missing: lent.map_or(missing, |lent| lent.missing),
+        reflections,
+    }
+}
+
+/// The same in one sweep, without images in between, where no step looks at what surrounds a pixel.
+pub fn merge_at_once(now: &Current, memory: Option<&Memory>, output: &mut Output) -> Merged {
+    let (params, size) = (now.params, now.size());
+    let samples = Samples {
+        size,
+        color: &now.fresh(),
+        weight: None,
+        gradient: None,
+    };
+    let along = Along {
+        fetch: memory.map(|memory| memory.fetch(now.frame, now.motion, params)),
+        motion: now.motion.pixels(),
+        by_confidence: params.by_confidence,
+    };
+    let mut history = Records::blank(size, CHANNELS);
+    let outs = merged(&mut history, output.history_length);
+    let known = bands_of(output.confidence, size).zip(bands_of(output.rejection, size));
+    let missing = accumulate(samples, &along, params.accumulate, outs, known);
+    Merged {
+        history,
+        missing,
+        reflections: None,
+    }
+}
+
+/// The outputs of accumulation: all channels, and the length once more.
+fn merged<'a>(
+    history: &'a mut Records,
+    length: &'a mut [f32],
+) -> impl Iterator<Item = [accumulate::Part<'a>; 2]> {
+    let size = history.size;
+    PixelsMut::bands(size, CHANNELS, history.data_mut())
+        .zip(PixelsMut::planar(size, length))
+        .map(|(all, length)| [(0..6, all), (5..6, length)])
+}
+
+/// History that is fetched along the motion when it is merged.
+struct Along<'a> {
+    /// None for a first frame.
+    fetch: Option<Fetch<'a>>,
+    motion: Pixels<'a>,
+    by_confidence: bool,
+}
+
+impl<'a> History for Along<'a> {
+    /// Confidence and rejection.
+    type Out = (BandMut<'a>, BandMut<'a, u8>);
+    type Scratch = (MotionLanes, Option<Fetched>);
+
+    fn scratch(&self) -> Self::Scratch {
+        (MotionLanes::zeroed(), self.fetch.as_ref().map(Fetch::room))
+    }
+
+    #[inline(always)]
+    fn read(
+        &self,
+        run: Run,
+        (lanes, fetched): &mut Self::Scratch,
+        history: &mut [Row; CHANNELS],
+        confidence: &mut Row,
+        (covered, rejected): &mut Self::Out,
+    ) {
+        let Some((fetch, fetched)) = self.fetch.as_ref().zip(fetched.as_mut()) else {
+            history.iter_mut().for_each(|row| row.fill(0.0));
+            covered.put(run, &history[0][..run.len], 1);
+            rejected.put(run, &[0; SEGMENT][..run.len], 1);
+            return;
+        };
+        fetch.run(run, lanes.load(&self.motion, run), fetched);
+        let records = &fetched.values(0)[..run.len * CHANNELS];
+        deinterleave(records, history.iter_mut().map(|row| &mut row[..run.len]));
+        covered.put(run, &fetched.coverage[..run.len], 1);
+        rejected.put(run, &fetched.rejection[..run.len], 1);
+        if self.by_confidence {
+            *confidence = fetched.coverage;
+        }
+    }
+}

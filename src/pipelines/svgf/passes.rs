@@ -1,0 +1,318 @@
+//! Variance and the passes of the filter, and what is kept of each pass while its rows are in cache:
+//!
+//! - the result, for which every tile has chosen a number of passes ([`crate::kernels::judge::choice`]);
+//! - the candidates among which the next frame chooses;
+//! - the first pass as history, where the filter feeds back;
+//! - the second as light, where the next frame looks for reflections.
+
+use std::ops::Range;
+
+use pulp::Simd;
+
+use super::Current;
+use super::merge::Merged;
+use crate::bordered::BorderedBand;
+use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
+use crate::kernels::judge::choice::{self, CandidateRow, Candidates, Levels};
+use crate::kernels::merge::accumulate;
+use crate::kernels::smooth::atrous::{self, Filtered, FilteredRow, Sink};
+use crate::kernels::smooth::variance::Estimate;
+use crate::pipelines::frame::Output;
+use crate::pixels::{Colors, LANES, Row, larger, rows_of};
+use crate::rows::{self, BAND, LanesKernel};
+
+/// What the next frame's choice needs to know of this one.
+pub struct Chosen {
+    candidates: Candidates,
+    evidence: Option<Records>,
+    age: usize,
+}
+
+/// A frame's choice of how many passes each tile shows.
+pub struct Choosing<'a> {
+    /// None in a first frame: all show the usual number.
+    tiles: Option<Image>,
+    /// The number of each pixel, a fraction between tiles that differ; written by the first pass.
+    levels: &'a mut [f32],
+    /// What the next frame will need to know; the passes add the candidates.
+    pub chosen: Chosen,
+}
+
+/// Chooses by what the last frame's candidates predicted. They are looked for along the motion by which history was fetched:
+/// that of reflections where these were taken.
+pub fn choose<'a>(
+    now: &Current,
+    merged: &Merged,
+    before: Option<Chosen>,
+    exposure: f32,
+    output: &mut Output<'a>,
+) -> Option<Choosing<'a>> {
+    let params = now.params.choice?;
+    let levels = output.choice.take()?;
+    let reflected = (merged.reflections.as_ref()).and_then(|won| won.motion.as_ref());
+    let age = before.as_ref().map_or(0, |before| before.age + 1);
+    let (tiles, evidence) = before
+        .map(|before| {
+            choice::choice(
+                &now.fresh(),
+                before.candidates.known(),
+                reflected.map_or(now.motion.pixels(), Image::pixels),
+                View::new(now.size(), 1, output.confidence),
+                before.evidence.as_ref().map(Records::pixels),
+                exposure,
+                now.params.atrous.iterations as usize,
+                params,
+            )
+        })
+        .unzip();
+    Some(Choosing {
+        tiles,
+        levels,
+        chosen: Chosen {
+            candidates: Candidates::none(age, now.size()),
+            evidence,
+            age,
+        },
+    })
+}
+
+/// What the passes make of a history.
+pub struct Passes {
+    filtered: Filtered,
+    /// Colour and variance, each after as many passes as were chosen.
+    shown: Option<Image>,
+    /// In which the next frame looks for reflections.
+    pub light: Option<Records>,
+}
+
+/// Estimates the history's variance and filters its colour; the first pass may become the history's colour.
+pub fn filter(now: &Current, history: &mut Records, mut choosing: Option<&mut Choosing>) -> Passes {
+    let (params, guide) = (now.params, now.guide());
+    let (size, usual) = (now.size(), params.atrous.iterations);
+    let mut filtered = Filtered::new(guide.layout);
+    let mut shown = choosing.is_some().then(|| Image::blank(size, 4));
+    let mut light = (!params.reflections.is_empty()).then(|| Records::blank(size, 3));
+    for pass in 0..=params.passes() {
+        let mut shown = shown.as_mut().map(|shown| rows_of(shown).into_iter());
+        let (tiles, column, mut rows) = match &mut choosing {
+            Some(choosing) => {
+                let candidates = &mut choosing.chosen.candidates;
+                let column = candidates.column();
+                let rows = candidates.add().zip(choosing.levels.chunks_mut(size.width));
+                (choosing.tiles.as_ref(), column, Some(rows))
+            }
+            None => (None, 0, None),
+        };
+        let keep = Keep {
+            pass,
+            usual,
+            tiles: tiles.map(Levels),
+            column,
+        };
+        let light = light.as_mut().filter(|_| pass == usual.min(2));
+        let mut light = light.map(|light| light.data_mut().chunks_mut(3 * size.width));
+        let mut kept = |history| Kept {
+            choice: (rows.as_mut().and_then(Iterator::next))
+                .zip(shown.as_mut().and_then(Iterator::next))
+                .map(|((candidate, levels), image)| Shown {
+                    levels,
+                    image,
+                    candidate,
+                }),
+            history,
+            light: light.as_mut().and_then(Iterator::next),
+        };
+        if pass == 0 {
+            let [color, moments, length] =
+                [0..3, 3..5, 5..6].map(|part| history.pixels().part(part));
+            let begin = Begin {
+                color,
+                variance: Estimate::new(moments, length, guide, params.variance),
+                keep,
+            };
+            let mut rest = size.height;
+            let outs = filtered.bands().map(|image| {
+                let count = rest.min(BAND);
+                rest -= count;
+                (image, (0..count).map(|_| kept(None)).collect())
+            });
+            rows::run_lanes(&begin, size.height, outs);
+        } else if params.feedback && pass == 1 {
+            let row = size.width * accumulate::CHANNELS;
+            let outs = history.data_mut().chunks_mut(row);
+            let outs = outs.map(|row| kept(Some(row)));
+            filtered.filter(guide, params.atrous, pass - 1, &keep, outs);
+        } else {
+            let outs = (0..size.height).map(|_| kept(None));
+            filtered.filter(guide, params.atrous, pass - 1, &keep, outs);
+        }
+    }
+    Passes {
+        filtered,
+        shown,
+        light,
+    }
+}
+
+/// Estimates the variance of a history, and makes its colour ready for the filter.
+struct Begin<'a> {
+    color: Pixels<'a>,
+    variance: Estimate<'a>,
+    keep: Keep<'a>,
+}
+
+impl<'a> LanesKernel for Begin<'a> {
+    type Out = (BorderedBand<'a>, Vec<Kept<'a>>);
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, (mut image, mut kept): Self::Out) {
+        let mut around = self.variance.around();
+        for (y, kept) in rows.clone().zip(&mut kept) {
+            let (first, variance) = (y == rows.start, atrous::variance_of(&mut image, y));
+            self.variance.row(simd, y, first, &mut around, variance);
+            atrous::settle(self.color, y, &mut image);
+            self.keep.take(y, atrous::ready(&mut image, y), kept);
+        }
+    }
+}
+
+/// Keeps what is wanted of a pass.
+struct Keep<'a> {
+    pass: u32,
+    usual: u32,
+    tiles: Option<Levels<'a>>,
+    /// Of two columns the one whose candidates are kept.
+    column: usize,
+}
+
+/// A row of what is kept of a pass.
+struct Kept<'a> {
+    choice: Option<Shown<'a>>,
+    history: Option<&'a mut [f32]>,
+    light: Option<&'a mut [f32]>,
+}
+
+struct Shown<'a> {
+    /// How many passes each pixel shows, a fraction between tiles that differ; found before the first pass.
+    levels: &'a mut [f32],
+    image: [&'a mut [f32]; 4],
+    candidate: Option<CandidateRow<'a>>,
+}
+
+impl<'a> Sink for Keep<'a> {
+    type Row = Kept<'a>;
+
+    #[inline(always)]
+    fn take(&self, y: usize, filtered: FilteredRow, kept: &mut Kept<'a>) {
+        let width = filtered.variance.len();
+        let mut color = [[0.0; SEGMENT]; 3];
+        for run in segments(y, width) {
+            filtered.colors(run, &mut color);
+            if let Some(shown) = &mut kept.choice {
+                if self.pass == 0 {
+                    self.find_levels(run, &filtered, &mut shown.levels[run.x..][..run.len]);
+                }
+                shown.add(self.pass as f32, run, &color, filtered.variance);
+                if let Some(candidate) = &mut shown.candidate {
+                    choice::keep(self.column, run, &color, candidate);
+                }
+            }
+            if let Some(history) = &mut kept.history {
+                let history = history.as_chunks_mut::<{ accumulate::CHANNELS }>().0;
+                for (i, pixel) in history[run.x..][..run.len].iter_mut().enumerate() {
+                    (pixel[0], pixel[1], pixel[2]) = (color[0][i], color[1][i], color[2][i]);
+                }
+            }
+            if let Some(light) = &mut kept.light {
+                let light = light.as_chunks_mut::<3>().0;
+                for (i, pixel) in light[run.x..][..run.len].iter_mut().enumerate() {
+                    *pixel = [color[0][i], color[1][i], color[2][i]];
+                }
+            }
+        }
+    }
+}
+
+impl Keep<'_> {
+    /// Missing pixels get the usual number of passes, which fills them.
+    #[inline(always)]
+    fn find_levels(&self, run: Run, filtered: &FilteredRow, levels: &mut [f32]) {
+        let usual = self.usual as f32;
+        levels.fill(usual);
+        if let Some(tiles) = &self.tiles {
+            tiles.read(run, levels);
+            for (level, luminance) in levels.iter_mut().zip(filtered.luminance(run)) {
+                *level = if luminance.is_nan() { usual } else { *level };
+            }
+        }
+    }
+}
+
+impl Shown<'_> {
+    /// Adds the image after one number of passes, weighted by its share in each pixel.
+    #[inline(always)]
+    fn add(&mut self, pass: f32, run: Run, color: &[Row; 3], variance: &[f32]) {
+        let levels = &self.levels[run.x..][..run.len];
+        let [r, g, b] = color.each_ref().map(|row| &row[..run.len]);
+        let values = [r, g, b, &variance[run.x..][..run.len]];
+        // Most parts of a row show another pass: their memory is left alone.
+        for start in (0..run.len).step_by(LANES) {
+            let levels = part(levels, start, pass - 1.0);
+            let shares = levels.map(|level| larger(1.0 - (level - pass).abs(), 0.0));
+            if shares == [0.0; LANES] {
+                continue;
+            }
+            for (image, values) in self.image.iter_mut().zip(values) {
+                let image = &mut image[run.x..][..run.len];
+                let (mut shown, values) = (part(image, start, 0.0), part(values, start, 0.0));
+                for i in 0..LANES {
+                    // Of two images that are mixed, that of fewer passes comes first: added to −0, it keeps its bits.
+                    let begun = if pass > levels[i] { shown[i] } else { -0.0 };
+                    let mixed = begun + shares[i] * values[i];
+                    shown[i] = if shares[i] > 0.0 { mixed } else { shown[i] };
+                }
+                match image[start..].first_chunk_mut() {
+                    Some(whole) => *whole = shown,
+                    None => image[start..].copy_from_slice(&shown[..run.len - start]),
+                }
+            }
+        }
+    }
+}
+
+/// A vector of a row, filled up where the row ends.
+#[inline(always)]
+fn part(row: &[f32], start: usize, beyond: f32) -> [f32; LANES] {
+    match row[start..].first_chunk() {
+        Some(whole) => *whole,
+        None => {
+            let mut part = [beyond; LANES];
+            part[..row.len() - start].copy_from_slice(&row[start..]);
+            part
+        }
+    }
+}
+
+impl Passes {
+    pub fn size(&self) -> Size {
+        self.filtered.size()
+    }
+
+    #[inline(always)]
+    pub fn variance(&self, y: usize) -> &[f32] {
+        match &self.shown {
+            Some(shown) => shown.view().row(3, y),
+            None => self.filtered.row(y).variance,
+        }
+    }
+}
+
+impl Colors for Passes {
+    #[inline(always)]
+    fn colors(&self, run: Run, into: &mut [Row; 3]) {
+        match &self.shown {
+            Some(shown) => shown.pixels().colors(run, into),
+            None => self.filtered.colors(run, into),
+        }
+    }
+}

@@ -1,0 +1,267 @@
+//! Parameters of temporal antialiasing, and presets of them.
+
+use crate::error::Result;
+use crate::image::Pixels;
+use crate::kernels::camera::dilate::Window;
+use crate::kernels::camera::pinhole::Rays;
+use crate::kernels::fetch::footprint::{Filter, Wide};
+use crate::kernels::judge::exposure::exposure;
+use crate::kernels::judge::innovation;
+use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
+use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
+use crate::kernels::judge::{anti_lag, blend_factor};
+use crate::kernels::merge::blend::{self, Weighting};
+use crate::kernels::merge::resolve;
+use crate::pipelines::frame::SurfaceRecords;
+
+/// Parameters of [`Taa`](super::Taa).
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// The neighbours whose motion a pixel may take; none: always its own.
+    pub dilate: Option<Window>,
+    /// How history is interpolated.
+    pub filter: Filter,
+    /// How history is clipped to the colours of the neighbourhood.
+    pub clip: neighborhood::Params,
+    /// Least blend factor of the new sample.
+    pub blend_factor: blend_factor::Params,
+    /// What else weighs the two colours.
+    pub blend: blend::Params,
+    /// The filter that resolves a frame with known jitter to pixel centres.
+    pub reconstruct: Option<resolve::Filter>,
+    /// The surface tests that history must pass.
+    pub limits: Limits,
+    /// Whether history is shortened where the temporal gradient estimates that the light has changed.
+    pub gradient: bool,
+    /// How much history is shortened where it was clipped; from 0; 0.
+    pub anti_lag: f32,
+    /// Whether history escapes the clip where the colours of whole neighbourhoods alternate.
+    pub alternation: bool,
+    /// Corrects the result by the innovation of new samples; only in [`super::Taa`], not in a [`super::Stage`].
+    pub innovation: Option<innovation::Params>,
+}
+
+/// Thresholds of the surface tests that history must pass; by default there are none.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Relative difference of depth.
+    pub relative_depth: Option<Threshold>,
+    /// Replaces the relative depth where two frames have camera, depth and normals, and motion has 3 channels.
+    pub plane_distance: Option<Threshold>,
+    /// Angle between the normals in degrees.
+    pub normal_angle: Option<Threshold>,
+    /// Relative difference of the albedo's luminance.
+    pub relative_albedo: Option<Threshold>,
+    /// Whether ids must be equal.
+    pub ids: bool,
+}
+
+impl Limits {
+    const NONE: Self = Self {
+        relative_depth: None,
+        plane_distance: None,
+        normal_angle: None,
+        relative_albedo: None,
+        ids: false,
+    };
+
+    /// The tests of a frame's surfaces against the last frame's, whose camera gave the rays.
+    pub(super) fn tests<'a>(
+        &self,
+        now: Surface<'a>,
+        before: Surface<'a>,
+        rays: Option<Rays>,
+    ) -> Tests<'a> {
+        let has_planes = |surface: Surface| surface.depth.is_some() && surface.normal.is_some();
+        let tests_planes = self.plane_distance.is_some() && has_planes(now) && has_planes(before);
+        let rays = rays.filter(|_| tests_planes);
+        let [now, before] = [now, before].map(|surface| self.compared(surface, rays.is_some()));
+        Tests::new(now, before, rays, &self.thresholds())
+    }
+
+    /// A copy of the buffers that the next frame's tests may compare.
+    pub(super) fn keep(&self, surface: Surface) -> SurfaceRecords {
+        SurfaceRecords::of(&self.compared(surface, self.plane_distance.is_some()))
+    }
+
+    /// A test without a threshold gets the one that all angles pass, or the default where its buffers are left out anyway.
+    fn thresholds(&self) -> surface::Params {
+        let default = surface::Params::default();
+        surface::Params {
+            relative_depth: self.relative_depth.unwrap_or(default.relative_depth),
+            plane_distance: self.plane_distance.unwrap_or(default.plane_distance),
+            normal_angle: self.normal_angle.unwrap_or(Threshold::hard(180.0)),
+            relative_luminance: (self.relative_albedo).unwrap_or(default.relative_luminance),
+            ..default
+        }
+    }
+
+    /// The buffers that have a threshold, and those of the plane test if it is on.
+    fn compared<'a>(&self, surface: Surface<'a>, planes: bool) -> Surface<'a> {
+        let (depth, angle) = (self.relative_depth.is_some(), self.normal_angle.is_some());
+        Surface {
+            depth: surface.depth.filter(|_| planes || depth),
+            normal: surface.normal.filter(|_| planes || angle),
+            object_normal: surface.object_normal.filter(|_| angle),
+            ids: surface.ids.filter(|_| self.ids),
+            color: surface.color.filter(|_| self.relative_albedo.is_some()),
+        }
+    }
+}
+
+/// The preset "best".
+impl Default for Params {
+    fn default() -> Self {
+        Self::BEST
+    }
+}
+
+impl Params {
+    /// Names of presets.
+    pub const PRESETS: [(&str, Self); 5] = [
+        ("best", Self::BEST),
+        ("denoised", Self::DENOISED),
+        ("textbook", Self::TEXTBOOK),
+        ("karis", Self::KARIS),
+        ("filament", Self::FILAMENT),
+    ];
+
+    /// Names of windows for `dilate`.
+    pub const DILATIONS: [(&str, Option<Window>); 3] = [
+        ("3x3", Some(Window::Square)),
+        ("cross", Some(Window::Cross)),
+        ("none", None),
+    ];
+
+    /// The textbook equation: history clamped to the range of its neighbourhood, a blend factor of 5 %.
+    pub const TEXTBOOK: Self = Self {
+        dilate: None,
+        filter: Filter::Bilinear,
+        clip: neighborhood::Params {
+            bounds: Bounds::MinMax,
+            gamma: 1.0,
+            radius: 1,
+            space: Space::Rgb,
+            response: Response::Clamp,
+            exposure: 1.0,
+        },
+        blend_factor: blend_factor::Params {
+            alpha: 0.05,
+            fast_alpha: 0.05,
+            speed: Threshold {
+                full: 2.0,
+                none: 16.0,
+            },
+        },
+        blend: blend::Params {
+            weighting: Weighting::None,
+            flicker: 1.0,
+            exposure: 1.0,
+        },
+        reconstruct: None,
+        limits: Limits::NONE,
+        gradient: false,
+        anti_lag: 0.0,
+        alternation: false,
+        innovation: None,
+    };
+
+    /// After Karis 2014, *High Quality Temporal Supersampling*; the strength of its flicker reduction is our choice.
+    pub const KARIS: Self = Self {
+        dilate: Some(Window::Cross),
+        clip: neighborhood::Params {
+            bounds: Bounds::Rounded,
+            space: Space::YCoCg,
+            response: Response::Center,
+            ..Self::TEXTBOOK.clip
+        },
+        blend: blend::Params {
+            weighting: Weighting::Tone,
+            flicker: 0.2,
+            ..Self::TEXTBOOK.blend
+        },
+        reconstruct: Some(resolve::Filter::BlackmanHarris),
+        ..Self::TEXTBOOK
+    };
+
+    /// After Filament's temporal antialiasing: filter, box, response, weights and blend factor.
+    pub const FILAMENT: Self = Self {
+        dilate: Some(Window::Square),
+        filter: Filter::Wide(Wide::CatmullRom5),
+        clip: neighborhood::Params {
+            bounds: Bounds::Intersection,
+            space: Space::YCoCg,
+            response: Response::Current,
+            ..Self::TEXTBOOK.clip
+        },
+        blend_factor: blend_factor::Params {
+            alpha: 0.12,
+            fast_alpha: 0.12,
+            ..Self::TEXTBOOK.blend_factor
+        },
+        blend: blend::Params {
+            weighting: Weighting::Tone,
+            ..Self::TEXTBOOK.blend
+        },
+        reconstruct: Some(resolve::Filter::BlackmanHarris),
+        ..Self::TEXTBOOK
+    };
+
+    /// Our own measurements' choice for frames without noise.
+    pub const BEST: Self = Self {
+        dilate: Some(Window::Square),
+        filter: Filter::Wide(Wide::CatmullRom),
+        clip: neighborhood::Params {
+            bounds: Bounds::Variance,
+            space: Space::ToneMappedYCoCg,
+            ..Self::TEXTBOOK.clip
+        },
+        // History that moves is blurred by every resampling, so it is kept for fewer frames.
+        blend_factor: blend_factor::Params {
+            alpha: 0.05,
+            fast_alpha: 0.25,
+            speed: Threshold {
+                full: 0.0,
+                none: 1.0,
+            },
+        },
+        reconstruct: Some(resolve::Filter::BlackmanHarris),
+        ..Self::TEXTBOOK
+    };
+
+    /// Our own measurements' choice for denoised frames: the denoiser's errors stay in history, so it is kept for fewer frames.
+    pub const DENOISED: Self = Self {
+        clip: neighborhood::Params {
+            gamma: 0.75,
+            response: Response::Center,
+            ..Self::BEST.clip
+        },
+        blend_factor: blend_factor::Params {
+            alpha: 0.1,
+            fast_alpha: 0.3,
+            ..Self::BEST.blend_factor
+        },
+        ..Self::BEST
+    };
+
+    /// An error if a parameter is out of range.
+    pub fn check(&self) -> Result<()> {
+        self.clip.check()?;
+        (self.innovation.iter()).try_for_each(innovation::Params::check)?;
+        self.limits.thresholds().check()?;
+        anti_lag::check("anti_lag", self.anti_lag)?;
+        self.blend_factor.check()?;
+        self.blend.check()
+    }
+
+    /// The same with the exposure of a colour for tone curves and relative luminances, if there are any.
+    pub(super) fn exposed(mut self, color: Pixels) -> Self {
+        let weights = self.blend.weighting != Weighting::None;
+        let bright = match self.clip.space.is_tone_mapped() || weights || self.alternation {
+            true => exposure(color),
+            false => 1.0,
+        };
+        (self.clip.exposure, self.blend.exposure) = (bright, bright);
+        self
+    }
+}

@@ -1,0 +1,244 @@
+//! The fused sweep of temporal antialiasing, from dilated motion to merged history.
+//!
+//! For a run of pixels at a time, in the first-level cache:
+//!   dilate → reproject → clip → (hold) → (anti-lag) → blend factor → (flicker) → blend,
+//! each as its kernel defines it. With N the samples in the reprojected history, λ the temporal gradient, α what
+//! `blend_factor` gives and α₀ its least:
+//!   N ← N (1 − λ)¹⁰,  N ← min(N + 1, 1/α₀),  a = lerp(max(α, 1/N), 1, λ).
+//! So the first samples are averaged equally until 1/N reaches α₀. Where the colours of neighbourhoods alternate, part of
+//! the history escapes the clip ([`hold`]).
+//!
+//! Inputs: colour (3), motion (2 or 3), depth (1, optional), history (4: colour, N), λ (1, optional), count of returns (1,
+//! optional). Outputs: history (4); colour (3), black where no sample was ever seen; N, coverage and rejection, optional.
+
+use std::ops::Range;
+
+use super::Params;
+use crate::image::{Pixels, Records, Run, SEGMENT, View, deinterleave, segments};
+use crate::kernels::camera::dilate::{Choice, Dilation};
+use crate::kernels::fetch::footprint::{Motion, MotionLanes};
+use crate::kernels::fetch::reproject::{Fetch, Fetched};
+use crate::kernels::judge::alternation::hold;
+use crate::kernels::judge::anti_lag;
+use crate::kernels::judge::neighborhood::Window;
+use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power};
+use crate::kernels::merge::blend::{Weighting, calm, mix};
+use crate::math::is_present;
+use crate::pipelines::frame::{Report, blacken_missing};
+use crate::pixels::{PixelsMut, Row, lanes};
+use crate::rows::{self, BAND, Kernel};
+
+/// Channels of the history: colour 0 to 2, length 3.
+pub const CHANNELS: usize = 4;
+
+pub struct Sweep<'a> {
+    pub params: Params,
+    pub color: Pixels<'a>,
+    pub motion: Pixels<'a>,
+    pub choice: Choice<'a>,
+    /// None for a first frame.
+    pub fetch: Option<Fetch<'a>>,
+    pub gradient: Option<View<'a>>,
+    pub returns: Option<Pixels<'a>>,
+}
+
+/// A band of the outputs.
+pub struct Outs<'a> {
+    history: PixelsMut<'a>,
+    merged: PixelsMut<'a>,
+    missing: &'a mut usize,
+    report: Option<Report<'a>>,
+}
+
+impl Sweep<'_> {
+    /// Writes the merged colour and the report. Returns the new history and the number of missing samples.
+    pub fn run<'a>(
+        &self,
+        merged: impl Iterator<Item = PixelsMut<'a>>,
+        report: Option<Vec<Report>>,
+    ) -> (Records, usize) {
+        let size = self.color.size;
+        let mut history = Records::blank(size, CHANNELS);
+        let mut missing = vec![0; size.height.div_ceil(BAND)];
+        let mut report = report.unwrap_or_default().into_iter();
+        let outs = PixelsMut::bands(size, CHANNELS, history.data_mut())
+            .zip(merged)
+            .zip(&mut missing)
+            .map(|((history, merged), missing)| Outs {
+                history,
+                merged,
+                missing,
+                report: report.next(),
+            });
+        rows::run_far(self, size.height, self.params.clip.radius as usize, outs);
+        (history, missing.iter().sum())
+    }
+
+    /// Clips the history of a run except where colours alternate, and shortens it where it was clipped.
+    #[inline(always)]
+    fn clip(&self, run: Run, window: &mut Window, past: &mut Past) {
+        let unclipped = past.color;
+        window.clip(run, &mut past.color);
+        if let Some(returns) = &self.returns {
+            let mut holds = [0.0; SEGMENT];
+            returns.load(run, 0, &mut holds[..run.len]);
+            holds.iter_mut().for_each(|count| *count = hold(*count));
+            let (clipped, before) = (past.color, unclipped.each_ref().map(Row::as_slice));
+            let held = &mut past.color;
+            mix(before, &clipped, &holds, Weighting::None, 1.0, held);
+        }
+        if self.params.anti_lag > 0.0 {
+            let length = &mut past.length[..run.len];
+            anti_lag::shorten(length, &unclipped, &past.color, self.params.anti_lag);
+        }
+    }
+
+    /// The blend factors of a run. Turns the lengths of the reprojected history into those of the merged one.
+    #[inline(always)]
+    fn blend_factors(
+        &self,
+        run: Run,
+        colors: [&[f32]; 3],
+        motion: Motion,
+        past: &mut Past,
+        factors: &mut Row,
+    ) {
+        let Past {
+            coverage, length, ..
+        } = past;
+        let params = &self.params.blend_factor;
+        params.shares(&coverage[..run.len], Some(motion), factors);
+        let mut changes = [0.0; SEGMENT];
+        if let Some(gradient) = self.gradient {
+            load_shares(gradient, run, &mut changes);
+            for (length, change) in length.iter_mut().zip(&changes) {
+                *length *= tenth_power(1.0 - change);
+            }
+        }
+        warm_up(colors, 1.0 / params.alpha, factors, length);
+        if self.gradient.is_some() {
+            for (factor, change) in factors.iter_mut().zip(&changes) {
+                *factor += change * (1.0 - *factor);
+            }
+        }
+    }
+}
+
+impl<'a> Kernel for Sweep<'a> {
+    type Out = Vec<Outs<'a>>;
+
+    #[inline(always)]
+    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+        let Params { clip, blend, .. } = self.params;
+        let size = self.color.size;
+        let mut window = Window::new(size.width, clip);
+        let mut past = Past::new(self);
+        let mut own_motion = MotionLanes::zeroed();
+        let (mut factors, mut merged) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 3]);
+        for y in rows.clone() {
+            let first = y == rows.start;
+            window.roll(self.color, y, first);
+            if let Some(dilation) = &mut past.dilation {
+                dilation.roll(y, first);
+            }
+            let out = &mut outs[(y - rows.start) / BAND];
+            for run in segments(y, size.width) {
+                let motion = own_motion.load(&self.motion, run);
+                past.fetch(run, motion, self.fetch.as_ref());
+                self.clip(run, &mut window, &mut past);
+                let colors = window.colors.own(run);
+                self.blend_factors(run, colors, motion, &mut past, &mut factors);
+                let old = &past.color;
+                if blend.flicker < 1.0 {
+                    calm(&window.colors, run, old, blend.flicker, &mut factors);
+                }
+                let (weighting, bright) = (blend.weighting, blend.exposure);
+                mix(colors, old, &factors, weighting, bright, &mut merged);
+                *out.missing += count_missing(colors.map(|row| &row[..run.len]));
+                out.write(run, &past, &mut merged);
+            }
+        }
+    }
+}
+
+/// The reprojected history of a run of pixels, and scratch to find it.
+struct Past<'a> {
+    dilation: Option<Dilation<'a>>,
+    dilated: [Row; 3],
+    fetched: Option<Fetched>,
+    color: [Row; 3],
+    length: Row,
+    coverage: Row,
+    rejection: [u8; SEGMENT],
+}
+
+impl<'a> Past<'a> {
+    #[inline(always)]
+    fn new(sweep: &Sweep<'a>) -> Self {
+        let window = sweep.params.dilate.filter(|_| sweep.fetch.is_some());
+        Self {
+            dilation: window.map(|window| Dilation::new(sweep.motion, sweep.choice, window)),
+            dilated: [[0.0; SEGMENT]; 3],
+            fetched: sweep.fetch.as_ref().map(Fetch::room),
+            color: [[0.0; SEGMENT]; 3],
+            length: [0.0; SEGMENT],
+            coverage: [0.0; SEGMENT],
+            rejection: [0; SEGMENT],
+        }
+    }
+
+    /// Reprojects a run along its dilated motion; zeros in a first frame.
+    #[inline(always)]
+    fn fetch(&mut self, run: Run, motion: Motion, fetch: Option<&Fetch>) {
+        let n = run.len;
+        let Some((fetch, fetched)) = fetch.zip(self.fetched.as_mut()) else {
+            self.color = [[0.0; SEGMENT]; 3];
+            self.length = [0.0; SEGMENT];
+            return;
+        };
+        let from = match &self.dilation {
+            Some(dilation) => {
+                dilation.choose(run, &mut self.dilated);
+                let [x, y, depth] = self.dilated.each_ref().map(|row| &row[..n]);
+                let depth = motion.depth.map(|_| depth);
+                Motion { x, y, depth }
+            }
+            None => motion,
+        };
+        fetch.run(run, from, fetched);
+        let [r, g, b] = self.color.each_mut();
+        let channels = [r, g, b, &mut self.length].map(|row| &mut row[..n]);
+        deinterleave(&fetched.values(0)[..n * CHANNELS], channels.into_iter());
+        self.coverage = fetched.coverage;
+        self.rejection = fetched.rejection;
+    }
+}
+
+impl Outs<'_> {
+    #[inline(always)]
+    fn write(&mut self, run: Run, past: &Past, merged: &mut [Row; 3]) {
+        let [r, g, b] = merged.each_ref().map(Row::as_slice);
+        self.history.write(run, [r, g, b, &past.length]);
+        for row in &mut *merged {
+            blacken_missing(&mut row[..lanes(run)]);
+        }
+        self.merged.write(run, merged.each_ref().map(Row::as_slice));
+        if let Some(report) = &mut self.report {
+            report.write(run, &past.length, &past.coverage, &past.rejection);
+        }
+    }
+}
+
+/// Raises the blend factor of the N-th sample to at least 1/N, up to the longest history. Turns the lengths before, 0
+/// without history, into those after.
+#[inline(always)]
+fn warm_up([r, g, b]: [&[f32]; 3], longest: f32, factors: &mut Row, length: &mut Row) {
+    let n = r.len().min(SEGMENT);
+    let (r, g, b) = (&r[..n], &g[..n], &b[..n]);
+    for i in 0..n {
+        let present = is_present([r[i], g[i], b[i]]);
+        let counted = (length[i] + 1.0).min(longest);
+        factors[i] = factors[i].max(1.0 / counted);
+        length[i] = if present { counted } else { length[i] };
+    }
+}
