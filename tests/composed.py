@@ -336,7 +336,7 @@ class SVGF:
             elif self.gradient:
                 known = np.where((confidence > 0)[..., None], history[0], np.float32(np.nan))
                 looks = {"passes": self.passes, "widest": self.passes + 2}
-                gradient = yester.temporal_gradient(held, known, noise=2.2, **looks)
+                gradient = yester.temporal_gradient(held, known, noise=2.5, **looks)
             if reflects:
                 planes = [self.mirrored.light, self.mirrored.scores]
                 (light, scores), lit = yester.reproject(planes, motion, **tests, **self.limits)

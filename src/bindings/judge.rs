@@ -630,7 +630,7 @@ pub fn alternation_<'py>(
 ///     Passes of the smallest blur, 0 to 8; its radius is 2^passes - 1 pixels.
 /// widest : int, default 3
 ///     Passes of the widest blur, `passes` to 8. Small blurs locate a change of light, wide ones detect changes that are
-///     small but extended; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.2``.
+///     small but extended; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.5``.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///

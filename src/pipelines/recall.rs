@@ -35,7 +35,7 @@ pub struct Memory {
 impl Memory {
     /// `first` if no history came before: the colour is kept for a replay after a first frame, and after a frame with one.
     pub fn new(frame: &Frame, history: Records, params: &Params, first: bool) -> Self {
-        let replayed = params.gradient && (first || frame.replay.is_some());
+        let replayed = params.gradient.is_some() && (first || frame.replay.is_some());
         let compared = Surface {
             color: frame.surface.color.filter(|_| params.same_albedo),
             ..frame.surface
@@ -140,12 +140,12 @@ pub fn recall(
 
     let held = hold(Some(history.pixels().part(0..3)));
     let color = held.as_ref().unwrap_or(sample);
-    let gradient = params.gradient.then(|| match replayed {
+    let gradient = params.gradient.map(|estimated| match replayed {
         Some(_) => next(),
         None => {
             let known = [color.pixels(), history.pixels().part(0..3)];
             let coverage = Some(View::new(motion.size, 1, coverage));
-            find_gradient(known, coverage, params.estimated_gradient())
+            find_gradient(known, coverage, estimated)
         }
     });
 
@@ -168,6 +168,7 @@ pub fn recall(
                 sample.view(),
                 &mut history,
                 coverage,
+                params.choice.is_some(),
             )
         });
     Recalled {

@@ -75,7 +75,7 @@ impl Scores {
 /// What [`choose`] leaves beside the history.
 pub struct Won {
     pub scores: Scores,
-    /// The motion along which each pixel's history was fetched; None if that was the surface's own everywhere.
+    /// The motion along which each pixel's history was fetched; None if it was not asked for, or is the surface's own.
     pub motion: Option<Image>,
 }
 
@@ -99,6 +99,7 @@ pub fn choose(
     color: View,
     carried: &mut Image,
     coverage: &mut [f32],
+    asks_motion: bool,
 ) -> Option<Won> {
     let (size, past) = (color.size, &memory.scores);
     let geometry = frame.geometry()?;
@@ -124,20 +125,17 @@ pub fn choose(
         scores: distances.len(),
     };
     let evaluated = candidates.evaluate(memory, &own, color);
-    let mut motion = own.motion.part(0..2).to_planes();
+    let mut motion = asks_motion.then(|| own.motion.part(0..2).to_planes());
     candidates.take_winners(
         evaluated,
         history,
         frame.surface.ids,
-        &mut motion,
+        motion.as_mut(),
         carried,
         coverage,
         &mut scores,
     );
-    Some(Won {
-        scores,
-        motion: Some(motion),
-    })
+    Some(Won { scores, motion })
 }
 
 /// The tests for a reflected point's history. It lies elsewhere on the mirror, whose depth there says nothing about it.
@@ -223,12 +221,12 @@ impl<'a> Candidates<'a> {
         evaluated: Evaluated,
         history: Pixels,
         ids: Option<Pixels<u32>>,
-        motion: &mut Image,
+        motion: Option<&mut Image>,
         carried: &mut Image,
         coverage: &mut [f32],
         scores: &mut Scores,
     ) {
-        let size = motion.size;
+        let size = carried.size;
         let kernel = TakeWinners {
             candidates: self,
             evaluated,
@@ -238,9 +236,11 @@ impl<'a> Candidates<'a> {
         };
         let band = BAND * size.width * self.scores;
         let mut won: Vec<_> = scores.evaluated.iter_mut().map(Tiles::bands).collect();
+        let mut motions = motion.map(Image::bands);
+        let motions = std::iter::repeat_with(|| motions.as_mut().and_then(Iterator::next));
         let outs = carried.bands().zip(bands_of(coverage, size));
         let outs = outs
-            .zip(motion.bands())
+            .zip(motions)
             .zip(scores.image.data_mut().chunks_mut(band))
             .map(|(((history, coverage), motion), scores)| Outs {
                 history,
@@ -425,7 +425,7 @@ struct TakeWinners<'a> {
 struct Outs<'a> {
     history: BandMut<'a>,
     coverage: BandMut<'a>,
-    motion: BandMut<'a>,
+    motion: Option<BandMut<'a>>,
     /// Interleaved.
     scores: &'a mut [f32],
     /// Of each candidate, the tiles in which it won many pixels.
@@ -552,7 +552,7 @@ fn replace(run: Run, winner: &[u32], fetched: &Fetched, motion: &[Row; 2], out: 
     let records = fetched.values(0).as_chunks::<CHANNELS>().0;
     let mut history = out.history.rows::<CHANNELS>(run.y);
     let coverage = out.coverage.row(0, run.y);
-    let mut moved = out.motion.rows::<2>(run.y);
+    let mut moved = out.motion.as_mut().map(|motion| motion.rows::<2>(run.y));
     for i in 0..run.len {
         let (x, carried) = (run.x + i, fetched.coverage[i]);
         if winner[x] != NONE && carried > 0.0 {
@@ -560,7 +560,7 @@ fn replace(run: Run, winner: &[u32], fetched: &Fetched, motion: &[Row; 2], out: 
                 row[x] = value;
             }
             coverage[x] = carried;
-            for (moved, motion) in moved.iter_mut().zip(motion) {
+            for (moved, motion) in moved.iter_mut().flatten().zip(motion) {
                 moved[x] = motion[i];
             }
         }

@@ -48,9 +48,9 @@ pub struct Params {
     pub same_albedo: bool,
     /// Whether the new sample's share rises where the history is not wholly trusted.
     pub by_confidence: bool,
-    /// Whether changes of light correct and shorten history where frames have replays, and shorten it by estimate where
-    /// they have none.
-    pub gradient: bool,
+    /// Whether history is shortened where the light changes, and how the change is estimated; frames with a replay tell it,
+    /// and correct their history by it.
+    pub gradient: Option<gradient::Params>,
     /// Whether outliers are held down.
     pub fireflies: Option<fireflies::Params>,
     /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best.
@@ -64,6 +64,15 @@ pub struct Params {
     /// For frames of which only a part is traced: samples for the rest.
     pub lend: Option<lend::Params>,
 }
+
+/// A lamp that travels changes all of the light by less than the noise of a few pixels, so windows of three widths are
+/// tested. The wider margin compensates for three tests instead of one; a narrower one cuts history where highlights are
+/// noisy (`glossy_plates` loses 11 % relMSE), and costs time, as short histories need the spatial estimate of variance.
+pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
+    noise: 2.5,
+    passes: 3,
+    widest: 5,
+};
 
 /// By our own measurements.
 impl Default for Params {
@@ -79,7 +88,7 @@ impl Default for Params {
                 sigma_luminance: 3.0,
                 ..Default::default()
             },
-            gradient: true,
+            gradient: Some(ESTIMATED_GRADIENT),
             choice: Some(choice::Params::default()),
             innovation: Some(innovation::Params::default()),
             reflections: vec![0.5, 2.0],
@@ -100,7 +109,7 @@ impl Params {
             feedback: false,
             same_albedo: false,
             by_confidence: false,
-            gradient: false,
+            gradient: None,
             fireflies: None,
             choice: None,
             innovation: None,
@@ -126,7 +135,12 @@ impl Params {
                 iterations: 5,
                 ..Default::default()
             },
-            gradient: true,
+            // Windows twice as wide have as many samples.
+            gradient: Some(gradient::Params {
+                passes: ESTIMATED_GRADIENT.passes + 1,
+                widest: ESTIMATED_GRADIENT.widest + 1,
+                ..ESTIMATED_GRADIENT
+            }),
             reflections: vec![0.5, 2.0],
             antialias: Some(taa::Params {
                 clip,
@@ -170,19 +184,7 @@ impl Params {
     /// Whether a step between reprojection and accumulation looks at what surrounds a pixel.
     fn looks_around(&self) -> bool {
         let fills = self.fireflies.is_some() || self.lend.is_some();
-        self.gradient || fills || !self.reflections.is_empty()
-    }
-
-    /// A lamp that travels changes all of the light by less than the noise of a few pixels: three widths of windows are
-    /// looked at, and as three find more that is not there than one, the margin is larger. Where fewer pixels are traced,
-    /// windows twice as wide have as many samples.
-    pub fn estimated_gradient(&self) -> gradient::Params {
-        let passes = gradient::Params::default().passes + u32::from(self.lend.is_some());
-        gradient::Params {
-            noise: 2.2,
-            passes,
-            widest: passes + 2,
-        }
+        self.gradient.is_some() || fills || !self.reflections.is_empty()
     }
 
     /// An error if a parameter is out of range.
@@ -196,6 +198,7 @@ impl Params {
         (self.fireflies.iter()).try_for_each(fireflies::Params::check)?;
         (self.antialias.iter()).try_for_each(taa::Params::check)?;
         self.lend.iter().try_for_each(lend::Params::check)?;
+        self.gradient.iter().try_for_each(gradient::Params::check)?;
         for &distance in &self.reflections {
             in_range("reflections", distance, "distances above 0", |v| v > 0.0)?;
         }

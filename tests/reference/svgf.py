@@ -109,7 +109,7 @@ class SVGF:
             elif self.gradient:
                 known = history[0].where((confidence > 0)[..., None], torch.nan)  # (H, W, 3)
                 looks = {"passes": self.passes, "widest": self.passes + 2}
-                gradient = temporal_gradient(light, known, noise=2.2, **looks)  # (H, W)
+                gradient = temporal_gradient(light, known, noise=2.5, **looks)  # (H, W)
 
         missing = int((~light.isfinite().all(-1)).sum())
         light, weight = self.fill(light, history[2], similarity)  # (H, W, 3), (H, W)

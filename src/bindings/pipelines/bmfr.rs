@@ -98,7 +98,7 @@ impl BMFR {
                     ..Default::default()
                 },
                 by_confidence,
-                gradient,
+                gradient: gradient.then_some(bmfr::ESTIMATED_GRADIENT),
                 fireflies: fireflies.then(fireflies::Params::default),
                 innovation: innovation.then(innovation::Params::default),
                 ..svgf::Params::textbook()

@@ -172,7 +172,7 @@ impl SVGF {
             },
             feedback,
             by_confidence,
-            gradient,
+            gradient: gradient.then_some(svgf::ESTIMATED_GRADIENT),
             fireflies: fireflies.then(fireflies::Params::default),
             choice: choice.then(choice::Params::default),
             innovation: innovation.then(innovation::Params::default),

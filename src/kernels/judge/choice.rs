@@ -105,7 +105,7 @@ pub(crate) struct Candidates {
     offset: [usize; 2],
 }
 
-/// A row of a candidate.
+/// A row of a stored candidate.
 pub(crate) type CandidateRow<'a> = [&'a mut [f32]; 3];
 
 impl Candidates {
@@ -119,12 +119,12 @@ impl Candidates {
         }
     }
 
-    /// The column of each two that is stored.
+    /// The stored column of each two: 0 or 1.
     pub fn column(&self) -> usize {
         self.offset[0]
     }
 
-    /// Adds a candidate. Returns, for each row of the image, the row in which its pixels are to be stored, if they are.
+    /// Adds a candidate; returns, for each row of the full image, the row to store its pixels in, if it is stored.
     pub fn add(&mut self) -> impl Iterator<Item = Option<CandidateRow<'_>>> {
         let (Size { height, width }, kept) = (self.size, known_size(self.size));
         self.images.push(Image::blank(kept, 3));
@@ -153,7 +153,7 @@ impl Candidates {
     }
 }
 
-/// Stores one column of each two of a run.
+/// Stores one column of each two of a span.
 #[inline(always)]
 pub(crate) fn keep(column: usize, run: Run, colors: &[Row; 3], row: &mut CandidateRow) {
     for (kept, colors) in row.iter_mut().zip(colors) {
@@ -330,7 +330,7 @@ impl<F: Colors> Compare<'_, F> {
             missing,
         } = found;
         let (columns, places) = (&columns[..*count], &places[..*count]);
-        // Whole vectors: what follows the last is not read.
+        // Rounded up to whole vectors; the padding is not read.
         let filled = count.next_multiple_of(LANES).min(SEGMENT);
         let mut sample = [[0.0; SEGMENT]; 3];
         for (sample, fresh) in sample.iter_mut().zip(fresh) {
@@ -500,7 +500,7 @@ impl Decide<'_> {
 pub(crate) struct Levels<'a>(pub &'a Image);
 
 impl Levels<'_> {
-    /// Writes the levels of a run that begins with a tile.
+    /// Interpolates the choice at a span that starts at a tile's border.
     #[inline(always)]
     pub fn read(&self, run: Run, into: &mut [f32]) {
         const PARTS: usize = 2 * TILE;
