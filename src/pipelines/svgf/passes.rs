@@ -137,7 +137,7 @@ pub fn filter(now: &Current, history: &mut Records, mut choosing: Option<&mut Ch
                 (image, (0..count).map(|_| kept(None)).collect())
             });
             rows::run_lanes(&begin, size.height, outs);
-        } else if params.feedback && pass == 1 {
+        } else if params.feedback && pass == usual.min(1) {
             let row = size.width * accumulate::CHANNELS;
             let outs = history.data_mut().chunks_mut(row);
             let outs = outs.map(|row| kept(Some(row)));
