@@ -69,13 +69,6 @@ impl Memory {
         ))
     }
 
-    /// Whether reflections will be looked for: both cameras, and where the surfaces are, must be known.
-    pub fn looks_for_reflections(&self, frame: &Frame) -> bool {
-        let cameras = frame.camera.is_some() && self.camera.is_some();
-        let distances = frame.hit_distance.is_some() || frame.surface.depth.is_some();
-        self.reflections.is_some() && cameras && distances && frame.geometry().is_some()
-    }
-
     /// Fetches history run by run.
     pub fn fetch<'a>(&'a self, frame: &Frame<'a>, motion: &Motion, params: &Params) -> Fetch<'a> {
         let tests = self.tests(frame, motion, params);

@@ -15,7 +15,7 @@ use self::finish::finish;
 use self::merge::{merge, merge_at_once};
 use self::passes::{Chosen, choose, filter};
 use super::correction::innovate;
-use super::frame::{Extras, Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep};
+use super::frame::{Extras, Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names};
 use super::illumination::{Illumination, illumination, texture};
 use super::recall::Memory;
 use super::reflections;
@@ -209,7 +209,7 @@ impl Params {
 /// What goes from frame to frame, beside the history of the output stage.
 struct State {
     memory: Memory,
-    /// What was seen to be wrong and is not yet corrected.
+    /// The innovation that was found and not corrected.
     evidence: Option<Records>,
     chosen: Option<Chosen>,
 }
@@ -274,7 +274,6 @@ impl Steps for Svgf {
             continues: memory.is_some(),
         };
         let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
-        let looks = (memory.as_ref()).is_some_and(|memory| memory.looks_for_reflections(frame));
 
         let mut merged = match &sample {
             Some(sample) => merge(&now, sample, memory.as_mut(), &mut output),
@@ -286,7 +285,7 @@ impl Steps for Svgf {
         let mut passes = filter(&now, &mut merged.history, choosing.as_mut());
         let (innovation, evidence) = now.innovate(&passes, evidence, exposure, &output).unzip();
         let mut light = passes.light.take();
-        used.extend(now.used(replays, looks));
+        used.extend(now.used(replays, merged.reflections.is_some()));
         finish(
             &now,
             passes,
@@ -323,11 +322,11 @@ struct Current<'a> {
     params: &'a Params,
     frame: &'a Frame<'a>,
     motion: &'a Motion<'a>,
-    /// Made when it is wanted.
+    /// Built at its first use, after images that are no longer needed have been freed.
     guide: OnceCell<Guide>,
-    /// Its illumination, where that is wanted as an image.
+    /// The illumination as an image, if a pass reads the surroundings of a pixel.
     sample: Option<&'a Image>,
-    /// Whether another frame came before.
+    /// Whether there is a history.
     continues: bool,
 }
 
@@ -351,7 +350,7 @@ impl Current<'_> {
         }
     }
 
-    /// The history's, by which differences are judged; where none are, it does not matter.
+    /// The exposure of the history, the unit in which choice and innovation measure errors; 1 if neither is on.
     fn exposure(&self, history: &Records) -> f32 {
         let judged = self.params.choice.is_some() || self.params.innovation.is_some();
         if judged {
@@ -384,27 +383,23 @@ impl Current<'_> {
     }
 
     /// The names of the buffers that take part, beside those of which motion is made.
-    fn used(&self, replays: bool, reflects: bool) -> impl Iterator<Item = &'static str> + use<> {
+    fn used(&self, replays: bool, reflects: bool) -> Vec<&'static str> {
         let Frame { surface, .. } = self.frame;
         let albedo = self.frame.albedo.is_some();
-        [
+        let turned = surface.object_normal.is_some();
+        names([
             ("albedo", albedo),
             ("emission", albedo && self.frame.emission.is_some()),
             ("normal", surface.normal.is_some()),
             ("depth", surface.depth.is_some()),
             ("plane", self.guide().compares_planes()),
             ("ids", surface.ids.is_some()),
-            (
-                "object_normal",
-                self.continues && surface.object_normal.is_some(),
-            ),
+            ("object_normal", self.continues && turned),
             ("replay", replays),
             (
                 "hit_distance",
                 reflects && self.frame.hit_distance.is_some(),
             ),
-        ]
-        .into_iter()
-        .filter_map(|(name, used)| used.then_some(name))
+        ])
     }
 }

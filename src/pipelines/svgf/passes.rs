@@ -32,7 +32,7 @@ pub struct Chosen {
 pub struct Choosing<'a> {
     /// None in a first frame: all show the usual number.
     tiles: Option<Image>,
-    /// The number of each pixel, a fraction between tiles that differ; written by the first pass.
+    /// The number of each pixel, interpolated between tiles; written with the unfiltered image.
     levels: &'a mut [f32],
     /// What the next frame will need to know; the passes add the candidates.
     pub chosen: Chosen,
@@ -81,7 +81,7 @@ pub struct Passes {
     filtered: Filtered,
     /// Colour and variance, each after as many passes as were chosen.
     shown: Option<Image>,
-    /// In which the next frame looks for reflections.
+    /// Lightly filtered light, in which the next frame looks for reflections.
     pub light: Option<Records>,
 }
 
@@ -176,12 +176,12 @@ impl<'a> LanesKernel for Begin<'a> {
     }
 }
 
-/// Keeps what is wanted of a pass.
+/// Stores the parts of a pass's result that later steps read.
 struct Keep<'a> {
     pass: u32,
     usual: u32,
     tiles: Option<Levels<'a>>,
-    /// Of two columns the one whose candidates are kept.
+    /// The column of each two whose candidates are stored.
     column: usize,
 }
 
@@ -193,7 +193,7 @@ struct Kept<'a> {
 }
 
 struct Shown<'a> {
-    /// How many passes each pixel shows, a fraction between tiles that differ; found before the first pass.
+    /// Number of passes that each pixel shows, a fraction between tiles that differ. Written with the unfiltered image.
     levels: &'a mut [f32],
     image: [&'a mut [f32]; 4],
     candidate: Option<CandidateRow<'a>>,
