@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 pub use crate::memory::Value;
 use crate::memory::{Memory, prefetch};
 use crate::pixels::PixelsMut;
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Height and width in pixels; both at least 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -887,7 +887,7 @@ impl<'a, T: Value> Kernel for Copies<'a, T> {
     type Out = (&'a [T], &'a mut [T]);
 
     #[inline(always)]
-    fn rows(&self, _: Range<usize>, (from, to): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, _: Range<usize>, (from, to): Self::Out) {
         to.copy_from_slice(from);
     }
 }
@@ -900,7 +900,7 @@ impl<'a> Kernel for ToPlanes<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         for run in rows.flat_map(|y| segments(y, self.pixels.size.width)) {
             for (channel, out) in out.parts(run).enumerate() {
                 self.pixels.load(run, channel, out);
@@ -917,9 +917,9 @@ impl<'a, T: Copy + Send + Sync + 'a> Kernel for Interleave<'a, T> {
     type Out = &'a mut [T];
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, out: &'a mut [T]) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, out: &'a mut [T]) {
         let View { size, channels, .. } = self.planes;
-        for (y, row) in rows.zip(out.chunks_exact_mut(size.width * channels)) {
+        for (y, row) in rows::lines(rows, out, size.width * channels) {
             for run in segments(y, size.width) {
                 let records = &mut row[run.x * channels..][..run.len * channels];
                 let parts = (0..channels).map(|c| &self.planes.row(c, y)[run.x..][..run.len]);

@@ -1,24 +1,26 @@
 //! The only place with threads and SIMD dispatch.
 //!
-//! A kernel is written once, as plain loops over slices of rows. [`run`] cuts the image into bands of rows, hands the
-//! bands to the threads, and calls the kernel for each band inside a function that is compiled for the best
-//! instruction set that this CPU has: everything marked `#[inline(always)]` below that call is compiled again for it.
+//! A kernel is written once, over bands of rows. [`run`] cuts the image into bands, hands the bands to the threads, and
+//! calls the kernel for each band inside a function that is compiled for the best instruction set of this CPU:
+//! everything marked `#[inline(always)]` below that call is compiled again for each set. Kernels are plain loops over
+//! slices, which the compiler vectorises, or explicit vectors ([`crate::lanes`]) where it would not.
+//!
 //! Rust never contracts `a * b + c`, no kernel reduces across lanes, and each pixel depends on the inputs alone:
-//! therefore bits are the same at every level, thread count and band height.
+//! therefore the results have the same bits at every level, thread count and band height.
 
 use std::ops::Range;
 use std::sync::OnceLock;
 
-pub use pulp::NullaryFnOnce as Part;
-use pulp::{Simd, WithSimd};
+use pulp::WithSimd;
+pub use pulp::{NullaryFnOnce as Outlined, Simd};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 
-/// Rows of one band. Small enough to balance threads, large enough that dispatch is free.
+/// Rows of a band. Few enough to balance the load between threads, many enough that dispatch costs nothing.
 pub const BAND: usize = 16;
 
-/// The bands of an image of so many rows, from top to bottom.
+/// The bands of an image of `height` rows, from top to bottom.
 pub fn bands(height: usize) -> impl Iterator<Item = Range<usize>> {
     (0..height)
         .step_by(BAND)
@@ -27,125 +29,99 @@ pub fn bands(height: usize) -> impl Iterator<Item = Range<usize>> {
 
 /// A computation on bands of rows.
 pub trait Kernel: Sync {
-    /// The same band of every output.
+    /// One band of every output.
     type Out: Send;
 
-    /// Computes the given rows. Implementations are `#[inline(always)]`, as is all that they call per pixel, or the
-    /// work would be compiled for the baseline only.
-    fn rows(&self, rows: Range<usize>, out: Self::Out);
-}
-
-/// The same, written in registers ([`crate::lanes`]).
-pub trait LanesKernel: Sync {
-    type Out: Send;
-
+    /// Computes these rows. `simd` is for kernels with explicit vectors; the others ignore it. Implementations are
+    /// `#[inline(always)]`, as is everything they call per pixel: a function that is not inlined is compiled for the
+    /// baseline only.
     fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, out: Self::Out);
 }
 
-/// Runs a kernel over an image of `height` rows; `outs` yields its outputs band by band, as [`bands`] does.
+/// A range of rows and the outputs of these rows: the work of one thread at a time.
+pub type Job<O> = (Range<usize>, O);
+
+/// Runs a kernel over an image of `height` rows, band by band; `outs` yields the outputs of the [`bands`] in their order.
 pub fn run<K: Kernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::Out>) {
-    let level = Settings::get().level;
-    each(height, BAND, outs, |rows, out| {
-        level.call(Band { kernel, rows, out });
-    });
+    run_jobs(kernel, jobs(height, outs));
 }
 
-/// The same for kernels that look up to `reach` rows beyond theirs: they get several bands at a time, so that little is
-/// computed twice.
-pub fn run_far<O: Send, K: Kernel<Out = Vec<O>>>(
-    kernel: &K,
+/// Runs a kernel over jobs that the caller has cut.
+pub fn run_jobs<K: Kernel>(kernel: &K, jobs: Vec<Job<K::Out>>) {
+    let level = Settings::get().level;
+    let call = |(rows, out)| level.call(Call { kernel, rows, out });
+    match pool() {
+        Some(pool) if jobs.len() > 1 => pool.install(|| jobs.into_par_iter().for_each(call)),
+        _ => jobs.into_iter().for_each(call),
+    }
+}
+
+/// A job for each band. Every output is paired with its rows here and nowhere else: one band too few, which `zip` would
+/// drop in silence, or one too many is a panic. Iterators over several outputs may be zipped before: the shortest counts.
+fn jobs<O>(height: usize, mut outs: impl Iterator<Item = O>) -> Vec<Job<O>> {
+    let pair = |rows| {
+        let out = outs.next().expect("every band of rows has its outputs");
+        (rows, out)
+    };
+    let jobs = bands(height).map(pair).collect();
+    assert!(outs.next().is_none(), "outputs end with the last row");
+    jobs
+}
+
+/// Jobs of several bands each, for kernels whose windows reach `reach` rows beyond their own: the rows in the halo, which
+/// both neighbours compute, stay few beside the job's own.
+pub fn tall_jobs<O>(
     height: usize,
     reach: usize,
-    mut outs: impl Iterator<Item = O>,
-) {
-    let level = Settings::get().level;
-    let fair = height.div_ceil(Settings::get().threads);
+    outs: impl Iterator<Item = O>,
+) -> Vec<Job<Vec<O>>> {
+    let per_thread = height.div_ceil(Settings::get().threads);
     let least = 10 * reach.max(1);
-    let turns = ((fair + least / 2) / least).clamp(1, 8);
-    let bands = fair.div_ceil(turns).div_ceil(BAND);
-    let groups = std::iter::repeat_with(|| outs.by_ref().take(bands).collect());
-    each(height, bands * BAND, groups, |rows, out| {
-        level.call(Band { kernel, rows, out });
-    });
+    let turns = ((per_thread + least / 2) / least).clamp(1, 8);
+    let bands = per_thread.div_ceil(turns).div_ceil(BAND);
+    let mut tall: Vec<Job<Vec<O>>> = vec![];
+    for (index, (rows, out)) in jobs(height, outs).into_iter().enumerate() {
+        if index % bands == 0 {
+            tall.push((rows.clone(), vec![]));
+        }
+        if let Some((all, outs)) = tall.last_mut() {
+            all.end = rows.end;
+            outs.push(out);
+        }
+    }
+    tall
 }
 
-/// The same for kernels in registers.
-pub fn run_lanes<K: LanesKernel>(kernel: &K, height: usize, outs: impl Iterator<Item = K::Out>) {
-    let level = Settings::get().level;
-    each(height, BAND, outs, |rows, out| {
-        level.call(LanesBand { kernel, rows, out });
-    });
+/// The rows of a job with their lines of an output that holds `len` elements a row; panics unless the output has exactly
+/// these rows.
+#[inline(always)]
+pub fn lines<T>(
+    rows: Range<usize>,
+    out: &mut [T],
+    len: usize,
+) -> impl Iterator<Item = (usize, &mut [T])> {
+    assert_eq!(out.len(), rows.len() * len);
+    rows.zip(out.chunks_exact_mut(len))
 }
 
-/// The same for parts of the image that the kernel's user has cut.
-pub fn run_lane_parts<K: LanesKernel>(kernel: &K, parts: Vec<(Range<usize>, K::Out)>) {
-    let level = Settings::get().level;
-    hand_out(parts, |rows, out| {
-        level.call(LanesBand { kernel, rows, out });
-    });
-}
-
-/// The same for parts of the image that the kernel's user has cut.
-pub fn run_parts<K: Kernel>(kernel: &K, parts: Vec<(Range<usize>, K::Out)>) {
-    let level = Settings::get().level;
-    hand_out(parts, |rows, out| {
-        level.call(Band { kernel, rows, out });
-    });
-}
-
-/// So many rows that every thread has six turns, if there are enough.
+/// Rows of a job that gives every thread six jobs, in images that are high enough.
 pub fn turn(height: usize) -> usize {
     height.div_ceil(6 * Settings::get().threads).max(BAND)
 }
 
-/// Hands bands of so many rows to the threads.
-fn each<O: Send>(
-    height: usize,
-    band: usize,
-    outs: impl Iterator<Item = O>,
-    call: impl Fn(Range<usize>, O) + Sync,
-) {
-    let bands = (0..height).step_by(band).map(|y| y..(y + band).min(height));
-    hand_out(bands.zip(outs).collect(), call);
-}
-
-fn hand_out<O: Send>(jobs: Vec<(Range<usize>, O)>, call: impl Fn(Range<usize>, O) + Sync) {
-    match pool() {
-        Some(pool) if jobs.len() > 1 => pool.install(|| {
-            jobs.into_par_iter().for_each(|(rows, out)| call(rows, out));
-        }),
-        _ => jobs.into_iter().for_each(|(rows, out)| call(rows, out)),
-    }
-}
-
-/// Calls a part of a kernel as a function of its own, compiled for the same instruction set: what several kernels have in
-/// common is compiled once, and none grows so large that compilers no longer vectorise it.
-pub fn apart(part: impl Part<Output = ()>) {
+/// Calls a part of a kernel as a function of its own that is compiled for the same instruction set. Kernels that share
+/// the part compile it once, and none grows so large that the compiler stops vectorising it.
+pub fn outline(part: impl Outlined<Output = ()>) {
     Settings::get().level.call(part);
 }
 
-struct Band<'k, K: Kernel> {
+struct Call<'k, K: Kernel> {
     kernel: &'k K,
     rows: Range<usize>,
     out: K::Out,
 }
 
-impl<K: Kernel> Part for Band<'_, K> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        self.kernel.rows(self.rows, self.out);
-    }
-}
-
-struct LanesBand<'k, K: LanesKernel> {
-    kernel: &'k K,
-    rows: Range<usize>,
-    out: K::Out,
-}
-
-impl<K: LanesKernel> WithSimd for LanesBand<'_, K> {
+impl<K: Kernel> WithSimd for Call<'_, K> {
     type Output = ();
 
     #[inline(always)]
@@ -327,6 +303,60 @@ mod tests {
     fn bands_cover_every_row_once() {
         for height in 0..100 {
             assert!(bands(height).flatten().eq(0..height));
+        }
+    }
+
+    struct Fill;
+
+    impl Kernel for Fill {
+        type Out = &'static mut [u8];
+
+        fn rows<S: Simd>(&self, _: S, rows: Range<usize>, out: Self::Out) {
+            lines(rows, out, 1).for_each(|(_, line)| line.fill(1));
+        }
+    }
+
+    fn fill(height: usize, lengths: &[usize]) {
+        let outs = lengths.iter().map(|&len| vec![0; len].leak());
+        run(&Fill, height, outs);
+    }
+
+    #[test]
+    fn outputs_of_every_band_are_written() {
+        fill(40, &[16, 16, 8]);
+    }
+
+    #[test]
+    #[should_panic(expected = "every band of rows has its outputs")]
+    fn a_missing_band_panics() {
+        fill(40, &[16, 16]);
+    }
+
+    #[test]
+    #[should_panic(expected = "outputs end with the last row")]
+    fn a_band_too_many_panics() {
+        fill(40, &[16, 16, 8, 16]);
+    }
+
+    #[test]
+    #[should_panic(expected = "assertion")]
+    fn a_short_band_panics() {
+        fill(40, &[16, 16, 7]);
+    }
+
+    #[test]
+    #[should_panic(expected = "every band of rows has its outputs")]
+    fn zipped_outputs_panic_where_one_is_short() {
+        tall_jobs(40, 1, [(); 3].iter().zip(&[(); 2]));
+    }
+
+    #[test]
+    fn tall_jobs_cover_every_band_once() {
+        for height in (1..200).step_by(13) {
+            let count = bands(height).count();
+            let jobs = tall_jobs(height, 1, 0..count);
+            assert!(jobs.iter().flat_map(|(rows, _)| rows.clone()).eq(0..height));
+            assert!(jobs.into_iter().flat_map(|(_, outs)| outs).eq(0..count));
         }
     }
 

@@ -5,10 +5,8 @@ use std::marker::PhantomData;
 use std::ops::Range;
 use std::time::Instant;
 
-use pulp::Simd;
-
 use crate::image::{BandMut, Image, Size, View};
-use crate::rows::{self, BAND, Kernel, LanesKernel, Settings};
+use crate::rows::{self, BAND, Kernel, Settings, Simd};
 
 /// 134 MB.
 const COPIED: Size = Size {
@@ -43,7 +41,7 @@ fn multiply_adds<const CHAINS: usize>(fused: bool) -> f64 {
         lanes: PhantomData,
     };
     let mut lanes = [0; BANDS];
-    let seconds = best(|| rows::run_lanes(&kernel, BANDS * BAND, lanes.iter_mut()));
+    let seconds = best(|| rows::run(&kernel, BANDS * BAND, lanes.iter_mut()));
     let operations = if fused { 1 } else { 2 };
     (lanes.iter().sum::<usize>() * STEPS * CHAINS * operations) as f64 / seconds
 }
@@ -65,7 +63,7 @@ impl<'a> Kernel for Copy<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut to: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut to: BandMut<'a>) {
         for y in rows {
             to.row(0, y).copy_from_slice(self.from.row(0, y));
         }
@@ -79,7 +77,7 @@ struct MultiplyAdd<'a, const CHAINS: usize> {
     lanes: PhantomData<&'a usize>,
 }
 
-impl<'a, const CHAINS: usize> LanesKernel for MultiplyAdd<'a, CHAINS> {
+impl<'a, const CHAINS: usize> Kernel for MultiplyAdd<'a, CHAINS> {
     /// How many lanes the chains have.
     type Out = &'a mut usize;
 

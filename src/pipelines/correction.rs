@@ -7,7 +7,7 @@ use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, bands_of, segments};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::math::luminance;
 use crate::pixels::{Colors, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// What a frame's samples show to be wrong with a prediction of them, and the evidence for the next frame.
 pub fn innovate(
@@ -65,7 +65,7 @@ impl<'a> Kernel for Correct<'a> {
     type Out = (BandMut<'a>, BandMut<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut prediction, mut history): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut prediction, mut history): Self::Out) {
         let mut line = self.found.line();
         let mut predicted = [[0.0; SEGMENT]; 3];
         for y in rows {

@@ -14,7 +14,7 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
 use crate::memory::Reserve;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, BAND, Kernel, Settings};
+use crate::rows::{self, BAND, Kernel, Settings, Simd};
 
 /// One frame's buffers: its colour, and what else the renderer knows of it. All have one size.
 #[derive(Clone, Copy)]
@@ -212,7 +212,7 @@ impl<'a> Kernel for Complete<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut still: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut still: BandMut<'a>) {
         let mut given = [[0.0; SEGMENT]; 2];
         for y in rows {
             let [sx, sy, change] = still.rows(y);
@@ -399,7 +399,7 @@ impl<'a> Kernel for Blacken<'a> {
     type Out = &'a mut [f32];
 
     #[inline(always)]
-    fn rows(&self, _: Range<usize>, color: &'a mut [f32]) {
+    fn rows<S: Simd>(&self, _: S, _: Range<usize>, color: &'a mut [f32]) {
         blacken_missing(color);
     }
 }
@@ -799,7 +799,7 @@ mod tests {
     impl<'a> Kernel for Panics<'a> {
         type Out = BandMut<'a>;
 
-        fn rows(&self, rows: Range<usize>, _: BandMut<'a>) {
+        fn rows<S: Simd>(&self, _: S, rows: Range<usize>, _: BandMut<'a>) {
             assert!(rows.start == 0, "a kernel that panics, on purpose");
         }
     }

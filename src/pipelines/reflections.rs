@@ -13,8 +13,6 @@
 
 use std::ops::Range;
 
-use pulp::Simd;
-
 use super::frame::Frame;
 use crate::image::{
     BandMut, Image, Pixels, Records, Run, SEGMENT, Size, Tiles, View, bands_of, runs_in, segments,
@@ -29,7 +27,7 @@ use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::CHANNELS;
 use crate::math::is_present;
 use crate::pixels::{Rolling, Row};
-use crate::rows::{self, BAND, Kernel, LanesKernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// A candidate wins if its average gain is below this, in units of relative squared error.
 const MARGIN: f32 = -0.02;
@@ -249,7 +247,7 @@ impl<'a> Candidates<'a> {
                 scores,
                 won: won.iter_mut().filter_map(Iterator::next).collect(),
             });
-        rows::run_lanes(&kernel, size.height, outs);
+        rows::run(&kernel, size.height, outs);
         drop(won);
         scores.evaluated = scores.evaluated.iter().map(Tiles::grown).collect();
     }
@@ -321,7 +319,7 @@ impl<'a> Kernel for Evaluate<'a> {
     type Out = (BandMut<'a>, BandMut<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut errors, mut scores): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut errors, mut scores): Self::Out) {
         let width = self.color.size.width;
         let candidates = self.candidates;
         let mut scratch = Scratch::new();
@@ -432,7 +430,7 @@ struct Outs<'a> {
     won: Vec<&'a mut [bool]>,
 }
 
-impl<'a> LanesKernel for TakeWinners<'a> {
+impl<'a> Kernel for TakeWinners<'a> {
     type Out = Outs<'a>;
 
     #[inline(always)]

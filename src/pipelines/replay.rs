@@ -25,7 +25,7 @@ use crate::kernels::smooth::atrous::{self, atrous};
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Guide;
 use crate::pixels::{Colors, PixelsMut, Row, larger};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// A copy of a frame's colour and texture, to be compared with the next frame's replay.
 pub struct Before {
@@ -181,7 +181,7 @@ impl<'a> Kernel for Relight<'a> {
     type Out = ((&'a mut [f32], BandMut<'a>), Option<&'a mut [f32]>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, ((history, mut then), mut light): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, ((history, mut then), mut light): Self::Out) {
         let mut line = self.found.line();
         let mut before = [[0.0; SEGMENT]; 3];
         let top = rows.start;

@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::pixels::{PixelsMut, Rolling, Row, lanes, smaller};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// The neighbours that are searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -178,7 +178,7 @@ impl<'a> Kernel for Dilate<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut dilated: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut dilated: PixelsMut<'a>) {
         let mut dilation = Dilation::new(self.motion, self.choice, self.window);
         let mut chosen = [[0.0; SEGMENT]; 3];
         for y in rows.clone() {

@@ -20,7 +20,7 @@ use super::pinhole::{Camera, Warp};
 use crate::error::{Error, Result};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// The positions of the pixels' surfaces, as either buffer.
 #[derive(Clone, Copy)]
@@ -152,7 +152,7 @@ impl<'a> Kernel for Motion<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut motion: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut motion: PixelsMut<'a>) {
         let width = self.camera.size.width;
         let mut shown = Shown::nothing();
         let mut moved = [[0.0; SEGMENT]; 3];

@@ -19,7 +19,7 @@ use super::motion::{Geometry, Shown};
 use super::pinhole::{Camera, Warp};
 use crate::image::{Pixels, SEGMENT, segments};
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// The current camera and the warp to the previous one.
 pub(crate) struct Mirrored<'a> {
@@ -96,7 +96,7 @@ impl<'a> Kernel for VirtualMotion<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut motion: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut motion: PixelsMut<'a>) {
         let mut shown = Shown::nothing();
         let (mut distances, mut moved) = ([0.0; SEGMENT], [[0.0; SEGMENT]; 2]);
         for run in rows.flat_map(|y| segments(y, self.camera.size.width)) {

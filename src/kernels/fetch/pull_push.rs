@@ -18,7 +18,7 @@ use std::ops::Range;
 
 use crate::error::{Result, Whole, whole};
 use crate::image::{BandMut, Image, Pixels, Size, View};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// The pyramid of [`pull_push`].
 #[derive(Clone, Copy, Debug)]
@@ -145,7 +145,7 @@ impl<'a> Kernel for Pull<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let Pixels { size, channels, .. } = self.color;
         let factor = self.factor;
         let area = (factor * factor) as f32;
@@ -261,7 +261,7 @@ impl<'a> Kernel for Push<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let mut blended = self.scratch();
         for y in rows {
             self.blend(y, &mut blended);
@@ -286,7 +286,7 @@ impl<'a> Kernel for Fill<'a> {
     type Out = (&'a mut [f32], &'a mut [f32]);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (filled, qualities): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (filled, qualities): Self::Out) {
         let Pixels { size, channels, .. } = self.finest.color;
         let mut blended = self.push.as_ref().map_or(vec![], Push::scratch);
         let first = rows.start * size.width;

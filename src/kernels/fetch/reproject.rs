@@ -23,7 +23,7 @@ use crate::image::{
 };
 use crate::kernels::judge::surface::{Lane, Tests};
 use crate::memory::prefetch;
-use crate::rows::{self, Kernel, Part};
+use crate::rows::{self, Kernel, Outlined, Simd};
 
 /// Channels that are fetched at once: a vector of most CPUs.
 const WIDEST: usize = 8;
@@ -104,7 +104,7 @@ impl<'a> Fetch<'a> {
     /// Fetches what a run of pixels comes from.
     #[inline(always)]
     pub fn run(&self, run: Run, motion: Motion, to: &mut Fetched) {
-        rows::apart(FetchRun {
+        rows::outline(FetchRun {
             fetch: self,
             run,
             motion,
@@ -305,7 +305,7 @@ struct FetchRun<'f, 'a> {
     to: &'f mut Fetched,
 }
 
-impl Part for FetchRun<'_, '_> {
+impl Outlined for FetchRun<'_, '_> {
     type Output = ();
 
     #[inline(always)]
@@ -411,7 +411,7 @@ impl Taken<'_> {
         }
         let average = average.part(start, len);
         let means = &mut values[start * C..][..len * C].as_chunks_mut::<C>().0[..len];
-        rows::apart(Means {
+        rows::outline(Means {
             average,
             taps,
             means: &mut *means,
@@ -436,7 +436,7 @@ struct Means<'a, A, const C: usize> {
     means: &'a mut [[f32; C]],
 }
 
-impl<A: Average, const C: usize> Part for Means<'_, A, C> {
+impl<A: Average, const C: usize> Outlined for Means<'_, A, C> {
     type Output = ();
 
     #[inline(always)]
@@ -637,7 +637,12 @@ impl<'a> Kernel for Reproject<'a> {
     type Out = (Vec<BandMut<'a>>, BandMut<'a>, Option<BandMut<'a, u8>>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut values, mut coverage, mut rejection): Self::Out) {
+    fn rows<S: Simd>(
+        &self,
+        _: S,
+        rows: Range<usize>,
+        (mut values, mut coverage, mut rejection): Self::Out,
+    ) {
         let mut lanes = MotionLanes::zeroed();
         let mut fetched = self.fetch.room();
         for run in rows.flat_map(|y| segments(y, self.motion.size.width)) {

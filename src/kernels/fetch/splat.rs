@@ -27,7 +27,7 @@ use glam::DAffine3;
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Size};
 use crate::kernels::camera::pinhole::{Camera, Warp};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What a point covers.
 #[derive(Clone, Copy, Debug)]
@@ -241,7 +241,7 @@ impl<'a> Kernel for Project<'a> {
     type Out = &'a mut Bins;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, bins: &'a mut Bins) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, bins: &'a mut Bins) {
         let size = self.points.color.size;
         bins.resize(rows::bands(size.height).count(), vec![]);
         for y in rows {
@@ -300,7 +300,7 @@ impl<'a> Kernel for Gather<'a> {
     type Out = Splats<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, out: Splats<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, out: Splats<'a>) {
         let channels = self.color.channels;
         for image in [&mut *out.color, out.depth, out.offset] {
             image.fill(f32::NAN);

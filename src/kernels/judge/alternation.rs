@@ -22,7 +22,7 @@ use std::ops::Range;
 use super::neighborhood::{self, Bounds, Response, Space, Window};
 use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::pixels::{PixelsMut, Row, lanes, larger};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Channels of the memory.
 pub const CHANNELS: usize = 7;
@@ -61,7 +61,8 @@ pub fn alternation<'a>(
         known,
         exposure,
     };
-    rows::run_far(&kernel, height, 1, memory);
+    let jobs = rows::tall_jobs(height, 1, memory);
+    rows::run_jobs(&kernel, jobs);
 }
 
 /// The weight of unclipped history.
@@ -74,7 +75,7 @@ impl<'a> Kernel for Alternation<'a> {
     type Out = Vec<PixelsMut<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut outs: Self::Out) {
         let size = self.color.size;
         let around = neighborhood::Params {
             bounds: Bounds::MinMax,

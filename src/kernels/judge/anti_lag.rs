@@ -14,7 +14,7 @@ use crate::error::{Result, in_range};
 use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::math::luminance;
 use crate::pixels::{PixelsMut, Row, larger};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 struct AntiLag<'a> {
     length: View<'a>,
@@ -52,7 +52,7 @@ impl<'a> Kernel for AntiLag<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut shortened: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut shortened: PixelsMut<'a>) {
         let [mut history, mut clipped] = [[[0.0; SEGMENT]; 3]; 2];
         let mut out = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.length.size.width)) {

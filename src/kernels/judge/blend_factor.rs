@@ -15,7 +15,7 @@ use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::kernels::fetch::footprint::{Motion, MotionLanes};
 use crate::math::saturate;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// Weights of the new sample.
 #[derive(Clone, Copy, Debug)]
@@ -66,7 +66,7 @@ impl<'a> Kernel for BlendFactor<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut alpha: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut alpha: PixelsMut<'a>) {
         let mut lanes = MotionLanes::zeroed();
         let mut alphas = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.confidence.size.width)) {

@@ -30,7 +30,7 @@ use super::innovation;
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::pixels::{Colors, LANES, Row, larger, rows_of, smaller};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What it takes for another candidate than the usual one.
 #[derive(Clone, Copy, Debug)]
@@ -232,13 +232,13 @@ impl<'a, F: Colors> Kernel for Compare<'a, F> {
     type Out = &'a mut [f32];
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, evidence: &'a mut [f32]) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, evidence: &'a mut [f32]) {
         let Size { height, width } = self.coverage.size;
         let count = self.known.candidates.len();
         let numbers = channels(count);
         let line = tiles(self.coverage.size).width * numbers;
         let mut found = Found::new(count);
-        for (row, evidence) in rows.zip(evidence.chunks_exact_mut(line)) {
+        for (row, evidence) in rows::lines(rows, evidence, line) {
             for (column, record) in evidence.chunks_exact_mut(numbers).enumerate() {
                 self.carry(row, column, record);
             }
@@ -446,7 +446,7 @@ impl<'a> Kernel for Decide<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut chosen: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut chosen: BandMut<'a>) {
         let Size { height, width } = self.evidence.size;
         let mut around = vec![0.0; self.evidence.channels];
         let near = |at: usize, side: usize| [at.saturating_sub(1), at, (at + 1).min(side - 1)];

@@ -9,7 +9,7 @@ use std::ops::Range;
 use super::surface::Tests;
 use crate::image::{BandMut, Pixels, segments};
 use crate::kernels::fetch::footprint::{Footprints, MotionLanes};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 struct Consistency<'a> {
     motion: Pixels<'a>,
@@ -30,7 +30,7 @@ impl<'a> Kernel for Consistency<'a> {
     type Out = (BandMut<'a, u8>, BandMut<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut rejection, mut confidence): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut rejection, mut confidence): Self::Out) {
         let size = self.motion.size;
         let mut lanes = MotionLanes::zeroed();
         let mut footprints = Footprints::new(size);

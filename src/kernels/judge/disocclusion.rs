@@ -21,7 +21,7 @@ use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window};
 use crate::kernels::fetch::footprint::MIN_COVERAGE;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// A relative difference of depths; 0.05.
 pub fn check(separation: f32) -> Result<()> {
@@ -46,7 +46,7 @@ pub fn disocclusion<'a>(
         moved: &moved,
         nearest: &nearest,
     };
-    rows::run(&scatter, size.height, std::iter::repeat(()));
+    rows::run(&scatter, size.height, rows::bands(size.height).map(|_| ()));
     let nearest: Vec<_> = nearest
         .into_iter()
         .map(|bits| f32::from_bits(bits.into_inner()))
@@ -122,7 +122,7 @@ impl Kernel for Scatter<'_> {
     type Out = ();
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (): ()) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (): ()) {
         let size = self.moved.depth.size;
         self.moved.each_run(rows, |run, [x, y, z]| {
             for i in 0..run.len {
@@ -147,7 +147,7 @@ impl<'a> Kernel for Compare<'_, 'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let size = self.moved.depth.size;
         let mut disoccluded = [0.0; SEGMENT];
         self.moved.each_run(rows, |run, [x, y, z]| {

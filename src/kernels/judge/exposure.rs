@@ -12,7 +12,7 @@ use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
 use crate::math::{is_present, luminance};
 use crate::pixels::{LANES, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 const FACTOR: f64 = 8.0;
 
@@ -52,7 +52,7 @@ impl<'a> Kernel for Sums<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut sums: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut sums: BandMut<'a>) {
         let mut colors = [[0.0; SEGMENT]; 3];
         for y in rows {
             // One partial sum per lane: a single sum would be one chain of dependent additions.

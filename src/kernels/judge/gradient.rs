@@ -19,7 +19,7 @@ use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{Pixels, Run, Size, View};
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{LANES, STRIP, larger};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What counts as a change, and how far it is looked for.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +79,8 @@ pub fn temporal_gradient(
         params,
     };
     let bands = gradient.chunks_mut(BAND * size.width);
-    rows::run_far(&kernel, size.height, reach(params.widest), bands);
+    let jobs = rows::tall_jobs(size.height, reach(params.widest), bands);
+    rows::run_jobs(&kernel, jobs);
 }
 
 /// Radius in pixels of the blur after so many passes.
@@ -150,7 +151,7 @@ impl<'a> Kernel for Gradient<'a> {
     type Out = Vec<&'a mut [f32]>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut gradient: Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut gradient: Self::Out) {
         let (width, widest) = (self.color.size.width, self.params.widest);
         let mut strip = Strip::new(width, widest);
         for left in (0..width).step_by(STRIP) {

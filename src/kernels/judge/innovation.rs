@@ -43,7 +43,7 @@ use crate::image::{
 };
 use crate::math::{is_present, saturate};
 use crate::pixels::{Colors, PixelsMut, Row, larger, smaller};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What counts as wrong, and over which blocks it is looked for.
 #[derive(Clone, Copy, Debug)]
@@ -229,7 +229,7 @@ impl<'a, F: Colors, P: Colors> Kernel for Gather<'a, F, P> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let mut pairs = Pairs {
             relative: [[0.0; SEGMENT]; 3],
             square: [0.0; SEGMENT],
@@ -469,7 +469,7 @@ impl<'a, P: Colors> Kernel for Average<'a, P> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let Size { height, width } = self.size;
         let mut light = [[0.0; SEGMENT]; 3];
         let mut sums = [[0.0; SEGMENT]; 3];
@@ -542,7 +542,7 @@ impl<'a> Kernel for Pool<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let Size { height, width } = self.finer.size;
         for y in rows {
             if self.sparse {
@@ -615,7 +615,7 @@ impl<'a> Kernel for Subtract<'a> {
     type Out = (BandMut<'a>, BandMut<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut blocks, mut found): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut blocks, mut found): Self::Out) {
         let mut row = self
             .0
             .map_or(vec![], |coarse| vec![0.0; coarse.size.width + 2]);
@@ -648,7 +648,7 @@ impl<'a> Kernel for Shrink<'a> {
     type Out = (BandMut<'a>, Option<PixelsMut<'a>>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut found, mut rest): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut found, mut rest): Self::Out) {
         let Size { height, width } = self.blocks.size;
         // With a halo of one block on each side.
         let mut sums = [(); 3].map(|()| vec![0.0; width + 2]);
@@ -842,7 +842,7 @@ impl<'a> Kernel for Correct<'a> {
     type Out = &'a mut [f32];
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, colors: &'a mut [f32]) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, colors: &'a mut [f32]) {
         let mut line = self.innovation.line();
         let mut predicted = [[0.0; SEGMENT]; 3];
         for y in rows.clone() {
@@ -875,7 +875,7 @@ impl<'a, P: Colors> Kernel for Corrections<'a, P> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let mut line = self.innovation.line();
         let mut predicted = [[0.0; SEGMENT]; 3];
         for y in rows {

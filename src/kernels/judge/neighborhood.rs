@@ -32,7 +32,7 @@ use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::math::{Color, from_ycocg, inverse_tone_map, is_present, max_channel, tone_map, ycocg};
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, put, smaller};
-use crate::rows::{self, BAND, Kernel, Part};
+use crate::rows::{self, BAND, Kernel, Outlined, Simd};
 
 /// What of the neighbourhood holds history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -219,14 +219,15 @@ pub fn clip_history<'a>(
         color,
         params,
     };
-    rows::run_far(&kernel, height, params.radius as usize, clipped);
+    let jobs = rows::tall_jobs(height, params.radius as usize, clipped);
+    rows::run_jobs(&kernel, jobs);
 }
 
 impl<'a> Kernel for Clip<'a> {
     type Out = Vec<PixelsMut<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut outs: Self::Out) {
         let size = self.color.size;
         let mut window = Window::new(size.width, self.params);
         let mut clipped = [[0.0; SEGMENT]; 3];
@@ -304,7 +305,7 @@ impl Window {
 
     /// Clips a span of history to the neighbourhoods of its pixels.
     pub fn clip(&mut self, run: Run, history: &mut [Row; 3]) {
-        rows::apart(ClipRun {
+        rows::outline(ClipRun {
             window: self,
             run,
             history,
@@ -413,7 +414,7 @@ struct ClipRun<'a> {
     history: &'a mut [Row; 3],
 }
 
-impl Part for ClipRun<'_> {
+impl Outlined for ClipRun<'_> {
     type Output = ();
 
     #[inline(always)]

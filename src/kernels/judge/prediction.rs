@@ -12,12 +12,10 @@
 
 use std::ops::Range;
 
-use pulp::Simd;
-
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, segments};
 use crate::lanes::{Classes, Lanes};
 use crate::pixels::{Rolling, Row};
-use crate::rows::{self, LanesKernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// The offset of relMSE, which bounds the weight of dark pixels.
 const EPSILON: f32 = 0.01;
@@ -39,7 +37,7 @@ pub fn prediction_gain<'a>(
         ids,
         radius,
     };
-    rows::run_lanes(&kernel, color.size.height, gain);
+    rows::run(&kernel, color.size.height, gain);
 }
 
 /// d of single pixels before averaging; not finite where an input is missing.
@@ -132,7 +130,7 @@ struct Gain<'a> {
     radius: usize,
 }
 
-impl<'a> LanesKernel for Gain<'a> {
+impl<'a> Kernel for Gain<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]

@@ -13,7 +13,7 @@ use crate::error::{Result, in_range};
 use crate::image::{Pixels, SEGMENT, segments};
 use crate::math::{is_present, luminance};
 use crate::pixels::{Columns, PixelsMut, Rolling, lanes};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// The largest ratio of similar luminances; ≥ 1; 1.05.
 pub fn check(similarity: f32) -> Result<()> {
@@ -41,7 +41,7 @@ impl<'a> Kernel for ThinFeatures<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut thin: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut thin: PixelsMut<'a>) {
         let mut colors = Rolling::new(self.color.size.width, 1);
         let mut lights: [Columns; 3] = [[0.0; _]; 3];
         let mut out = [0.0; SEGMENT];

@@ -22,7 +22,7 @@ use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{Colors, PixelsMut, Row, larger, smaller};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// Least weights of the new sample, and when history is shortened.
 #[derive(Clone, Copy, Debug)]
@@ -183,7 +183,7 @@ impl<'a, C: Colors, H: History<Out: 'a>, const PARTS: usize> Kernel
     type Out = Outs<'a, H::Out, PARTS>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Self::Out) {
         let mut colors = [[0.0; SEGMENT]; 3];
         let mut history = [[0.0; SEGMENT]; CHANNELS];
         let [mut weights, mut confidences] = [[1.0; SEGMENT]; 2];

@@ -20,7 +20,7 @@ use crate::kernels::judge::exposure;
 use crate::kernels::judge::neighborhood::{self, Window};
 use crate::math::{is_present, luminance, saturate};
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What beside α weighs the two colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,7 +123,7 @@ impl<'a> Kernel for Blend<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let Params {
             weighting,
             flicker,
@@ -174,14 +174,15 @@ pub fn clip_and_blend<'a>(
         alpha,
         clip,
     };
-    rows::run_far(&kernel, height, clip.radius as usize, blended);
+    let jobs = rows::tall_jobs(height, clip.radius as usize, blended);
+    rows::run_jobs(&kernel, jobs);
 }
 
 impl<'a> Kernel for ClipBlend<'a> {
     type Out = Vec<PixelsMut<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut outs: Self::Out) {
         let size = self.color.size;
         let mut window = Window::new(size.width, self.clip);
         let mut clipped = [[0.0; SEGMENT]; 3];

@@ -23,7 +23,7 @@ use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Records, Run, SEGMENT, Size, segments};
 use crate::math::is_present;
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// Blur, and how quality weighs.
 #[derive(Clone, Copy, Debug)]
@@ -113,7 +113,7 @@ impl<'a, const N: usize> Kernel for Interleave<'a, N> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let (mut color, mut quality) = ([[0.0; SEGMENT]; 3], [0.0; SEGMENT]);
         let mut present = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.0.color.size.width)) {
@@ -266,7 +266,7 @@ impl<'a> Kernel for Recirculate<'a> {
     type Out = (PixelsMut<'a>, PixelsMut<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut shown, mut carried): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut shown, mut carried): Self::Out) {
         let Params {
             share: [low, high],
             fade,

@@ -20,7 +20,7 @@ use std::ops::Range;
 use crate::image::{Pixels, Run, SEGMENT, Size, segments};
 use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::pixels::{PixelsMut, larger, smaller};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// Names of the filters that serve here.
 pub const FILTERS: [(&str, Filter); 4] = [
@@ -180,7 +180,7 @@ impl<'a> Kernel for Resample<'a> {
     type Out = (PixelsMut<'a>, PixelsMut<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut resampled, mut weights): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut resampled, mut weights): Self::Out) {
         let Pixels { size, channels, .. } = self.image;
         let mut cached = CachedRows::new(&self.image);
         let row = || vec![0.0; size.width];

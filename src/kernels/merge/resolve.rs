@@ -18,7 +18,7 @@ use std::ops::Range;
 use crate::error::{Error, Result};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::pixels::{Columns, LANES, PixelsMut, Rolling, lanes};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// How samples weigh by their distance from the pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +95,8 @@ pub fn resolve<'a>(
     let outs = image
         .zip(&mut missing)
         .map(|(image, missing)| Outs { image, missing });
-    rows::run_far(&kernel, height, REACH, outs);
+    let jobs = rows::tall_jobs(height, REACH, outs);
+    rows::run_jobs(&kernel, jobs);
     drop(kernel);
     missing.iter().sum()
 }
@@ -119,7 +120,7 @@ impl<'a> Kernel for Resolve<'a> {
     type Out = Vec<Outs<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, outs: Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, outs: Self::Out) {
         let Pixels { size, channels, .. } = self.frames[0].samples;
         // Planar: weighted sums of the channels, then the sum of weights.
         let mut sums = vec![0.0; (channels + 1) * BAND * size.width];

@@ -16,8 +16,6 @@
 
 use std::ops::Range;
 
-use pulp::Simd;
-
 use super::guide::{Center, Comparison, Guide, Sigmas};
 use super::variance::{floored, floored_all};
 use crate::bordered::{Before, Bordered, BorderedBand, Chain, Columns, Layout, Link};
@@ -26,7 +24,7 @@ use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
 use crate::lanes::Lanes;
 use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{Colors, PixelsMut, Row};
-use crate::rows::{self, Kernel, LanesKernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// Passes, and what stops them.
 #[derive(Clone, Copy, Debug)]
@@ -161,8 +159,8 @@ impl Filtered {
             step,
             sink,
         };
-        let parts = chains.into_iter().map(|chain| (chain.range(), chain));
-        rows::run_lane_parts(&pass, parts.collect());
+        let jobs = chains.into_iter().map(|chain| (chain.range(), chain));
+        rows::run_jobs(&pass, jobs.collect());
         self.variances.reverse();
     }
 
@@ -232,7 +230,7 @@ impl<'a> Kernel for Load<'a> {
     type Out = BorderedBand<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BorderedBand<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BorderedBand<'a>) {
         for y in rows {
             variance_of(&mut out, y).copy_from_slice(self.variance.row(y));
             settle(self.color, y, &mut out);
@@ -303,7 +301,7 @@ impl<'a> Kernel for Unload<'a> {
     type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Outs<'a>) {
         let mut values = [[0.0; SEGMENT]; 3];
         for y in rows {
             out.variance
@@ -325,7 +323,7 @@ struct Pass<'a, K> {
     sink: &'a K,
 }
 
-impl<'a, K: Sink> LanesKernel for Pass<'a, K>
+impl<'a, K: Sink> Kernel for Pass<'a, K>
 where
     K::Row: 'a,
 {

@@ -22,7 +22,7 @@ use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::pixels::{PixelsMut, Row, larger, smaller};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// f: lower bound of the divisor.
 const MIN_DIVISOR: f32 = 1.0 / 32.0;
@@ -70,7 +70,7 @@ impl<'a> Kernel for Modulate<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let mut values = [[0.0; SEGMENT]; 3];
         for run in rows.flat_map(|y| segments(y, self.image.size.width)) {
             self.image

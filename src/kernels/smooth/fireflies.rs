@@ -17,8 +17,6 @@
 
 use std::ops::Range;
 
-use pulp::Simd;
-
 use super::guide::{Comparison, Guide, Sigmas};
 use crate::bordered::{Bordered, BorderedBand};
 use crate::error::{Result, Whole, in_range, whole};
@@ -26,7 +24,7 @@ use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, segments};
 use crate::lanes::Lanes;
 use crate::math::{exp2_weight, is_present, luminance};
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel, LanesKernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// What counts as a firefly, and what becomes of it.
 #[derive(Clone, Copy, Debug)]
@@ -106,7 +104,7 @@ pub fn suppress_fireflies<'a>(
             excesses,
             any,
         });
-    rows::run_lanes(&find, size.height, outs);
+    rows::run(&find, size.height, outs);
     let spread = Spread {
         seen: &seen,
         found: &found,
@@ -114,7 +112,7 @@ pub fn suppress_fireflies<'a>(
         params,
         color,
     };
-    rows::run_lanes(&spread, size.height, held);
+    rows::run(&spread, size.height, held);
     found.removed
 }
 
@@ -130,7 +128,7 @@ impl<'a> Kernel for Load<'a> {
     type Out = BorderedBand<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut seen: BorderedBand<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut seen: BorderedBand<'a>) {
         let mut color = [[0.0; SEGMENT]; 3];
         for run in rows.flat_map(|y| segments(y, self.0.size.width)) {
             self.0.read(run, color.each_mut().map(Row::as_mut_slice));
@@ -174,7 +172,7 @@ struct Find<'a> {
     params: Params,
 }
 
-impl<'a> LanesKernel for Find<'a> {
+impl<'a> Kernel for Find<'a> {
     type Out = FoundBand<'a>;
 
     #[inline(always)]
@@ -182,7 +180,7 @@ impl<'a> LanesKernel for Find<'a> {
         let layout = self.seen.layout;
         let planes = self.seen.planes::<CHANNELS>();
         let mut predicted = vec![0.0; layout.size.width + Lanes::<S>::COUNT];
-        for (y, any) in rows.zip(out.any) {
+        for (y, any) in rows::lines(rows, out.any, 1) {
             self.predict(y, &mut predicted);
             let taps = layout.taps(y, self.params.radius, 1);
             let (removed, kept) = (out.removed.row(0, y), out.kept.row(0, y));
@@ -221,7 +219,7 @@ impl<'a> LanesKernel for Find<'a> {
                 excess.store(removed, x);
                 let firefly = excess.above(0.0);
                 (limit / light).or_all(firefly, 1.0).store(kept, x);
-                *any |= !(excess * -1.0).at_least(0.0).all();
+                any[0] |= !(excess * -1.0).at_least(0.0).all();
                 let fraction = (excess / light).or_all(firefly, 0.0) / (count + 1.0);
                 (r * fraction).store(gr, x);
                 (g * fraction).store(gg, x);
@@ -265,7 +263,7 @@ struct Spread<'s, 'a> {
     color: Pixels<'a>,
 }
 
-impl<'a> LanesKernel for Spread<'_, 'a> {
+impl<'a> Kernel for Spread<'_, 'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]

@@ -13,7 +13,6 @@
 use std::ops::Range;
 
 use glam::Vec3;
-use pulp::Simd;
 
 use crate::bordered::{Bordered, BorderedBand, Layout, Taps};
 use crate::error::{Result, in_range};
@@ -22,7 +21,7 @@ use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::judge::surface::Surface;
 use crate::lanes::{Classes, Lanes};
 use crate::math::{LOG2_E, is_present};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// How far surfaces may differ before they stop a filter.
 #[derive(Clone, Copy, Debug)]
@@ -316,7 +315,7 @@ impl<'a> Kernel for Fill<'a> {
     type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Outs<'a>) {
         for y in rows {
             let depth = self.depth.map(|depth| depth.row(y));
             let class = out.class.row(0, y);

@@ -10,15 +10,13 @@
 
 use std::ops::Range;
 
-use pulp::Simd;
-
 use super::guide::{Guide, Sigmas};
 use crate::bordered::Tap;
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
 use crate::lanes::{Lanes, WIDEST};
 use crate::math::exp2_weight;
-use crate::rows::{self, LanesKernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// Which pixels are fixed, and from how far.
 #[derive(Clone, Copy, Debug)]
@@ -83,11 +81,11 @@ pub fn fix_history(color: View, length: View, guide: &Guide, params: Params) -> 
         guide,
         params,
     };
-    rows::run_lanes(&kernel, color.size.height, fixed.bands());
+    rows::run(&kernel, color.size.height, fixed.bands());
     fixed
 }
 
-impl<'a> LanesKernel for Fix<'a> {
+impl<'a> Kernel for Fix<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]

@@ -15,8 +15,6 @@
 
 use std::ops::Range;
 
-use pulp::Simd;
-
 use super::guide::{Comparison, Guide, Sigmas};
 use crate::bordered::{Bordered, BorderedBand, Layout, Tap};
 use crate::error::{Result, Whole, in_range, whole};
@@ -24,7 +22,7 @@ use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, Value, segments};
 use crate::lanes::Lanes;
 use crate::math::{LOG2_E, exp2_weight, is_present};
 use crate::pixels::Row;
-use crate::rows::{self, Kernel, LanesKernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// The window, and what stops it.
 #[derive(Clone, Copy, Debug)]
@@ -129,7 +127,7 @@ impl<'a, T: Value> Kernel for Scatter<'a, T> {
     type Out = BandMut<'a, T>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a, T>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a, T>) {
         let Grid { full, scale, .. } = self.grid;
         let [right, down] = self.grid.pixel();
         for y in rows {
@@ -210,9 +208,9 @@ impl<'a> Kernel for Load<'a> {
     type Out = (BorderedBand<'a>, &'a mut [bool]);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut image, any): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut image, any): Self::Out) {
         let mut color = [[0.0; SEGMENT]; 3];
-        for (y, any) in rows.zip(any) {
+        for (y, any) in rows::lines(rows, any, 1) {
             for run in segments(y, self.0.size.width) {
                 self.0.read(run, color.each_mut().map(Row::as_mut_slice));
                 let [r, g, b] = color.each_ref().map(|row| &row[..run.len]);
@@ -226,7 +224,7 @@ impl<'a> Kernel for Load<'a> {
                     own[x] = if present { 0.0 } else { f32::NEG_INFINITY };
                     here |= present;
                 }
-                *any |= here;
+                any[0] |= here;
             }
         }
     }
@@ -246,7 +244,7 @@ struct Fill<'a> {
     keep: bool,
 }
 
-impl<'a> LanesKernel for Fill<'a> {
+impl<'a> Kernel for Fill<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
@@ -268,7 +266,7 @@ impl Fill<'_> {
     fn image(&self) -> Image {
         let size = self.samples.image.layout.size;
         let mut image = Image::blank(size, 3);
-        rows::run_lanes(self, size.height, image.bands());
+        rows::run(self, size.height, image.bands());
         image
     }
 

@@ -13,7 +13,7 @@ use super::joint_bilateral::{self, reconstruct};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
 use crate::math::is_present;
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// How samples are borrowed, and what they count.
 #[derive(Clone, Copy, Debug)]
@@ -82,7 +82,7 @@ impl<'a> Kernel for Weigh<'a> {
     type Out = (BandMut<'a>, &'a mut usize);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut weight, missing): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut weight, missing): Self::Out) {
         for y in rows {
             let [r, g, b] = self.color.rows(y);
             let length = self.length.row(0, y);

@@ -28,7 +28,7 @@ use std::ops::Range;
 use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Image, View};
 use crate::math::{is_present, luminance};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// What counts as an edge, and how far it is followed.
 #[derive(Clone, Copy, Debug)]
@@ -87,7 +87,7 @@ impl<'a> Kernel for Brightness<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         for y in rows {
             let [r, g, b] = self.color.rows(y);
             let [out] = out.rows(y);
@@ -116,7 +116,7 @@ impl<'a> Kernel for Edges<'a> {
     type Out = BandMut<'a, i8>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a, i8>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a, i8>) {
         // Boundaries with the outside stay 0.
         let size = self.brightness.size;
         for y in rows {
@@ -149,7 +149,7 @@ impl<'a> Kernel for Blend<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let width = self.color.size.width;
         for y in rows {
             for channel in 0..3 {

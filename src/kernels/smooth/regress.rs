@@ -30,7 +30,7 @@ use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Rays;
 use crate::math::is_present;
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// A column counts as rank-deficient below this fraction of its norm: feature buffers have about three significant
 /// digits.
@@ -152,7 +152,7 @@ pub fn regress(
         columns: params.cut(width, 0),
     };
     let (mut fitted, mut used) = (fitted, used);
-    let parts: Vec<_> = params
+    let jobs = params
         .cut(height, 1)
         .into_iter()
         .map(|rows| {
@@ -167,7 +167,7 @@ pub fn regress(
             (rows, outs)
         })
         .collect();
-    rows::run_parts(&kernel, parts);
+    rows::run_jobs(&kernel, jobs);
 }
 
 struct Regress<'a> {
@@ -182,7 +182,7 @@ impl<'a> Kernel for Regress<'a> {
     type Out = (&'a mut [f32], &'a mut [u8]);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (fitted, used): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (fitted, used): Self::Out) {
         let width = self.color.size.width;
         let widest = self.columns.iter().map(Range::len).max().unwrap_or(0);
         let mut block = Block::new(rows.len() * widest);

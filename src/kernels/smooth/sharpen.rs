@@ -16,7 +16,7 @@ use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::math::{inverse_tone_map, is_present, max_channel, tone_map};
 use crate::pixels::{PixelsMut, Rolling, Row, larger, smaller};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// How much is sharpened.
 #[derive(Clone, Copy, Debug)]
@@ -65,7 +65,7 @@ impl<'a> Kernel for Sharpen<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut sharpened: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut sharpened: PixelsMut<'a>) {
         let mut colors = Rolling::new(self.color.size.width, 1);
         let mut out = [[0.0; SEGMENT]; 3];
         for y in rows.clone() {

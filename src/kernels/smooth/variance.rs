@@ -9,8 +9,6 @@
 
 use std::ops::Range;
 
-use pulp::Simd;
-
 use super::guide::{Center, Comparison, Guide, Sigmas};
 use crate::bordered::Tap;
 use crate::error::{Result, Whole, in_range, whole};
@@ -18,7 +16,7 @@ use crate::image::{BandMut, Pixels, bands_of, segments};
 use crate::lanes::{Lanes, Mask, WIDEST};
 use crate::math::exp2_weights;
 use crate::pixels::Rolling;
-use crate::rows::{self, LanesKernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// Which variances are estimated in space, and over which window.
 #[derive(Clone, Copy, Debug)]
@@ -90,10 +88,10 @@ pub(crate) struct Around {
 /// Writes the variance.
 pub fn estimate_variance(estimate: &Estimate, variance: &mut [f32]) {
     let size = estimate.moments.size;
-    rows::run_lanes(estimate, size.height, bands_of(variance, size));
+    rows::run(estimate, size.height, bands_of(variance, size));
 }
 
-impl<'a> LanesKernel for Estimate<'a> {
+impl<'a> Kernel for Estimate<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]

@@ -11,7 +11,7 @@ use crate::image::{BandMut, Image, Pixels, Records, View};
 use crate::kernels::merge::blend::{self, Alpha, Weighting, blend};
 use crate::kernels::smooth::regress::{self, Features, regress};
 use crate::pixels::PixelsMut;
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// The blocks' offset, frame by frame, in eighths of their side.
 const OFFSETS: [[i64; 2]; 8] = [
@@ -80,7 +80,7 @@ impl<'a> Kernel for LeaveEmitters<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         let width = self.0.size.width;
         for y in rows {
             for (x, weight) in out.row(0, y).iter_mut().enumerate() {
@@ -102,7 +102,7 @@ impl<'a> Kernel for Factor<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
         for y in rows {
             for (factor, &length) in out.row(0, y).iter_mut().zip(self.length.row(0, y)) {
                 *factor = self.least.max(1.0 / length);

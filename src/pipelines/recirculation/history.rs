@@ -11,7 +11,7 @@ use crate::kernels::fetch::splat::{self, Splats, splat};
 use crate::kernels::judge::surface::rejection;
 use crate::kernels::merge::recirculate::{self, Known};
 use crate::pipelines::frame::{Motion, Output, still_motion};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Channels of a point's colour: colour 0 to 2, drift 3 to 5.
 pub const CHANNELS: usize = 6;
@@ -134,7 +134,7 @@ impl<'a> Kernel for Settle<'a> {
     type Out = Settled<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: Settled<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Settled<'a>) {
         let width = self.samples.size.width;
         let offsets = out.offset.as_chunks_mut::<2>().0;
         for (i, pixel) in (rows.start * width..rows.end * width).enumerate() {
@@ -189,7 +189,7 @@ impl<'a> Kernel for AddDrift<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut motion: BandMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut motion: BandMut<'a>) {
         let mut drift = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.0.size.width)) {
             for (channel, motion) in motion.parts(run).enumerate() {
@@ -217,7 +217,7 @@ impl<'a> Kernel for Invert<'a> {
     type Out = &'a mut [f32];
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, depth: &'a mut [f32]) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, depth: &'a mut [f32]) {
         let first = rows.start * self.0.size.width;
         for (i, depth) in depth.iter_mut().enumerate() {
             *depth = 1.0 / self.0.at(first + i, 0);
@@ -248,7 +248,7 @@ impl<'a> Kernel for Found<'a> {
     type Out = (&'a mut [f32], &'a mut [u8]);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (confidence, rejection): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (confidence, rejection): Self::Out) {
         let Size { height, width } = self.quality.size;
         for (i, pixel) in (rows.start * width..rows.end * width).enumerate() {
             let mut motion = [0, 1].map(|c| self.motion.at(pixel, c));

@@ -11,7 +11,7 @@ use crate::kernels::merge::recirculate::{self, Known, recirculate};
 use crate::math::is_present;
 use crate::pipelines::frame::{Frame, Motion, still_motion};
 use crate::pixels::{Colors, PixelsMut, Row};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Channels of samples: colour 0 to 2; the inverse of depth 3, which is linear along a plane and 0 for the background; drift
 /// 4 to 6, the motion beyond that of a still scene.
@@ -159,7 +159,7 @@ impl<'a> Kernel for Weigh<'a> {
     type Out = &'a mut [f32];
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, weights: &'a mut [f32]) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, weights: &'a mut [f32]) {
         let first = rows.start * self.inverse.size.width;
         for (i, weight) in weights.iter_mut().enumerate() {
             let inverse = self.inverse.at(first + i, 0);
@@ -214,7 +214,7 @@ impl<'a> Kernel for Sort<'a> {
     type Out = Sorted<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: Sorted<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Sorted<'a>) {
         let mut shown = Shown::nothing();
         let mut color = [[0.0; SEGMENT]; 3];
         let mut inverse = [0.0; SEGMENT];

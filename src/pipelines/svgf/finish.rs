@@ -13,7 +13,7 @@ use crate::pipelines::frame::{Output, blacken_missing};
 use crate::pipelines::illumination::texture;
 use crate::pipelines::taa::Stage;
 use crate::pixels::{Colors, PixelsMut, Row};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Writes colour and variance. History, and the light in which reflections are looked for, are corrected in place.
 pub fn finish(
@@ -79,7 +79,7 @@ impl<'a> Kernel for Finish<'a> {
     type Out = Outs<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: Outs<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Outs<'a>) {
         let mut color = [[0.0; SEGMENT]; 3];
         let mut line = self.innovation.map(Innovation::line);
         let (top, width) = (rows.start, self.passes.size().width);

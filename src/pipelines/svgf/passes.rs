@@ -7,8 +7,6 @@
 
 use std::ops::Range;
 
-use pulp::Simd;
-
 use super::Current;
 use super::merge::Merged;
 use crate::bordered::BorderedBand;
@@ -19,7 +17,7 @@ use crate::kernels::smooth::atrous::{self, Filtered, FilteredRow, Sink};
 use crate::kernels::smooth::variance::Estimate;
 use crate::pipelines::frame::Output;
 use crate::pixels::{Colors, LANES, Row, larger, rows_of};
-use crate::rows::{self, BAND, LanesKernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What the next frame's choice needs to know of this one.
 pub struct Chosen {
@@ -136,7 +134,7 @@ pub fn filter(now: &Current, history: &mut Records, mut choosing: Option<&mut Ch
                 rest -= count;
                 (image, (0..count).map(|_| kept(None)).collect())
             });
-            rows::run_lanes(&begin, size.height, outs);
+            rows::run(&begin, size.height, outs);
         } else if params.feedback && pass == usual.min(1) {
             let row = size.width * accumulate::CHANNELS;
             let outs = history.data_mut().chunks_mut(row);
@@ -161,7 +159,7 @@ struct Begin<'a> {
     keep: Keep<'a>,
 }
 
-impl<'a> LanesKernel for Begin<'a> {
+impl<'a> Kernel for Begin<'a> {
     type Out = (BorderedBand<'a>, Vec<Kept<'a>>);
 
     #[inline(always)]

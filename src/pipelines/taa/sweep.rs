@@ -26,7 +26,7 @@ use crate::kernels::merge::blend::{Weighting, calm, mix};
 use crate::math::is_present;
 use crate::pipelines::frame::{Report, blacken_missing};
 use crate::pixels::{PixelsMut, Row, lanes};
-use crate::rows::{self, BAND, Kernel};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Channels of the history: colour 0 to 2, length 3.
 pub const CHANNELS: usize = 4;
@@ -70,7 +70,8 @@ impl Sweep<'_> {
                 missing,
                 report: report.next(),
             });
-        rows::run_far(self, size.height, self.params.clip.radius as usize, outs);
+        let jobs = rows::tall_jobs(size.height, self.params.clip.radius as usize, outs);
+        rows::run_jobs(self, jobs);
         (history, missing.iter().sum())
     }
 
@@ -128,7 +129,7 @@ impl<'a> Kernel for Sweep<'a> {
     type Out = Vec<Outs<'a>>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut outs: Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut outs: Self::Out) {
         let Params { clip, blend, .. } = self.params;
         let size = self.color.size;
         let mut window = Window::new(size.width, clip);

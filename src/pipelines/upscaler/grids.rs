@@ -6,7 +6,7 @@ use crate::image::{Image, Pixels, SEGMENT, Size, segments};
 use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::kernels::merge::resample::{nearest, resample};
 use crate::pixels::{PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 pub struct Grids {
     small: Size,
@@ -87,7 +87,7 @@ impl<'a> Kernel for Enlarge<'a> {
     type Out = PixelsMut<'a>;
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, mut out: PixelsMut<'a>) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: PixelsMut<'a>) {
         let mut moved = [[0.0; SEGMENT]; 2];
         for run in rows.flat_map(|y| segments(y, self.grids.large.width)) {
             for i in 0..run.len {

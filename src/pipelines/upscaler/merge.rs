@@ -26,7 +26,7 @@ use crate::kernels::merge::blend::{Weighting, mix};
 use crate::math::{is_present, saturate};
 use crate::pipelines::frame::Report;
 use crate::pixels::{Colors, PixelsMut, Row};
-use crate::rows::{self, Kernel};
+use crate::rows::{self, Kernel, Simd};
 
 /// Channels of the history: colour 0 to 2, samples 3, lock 4.
 pub const CHANNELS: usize = 5;
@@ -66,7 +66,7 @@ impl<'a> Kernel for Merge<'a> {
     type Out = (PixelsMut<'a>, Report<'a>);
 
     #[inline(always)]
-    fn rows(&self, rows: Range<usize>, (mut history, mut report): Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut history, mut report): Self::Out) {
         let mut lanes = MotionLanes::zeroed();
         let [mut color, mut old, mut clipped, mut merged] = [[[0.0; SEGMENT]; 3]; 4];
         let mut found = Found::zeroed();
