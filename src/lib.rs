@@ -49,7 +49,8 @@
 //!   numpy ── bindings ──► planar views                          arrays are checked and taken apart, once
 //!   camera   jitter ► motion_vectors ► dilate_motion            where was each pixel's surface,
 //!            virtual_motion                                     and what it reflects?
-//!   fetch    reproject                                          history, brought here tap by tap,
+//!   fetch    invert_motion                                      and where will it be?
+//!            reproject                                          history, brought here tap by tap,
 //!            splat ► pull_push                                  or point by point, its holes filled
 //!   judge    consistency, disocclusion, thin_features,          what shows another surface or light is refused,
 //!            exposure ► clip_history, alternation ► anti_lag,

@@ -42,6 +42,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             {"geometry": position, "hit_distance": np.abs(light) * 3, **cameras},
         ),
         "dilate_motion": (yester.dilate_motion, {"motion": motion, "depth": now["depth"]}),
+        "invert_motion": (
+            yester.invert_motion,
+            {"motion": motion, "depth": now["depth"], "still": np.negative(motion)},
+        ),
         "disocclusion": (yester.disocclusion, {"depth": now["depth"], "motion": motion}),
         "reproject": (yester.reproject, {"history": history, "motion": motion, **tests}),
         "reproject(nearest)": (yester.reproject, {"history": length, "motion": motion, "filter": "nearest"}),

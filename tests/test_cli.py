@@ -132,10 +132,12 @@ METHODS = {
 }
 
 
+@pytest.mark.parametrize("lookahead", [None, 0, 1])
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method(tmp_path, method):
+def test_every_method(tmp_path, method, lookahead):
     make, named = METHODS[method]
-    given = [text for name, value in named.items() for text in ((f"--{name}", value) if value else (f"--no-{name}",))]
+    given = [] if lookahead is None else ["--lookahead", lookahead]
+    given += [text for name, value in named.items() for text in ((f"--{name}", value) if value else (f"--no-{name}",))]
     some = [tmp_path / f"shot{i + 1}.exr" for i in range(3)]
     for i, path in enumerate(some):
         color = noise(seed=i).color
@@ -143,10 +145,28 @@ def test_every_method(tmp_path, method):
         camera = yester.Camera.from_look_at((0.1 * i, 0, 0), (0, 0, 1), (0, 1, 0), 60, width, height)
         write_exr(path, yester.Frame(color, depth=np.full((height, width), 2.0), camera=camera))
     run("denoise", *some, "-o", tmp_path / "out", "--method", method, *given)
-    pipeline = make(**named)
-    for path in some:
-        want = pipeline.step(read_exr(path)).color
-        np.testing.assert_array_equal(read_exr(tmp_path / "out" / path.name).color, want)
+    # One image has no use for others.
+    used = 0 if method == "oidn" else 4 if lookahead is None else lookahead
+    for path, want in zip(some, yester.denoise(map(read_exr, some), make(**named), used), strict=True):
+        np.testing.assert_array_equal(read_exr(tmp_path / "out" / path.name).color, want.color)
+
+
+def test_shots_do_not_know_each_other(tmp_path):
+    """Each is denoised from both of its sides, and from no other."""
+    camera = yester.Camera.from_look_at((0, 0, 0), (0, 0, 1), (0, 1, 0), 60, 32, 24)
+    shots = [[tmp_path / f"{name}{i}.exr" for i in range(3)] for name in ("a", "b")]
+    for seed, path in enumerate(sum(shots, [])):
+        write_exr(path, yester.Frame(noise(seed=seed).color, depth=np.full((24, 32), 2.0), camera=camera))
+    assert "not the same shot" in run("denoise", *sum(shots, []), "-o", tmp_path / "out").stderr
+    for shot in shots:
+        for path, want in zip(shot, yester.denoise(map(read_exr, shot)), strict=True):
+            np.testing.assert_array_equal(read_exr(tmp_path / "out" / path.name).color, want.color)
+
+
+def test_lookahead_is_refused_below_zero(sequence, tmp_path):
+    line = refused("denoise", sequence, "-o", tmp_path / "out", "--lookahead", -1)
+    assert "--lookahead: expected 0 or more, got -1" in line
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ from ._core import (
     exposure,
     fix_history,
     innovation,
+    invert_motion,
     jitter,
     joint_bilateral_upsample,
     morphological_aa,
@@ -52,6 +53,7 @@ from ._core import (
 )
 from .frame import Frame
 from .oidn import OIDN
+from .sequence import denoise
 
 
 class Rejection(_IntFlag):
@@ -96,12 +98,14 @@ __all__ = [
     "clip_history",
     "consistency",
     "demodulate",
+    "denoise",
     "dilate_motion",
     "disocclusion",
     "estimate_variance",
     "exposure",
     "fix_history",
     "innovation",
+    "invert_motion",
     "jitter",
     "joint_bilateral_upsample",
     "morphological_aa",

@@ -47,6 +47,7 @@ __all__ = [
     "exposure",
     "fix_history",
     "innovation",
+    "invert_motion",
     "jitter",
     "joint_bilateral_upsample",
     "machine_limits",
@@ -323,6 +324,13 @@ def dilate_motion(
     *,
     choose: Literal["nearest", "longest"] = "nearest",
     window: Literal["3x3", "cross"] = "3x3",
+    out: _Floats | None = None,
+) -> _Floats: ...
+def invert_motion(
+    motion: ArrayLike,
+    depth: ArrayLike | None = None,
+    *,
+    still: ArrayLike | None = None,
     out: _Floats | None = None,
 ) -> _Floats: ...
 @overload

@@ -5,14 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
+from copy import copy
 from functools import partial
 from importlib.util import find_spec
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import BMFR, OIDN, SVGF, TAA, Camera, Frame, HalfRes, Recirculation, Upscaler, __version__
+from . import BMFR, OIDN, SVGF, TAA, Camera, Frame, HalfRes, Output, Recirculation, Upscaler, __version__, denoise
 from ._core import settings
 
 if TYPE_CHECKING:
@@ -90,12 +93,14 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--size", metavar="WxH", type=_size, default=(320, 240), help="320x240")
 
     out = "folder for the same names; for one file, also a name that ends in .exr"
-    denoise = command(_denoise, "denoise", "denoise a sequence of EXR frames")
-    denoise.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-    denoise.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
-    denoise.add_argument("--half", action="store_true", help="write float16")
-    denoise.add_argument("--method", choices=_METHODS, default="svgf", help="one of %(choices)s; %(default)s")
-    options = denoise.add_argument_group("method options", "for defaults and more parameters, see the classes")
+    clean = command(_denoise, "denoise", "denoise a sequence of EXR frames")
+    clean.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+    clean.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
+    clean.add_argument("--half", action="store_true", help="write float16")
+    clean.add_argument("--method", choices=_METHODS, default="svgf", help="one of %(choices)s; %(default)s")
+    about = "later frames that each frame can use at least; 0: none, as in real time; %(default)s, but 0 for oidn"
+    clean.add_argument("--lookahead", metavar="N", type=_whole, default=4, help=about)
+    options = clean.add_argument_group("method options", "for defaults and more parameters, see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:
         of = ", ".join(method for method, (_, names) in _METHODS.items() if _argument(name) in names)
@@ -172,6 +177,13 @@ def _count(text: str) -> int:
     return value
 
 
+def _whole(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"expected 0 or more, got {value}")
+    return value
+
+
 def _size(text: str) -> tuple[int, int]:
     try:
         width, height = map(_count, text.lower().split("x"))
@@ -210,6 +222,8 @@ def _pipeline(options: argparse.Namespace) -> Any:
 def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
     pipeline = _pipeline(options)
+    # A single image has no use for later ones.
+    lookahead = 0 if options.method == "oidn" else options.lookahead
 
     def look(files: list[Description]) -> list[str]:
         for known in files if options.method == "recirculation" else ():
@@ -217,19 +231,36 @@ def _denoise(options: argparse.Namespace) -> None:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
         if options.method == "oidn":  # which has no history
             return _missing(files, ("albedo", "normal"))
-        return [*_in_place(files), *_missing(files)]
+        in_place = _in_place(files)
+        if in_place:  # later frames cannot follow motion either
+            nonlocal lookahead
+            lookahead = 0
+        return [*in_place, *_missing(files)]
+
+    def run(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Output]:
+        return _noted(denoise(frames, copy(pipeline), lookahead), used)
 
     # The header's camera and jitter stay as they are.
-    _convert(options, "denoise", [pipeline], lambda output, _: Frame(output.color), look)
+    _convert(options, "denoise", run, lambda output, _: Frame(output.color), look)
 
 
 def _upscale(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
     upscaler = Upscaler(options.scale, sharpness=options.sharpness)
     # Without antialiasing, which would average out the jitter that the upscaler needs.
-    stages = [SVGF(antialias=False), upscaler] if options.denoise else [upscaler]
+    denoiser = SVGF(antialias=False)
 
-    def result(output: Any, frame: Frame) -> Frame:
+    def denoised(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Frame]:
+        pipeline = copy(denoiser)
+        for frame in frames:
+            (output,) = _noted([pipeline.step(frame)], used)
+            yield Frame(**frame.buffers() | {"color": output.color}, camera=frame.camera, jitter=frame.jitter)
+
+    def run(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Output]:
+        pipeline = copy(upscaler)
+        return _noted(map(pipeline.step, denoised(frames, used) if options.denoise else frames), used)
+
+    def result(output: Output, frame: Frame) -> Frame:
         height, width, _ = output.color.shape
         return Frame(output.color, camera=frame.camera and Camera(frame.camera.world_to_clip, width, height))
 
@@ -241,7 +272,14 @@ def _upscale(options: argparse.Namespace) -> None:
             notes += [f"only colour is upscaled; left out: {' '.join(dropped)}"]
         return notes
 
-    _convert(options, "upscale", stages, result, look)
+    _convert(options, "upscale", run, result, look)
+
+
+def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]:
+    """Pass outputs on, and note the buffers that they used."""
+    for output in outputs:
+        used.update(dict.fromkeys(output.used))
+        yield output
 
 
 def _layers(known: Description) -> list[str]:
@@ -268,11 +306,11 @@ def _missing(files: list[Description], names: Iterable[str] | None = None) -> li
 def _convert(
     options: argparse.Namespace,
     what: str,
-    stages: list[Any],
-    result: Callable[[Any, Frame], Frame],
+    run: Callable[[Iterator[Frame], dict[str, None]], Iterator[Output]],
+    result: Callable[[Output, Frame], Frame],
     look: Callable[[list[Description]], list[str]],
 ) -> None:
-    """Run one pipeline, or several in sequence, from input files to output files of the same names."""
+    """Run a method on the frames of each shot, from input files to output files of the same names."""
     from tqdm import tqdm
 
     from .io import Plate, read_plate, sequence_paths, write_exr
@@ -290,22 +328,23 @@ def _convert(
         print(note, file=sys.stderr)
     used: dict[str, None] = {}
 
-    def step(index: int, plate: Plate) -> tuple[Frame, Plate]:
-        frame = plate.frame
-        for stage in stages:
-            if index in anew:
-                stage.reset()
-            output = stage.step(frame)
-            used.update(dict.fromkeys(output.used))
-            if stage is not stages[-1]:
-                buffers = {name: buffer for name, buffer in frame.buffers().items() if name != "color"}
-                frame = Frame(output.color, **buffers, camera=frame.camera, jitter=frame.jitter)
-        return result(output, frame), plate
+    def results(plates: Iterator[Plate]) -> Iterator[tuple[Frame, Plate]]:
+        for first, end in pairwise([0, *sorted(anew), len(paths)]):
+            held: deque[Plate] = deque()
+
+            def frames(count: int, held: deque[Plate] = held) -> Iterator[Frame]:
+                for plate in islice(plates, count):
+                    held.append(plate)
+                    yield plate.frame
+
+            for output in run(frames(end - first), used):
+                plate = held.popleft()
+                yield result(output, plate.frame), plate
 
     # Reading, denoising and writing overlap, each in its own thread; OpenEXR and step() release the interpreter's lock.
     # Writing stays in the main thread, which receives interrupts.
     read = ahead(read_plate(path) for path in paths)
-    made = ahead(step(index, plate) for index, plate in enumerate(read))
+    made = ahead(results(read))
     with closing(read), closing(made), tqdm(made, what, len(paths), unit="frame", disable=None) as frames:
         for target, (frame, plate) in zip(targets, frames, strict=True):
             write_exr(target, frame, half=options.half, like=plate)

@@ -10,7 +10,7 @@ from ._core import Camera, canonical
 #: The buffers of a frame in canonical order.
 BUFFERS = (
     *("color", "albedo", "normal", "depth", "motion", "ids", "position", "emission"),
-    *("object_normal", "replay", "hit_distance", "reactive"),
+    *("object_normal", "replay", "hit_distance", "reactive", "motion_next"),
 )
 
 
@@ -49,6 +49,9 @@ class Frame:
     reactive : (H, W) array_like of float, optional
         Excludes history in `Upscaler`: 0 (use all of it) to 1 (use none). For pixels that do not move along their
         motion vectors, such as particles, glass and animated textures.
+    motion_next : (H, W, 2) or (H, W, 3) array_like of float, optional
+        Next minus current position in pixels, and depth, as `motion` has them for the previous frame. Only `denoise`
+        uses it, which looks at later frames, too.
     camera : Camera, optional
         The camera of this frame, without jitter, of the same size.
     jitter : (2,) array_like of float, optional
@@ -86,6 +89,7 @@ class Frame:
     replay: NDArray[np.float32] | None
     hit_distance: NDArray[np.float32] | None
     reactive: NDArray[np.float32] | None
+    motion_next: NDArray[np.float32] | None
     camera: Camera | None
     jitter: tuple[float, float] | None
 
@@ -104,6 +108,7 @@ class Frame:
         replay: ArrayLike | None = None,
         hit_distance: ArrayLike | None = None,
         reactive: ArrayLike | None = None,
+        motion_next: ArrayLike | None = None,
         camera: Camera | None = None,
         jitter: ArrayLike | None = None,
     ) -> None:
@@ -120,6 +125,7 @@ class Frame:
             replay=replay,
             hit_distance=hit_distance,
             reactive=reactive,
+            motion_next=motion_next,
         )
         size = None
         for name, value in given.items():

@@ -663,7 +663,7 @@ pub fn canonical<'py>(
     match name {
         "ids" => checked::<u32>(value, name, Channels::One, size),
         "depth" | "hit_distance" | "reactive" => checked::<f32>(value, name, Channels::One, size),
-        "motion" => checked::<f32>(value, name, MOTION, size),
+        "motion" | "motion_next" => checked::<f32>(value, name, MOTION, size),
         _ => checked::<f32>(value, name, COLOR, size),
     }
 }

@@ -16,6 +16,7 @@ use crate::kernels::camera::jitter::{self, Sequence};
 use crate::kernels::camera::motion::{self, Geometry, Transforms};
 use crate::kernels::camera::pinhole::{self, FovAxis, Rows4};
 use crate::kernels::camera::virtual_motion;
+use crate::kernels::fetch::invert::invert_motion;
 use crate::pixels::PixelsMut;
 
 /// A pinhole camera: where world points appear in the image, and the rays of its pixels.
@@ -596,6 +597,71 @@ pub fn dilate_motion<'py>(
         })?
     };
     dilated.array()
+}
+
+/// Inverted motion: where each pixel's surface is in the next frame, from the next frame's motion.
+///
+/// Parameters
+/// ----------
+/// motion : (H, W, 2) or (H, W, 3) array_like of float
+///     `Frame.motion` of the next frame: its pixels' positions in this frame minus their own, in pixels, x right, y down,
+///     and the same of depth. Pixels with NaN or infinity are left out.
+/// depth : (H, W) array_like of float, optional
+///     View-space z of the next frame, +inf where nothing was hit; pixels with NaN, or not above 0, are left out. Where
+///     several pixels come from one, the nearest counts. By default all are equally far.
+/// still : (H, W, 2) or (H, W, 3) array_like of float, optional
+///     Motion to the next frame if nothing moved but the camera, with as many channels as `motion`: `motion_vectors` of
+///     this frame with the next frame's camera as the previous one. Exact where that is so; it replaces inverted motion
+///     that differs by at most half a pixel, and holds where no pixel of the next frame comes from.
+/// out : float32 array like `motion`, optional
+///     Written and returned instead of a new array; it may be an input.
+///
+/// Returns
+/// -------
+/// motion : (H, W, 2) or (H, W, 3) float32
+///     Next minus current position in pixels, and depth. NaN where nothing is known.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+///
+/// Notes
+/// -----
+/// Pixel q of the next frame comes from ``q + motion[q]`` and therefore gives the pixel there ``-motion[q]``. A pixel that
+/// none comes from takes the nearest of its neighbours' points that lie less than a pixel away, so that surfaces which
+/// move apart have no cracks. Of points at the same depth, the first in rows counts.
+#[pyfunction]
+#[pyo3(name = "invert_motion", signature = (motion, depth=None, *, still=None, out=None))]
+pub fn invert_motion_<'py>(
+    py: Python<'py>,
+    motion: &Bound<'py, PyAny>,
+    depth: Option<&Bound<'py, PyAny>>,
+    still: Option<&Bound<'py, PyAny>>,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let inverted = {
+        let motion = Input::<f32>::new(motion, "motion", MOTION)?;
+        let size = motion.size();
+        let depth = Input::<f32>::optional(depth, "depth", Channels::One, size)?;
+        let still = Input::<f32>::optional(still, "still", MOTION, size)?;
+        if let Some(still) = still
+            .as_ref()
+            .filter(|still| still.shape() != motion.shape())
+        {
+            let text = |shape: &[usize]| format!("shape {shape:?}");
+            let (expected, got) = (text(motion.shape()), text(still.shape()));
+            return Err(Error::value("still", expected, got).into());
+        }
+        let pixels = motion.data().pixels();
+        let depth = depth.as_ref().map(|depth| depth.data().pixels());
+        let still = still.as_ref().map(|still| still.data().pixels());
+        Out::given(out, motion.shape())?.fill(py, motion.shape(), |inverted| {
+            let inverted = PixelsMut::bands(size, pixels.channels, inverted);
+            invert_motion(pixels, depth, still, inverted);
+        })?
+    };
+    inverted.array()
 }
 
 fn size(width: i64, height: i64) -> crate::error::Result<Size> {

@@ -29,7 +29,9 @@ mod _core {
     #[pymodule_export]
     use super::arrays::canonical;
     #[pymodule_export]
-    use super::camera::{Camera, dilate_motion, jitter_, motion_vectors, virtual_motion_};
+    use super::camera::{
+        Camera, dilate_motion, invert_motion_, jitter_, motion_vectors, virtual_motion_,
+    };
     #[pymodule_export]
     use super::fetch::reproject_;
     #[pymodule_export]

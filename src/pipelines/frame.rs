@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::image::{
     BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, check_length, segments,
 };
-use crate::kernels::camera::motion::{Geometry, Transforms, motion_vectors};
+use crate::kernels::camera::motion::{Geometry, Transforms, is_still, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::surface::Surface;
 use crate::memory::Reserve;
@@ -195,9 +195,6 @@ impl SurfaceRecords {
     }
 }
 
-/// Pixels by which a motion may differ from the still scene's and count as the same.
-const SAME_MOTION: f32 = 0.5;
-
 /// Adds the change of depth to a motion of two channels: the still scene's where both motions agree, 0 elsewhere, so that an
 /// object that moves by itself is expected to keep its depth.
 fn complete(motion: Pixels, mut still: Image) -> Image {
@@ -220,8 +217,7 @@ impl<'a> Kernel for Complete<'a> {
                 self.0.read(run, given.each_mut().map(Row::as_mut_slice));
                 for i in 0..run.len {
                     let (x, [gx, gy]) = (run.x + i, [given[0][i], given[1][i]]);
-                    let (dx, dy) = (gx - sx[x], gy - sy[x]);
-                    let same = dx * dx + dy * dy <= SAME_MOTION * SAME_MOTION;
+                    let same = is_still([gx, gy], [sx[x], sy[x]]);
                     (sx[x], sy[x]) = (gx, gy);
                     change[x] = if same { change[x] } else { 0.0 };
                 }

@@ -22,6 +22,7 @@ from .gradient import temporal_gradient
 from .half_res import HalfRes
 from .history_fix import fix_history
 from .innovation import innovation
+from .invert import invert_motion
 from .jitter import jitter
 from .joint_bilateral import joint_bilateral_upsample, reconstruct
 from .morphological import morphological_aa
@@ -70,6 +71,7 @@ __all__ = [
     "exposure",
     "fix_history",
     "innovation",
+    "invert_motion",
     "jitter",
     "joint_bilateral_upsample",
     "luminance",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-#: The channels of each buffer in our files. The last one of motion is optional.
+#: The channels of each buffer in our files. The last ones of motion are optional.
 CANONICAL: dict[str, tuple[str, ...]] = {
     "color": ("R", "G", "B"),
     "albedo": ("albedo.R", "albedo.G", "albedo.B"),
@@ -23,6 +23,7 @@ CANONICAL: dict[str, tuple[str, ...]] = {
     "replay": ("replay.R", "replay.G", "replay.B"),
     "hit_distance": ("hit_distance.Z",),
     "reactive": ("reactive.Y",),
+    "motion_next": ("motion_next.X", "motion_next.Y", "motion_next.Z"),
 }
 
 #: Alternative layer names, as users of Mitsuba choose them; the first match counts.
@@ -55,7 +56,7 @@ def find(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     for buffer, channels in CANONICAL.items():
         components = [name.rpartition(".")[2] for name in channels]
         candidates = [channels]
-        if buffer == "motion":
+        if buffer in ("motion", "motion_next"):
             candidates.append(channels[:2])
         for layer in _SYNONYMS.get(buffer, ()):
             candidates.append(tuple(f"{layer}.{component}" for component in components))

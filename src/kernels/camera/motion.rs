@@ -90,6 +90,16 @@ impl Shown {
     }
 }
 
+/// Pixels by which a motion may differ from the still scene's and count as the same.
+const SAME_MOTION: f32 = 0.5;
+
+/// Whether a motion is that of a still scene.
+#[inline(always)]
+pub(crate) fn is_still([x, y]: [f32; 2], still: [f32; 2]) -> bool {
+    let (dx, dy) = (x - still[0], y - still[1]);
+    dx * dx + dy * dy <= SAME_MOTION * SAME_MOTION
+}
+
 /// Transforms of objects that moved: id and previous · inverse(current), sorted by id.
 #[derive(Default)]
 pub struct Transforms(Vec<(u32, DAffine3)>);

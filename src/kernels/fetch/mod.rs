@@ -1,6 +1,7 @@
 //! Bring history here.
 
 pub mod footprint;
+pub mod invert;
 pub mod pull_push;
 pub mod reproject;
 pub mod splat;
