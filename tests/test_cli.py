@@ -155,9 +155,9 @@ def test_shots_do_not_know_each_other(tmp_path):
     """Each is denoised from both of its sides, and from no other."""
     camera = yester.Camera.from_look_at((0, 0, 0), (0, 0, 1), (0, 1, 0), 60, 32, 24)
     shots = [[tmp_path / f"{name}{i}.exr" for i in range(3)] for name in ("a", "b")]
-    for seed, path in enumerate(sum(shots, [])):
+    for seed, path in enumerate([*shots[0], *shots[1]]):
         write_exr(path, yester.Frame(noise(seed=seed).color, depth=np.full((24, 32), 2.0), camera=camera))
-    assert "not the same shot" in run("denoise", *sum(shots, []), "-o", tmp_path / "out").stderr
+    assert "not the same shot" in run("denoise", *shots[0], *shots[1], "-o", tmp_path / "out").stderr
     for shot in shots:
         for path, want in zip(shot, yester.denoise(map(read_exr, shot)), strict=True):
             np.testing.assert_array_equal(read_exr(tmp_path / "out" / path.name).color, want.color)
