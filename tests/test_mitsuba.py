@@ -316,6 +316,17 @@ def test_motion(step):
     np.testing.assert_array_equal(now.motion[now.ids == 0][:, 2], 0)
 
 
+def test_motion_to_the_next_frame():
+    """What a sequence that runs backwards has as its motion: the same cameras, shapes and samples."""
+    there = list(render_sequence(scene(), flight(3), transforms=dance(3), next=True))
+    back = list(render_sequence(scene(), flight(3)[::-1], transforms=[*dance(3)][::-1], next=True))[::-1]
+    # The frame in the middle has the seed of the middle, whichever end comes first.
+    np.testing.assert_array_equal(there[1].motion_next, back[1].motion)
+    np.testing.assert_array_equal(there[1].motion, back[1].motion_next)
+    assert not there[2].motion_next.any()
+    assert next(render_sequence(scene(), flight(1))).motion_next is None
+
+
 def test_motion_by_the_buffers():
     """Reprojected positions of the previous frame are those of this one, moved back, but for half a pixel."""
     poses, views = list(dance(2)), flight(2)
@@ -606,6 +617,7 @@ SQUEEZED = yester.Camera(np.eye(4)[[0, 1, 3, 2]], 20, 10)
             r"parameters: 'ball\.to_world' is what transforms change",
         ),
         ({"gradient": True, "buffers": False}, "gradient: expected False without buffers"),
+        ({"next": True, "buffers": False}, "next: expected False without buffers"),
         ({"cameras": [VIEW, BROAD]}, "cameras: expected all of the same size"),
         ({"cameras": [VIEW, np.eye(3)]}, "cameras: expected an invertible"),
         ({"cameras": [SQUEEZED]}, "cameras: expected square pixels"),

@@ -116,3 +116,23 @@ def test_exact_motion_beats_none(moving):
         cameras = quality(lambda buffers: {name: value for name, value in buffers.items() if name != "motion"}, **named)
         none = quality(lambda buffers: {name: buffers[name] for name in ("color", "albedo", "emission")}, **named)
         assert exact > cameras > none
+
+
+def test_later_frames_help():
+    """Both sides are better than one; and motion to the next frame need not be given, as it can be inverted."""
+    sequence = cornell_box(FRAMES, WIDTH, HEIGHT)
+    frames = list(render_sequence(sequence.scene, sequence.cameras, transforms=sequence.transforms, next=True))
+    bare = [
+        yester.Frame(
+            **{name: buffer for name, buffer in frame.buffers().items() if name != "motion_next"}, camera=frame.camera
+        )
+        for frame in frames
+    ]
+    middle = FRAMES // 2
+    reference = truth(sequence, middle)
+    quality = [
+        psnr([*yester.denoise(given, lookahead=lookahead)][middle].color, reference)
+        for given, lookahead in ((frames, 0), (frames, 4), (bare, 4))
+    ]
+    assert quality[1] > quality[0] + 0.5
+    assert quality[2] == pytest.approx(quality[1], abs=0.1)

@@ -71,6 +71,7 @@ def render_sequence(
     transforms: Iterable[Mapping[str, ArrayLike]] | None = None,
     parameters: Iterable[Mapping[str, Any]] | None = None,
     gradient: bool = False,
+    next: bool = False,
     buffers: bool = True,
 ) -> Iterator[Frame]:
     """Render frames with all their buffers, one by one.
@@ -101,6 +102,8 @@ def render_sequence(
         alone. So the previous frame is rendered again, from its own camera and with its own random numbers, in this
         frame's scene: where neither the surface nor its light has changed, the replay has the very bits of the previous
         colour. It is NaN where the first sample meets another surface than then, or a shape that has moved.
+    next : bool, default False
+        Give every frame a `Frame.motion_next`, exact as `motion` is; in the last frame it is zero.
     buffers : bool, default True
         If False, frames have a colour and the camera only, and are rendered several times as fast: for references.
 
@@ -119,8 +122,8 @@ def render_sequence(
     ValueError
         If the scene has no sensor to go with a pose, a camera is one that Mitsuba has not (pixels that are not square,
         a thin lens off its axis), cameras differ in size, a shape is unknown or cannot be moved, a parameter is unknown
-        or cannot have the value, there are more or fewer transforms or parameters than cameras, or a gradient is asked
-        for without buffers.
+        or cannot have the value, there are more or fewer transforms or parameters than cameras, or a gradient or the
+        motion to the next frame is asked for without buffers.
     ImportError
         If Mitsuba is not installed.
 
@@ -138,8 +141,9 @@ def render_sequence(
     """
     if spp < 1:
         raise ValueError(f"spp: expected at least 1, got {spp}")
-    if gradient and not buffers:
-        raise ValueError("gradient: expected False without buffers, got True")
+    for name, wanted in {"gradient": gradient, "next": next}.items():
+        if wanted and not buffers:
+            raise ValueError(f"{name}: expected False without buffers, got True")
     stage = _Stage(scene)
     views = [stage.camera(view) for view in cameras]
     if len({(view.height, view.width) for view in views}) > 1:
@@ -151,10 +155,12 @@ def render_sequence(
         if len(given) != len(views):
             raise ValueError(f"{name}: expected one for each of {len(views)} cameras, got {len(given)}")
     shots = [_Shot(view, stage.sensor(view), *state) for view, *state in zip(views, poses, values, strict=True)]
-    return _frames(stage, shots, spp, seed, buffers, gradient)
+    return _frames(stage, shots, spp, seed, buffers, gradient, next)
 
 
-def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: bool, gradient: bool) -> Iterator[Frame]:
+def _frames(
+    stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: bool, gradient: bool, onwards: bool
+) -> Iterator[Frame]:
     last: dict[str, NDArray[Any]] = {}
     try:
         for index, shot in enumerate(shots):
@@ -173,12 +179,8 @@ def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: boo
             hit = first["depth"][..., 0] > 0
             position = np.where(hit[..., None], first["position"], np.float32(np.nan))
             ids = first["ids"]
-            before = shots[max(index - 1, 0)]
-            back = {
-                stage.index[name]: before.poses.get(name, _STILL) @ np.linalg.inv(shot.poses.get(name, _STILL))
-                for name in before.poses.keys() | shot.poses.keys()
-                if not np.array_equal(before.poses.get(name, _STILL), shot.poses.get(name, _STILL))
-            }
+            before, after = shots[max(index - 1, 0)], shots[min(index + 1, len(shots) - 1)]
+            back, forth = stage.moved(shot, before), stage.moved(shot, after)
             replay = None
             if gradient and index:
                 replay = stage.replay(before, range(seeds[0] - spp, seeds[0]), last, [*back])
@@ -189,6 +191,9 @@ def _frames(stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: boo
                 normal=first["normal"],
                 depth=np.where(hit, shot.camera.project(position)[1], np.inf),
                 motion=motion_vectors(position, shot.camera, before.camera, ids=ids, transforms=back),
+                motion_next=motion_vectors(position, shot.camera, after.camera, ids=ids, transforms=forth)
+                if onwards
+                else None,
                 ids=ids,
                 position=position,
                 emission=total["emission"] / spp if stage.clear else None,
@@ -307,6 +312,14 @@ class _Stage:
                 raise ValueError(f"transforms: {name!r} is a shape that cannot be moved: {kind} in {self.mi.variant()}")
         self.movers |= named.keys()
         return {name: _matrix(pose, f"transforms[{name!r}]") for name, pose in named.items()}
+
+    def moved(self, shot: _Shot, other: _Shot) -> dict[int, Matrix]:
+        """By id, from where shapes are in a shot to where they are in another; those that differ."""
+        return {
+            self.index[name]: other.poses.get(name, _STILL) @ np.linalg.inv(shot.poses.get(name, _STILL))
+            for name in other.poses.keys() | shot.poses.keys()
+            if not np.array_equal(other.poses.get(name, _STILL), shot.poses.get(name, _STILL))
+        }
 
     def values(self, named: Mapping[str, Any]) -> dict[str, Any]:
         """Checked values of parameters, as Mitsuba has them."""

@@ -1,0 +1,754 @@
+//! Whether a pixel and a pixel of the previous frame show the same surface, in the same light.
+//!
+//! A pixel is known by depth, normal, id and colour, each optional. Every test turns a difference into a trust: 1 up to
+//! one bound, 0 beyond another, linear between; where the bounds are one number, the threshold is hard. A tap's trust is
+//! the product.
+//! - **id**: equal.
+//! - **normal**: n·n′ ≥ cos(angle) · |n| |n′|, so that shortened normals are judged by direction and zero normals pass.
+//!   Normals in the object's own space, where given, are compared instead: they do not turn with it.
+//! - **depth**, with Ze the depth that the surface is expected to have had (its depth plus the motion's third channel):
+//!   relative, |Z′ − Ze| ≤ t·Ze; or, where the previous camera is known, by the distance of the expected point from
+//!   the tap's plane, |(Xe − X′)·n′| ≤ t·Ze, which stays small on slopes where depth itself runs (NRD ReLAX and
+//!   ReBLUR test the plane distance against a share of view depth; the relative test at a tenth is the usual rule of
+//!   thumb). Background matches background alone.
+//! - **luminance**: |l − l′| / max(|l|, |l′|) ≤ t; missing samples pass.
+//! - **speed**: the length of the motion in pixels.
+
+use crate::error::{Error, Result, in_range};
+use std::ops::Range;
+
+use crate::image::{Pixels, Run, SEGMENT, Size, Span, Spans};
+use crate::kernels::camera::pinhole::Rays;
+use crate::kernels::fetch::footprint::Motion;
+use crate::math::luminance;
+use crate::pixels::LANES;
+
+/// Why a pixel's history is refused; bits of a mask.
+pub mod rejection {
+    /// The tap lies outside the previous frame.
+    pub const OUTSIDE: u8 = 1;
+    /// Another depth than expected.
+    pub const DEPTH: u8 = 2;
+    /// Another orientation.
+    pub const NORMAL: u8 = 4;
+    /// Another object.
+    pub const ID: u8 = 8;
+    /// Too fast.
+    pub const VELOCITY: u8 = 16;
+    /// Another brightness.
+    pub const LUMINANCE: u8 = 32;
+}
+
+/// Up to `full` a difference is trusted, beyond `none` it is not; the ramp between is linear.
+#[derive(Clone, Copy, Debug)]
+pub struct Threshold {
+    /// Differences up to here are fully trusted.
+    pub full: f32,
+    /// Differences beyond are not trusted.
+    pub none: f32,
+}
+
+impl Threshold {
+    /// All or nothing.
+    pub const fn hard(at: f32) -> Self {
+        Self { full: at, none: at }
+    }
+
+    pub(crate) fn check(
+        self,
+        name: &str,
+        expected: &str,
+        holds: impl Fn(f32) -> bool,
+    ) -> Result<()> {
+        in_range(name, self.full, expected, &holds)?;
+        in_range(name, self.none, expected, &holds)?;
+        if self.full > self.none {
+            let got = format!("({}, {})", self.full, self.none);
+            return Err(Error::value(
+                name,
+                "full trust up to less than none from",
+                got,
+            ));
+        }
+        if self.full < self.none && self.none == f32::INFINITY {
+            return Err(Error::value(name, "a ramp that ends", self.none));
+        }
+        Ok(())
+    }
+
+    /// The trust in a difference that is measured in the given unit; 0 in NaN.
+    #[inline(always)]
+    pub(crate) fn trust(self, difference: f32, unit: f32) -> f32 {
+        self.trust_if::<true>(difference, unit)
+    }
+
+    /// The same without the ramp where there is none. Without branches, for rows.
+    #[inline(always)]
+    fn trust_if<const RAMP: bool>(self, difference: f32, unit: f32) -> f32 {
+        let (full, none) = (self.full * unit, self.none * unit);
+        let beyond = if RAMP {
+            let ramp = (none - difference) / (none - full);
+            if difference < none { ramp } else { 0.0 }
+        } else {
+            0.0
+        };
+        if difference <= full { 1.0 } else { beyond }
+    }
+
+    fn is_ramp(self) -> bool {
+        self.full < self.none
+    }
+}
+
+/// The thresholds of the tests.
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// Relative difference of depth; > 0; 0.1.
+    pub relative_depth: Threshold,
+    /// Distance from the plane, as a share of depth; > 0; 0.01.
+    pub plane_distance: Threshold,
+    /// Angle between normals in degrees; 0 to 180; 25. The ramp is linear in the cosine.
+    pub normal_angle: Threshold,
+    /// Relative difference of luminance; ≥ 0; 0.5.
+    pub relative_luminance: Threshold,
+    /// Length of the motion in pixels; ≥ 0; none.
+    pub speed: Option<Threshold>,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            relative_depth: Threshold::hard(0.1),
+            plane_distance: Threshold::hard(0.01),
+            normal_angle: Threshold::hard(25.0),
+            relative_luminance: Threshold::hard(0.5),
+            speed: None,
+        }
+    }
+}
+
+impl Params {
+    pub(crate) fn check(&self) -> Result<()> {
+        self.relative_depth
+            .check("relative_depth", "a share above 0", |v| v > 0.0)?;
+        self.plane_distance
+            .check("plane_distance", "a share above 0", |v| v > 0.0)?;
+        self.normal_angle
+            .check("normal_angle", "degrees from 0 to 180", |v| {
+                (0.0..=180.0).contains(&v)
+            })?;
+        self.relative_luminance
+            .check("relative_luminance", "a finite share from 0", |v| {
+                v >= 0.0 && v.is_finite()
+            })?;
+        self.speed.map_or(Ok(()), |speed| {
+            speed.check("speed", "pixels from 0", |v| v >= 0.0)
+        })
+    }
+}
+
+/// What is known of the surfaces of one frame.
+#[derive(Clone, Copy, Default)]
+pub struct Surface<'a> {
+    /// View-space z (1), +inf where nothing was hit.
+    pub depth: Option<Pixels<'a>>,
+    /// World space (3); only directions count.
+    pub normal: Option<Pixels<'a>>,
+    /// Of object, mesh or material (1).
+    pub ids: Option<Pixels<'a, u32>>,
+    /// Normals in the object's own space (3).
+    pub object_normal: Option<Pixels<'a>>,
+    /// Whose luminance is compared: that of the image, or of the albedo.
+    pub color: Option<Pixels<'a>>,
+}
+
+/// A buffer of the current and of the previous frame.
+type Pair<'a, T = f32> = Option<[Pixels<'a, T>; 2]>;
+
+/// The tests between two frames: those that both frames have the buffers for.
+#[derive(Clone, Copy)]
+pub struct Tests<'a> {
+    depth: Pair<'a>,
+    /// What directions are compared of.
+    direction: Pair<'a>,
+    /// The previous frame's, which the plane test needs, and whether they are the directions.
+    normal: Option<Pixels<'a>>,
+    normal_is_direction: bool,
+    ids: Pair<'a, u32>,
+    color: Pair<'a>,
+    /// The previous camera's rays, where planes are tested.
+    rays: Option<Rays>,
+    params: Params,
+    /// Of minus the cosine.
+    turn: Threshold,
+}
+
+/// A number for each pixel of a run.
+pub(crate) type Lane<T = f32> = [T; SEGMENT];
+
+/// What the pixels of a run expect of their history.
+pub(crate) struct Expected {
+    depth: Lane,
+    /// Relative to the previous camera.
+    point: [Lane; 3],
+    direction: [Lane; 3],
+    length: Lane,
+    id: Lane<u32>,
+    luminance: Lane,
+    /// Trust that does not depend on the tap.
+    trust: Lane,
+}
+
+impl Expected {
+    pub fn zeroed() -> Self {
+        Self {
+            depth: [0.0; SEGMENT],
+            point: [[0.0; SEGMENT]; 3],
+            direction: [[0.0; SEGMENT]; 3],
+            length: [0.0; SEGMENT],
+            id: [0; SEGMENT],
+            luminance: [0.0; SEGMENT],
+            trust: [1.0; SEGMENT],
+        }
+    }
+}
+
+/// Square footprints of a run of pixels.
+pub(crate) struct Places<'a> {
+    /// The upper left ones.
+    pub at: &'a [u32],
+    pub spans: &'a Spans,
+    /// Where these are, in index space.
+    pub corner: [&'a [f32]; 2],
+    /// Columns and rows.
+    pub side: usize,
+    /// Of the image.
+    pub size: Size,
+    /// From a pixel to that on its right, and to that below.
+    pub steps: [usize; 2],
+}
+
+/// For rows of taps.
+type Beside<T = f32> = [T; SEGMENT + LANES];
+
+/// Pixels of the previous frame, and what is thought of them.
+pub(crate) struct Judged {
+    others: Others,
+    trust: Lane,
+    failed: Lane<u32>,
+}
+
+struct Others {
+    ids: Beside<u32>,
+    depth: Beside,
+    direction: Vectors,
+    normal: Vectors,
+    luminance: Beside,
+    records: [[f32; 4]; SEGMENT],
+}
+
+struct Vectors {
+    axes: [Beside; 3],
+    lengths: Beside,
+}
+
+impl Vectors {
+    fn zeroed() -> Self {
+        Self {
+            axes: [[0.0; _]; 3],
+            lengths: [0.0; _],
+        }
+    }
+
+    #[inline(always)]
+    fn measure(&mut self, len: usize) {
+        let [x, y, z] = self.axes.each_ref().map(|axis| &axis[..len]);
+        let lengths = &mut self.lengths[..len];
+        for i in 0..len {
+            lengths[i] = length([x[i], y[i], z[i]]);
+        }
+    }
+}
+
+impl Judged {
+    pub fn zeroed() -> Self {
+        Self {
+            others: Others {
+                ids: [0; _],
+                depth: [0.0; _],
+                direction: Vectors::zeroed(),
+                normal: Vectors::zeroed(),
+                luminance: [0.0; _],
+                records: [[0.0; 4]; SEGMENT],
+            },
+            trust: [0.0; SEGMENT],
+            failed: [0; SEGMENT],
+        }
+    }
+}
+
+impl Others {
+    /// Looks at pixels that lie side by side, or anywhere.
+    #[inline(always)]
+    fn look(&mut self, tests: &Tests, pixels: Seen) {
+        #[inline(always)]
+        fn vectors(
+            image: &Pixels,
+            pixels: Seen,
+            records: &mut [[f32; 4]],
+            into: [&mut [f32]; 3],
+        ) -> usize {
+            match pixels {
+                Seen::Row(run) => image.read(run, into),
+                Seen::Each(at) => image.gather_vectors(at, records, into),
+            }
+            pixels.len()
+        }
+        #[inline(always)]
+        fn values<T: Copy + Default>(image: &Pixels<T>, pixels: Seen, into: &mut [T]) {
+            let into = &mut into[..pixels.len()];
+            match pixels {
+                Seen::Row(run) => image.load(run, 0, into),
+                Seen::Each(at) => image.gather(at, into),
+            }
+        }
+        let records = &mut self.records;
+        if let Some([_, before]) = &tests.ids {
+            values(before, pixels, &mut self.ids);
+        }
+        if let Some([_, before]) = &tests.depth {
+            values(before, pixels, &mut self.depth);
+        }
+        if let Some([_, before]) = &tests.color {
+            let axes = self.normal.axes.each_mut().map(Beside::as_mut_slice);
+            let len = vectors(before, pixels, records, axes);
+            let [r, g, b] = self.normal.axes.each_ref().map(|axis| &axis[..len]);
+            for (i, luminance) in self.luminance[..len].iter_mut().enumerate() {
+                *luminance = brightness([r[i], g[i], b[i]]);
+            }
+        }
+        if let Some([_, before]) = &tests.direction {
+            let axes = self.direction.axes.each_mut().map(Beside::as_mut_slice);
+            let len = vectors(before, pixels, records, axes);
+            self.direction.measure(len);
+        }
+        if let Some(before) = tests.plane_normal() {
+            let axes = self.normal.axes.each_mut().map(Beside::as_mut_slice);
+            let len = vectors(before, pixels, records, axes);
+            self.normal.measure(len);
+        }
+    }
+}
+
+/// Pixels of the previous frame.
+#[derive(Clone, Copy)]
+enum Seen<'a> {
+    Row(Run),
+    Each(&'a [u32]),
+}
+
+impl Seen<'_> {
+    #[inline(always)]
+    fn len(self) -> usize {
+        match self {
+            Self::Row(run) => run.len,
+            Self::Each(at) => at.len(),
+        }
+    }
+}
+
+impl<'a> Tests<'a> {
+    /// Compares what both surfaces have. The rays are those of the previous camera, for the plane test.
+    pub fn new(
+        now: impl Into<Surface<'a>>,
+        before: impl Into<Surface<'a>>,
+        rays: Option<Rays>,
+        params: &Params,
+    ) -> Self {
+        let (now, before) = (now.into(), before.into());
+        fn both<'a, T>(now: Option<Pixels<'a, T>>, before: Option<Pixels<'a, T>>) -> Pair<'a, T> {
+            now.zip(before).map(|(now, before)| [now, before])
+        }
+        let minus_cosine = |angle: f32| -libm::cos(f64::from(angle).to_radians()) as f32;
+        let depth = both(now.depth, before.depth);
+        let normal = both(now.normal, before.normal);
+        let object_normal = both(now.object_normal, before.object_normal);
+        Self {
+            depth,
+            direction: object_normal.or(normal),
+            normal: normal.map(|[_, before]| before),
+            normal_is_direction: object_normal.is_none(),
+            ids: both(now.ids, before.ids),
+            color: both(now.color, before.color),
+            rays: rays.filter(|_| depth.is_some() && normal.is_some()),
+            params: *params,
+            turn: Threshold {
+                full: minus_cosine(params.normal_angle.full),
+                none: minus_cosine(params.normal_angle.none),
+            },
+        }
+    }
+
+    /// No test at all.
+    pub fn none() -> Self {
+        let nothing = Surface::default();
+        Self::new(nothing, nothing, None, &Params::default())
+    }
+
+    /// The buffers that decide.
+    pub fn used(&self) -> Vec<&'static str> {
+        [
+            ("depth", self.depth.is_some()),
+            ("plane", self.rays.is_some()),
+            ("normal", self.normal.is_some()),
+            ("object_normal", !self.normal_is_direction),
+            ("ids", self.ids.is_some()),
+            ("albedo", self.color.is_some()),
+        ]
+        .into_iter()
+        .filter_map(|(name, used)| used.then_some(name))
+        .collect()
+    }
+
+    /// Whether nothing is tested.
+    pub(crate) fn accept_all(&self) -> bool {
+        let untested = self.depth.is_none() && self.direction.is_none() && self.ids.is_none();
+        untested && self.color.is_none() && self.params.speed.is_none()
+    }
+
+    /// What the pixels of a run expect where they come from: at index-space positions `from`, after `motion`.
+    #[inline(always)]
+    pub(crate) fn expect(
+        &self,
+        run: Run,
+        from: [&[f32]; 2],
+        motion: Motion,
+        expected: &mut Expected,
+    ) {
+        let len = run.len;
+        if let Some([now, _]) = self.depth {
+            let depths = &mut expected.depth[..len];
+            now.load(run, 0, depths);
+            let known = |depth: f32| if depth > 0.0 { depth } else { f32::NAN };
+            match motion.depth {
+                None => depths.iter_mut().for_each(|depth| *depth = known(*depth)),
+                Some(change) => {
+                    for (depth, change) in depths.iter_mut().zip(change) {
+                        *depth = known(*depth) + change;
+                    }
+                }
+            }
+        }
+        if let Some(rays) = self.rays {
+            let depth = &expected.depth[..len];
+            let [px, py, pz] = expected.point.each_mut().map(|lane| &mut lane[..len]);
+            let [x, y] = from.map(|lane| &lane[..len]);
+            for i in 0..len {
+                let point = rays.at(x[i] + 0.5, y[i] + 0.5) * depth[i];
+                (px[i], py[i], pz[i]) = (point.x, point.y, point.z);
+            }
+        }
+        if let Some([now, _]) = self.direction {
+            now.read(run, expected.direction.each_mut().map(Lane::as_mut_slice));
+            let [x, y, z] = expected.direction.each_ref().map(|lane| &lane[..len]);
+            let lengths = &mut expected.length[..len];
+            for i in 0..len {
+                lengths[i] = length([x[i], y[i], z[i]]);
+            }
+        }
+        if let Some([now, _]) = self.ids {
+            now.load(run, 0, &mut expected.id[..len]);
+        }
+        if let Some([now, _]) = self.color {
+            let first = run.y * now.size.width + run.x;
+            for (i, lane) in expected.luminance[..len].iter_mut().enumerate() {
+                *lane = brightness(now.vector(first + i));
+            }
+        }
+        if let Some(speed) = self.params.speed {
+            let (x, y) = (&motion.x[..len], &motion.y[..len]);
+            for (i, lane) in expected.trust[..len].iter_mut().enumerate() {
+                *lane = speed.trust((x[i] * x[i] + y[i] * y[i]).sqrt(), 1.0);
+            }
+        }
+    }
+
+    /// The normals of planes, where they are not the directions.
+    fn plane_normal(&self) -> Option<&Pixels<'a>> {
+        let apart = self.rays.is_some() && !self.normal_is_direction;
+        self.normal.as_ref().filter(|_| apart)
+    }
+
+    /// Judges the taps that are `chosen`, by row and column, and tells for each what trust there is in those of some of the
+    /// run's pixels, and the bits of the tests that leave none.
+    #[inline(always)]
+    pub(crate) fn judge(
+        &self,
+        expected: &Expected,
+        places: Places,
+        judged: &mut Judged,
+        chosen: impl Fn(usize, usize) -> bool,
+        tell: impl FnMut([usize; 2], Range<usize>, &[f32], &[u32]),
+    ) {
+        let Params {
+            relative_depth,
+            plane_distance,
+            relative_luminance,
+            ..
+        } = self.params;
+        let bounds = [
+            relative_depth,
+            plane_distance,
+            relative_luminance,
+            self.turn,
+        ];
+        match bounds.into_iter().any(Threshold::is_ramp) {
+            true => self.judge_if::<true>(expected, places, judged, chosen, tell),
+            false => self.judge_if::<false>(expected, places, judged, chosen, tell),
+        }
+    }
+
+    #[inline(always)]
+    fn judge_if<const RAMPS: bool>(
+        &self,
+        expected: &Expected,
+        places: Places,
+        judged: &mut Judged,
+        chosen: impl Fn(usize, usize) -> bool,
+        mut tell: impl FnMut([usize; 2], Range<usize>, &[f32], &[u32]),
+    ) {
+        let [across, down] = places.steps;
+        let Judged {
+            others,
+            trust,
+            failed,
+        } = judged;
+        let mut indices = [0; SEGMENT];
+        for Span { part, together } in places.spans.iter() {
+            for row in 0..places.side {
+                let at = &places.at[part.clone()];
+                if together {
+                    let first = at[0] as usize + row * down;
+                    let seen = Run {
+                        y: first / places.size.width,
+                        x: first % places.size.width,
+                        len: part.len() + places.side - 1,
+                    };
+                    others.look(self, Seen::Row(seen));
+                }
+                for column in (0..places.side).filter(|&column| chosen(row, column)) {
+                    let shift = if together {
+                        column
+                    } else {
+                        let step = (row * down + column * across) as u32;
+                        for (to, at) in indices.iter_mut().zip(at) {
+                            *to = at + step;
+                        }
+                        others.look(self, Seen::Each(&indices[..part.len()]));
+                        0
+                    };
+                    let (trust, failed) = (&mut trust[..part.len()], &mut failed[..part.len()]);
+                    let place = (places.corner, [column as f32, row as f32]);
+                    self.test::<RAMPS>(expected, part.start, place, others, shift, trust, failed);
+                    tell([row, column], part.clone(), trust, failed);
+                }
+            }
+        }
+    }
+
+    /// Tests a tap of a run's pixels from `start` on, which were looked at from `shift` on. Memory that is written comes as
+    /// arguments of their own, so that compilers see that it is apart from what is read.
+    #[inline(always)]
+    fn test<const RAMPS: bool>(
+        &self,
+        expected: &Expected,
+        start: usize,
+        (corner, [right, below]): ([&[f32]; 2], [f32; 2]),
+        others: &Others,
+        shift: usize,
+        trust: &mut [f32],
+        failed: &mut [u32],
+    ) {
+        let len = trust.len();
+        let failed = &mut failed[..len];
+        let sure = &expected.trust[start..][..len];
+        for i in 0..len {
+            trust[i] = sure[i];
+            failed[i] = bit(sure[i], rejection::VELOCITY);
+        }
+        if self.ids.is_some() {
+            let (own, ids) = (&expected.id[start..][..len], &others.ids[shift..][..len]);
+            for i in 0..len {
+                let this = same(own[i], ids[i]);
+                count(&mut trust[i], &mut failed[i], this, rejection::ID);
+            }
+        }
+        if self.direction.is_some() {
+            let axes = others.direction.axes.each_ref();
+            let [vx, vy, vz] = axes.map(|axis| &axis[shift..][..len]);
+            let lengths = &others.direction.lengths[shift..][..len];
+            let axes = expected.direction.each_ref();
+            let [ex, ey, ez] = axes.map(|lane| &lane[start..][..len]);
+            let own = &expected.length[start..][..len];
+            for i in 0..len {
+                let turn = -dot([ex[i], ey[i], ez[i]], [vx[i], vy[i], vz[i]]);
+                let this = self.turn.trust_if::<RAMPS>(turn, own[i] * lengths[i]);
+                count(&mut trust[i], &mut failed[i], this, rejection::NORMAL);
+            }
+        }
+        if self.depth.is_some() {
+            let own = &expected.depth[start..][..len];
+            let depth = &others.depth[shift..][..len];
+            match (self.rays, self.normal) {
+                (Some(rays), Some(_)) => {
+                    let normal = match self.normal_is_direction {
+                        true => &others.direction,
+                        false => &others.normal,
+                    };
+                    let [vx, vy, vz] = normal.axes.each_ref().map(|axis| &axis[shift..][..len]);
+                    let lengths = &normal.lengths[shift..][..len];
+                    let point = expected.point.each_ref();
+                    let [px, py, pz] = point.map(|lane| &lane[start..][..len]);
+                    let [left, top] = corner.map(|lane| &lane[start..][..len]);
+                    for i in 0..len {
+                        let from = [px[i], py[i], pz[i]];
+                        let (x, y) = (left[i] + right, top[i] + below);
+                        let tap = rays.at(x + 0.5, y + 0.5) * depth[i];
+                        let normal = [vx[i], vy[i], vz[i]];
+                        let away = distance(from, tap.to_array(), normal);
+                        let this = self.plane_trust::<RAMPS>(own[i], depth[i], away, lengths[i]);
+                        count(&mut trust[i], &mut failed[i], this, rejection::DEPTH);
+                    }
+                }
+                _ => {
+                    for i in 0..len {
+                        let this = self.depth_trust::<RAMPS>(own[i], depth[i]);
+                        count(&mut trust[i], &mut failed[i], this, rejection::DEPTH);
+                    }
+                }
+            }
+        }
+        if self.color.is_some() {
+            let own = &expected.luminance[start..][..len];
+            let luminance = &others.luminance[shift..][..len];
+            for i in 0..len {
+                let this = self.luminance_trust::<RAMPS>(own[i], luminance[i]);
+                count(&mut trust[i], &mut failed[i], this, rejection::LUMINANCE);
+            }
+        }
+    }
+
+    /// The trust of pixel `i` of the run in the previous frame's pixel (x, y).
+    #[inline(always)]
+    pub(crate) fn trust(&self, expected: &Expected, i: usize, [x, y]: [f32; 2], at: usize) -> f32 {
+        let mut trust = expected.trust[i];
+        if let Some([_, before]) = self.ids {
+            trust *= same(expected.id[i], before.at(at, 0));
+        }
+        if let Some([_, before]) = self.direction {
+            let direction = before.vector(at);
+            let turn = -dot(expected.direction.each_ref().map(|lane| lane[i]), direction);
+            let lengths = expected.length[i] * length(direction);
+            trust *= self.turn.trust(turn, lengths);
+        }
+        if let Some([_, before]) = self.depth {
+            let (own, depth) = (expected.depth[i], before.at(at, 0));
+            trust *= match (self.rays, self.normal) {
+                (Some(rays), Some(before)) => {
+                    let from = expected.point.each_ref().map(|lane| lane[i]);
+                    let tap = rays.at(x + 0.5, y + 0.5) * depth;
+                    let normal = before.vector(at);
+                    let distance = distance(from, tap.to_array(), normal);
+                    self.plane_trust::<true>(own, depth, distance, length(normal))
+                }
+                _ => self.depth_trust::<true>(own, depth),
+            };
+        }
+        if let Some([_, before]) = self.color {
+            let other = brightness(before.vector(at));
+            trust *= self.luminance_trust::<true>(expected.luminance[i], other);
+        }
+        trust
+    }
+
+    #[inline(always)]
+    fn depth_trust<const RAMP: bool>(&self, expected: f32, depth: f32) -> f32 {
+        let bound = self.params.relative_depth;
+        let trust = bound.trust_if::<RAMP>((depth - expected).abs(), expected);
+        surface_trust(expected, depth, trust)
+    }
+
+    /// `distance` is measured in lengths of the normal; where there is none, depth itself is compared.
+    #[inline(always)]
+    fn plane_trust<const RAMP: bool>(
+        &self,
+        expected: f32,
+        depth: f32,
+        distance: f32,
+        length: f32,
+    ) -> f32 {
+        let bound = self.params.plane_distance;
+        let trust = bound.trust_if::<RAMP>(distance.abs(), expected * length);
+        let trust = surface_trust(expected, depth, trust);
+        let relative = self.depth_trust::<RAMP>(expected, depth);
+        if length > 0.0 { trust } else { relative }
+    }
+
+    #[inline(always)]
+    fn luminance_trust<const RAMP: bool>(&self, l: f32, other: f32) -> f32 {
+        let (larger, bound) = (l.abs().max(other.abs()), self.params.relative_luminance);
+        let trust = bound.trust_if::<RAMP>((l - other).abs(), larger);
+        let known = l.is_finite() & other.is_finite();
+        if known { trust } else { 1.0 }
+    }
+}
+
+/// Multiplies by the trust of one more test, and adds its bit where it leaves none.
+#[inline(always)]
+fn count(trust: &mut f32, failed: &mut u32, this: f32, rejection: u8) {
+    *trust *= this;
+    *failed |= bit(this, rejection);
+}
+
+#[inline(always)]
+fn same(id: u32, other: u32) -> f32 {
+    if id == other { 1.0 } else { 0.0 }
+}
+
+#[inline(always)]
+fn bit(trust: f32, bit: u8) -> u32 {
+    if trust > 0.0 { 0 } else { u32::from(bit) }
+}
+
+/// What remains of the trust between two depths: background finds background alone, and what is no depth nothing.
+#[inline(always)]
+fn surface_trust(expected: f32, depth: f32, trust: f32) -> f32 {
+    let background = (expected == f32::INFINITY) | (depth == f32::INFINITY);
+    let trust = if (expected > 0.0) & (depth > 0.0) {
+        trust
+    } else {
+        0.0
+    };
+    let both = if expected == depth { 1.0 } else { 0.0 };
+    if background { both } else { trust }
+}
+
+#[inline(always)]
+fn length([x, y, z]: [f32; 3]) -> f32 {
+    (x * x + y * y + z * z).sqrt()
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn distance(a: [f32; 3], b: [f32; 3], along: [f32; 3]) -> f32 {
+    dot([a[0] - b[0], a[1] - b[1], a[2] - b[2]], along)
+}
+
+#[inline(always)]
+fn brightness([r, g, b]: [f32; 3]) -> f32 {
+    luminance(r, g, b)
+}
