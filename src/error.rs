@@ -8,7 +8,7 @@ pub struct Error {
     message: String,
 }
 
-/// A value, or what is wrong with an argument.
+/// A value, or the error in an argument.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
@@ -28,8 +28,8 @@ impl Display for Error {
 
 impl std::error::Error for Error {}
 
-/// `Ok` if `value` passes `holds`; `expected` describes that range in the message. A range test written as a comparison
-/// refuses NaN.
+/// `Ok` if `value` passes `holds`; `expected` describes the range in the message. Write the test as a comparison that must
+/// be true, so that it refuses NaN.
 pub(crate) fn in_range(
     argument: &str,
     value: f32,

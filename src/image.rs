@@ -1,7 +1,8 @@
 //! Planar images and borrowed views of them.
 //!
-//! Inside the library every channel is a plane of its own, rows from the top, so that loops over a row read and write
-//! contiguous floats. Interleaved arrays are taken apart at the door and put together on the way out.
+//! Kernels work on structures of arrays: every channel is a contiguous plane, rows from the top, so that a loop over a row
+//! vectorises. [`Pixels`] is a borrowed view of either layout, planar or interleaved, from which a kernel loads one run
+//! of pixels at a time into planar line buffers.
 
 use std::fmt::{self, Display};
 use std::marker::PhantomData;
@@ -10,7 +11,6 @@ use std::ops::Range;
 use crate::error::{Error, Result};
 pub use crate::memory::Value;
 use crate::memory::{Memory, prefetch};
-use crate::pixels::PixelsMut;
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Height and width in pixels; both at least 1.
@@ -25,7 +25,7 @@ pub struct Size {
 impl Size {
     /// Coordinates of pixel centres, at +0.5, are exact in single precision below 2²³.
     pub(crate) const LONGEST: usize = (1 << 23) - 1;
-    /// Pixels and their neighbours are counted in 32 bits.
+    /// Pixel indices have 32 bits.
     const MOST: usize = 1 << 31;
 
     /// How many pixels an image of this size has.
@@ -33,7 +33,7 @@ impl Size {
         self.height * self.width
     }
 
-    /// Whether images of this size can be worked on.
+    /// An error for sizes that kernels cannot index.
     pub(crate) fn check(self, argument: &str) -> Result<()> {
         let Self { height, width } = self;
         let fits =
@@ -55,7 +55,7 @@ impl Display for Size {
     }
 }
 
-/// Whether data have as many elements as they should.
+/// An error unless the data have the `expected` number of elements.
 pub(crate) fn check_length(argument: &str, expected: usize, got: usize) -> Result<()> {
     if expected == got {
         return Ok(());
@@ -64,8 +64,8 @@ pub(crate) fn check_length(argument: &str, expected: usize, got: usize) -> Resul
     Err(Error::value(argument, expected, got))
 }
 
-/// What callers outside of the crate make images of: all lengths are checked here.
-fn check_data(size: Size, channels: usize, length: usize) -> Result<()> {
+/// Checks data from outside the crate. Inside of it, lengths are only asserted.
+pub(crate) fn check_data(size: Size, channels: usize, length: usize) -> Result<()> {
     size.check("size")?;
     if channels == 0 {
         return Err(Error::value("channels", "1 or more", channels));
@@ -77,8 +77,9 @@ impl<T: Value> Image<T> {
     /// An image of zeros.
     ///
     /// # Errors
-    /// If images cannot have such a size.
+    /// If the size is empty or too large.
     pub fn zeros(size: Size, channels: usize) -> Result<Self> {
+        size.check("size")?; // before the product, which may overflow
         check_data(size, channels, size.pixels().saturating_mul(channels))?;
         Ok(Self::new(size, channels))
     }
@@ -90,10 +91,10 @@ impl<T: Value> Image<T> {
 }
 
 impl<'a, T> View<'a, T> {
-    /// Views (channels, height, width) data: plane by plane.
+    /// A view of planar data, (channels, height, width).
     ///
     /// # Errors
-    /// If images cannot have such a size, or the data have another length.
+    /// If the size is empty or too large, or the data have another length.
     pub fn planar(size: Size, channels: usize, data: &'a [T]) -> Result<Self> {
         check_data(size, channels, data.len())?;
         Ok(Self::new(size, channels, data))
@@ -106,10 +107,10 @@ impl<'a, T> View<'a, T> {
 }
 
 impl<'a, T: Copy + Default> Pixels<'a, T> {
-    /// Views (height, width, channels) data: pixel by pixel.
+    /// A view of interleaved data, (height, width, channels).
     ///
     /// # Errors
-    /// If images cannot have such a size, or the data have another length.
+    /// If the size is empty or too large, or the data have another length.
     pub fn interleaved(size: Size, channels: usize, data: &'a [T]) -> Result<Self> {
         check_data(size, channels, data.len())?;
         Ok(Self::records(size, channels, data))
@@ -118,21 +119,6 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     /// Height and width.
     pub fn size(&self) -> Size {
         self.size
-    }
-}
-
-impl<'a> PixelsMut<'a> {
-    /// (height, width, channels) data, to be written by a kernel.
-    ///
-    /// # Errors
-    /// If images cannot have such a size, or the data have another length.
-    pub fn interleaved(
-        size: Size,
-        channels: usize,
-        data: &'a mut [f32],
-    ) -> Result<impl Iterator<Item = PixelsMut<'a>>> {
-        check_data(size, channels, data.len())?;
-        Ok(Self::bands(size, channels, data))
     }
 }
 
@@ -145,7 +131,7 @@ pub struct Image<T: Value = f32> {
 }
 
 impl<T: Value> Image<T> {
-    /// All default.
+    /// All zero.
     pub(crate) fn new(size: Size, channels: usize) -> Self {
         Self {
             size,
@@ -154,12 +140,12 @@ impl<T: Value> Image<T> {
         }
     }
 
-    /// For who overwrites all of it.
+    /// Uninitialised; the caller must write every element.
     pub(crate) fn blank(size: Size, channels: usize) -> Self {
         Self {
             size,
             channels,
-            data: Memory::left(size.pixels() * channels),
+            data: Memory::stale(size.pixels() * channels),
         }
     }
 
@@ -214,7 +200,7 @@ pub struct View<'a, T = f32> {
 }
 
 impl<T: Copy + Send + Sync> View<'_, T> {
-    /// Writes the pixels one after the other.
+    /// Writes an interleaved copy.
     pub(crate) fn interleave(&self, into: &mut [T]) {
         let bands = into.chunks_mut(BAND * self.size.width * self.channels);
         rows::run(&Interleave { planes: *self }, self.size.height, bands);
@@ -222,7 +208,7 @@ impl<T: Copy + Send + Sync> View<'_, T> {
 }
 
 impl<'a, T> View<'a, T> {
-    /// Views planar data; its length must fit, which the caller has checked against the same shape.
+    /// A view of planar data of the right length.
     pub(crate) fn new(size: Size, channels: usize, data: &'a [T]) -> Self {
         assert_eq!(data.len(), size.pixels() * channels);
         Self {
@@ -262,14 +248,14 @@ impl<'a, T> View<'a, T> {
     }
 }
 
-/// A borrowed image in either layout: planes, or records of a pixel's channels.
+/// A borrowed view of an image in either layout: planar, or interleaved.
 #[derive(Clone, Copy, Debug)]
 pub struct Pixels<'a, T = f32> {
     pub(crate) size: Size,
     pub(crate) channels: usize,
     data: &'a [T],
-    /// From a pixel to the next, and from a channel to the next.
-    steps: [usize; 2],
+    /// Stride in elements from a pixel to the next, and from a channel to the next.
+    strides: [usize; 2],
 }
 
 impl<'a, T> From<View<'a, T>> for Pixels<'a, T> {
@@ -283,35 +269,39 @@ impl<'a, T> From<View<'a, T>> for Pixels<'a, T> {
             size,
             channels,
             data,
-            steps: [1, size.pixels()],
+            strides: [1, size.pixels()],
         }
     }
 }
 
 impl<'a, T: Copy + Default> Pixels<'a, T> {
-    /// Views interleaved data; its length must fit.
+    /// A view of interleaved data of the right length.
     pub(crate) fn records(size: Size, channels: usize, data: &'a [T]) -> Self {
         assert_eq!(data.len(), size.pixels() * channels);
         Self {
             size,
             channels,
             data,
-            steps: [channels, 1],
+            strides: [channels, 1],
         }
     }
 
-    /// Consecutive channels.
+    /// A view of consecutive channels.
     pub(crate) fn part(self, channels: Range<usize>) -> Self {
         Self {
             channels: channels.len(),
-            data: &self.data[channels.start * self.steps[1]..],
+            data: &self.data[channels.start * self.strides[1]..],
             ..self
         }
     }
 
-    /// The same image as parts whose channels lie side by side: itself, or every plane.
-    pub(crate) fn side_by_side(self) -> impl Iterator<Item = Self> {
-        let width = if self.steps[1] == 1 { self.channels } else { 1 };
+    /// The image as views whose channels are contiguous: itself if it is interleaved, otherwise every plane.
+    pub(crate) fn contiguous(self) -> impl Iterator<Item = Self> {
+        let width = if self.strides[1] == 1 {
+            self.channels
+        } else {
+            1
+        };
         (0..self.channels)
             .step_by(width)
             .map(move |first| self.part(first..first + width))
@@ -319,26 +309,26 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 
     #[inline(always)]
     pub(crate) fn at(&self, pixel: usize, channel: usize) -> T {
-        self.data[pixel * self.steps[0] + channel * self.steps[1]]
+        self.data[pixel * self.strides[0] + channel * self.strides[1]]
     }
 
-    /// The first channel, whose pixels lie side by side: that of planes, or of an image that has no other.
+    /// The first channel, which must be contiguous: that of a planar image or of an image with one channel.
     pub fn plane(self) -> View<'a, T> {
-        assert_eq!(self.steps[0], 1);
+        assert_eq!(self.strides[0], 1);
         View::new(self.size, 1, &self.data[..self.size.pixels()])
     }
 
-    /// A row of that.
+    /// A row of the first channel, which must be contiguous.
     #[inline(always)]
     pub fn row(&self, y: usize) -> &'a [T] {
-        assert_eq!(self.steps[0], 1);
+        assert_eq!(self.strides[0], 1);
         &self.data[y * self.size.width..][..self.size.width]
     }
 
-    /// All numbers, and how many lie between a pixel and the next.
+    /// All elements, and the stride from a pixel to the next.
     #[inline(always)]
-    pub(crate) fn numbers(&self) -> (&'a [T], usize) {
-        (self.data, self.steps[0])
+    pub(crate) fn elements(&self) -> (&'a [T], usize) {
+        (self.data, self.strides[0])
     }
 
     /// Three channels of a pixel.
@@ -347,16 +337,16 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         [0, 1, 2].map(|channel| self.at(pixel, channel))
     }
 
-    /// The first channel of these pixels.
+    /// Gathers the first channel of these pixels.
     #[inline(always)]
     pub(crate) fn gather(&self, pixels: &[u32], into: &mut [T]) {
-        let (data, step) = (self.data, self.steps[0]);
+        let (data, step) = (self.data, self.strides[0]);
         for (to, &pixel) in into.iter_mut().zip(pixels) {
             *to = data[pixel as usize * step];
         }
     }
 
-    /// The first three channels of these pixels; `records` is scratch.
+    /// Gathers the first three channels of these pixels; `records` is scratch.
     #[inline(always)]
     pub(crate) fn gather_vectors(
         &self,
@@ -364,13 +354,13 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         records: &mut [[T; 4]],
         into: [&mut [T]; 3],
     ) {
-        if self.steps[1] == 1 {
-            // One load for each, of a number too many.
+        if self.strides[1] == 1 {
+            // One 4-element load per pixel, instead of three loads: the fourth element is ignored.
             let records = &mut records[..pixels.len()];
             for (to, &pixel) in records.iter_mut().zip(pixels) {
-                *to = record(self.data, pixel as usize * self.steps[0]);
+                *to = record(self.data, pixel as usize * self.strides[0]);
             }
-            apart(records, into);
+            deinterleave_first(records, into);
         } else {
             for (channel, out) in into.into_iter().enumerate() {
                 self.part(channel..channel + 1).gather(pixels, out);
@@ -378,20 +368,19 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
         }
     }
 
-    /// Copies a channel of a run.
+    /// Loads a channel of a run into a line buffer.
     #[inline(always)]
     pub(crate) fn load(&self, run: Run, channel: usize, into: &mut [T]) {
-        self.follow(run, channel);
+        self.prefetch_after(run, channel);
         self.copy(run, channel, into);
     }
 
-    /// Asks for what follows a run, in a channel and those beside it. What follows a longer run is left to the processor,
-    /// which sees a stream.
+    /// Prefetches the pixels after a run. After longer runs than a segment the hardware prefetcher has seen the stream.
     #[inline(always)]
-    fn follow(&self, run: Run, channel: usize) {
+    fn prefetch_after(&self, run: Run, channel: usize) {
         if run.len <= SEGMENT {
-            let [step, apart] = self.steps;
-            let next = (run.y * self.size.width + run.x + run.len) * step + channel * apart;
+            let [step, plane] = self.strides;
+            let next = (run.y * self.size.width + run.x + run.len) * step + channel * plane;
             prefetch(self.data, next, run.len * step);
         }
     }
@@ -400,7 +389,7 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
     fn copy(&self, run: Run, channel: usize, into: &mut [T]) {
         #[inline(always)]
         fn strided<T: Copy, const STEP: usize>(data: &[T], into: &mut [T]) {
-            // The last pixel has no whole step.
+            // The last pixel may have fewer elements behind it than a whole stride.
             let (last, into) = into.split_last_mut().expect("at least one pixel");
             for (to, from) in into.iter_mut().zip(data.as_chunks::<STEP>().0) {
                 *to = from[0];
@@ -408,8 +397,8 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
             *last = data[into.len() * STEP];
         }
         let first = run.y * self.size.width + run.x;
-        let data = &self.data[first * self.steps[0] + channel * self.steps[1]..];
-        match self.steps[0] {
+        let data = &self.data[first * self.strides[0] + channel * self.strides[1]..];
+        match self.strides[0] {
             1 => into.copy_from_slice(&data[..into.len()]),
             2 => strided::<T, 2>(data, into),
             3 => strided::<T, 3>(data, into),
@@ -425,9 +414,9 @@ impl<'a, T: Copy + Default> Pixels<'a, T> {
 }
 
 impl<T: Value> Pixels<'_, T> {
-    /// A copy in records.
+    /// An interleaved copy.
     pub(crate) fn to_records(self) -> Records<T> {
-        if self.steps[0] != self.channels {
+        if self.strides[0] != self.channels {
             let planes = &self.data[..self.size.pixels() * self.channels];
             return Records::of(View::new(self.size, self.channels, planes));
         }
@@ -447,22 +436,22 @@ impl Pixels<'_> {
         image
     }
 
-    /// Copies the first `N` channels of a run: all at once where they lie side by side.
+    /// Loads the first `N` channels of a run into line buffers: in one sweep where the channels are contiguous.
     #[inline(always)]
     pub(crate) fn read<const N: usize>(&self, run: Run, into: [&mut [f32]; N]) {
-        let start = (run.y * self.size.width + run.x) * self.steps[0];
+        let start = (run.y * self.size.width + run.x) * self.strides[0];
         let records = |channels: usize| &self.data[start..][..run.len * channels];
-        if self.steps[1] == 1 {
-            self.follow(run, 0);
+        if self.strides[1] == 1 {
+            self.prefetch_after(run, 0);
         }
-        match self.steps {
-            [2, 1] => apart(records(2).as_chunks::<2>().0, into),
-            [3, 1] => apart(records(3).as_chunks::<3>().0, into),
-            [4, 1] => apart(records(4).as_chunks::<4>().0, into),
-            steps => {
+        match self.strides {
+            [2, 1] => deinterleave_first(records(2).as_chunks::<2>().0, into),
+            [3, 1] => deinterleave_first(records(3).as_chunks::<3>().0, into),
+            [4, 1] => deinterleave_first(records(4).as_chunks::<4>().0, into),
+            strides => {
                 for (channel, into) in into.into_iter().enumerate() {
-                    if steps[1] != 1 {
-                        self.follow(run, channel);
+                    if strides[1] != 1 {
+                        self.prefetch_after(run, channel);
                     }
                     self.copy(run, channel, &mut into[..run.len]);
                 }
@@ -471,10 +460,13 @@ impl Pixels<'_> {
     }
 }
 
-/// Takes the first `N` channels of records apart.
+/// Deinterleaves the first `N` of `C` channels.
 #[inline(always)]
-fn apart<T: Copy, const C: usize, const N: usize>(records: &[[T; C]], mut into: [&mut [T]; N]) {
-    // Not by `map`, which is not always compiled into its caller: lengths that are known need no checks.
+fn deinterleave_first<T: Copy, const C: usize, const N: usize>(
+    records: &[[T; C]],
+    mut into: [&mut [T]; N],
+) {
+    // Equal lengths that the compiler can see need no bounds checks. A loop, because `map` is not always inlined.
     for row in &mut into {
         *row = &mut std::mem::take(row)[..records.len()];
     }
@@ -485,7 +477,7 @@ fn apart<T: Copy, const C: usize, const N: usize>(records: &[[T; C]], mut into: 
     }
 }
 
-/// The `N` numbers from the `start` of a record on; what follows its last channel means nothing.
+/// The `N` elements from `start` on; those beyond the last channel of the pixel are to be ignored.
 #[inline(always)]
 pub fn record<T: Copy + Default, const N: usize>(data: &[T], start: usize) -> [T; N] {
     let rest = &data[start..];
@@ -495,13 +487,13 @@ pub fn record<T: Copy + Default, const N: usize>(data: &[T], start: usize) -> [T
     }
 }
 
-/// Where fewer than `N` numbers are left.
+/// Slow path: fewer than `N` elements are left.
 #[cold]
 fn few<T: Copy + Default, const N: usize>(rest: &[T]) -> [T; N] {
     std::array::from_fn(|i| rest.get(i).copied().unwrap_or_default())
 }
 
-/// An owned image of records.
+/// An owned interleaved image.
 #[derive(Clone, Debug)]
 pub struct Records<T: Value = f32> {
     pub(crate) size: Size,
@@ -518,12 +510,12 @@ impl<T: Value> Records<T> {
         }
     }
 
-    /// For who overwrites all of it.
+    /// Uninitialised; the caller must write every element.
     pub(crate) fn blank(size: Size, channels: usize) -> Self {
         Self {
             size,
             channels,
-            data: Memory::left(size.pixels() * channels),
+            data: Memory::stale(size.pixels() * channels),
         }
     }
 
@@ -545,7 +537,7 @@ impl<T: Value> Records<T> {
     }
 }
 
-/// The bands of rows of planes, one after the other in `data`, to be written by different threads.
+/// The bands of planar data, to be written by different threads.
 pub fn bands_of<T>(data: &mut [T], size: Size) -> impl Iterator<Item = BandMut<'_, T>> {
     let Size { width, height } = size;
     let mut planes: Vec<_> = data
@@ -562,7 +554,7 @@ pub fn bands_of<T>(data: &mut [T], size: Size) -> impl Iterator<Item = BandMut<'
     })
 }
 
-/// One band of rows of a mutable image.
+/// A band of rows of a mutable planar image.
 pub struct BandMut<'a, T = f32> {
     rows: Range<usize>,
     width: usize,
@@ -590,16 +582,17 @@ impl<T> BandMut<'_, T> {
             .map(move |plane| &mut plane[start..][..run.len])
     }
 
-    /// Asks for what follows a run in each channel.
+    /// Prefetches the pixels after a run in each channel.
     #[inline(always)]
-    pub(crate) fn follow(&self, run: Run) {
+    pub(crate) fn prefetch_after(&self, run: Run) {
         let next = (run.y - self.rows.start) * self.width + run.x + run.len;
         for plane in &self.planes {
             prefetch(plane, next, run.len);
         }
     }
 
-    /// Writes a run's records: plane by plane, or as they are where the band has the records of an image for its row.
+    /// Writes a run of interleaved pixels: deinterleaved if the band is planar, as they are if the band is the one plane of
+    /// an interleaved image, whose rows hold `channels` elements a pixel.
     #[inline(always)]
     pub(crate) fn put(&mut self, run: Run, records: &[T], channels: usize)
     where
@@ -607,7 +600,7 @@ impl<T> BandMut<'_, T> {
     {
         if self.planes.len() == channels {
             deinterleave(records, self.parts(run));
-            self.follow(run);
+            self.prefetch_after(run);
         } else {
             let start = (run.y - self.rows.start) * self.width + run.x * channels;
             let (len, data) = (records.len(), &mut *self.planes[0]);
@@ -628,9 +621,9 @@ impl<T> BandMut<'_, T> {
     }
 }
 
-/// Pixels of a row that kernels with scratch work on at a time, so that it stays in the first-level cache. No power of two,
-/// or the same place of several scratch rows would share the low bits of its address, by which CPUs tell whether a load has
-/// to wait for a store. And few enough that memory brings what the next run reads while this one is worked on.
+/// Pixels in a line buffer: the longest run that kernels with scratch work on at a time. Short enough that all line buffers
+/// of a kernel fit into the first-level cache, and that the prefetch of the next run is done when this one is. No power
+/// of two: line buffers at multiples of 4 KB from each other would alias, and loads would wait for unrelated stores.
 pub const SEGMENT: usize = 160;
 
 /// The runs of up to [`SEGMENT`] pixels of a row.
@@ -662,157 +655,7 @@ impl Run {
     }
 }
 
-/// Some of a run's pixels, and whether the pixels that they look at lie side by side.
-pub struct Span {
-    pub part: Range<usize>,
-    pub together: bool,
-}
-
-/// A run in spans: where motion is smooth, neighbours come from neighbours, and are read as rows are.
-pub struct Spans {
-    /// Of whole vectors, but for the last.
-    ends: [(u16, bool); SEGMENT / Self::VECTOR + 1],
-    count: usize,
-}
-
-impl Spans {
-    const VECTOR: usize = 16;
-
-    pub fn none() -> Self {
-        Self {
-            ends: [(0, false); _],
-            count: 0,
-        }
-    }
-
-    /// Of a run that looks at these pixels.
-    #[inline(always)]
-    pub fn find(&mut self, pixels: &[u32]) {
-        self.count = 0;
-        let mut last = None;
-        for (k, chunk) in pixels.chunks(Self::VECTOR).enumerate() {
-            let together = match chunk.first_chunk::<{ Self::VECTOR }>() {
-                Some(chunk) => {
-                    let steps = chunk.iter().zip(chunk[0]..).map(|(&at, next)| at ^ next);
-                    steps.fold(0, |any, step| any | step) == 0
-                }
-                None => false,
-            };
-            let goes_on = match last {
-                Some((true, next)) => together && next == chunk[0],
-                Some((false, _)) => !together,
-                None => false,
-            };
-            self.count += usize::from(!goes_on);
-            let end = k * Self::VECTOR + chunk.len();
-            self.ends[self.count - 1] = (end as u16, together);
-            last = Some((together, chunk[chunk.len() - 1].wrapping_add(1)));
-        }
-    }
-
-    #[inline(always)]
-    pub fn iter(&self) -> impl Iterator<Item = Span> {
-        let mut start = 0;
-        self.ends[..self.count].iter().map(move |&(end, together)| {
-            let part = start..usize::from(end);
-            start = part.end;
-            Span { part, together }
-        })
-    }
-}
-
-/// Square parts of an image, on or off.
-#[derive(Clone)]
-pub struct Tiles {
-    columns: usize,
-    rows: usize,
-    on: Vec<bool>,
-}
-
-impl Tiles {
-    /// A band has one row of tiles.
-    pub const SIDE: usize = BAND;
-
-    /// All off.
-    pub fn new(size: Size) -> Self {
-        let (columns, rows) = (
-            size.width.div_ceil(Self::SIDE),
-            size.height.div_ceil(Self::SIDE),
-        );
-        Self {
-            columns,
-            rows,
-            on: vec![false; columns * rows],
-        }
-    }
-
-    pub fn any(&self) -> bool {
-        self.on.contains(&true)
-    }
-
-    /// On where any of these is.
-    pub fn any_of(size: Size, tiles: &[Self]) -> Self {
-        let mut any = Self::new(size);
-        for tiles in tiles {
-            for (on, &other) in any.on.iter_mut().zip(&tiles.on) {
-                *on |= other;
-            }
-        }
-        any
-    }
-
-    /// The tiles of each band, from left to right.
-    pub fn bands(&mut self) -> impl Iterator<Item = &mut [bool]> {
-        self.on.chunks_mut(self.columns)
-    }
-
-    /// These and the eight around each.
-    pub fn grown(&self) -> Self {
-        let near = |at: usize, count: usize| at.saturating_sub(1)..(at + 2).min(count);
-        let grown = |at: usize| {
-            let (row, column) = (at / self.columns, at % self.columns);
-            near(row, self.rows).any(|row| {
-                near(column, self.columns).any(|column| self.on[row * self.columns + column])
-            })
-        };
-        Self {
-            on: (0..self.on.len()).map(grown).collect(),
-            ..*self
-        }
-    }
-
-    /// The parts of a run that lie in tiles which are on.
-    #[inline(always)]
-    pub fn runs(&self, run: Run) -> impl Iterator<Item = Run> {
-        runs_in(
-            &self.on[run.y / Self::SIDE * self.columns..][..self.columns],
-            run,
-        )
-    }
-}
-
-/// The parts of a run that lie in tiles of a row which are on.
-#[inline(always)]
-pub fn runs_in(row: &[bool], run: Run) -> impl Iterator<Item = Run> {
-    let (mut x, end) = (run.x, run.x + run.len);
-    std::iter::from_fn(move || {
-        let tile_end = |x: usize| ((x / Tiles::SIDE + 1) * Tiles::SIDE).min(end);
-        while x < end && !row[x / Tiles::SIDE] {
-            x = tile_end(x);
-        }
-        let start = x;
-        while x < end && row[x / Tiles::SIDE] {
-            x = tile_end(x);
-        }
-        (start < x).then_some(Run {
-            y: run.y,
-            x: start,
-            len: x - start,
-        })
-    })
-}
-
-/// Takes records of pixels apart; `outs` are as long as there are pixels.
+/// Deinterleaves pixels into planes.
 #[inline(always)]
 pub fn deinterleave<'a, T: Copy + 'a>(
     records: &[T],
@@ -826,7 +669,7 @@ pub fn deinterleave<'a, T: Copy + 'a>(
     }
     let channels = outs.len();
     for (channel, out) in outs.enumerate() {
-        // A stride that is known makes shuffles of the copies.
+        // With a constant stride the compiler uses shuffles instead of element copies.
         match channels {
             1 => out.copy_from_slice(records),
             2 => strided::<T, 2>(records, channel, out),
@@ -842,7 +685,7 @@ pub fn deinterleave<'a, T: Copy + 'a>(
     }
 }
 
-/// Puts records of pixels together; `rows` are as long as there are pixels.
+/// Interleaves planes into pixels.
 #[inline(always)]
 pub fn interleave<'a, T: Copy + 'a>(
     rows: impl ExactSizeIterator<Item = &'a [T]>,

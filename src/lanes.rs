@@ -1,32 +1,31 @@
-//! Neighbouring pixels as one value, for kernels whose inner loop runs over many taps: their sums then stay in registers.
+//! Explicit SIMD vectors of neighbouring pixels, and the addresses of taps around them.
 //!
-//! Written out in registers, as compilers do not find them: they turn loops over a few pixels inside of loops over taps
-//! into gathers, at half the speed. Lanes never mix.
+//! For kernels whose inner loop runs over many taps, so that the sums of a vector of pixels stay in registers. Compilers
+//! do not find this form: from a loop over pixels around a loop over taps they make gathers, at half the speed. No
+//! operation mixes lanes, so that the results do not depend on the vector's width.
 
 use std::ops::{Add, Div, Mul, Sub};
 
 use pulp::Simd;
 
-use crate::bordered::Taps;
+/// Lanes of the widest vector. Scratch rows are whole multiples of it, so that every level works on whole vectors.
+pub const LANES: usize = 16;
 
-/// The most lanes that there are.
-pub const WIDEST: usize = 16;
-
-/// A register of numbers.
+/// A vector of numbers.
 #[derive(Clone, Copy)]
 pub struct Lanes<S: Simd> {
     simd: S,
     values: S::f32s,
 }
 
-/// The same of whole numbers, which are only compared.
+/// A vector of surface classes, which can only be compared.
 #[derive(Clone, Copy)]
 pub struct Classes<S: Simd> {
     simd: S,
     values: S::u32s,
 }
 
-/// Which lanes something holds for.
+/// The result of a comparison, lane by lane.
 #[derive(Clone, Copy)]
 pub struct Mask<S: Simd> {
     simd: S,
@@ -44,7 +43,7 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
-    /// The values from `at` on.
+    /// The elements from `at` on.
     #[inline(always)]
     pub fn load(simd: S, plane: &[f32], at: usize) -> Self {
         let (registers, _) = S::as_simd_f32s(&plane[at..][..Self::COUNT]);
@@ -54,7 +53,7 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
-    /// The same of several planes.
+    /// The elements of several planes from `at` on.
     #[inline(always)]
     pub fn load_all<const N: usize>(simd: S, planes: [&[f32]; N], at: usize) -> [Self; N] {
         let mut lanes = [Self::all(simd, 0.0); N];
@@ -64,7 +63,7 @@ impl<S: Simd> Lanes<S> {
         lanes
     }
 
-    /// The taps of what lies at `at`.
+    /// The taps of the pixels from `at` on.
     #[inline(always)]
     pub fn load_taps<const N: usize>(
         simd: S,
@@ -72,7 +71,7 @@ impl<S: Simd> Lanes<S> {
         at: usize,
         taps: &Taps<N>,
     ) -> [Self; N] {
-        // One window, so that one look at its length is enough for all.
+        // One slice that holds all taps: one bounds check instead of N.
         let window = &plane[taps.first(at)..][..taps.places[N - 1] + Self::COUNT];
         let mut lanes = [Self::all(simd, 0.0); N];
         for k in 0..N {
@@ -81,13 +80,13 @@ impl<S: Simd> Lanes<S> {
         lanes
     }
 
-    /// The values of a row from `x` on, and `outside` beyond its ends.
+    /// The elements of a row from `x` on; lanes beyond either end are `outside`.
     #[inline(always)]
     pub fn load_around(simd: S, row: &[f32], x: isize, outside: f32) -> Self {
         if x >= 0 && x as usize + Self::COUNT <= row.len() {
             return Self::load(simd, row, x as usize);
         }
-        let mut values = [outside; WIDEST];
+        let mut values = [outside; LANES];
         for (lane, value) in values.iter_mut().enumerate().take(Self::COUNT) {
             let at = x + lane as isize;
             if at >= 0 && (at as usize) < row.len() {
@@ -97,16 +96,16 @@ impl<S: Simd> Lanes<S> {
         Self::load(simd, &values, 0)
     }
 
-    /// Columns `x` and those to the right.
+    /// x, x + 1, x + 2, …
     #[inline(always)]
     pub fn count_from(simd: S, x: f32) -> Self {
-        const COUNT: [f32; WIDEST] = [
+        const COUNT: [f32; LANES] = [
             0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
         ];
         Self::load(simd, &COUNT, 0) + x
     }
 
-    /// Writes into a row from `x` on, as far as the row goes.
+    /// Writes to a row from `x` on; lanes beyond its end are dropped.
     #[inline(always)]
     pub fn store(self, row: &mut [f32], x: usize) {
         let rest = &mut row[x..];
@@ -134,7 +133,7 @@ impl<S: Simd> Lanes<S> {
         self.with(self.simd.sqrt_f32s(self.values))
     }
 
-    /// 2^n times these, by their exponents, of the n that the low bits of `other` are.
+    /// Multiplies by 2^n, with n the integer in the low mantissa bits of `other`: adds n to the exponents.
     #[inline(always)]
     pub fn scale_by_low_bits(self, other: Self) -> Self {
         let simd = self.simd;
@@ -167,14 +166,14 @@ impl<S: Simd> Lanes<S> {
         self.mask(self.simd.less_than_f32s(self.abs().values, infinity))
     }
 
-    /// The lanes for which `holds`, and others for the rest.
+    /// These lanes where `holds`, those of `other` elsewhere.
     #[inline(always)]
     pub fn or(self, holds: Mask<S>, other: Self) -> Self {
         let (mask, simd) = (holds.values, self.simd);
         self.with(simd.select_f32s(mask, self.values, other.values))
     }
 
-    /// The lanes for which `holds`, and a number for the rest.
+    /// These lanes where `holds`, `other` elsewhere.
     #[inline(always)]
     pub fn or_all(self, holds: Mask<S>, other: f32) -> Self {
         self.or(holds, Self::all(self.simd, other))
@@ -235,11 +234,88 @@ impl<S: Simd> Mask<S> {
         Self { values, ..self }
     }
 
-    /// Whether it holds for all lanes.
+    /// True if all lanes are.
     #[inline(always)]
     pub fn all(self) -> bool {
         let not = self.simd.not_m32s(self.values);
         self.simd.first_true_m32s(not) == S::F32_LANES
+    }
+}
+
+/// The columns of a window's taps, ascending. Where they are compile-time constants, one address register serves all
+/// taps of a row.
+pub struct TapColumns<const N: usize> {
+    /// Offsets in steps; positive to the right.
+    pub multiples: [isize; N],
+    /// Offset of the first tap, in elements.
+    first: isize,
+    /// Offsets from the first tap, in elements.
+    places: [usize; N],
+    /// Offsets from the pixel, in pixels.
+    right: [f32; N],
+}
+
+impl<const N: usize> TapColumns<N> {
+    /// Taps at these multiples of `step`, their addresses clamped to `farthest` elements on either side.
+    #[inline(always)]
+    pub fn new(multiples: [isize; N], step: isize, farthest: isize) -> Self {
+        let mut columns = Self {
+            multiples,
+            first: 0,
+            places: [0; N],
+            right: [0.0; N],
+        };
+        let place = |k: usize| (multiples[k] * step).clamp(-farthest, farthest);
+        columns.first = place(0);
+        for k in 0..N {
+            columns.places[k] = (place(k) - columns.first) as usize;
+            columns.right[k] = multiples[k] as f32 * step as f32;
+        }
+        columns
+    }
+
+    /// The taps of a row that lies `down` rows below the pixel, relative to a slice of that row alone.
+    #[inline(always)]
+    pub fn taps(&self, down: isize) -> Taps<N> {
+        Taps {
+            offset: [self.first, down],
+            right: self.right,
+            down: down as f32,
+            shift: self.first,
+            places: self.places,
+        }
+    }
+}
+
+/// N taps in one row of a window.
+#[derive(Clone, Copy)]
+pub struct Taps<const N: usize> {
+    /// Offset of the first tap, to the right and down.
+    pub offset: [isize; 2],
+    /// Offsets in pixels, for weights that depend on the distance.
+    pub right: [f32; N],
+    pub down: f32,
+    /// Elements from the pixel to the first tap, and from there to each tap.
+    shift: isize,
+    pub places: [usize; N],
+}
+
+/// One tap.
+pub type Tap = Taps<1>;
+
+impl<const N: usize> Taps<N> {
+    /// These taps, `by` elements further on in memory.
+    pub fn shifted(self, by: isize) -> Self {
+        Self {
+            shift: self.shift + by,
+            ..self
+        }
+    }
+
+    /// The index of the first tap of the pixel at `at`.
+    #[inline(always)]
+    pub fn first(&self, at: usize) -> usize {
+        at.wrapping_add_signed(self.shift)
     }
 }
 

@@ -1,8 +1,8 @@
 //! Yester: temporal reprojection and denoising of rendered frames, on any CPU.
 //!
-//! [`pipelines`] are whole methods that work on a sequence frame by frame: they carry what earlier frames saw to the current
-//! one along motion vectors, judge how far it may be trusted, merge it with the new samples, and smooth the noise that is
-//! left. Every buffer of a [`Frame`](pipelines::Frame) but its colour is optional. Two frames, denoised:
+//! [`pipelines`] are whole methods that work on a sequence frame by frame: they reproject the history along motion vectors,
+//! validate it, accumulate the new samples, and filter the remaining noise in space. Every buffer of a
+//! [`Frame`](pipelines::Frame) but its colour is optional. Two frames, denoised:
 //!
 //! ```
 //! use yester::pipelines::svgf::{Params, Svgf};
@@ -27,7 +27,7 @@
 //!     assert_eq!(summary.missing, 0);
 //!     assert!(mistake.is_none());
 //! }
-//! // Uniform light of 0.5, in which noise was 0.25 off on average: less is left.
+//! // The mean is 0.5, and the noise deviates from it by 0.25 on average: less remains.
 //! let off: f32 = results.color.iter().map(|value| (value - 0.5).abs()).sum();
 //! assert!(off / (results.color.len() as f32) < 0.1);
 //! assert!(results.history_length.iter().all(|&length| length == 2.0));
@@ -35,38 +35,39 @@
 //! # }
 //! ```
 //!
-//! [`kernels`] are their building blocks, one module each, which begins with the formula and its source.
+//! [`kernels`] are the passes of the pipelines, one module each, headed by the formula and its source.
 //!
-//! All cores work, with the widest vector instructions that the CPU has. The environment lowers that: `YESTER_THREADS` to a
-//! number of threads, `YESTER_SIMD` to `baseline`, `avx2`, `avx512` or `neon`; see [`Settings`]. Results have the same bits
-//! with all of them. The feature `python` adds the extension module of the Python package; nothing else needs it.
+//! Every kernel uses all cores and the widest vector instructions of the CPU. Two environment variables lower that, never
+//! raise it: `YESTER_THREADS`, a number of threads, and `YESTER_SIMD`, one of `baseline`, `avx2`, `avx512` and `neon`; see
+//! [`Settings`]. The results have the same bits with every setting. The feature `python` adds the extension module of the
+//! Python package; nothing else needs it.
 //!
 //! # Inside
 //!
-//! A frame flows through the kernels in the order of their folders. In Python, numpy's arrays are at both ends:
+//! A frame passes through the kernels in the order of their folders. In Python, numpy arrays come in and go out:
 //!
 //! ```text
-//!   numpy ── bindings ──► planar views                          arrays are checked and taken apart, once
+//!   numpy ── bindings ──► views                                 arrays are checked once, at the door
 //!   camera   jitter ► motion_vectors ► dilate_motion            where was each pixel's surface,
 //!            virtual_motion                                     and what it reflects?
 //!   fetch    invert_motion                                      and where will it be?
-//!            reproject                                          history, brought here tap by tap,
-//!            splat ► pull_push                                  or point by point, its holes filled
-//!   judge    consistency, disocclusion, thin_features,          what shows another surface or light is refused,
+//!            reproject                                          history, gathered and validated tap by tap,
+//!            splat ► pull_push                                  or scattered point by point, its holes filled
+//!   judge    consistency, disocclusion, thin_features,          history of another surface or light is refused,
 //!            exposure ► clip_history, alternation ► anti_lag,
-//!            temporal_gradient, prediction_gain ► blend_factor, or counts for less,
-//!            innovation, choice                                 or is corrected; the best of several is chosen
-//!   merge    resample ► accumulate, blend, recirculate, resolve new samples join the history that is left
-//!   smooth   suppress_fireflies, fix_history, reconstruct,      what noise remains
-//!            estimate_variance ► atrous, regress,               is averaged in space,
-//!            morphological_aa, joint_bilateral_upsample,        and what was not traced is filled
+//!            temporal_gradient, prediction_gain ► blend_factor, or weighs less,
+//!            innovation, choice                                 or is corrected; the best of several wins
+//!   merge    resample ► accumulate, blend, recirculate, resolve new samples are accumulated
+//!   smooth   suppress_fireflies, fix_history, reconstruct,      the remaining noise
+//!            estimate_variance ► atrous, regress,               is filtered in space,
+//!            morphological_aa, joint_bilateral_upsample,        and pixels without samples are filled
 //!            sharpen
-//!   numpy ◄─ bindings ─── planar images
+//!   numpy ◄─ bindings ─── views
 //! ```
 //!
-//! `demodulate` and `remodulate` take the texture off before and put it back after; `morphological_aa` smooths the edges
-//! of an image that has no history. Pipelines are lists of these kernels that keep the history; `rows` runs them
-//! all, on every core and with the instructions that the CPU has.
+//! `demodulate` divides by the albedo before and `remodulate` multiplies by it after; `morphological_aa` antialiases where
+//! there is no history. Pipelines are lists of these kernels that keep the history. The module `rows` runs all of them,
+//! band by band on every core, compiled for the CPU's best instruction set.
 
 #[cfg(feature = "python")]
 mod bindings;
@@ -80,6 +81,7 @@ mod memory;
 pub mod pipelines;
 mod pixels;
 mod rows;
+mod tiles;
 
 pub use glam;
 pub use image::{BandMut, Image, Pixels, Records, Size, Value, View};

@@ -1,9 +1,8 @@
-//! Formulas that several kernels share. All are branch-free, so that loops over rows vectorise.
+//! Formulas that several kernels share. All are free of branches, so that the loops around them vectorise.
 
 use pulp::Simd;
 
 use crate::lanes::Lanes;
-use crate::pixels::larger;
 
 pub type Color = [f32; 3];
 
@@ -68,6 +67,18 @@ pub fn inverse_tone_map(rgb: Color, exposure: f32, limit: f32) -> Color {
             1.0
         };
     rgb.map(|c| c * scale)
+}
+
+/// The minimum; `b` where either is NaN. One instruction on every CPU, unlike `f32::min`, which tests for NaN.
+#[inline(always)]
+pub fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The maximum; `b` where either is NaN.
+#[inline(always)]
+pub fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 /// Clamped to [0, 1]. NaN becomes 0; `f32::clamp` would keep it.

@@ -1,8 +1,11 @@
-//! The memory of images, which a pipeline hands from frame to frame.
+//! The memory of images, and the scratch that a pipeline reuses from frame to frame.
 //!
-//! Memory that is fresh from the system comes in pages that it has to find and to clear, which takes longer than several
-//! passes over them. While a [`Reserve`] serves, images take what earlier ones have left. And large images ask for large
-//! pages, of which there are fewer to find, and fewer for the processor to look up.
+//! Fresh memory from the system is expensive: the kernel has to find and clear every page at its first use, which takes
+//! longer than several passes over the image. Inside of [`Scratch::install`], images therefore reuse the memory of earlier
+//! images. Large images also ask for huge pages: fewer page faults, fewer misses of the translation look-aside buffer.
+//!
+//! The scratch is installed per thread for the time of a step, not passed as an argument: kernels allocate their
+//! intermediate images themselves, and are the same functions with a pipeline and without one.
 
 use std::any::Any;
 use std::cell::RefCell;
@@ -13,50 +16,53 @@ use bytemuck::Pod;
 use memmap2::MmapMut;
 
 thread_local! {
-    static SERVING: RefCell<Option<Reserve>> = const { RefCell::new(None) };
+    /// The scratch of the step that runs on this thread.
+    static CURRENT: RefCell<Option<Scratch>> = const { RefCell::new(None) };
 }
 
-/// What is free, each a [`Room`] for numbers of some type.
+/// Memory that no image uses at the moment, in blocks of elements of any type.
 #[derive(Default)]
-pub struct Reserve {
+pub struct Scratch {
     free: Vec<Box<dyn Any + Send + Sync>>,
 }
 
-impl Reserve {
-    /// Does some work whose images are made of this memory, and leave theirs behind. If it panics, this memory is freed.
-    pub fn serve<R>(&mut self, work: impl FnOnce() -> R) -> R {
-        struct Served;
-        impl Drop for Served {
+impl Scratch {
+    /// Runs `work`. Its images on this thread take their memory from here, and return it when they are dropped. A panic
+    /// frees all of the scratch.
+    pub fn install<R>(&mut self, work: impl FnOnce() -> R) -> R {
+        struct Uninstall;
+        impl Drop for Uninstall {
             fn drop(&mut self) {
-                SERVING.take();
+                CURRENT.take();
             }
         }
-        let served = Served;
-        SERVING.set(Some(std::mem::take(self)));
+        let uninstall = Uninstall;
+        CURRENT.set(Some(std::mem::take(self)));
         let result = work();
-        *self = SERVING.take().unwrap_or_default();
-        drop(served);
+        *self = CURRENT.take().unwrap_or_default();
+        drop(uninstall);
         result
     }
 
-    /// The smallest piece that is large enough, unless it is far too large.
-    fn take<T: Value>(&mut self, len: usize) -> Option<Room<T>> {
-        let fits = |piece: &Box<dyn Any + Send + Sync>| {
-            let capacity = piece.downcast_ref::<Room<T>>()?.len();
+    /// The smallest free block that holds `len` elements. Blocks more than a third too large are left for larger
+    /// images.
+    fn take<T: Value>(&mut self, len: usize) -> Option<Block<T>> {
+        let fits = |block: &Box<dyn Any + Send + Sync>| {
+            let capacity = block.downcast_ref::<Block<T>>()?.len();
             (len..=len + len / 3)
                 .contains(&capacity)
                 .then_some(capacity)
         };
-        let pieces = self.free.iter().enumerate();
-        let (place, _) = pieces
-            .filter_map(|(place, piece)| fits(piece).map(|capacity| (place, capacity)))
+        let blocks = self.free.iter().enumerate();
+        let (index, _) = blocks
+            .filter_map(|(index, block)| fits(block).map(|capacity| (index, capacity)))
             .min_by_key(|&(_, capacity)| capacity)?;
-        let piece = self.free.swap_remove(place).downcast();
-        Some(*piece.expect("of this type, as it fits"))
+        let block = self.free.swap_remove(index).downcast();
+        Some(*block.expect("of this type, as it fits"))
     }
 }
 
-/// The panic of memory that cannot be had.
+/// The payload of the panic when an image cannot be allocated.
 #[derive(Debug)]
 pub struct OutOfMemory {
     bytes: usize,
@@ -74,7 +80,7 @@ impl Display for OutOfMemory {
     }
 }
 
-/// So many numbers, all zero.
+/// A vector of `len` zeros.
 fn zeroed<T: Value>(len: usize) -> Vec<T> {
     let mut numbers = vec![];
     if numbers.try_reserve_exact(len).is_err() {
@@ -84,7 +90,7 @@ fn zeroed<T: Value>(len: usize) -> Vec<T> {
     numbers
 }
 
-/// Asks for up to `len` numbers from `start` on, to be read or written soon, so that they come while others are worked on.
+/// Prefetches up to `len` elements from `start` on into the first-level cache; the part beyond the slice is left out.
 #[inline(always)]
 pub fn prefetch<T>(data: &[T], start: usize, len: usize) {
     #[cfg(target_arch = "x86_64")]
@@ -95,30 +101,30 @@ pub fn prefetch<T>(data: &[T], start: usize, len: usize) {
     let _ = (data, start, len);
 }
 
-/// Bytes that come at once.
+/// Bytes of a cache line.
 #[cfg(target_arch = "x86_64")]
 const LINE: usize = 64;
 
-/// What images consist of.
+/// The type of an image's elements.
 pub trait Value: Pod + Default + Send + Sync {}
 
 impl<T: Pod + Default + Send + Sync> Value for T {}
 
-/// Where numbers can be.
+/// An allocation: on the heap, or pages of its own.
 #[derive(Debug)]
-enum Room<T> {
+enum Block<T> {
     Small(Vec<T>),
     Large(MmapMut),
 }
 
-/// Bytes of a large page, and from which on they pay.
+/// Bytes of a huge page, and of the smallest block that gets huge pages.
 #[cfg(target_os = "linux")]
-const LARGE_PAGE: usize = 1 << 21;
+const HUGE_PAGE: usize = 1 << 21;
 const LARGE: usize = 1 << 22;
 
-impl<T: Value> Room<T> {
-    /// For so many numbers, all zero, and some more for images that are hardly larger: memory that nobody has written to
-    /// costs none.
+impl<T: Value> Block<T> {
+    /// Zeros for `len` elements and an eighth more, so that slightly larger images can reuse the block. Pages that are
+    /// never written to take no memory.
     fn new(len: usize) -> Self {
         let wanted = len.saturating_mul(size_of::<T>());
         let len = len.saturating_add(len / 8);
@@ -128,14 +134,15 @@ impl<T: Value> Room<T> {
         let Ok(pages) = MmapMut::map_anon(len.saturating_mul(size_of::<T>())) else {
             OutOfMemory::unwind(wanted);
         };
-        // Where large pages cannot be had, small ones do, and as well where the end of the last would be for nothing.
+        // Advice only: the system may still use small pages. The last partial page stays small, or most of a huge page
+        // would be wasted.
         #[cfg(target_os = "linux")]
-        let _ = pages.advise_range(memmap2::Advice::HugePage, 0, wanted - wanted % LARGE_PAGE);
+        let _ = pages.advise_range(memmap2::Advice::HugePage, 0, wanted - wanted % HUGE_PAGE);
         Self::Large(pages)
     }
 }
 
-impl<T: Value> Deref for Room<T> {
+impl<T: Value> Deref for Block<T> {
     type Target = [T];
 
     #[inline]
@@ -147,7 +154,7 @@ impl<T: Value> Deref for Room<T> {
     }
 }
 
-impl<T: Value> DerefMut for Room<T> {
+impl<T: Value> DerefMut for Block<T> {
     #[inline]
     fn deref_mut(&mut self) -> &mut [T] {
         match self {
@@ -157,13 +164,14 @@ impl<T: Value> DerefMut for Room<T> {
     }
 }
 
-/// So many numbers.
+/// The elements of an image.
 #[derive(Debug)]
 pub struct Memory<T: Value> {
-    /// Some, until it is dropped.
-    room: Option<Room<T>>,
+    /// `None` only while it is dropped.
+    block: Option<Block<T>>,
     len: usize,
-    /// Whether it was made where a reserve served, to which it then returns: others would only pile up there.
+    /// True if it was allocated while a scratch was installed. Only such memory returns to one: foreign memory, such as that
+    /// of the caller's images, would pile up there frame by frame.
     returns: bool,
 }
 
@@ -172,25 +180,25 @@ impl<T: Value> Memory<T> {
         Self::new(len, |data| data.fill(T::default()))
     }
 
-    /// Whatever was there before, for who overwrites all of it.
-    pub fn left(len: usize) -> Self {
+    /// Uninitialised: zeros or the elements of an earlier image. The caller must write every element.
+    pub fn stale(len: usize) -> Self {
         Self::new(len, |_| {})
     }
 
     fn new(len: usize, clear: impl FnOnce(&mut [T])) -> Self {
-        SERVING.with_borrow_mut(|reserve| {
-            let piece = reserve.as_mut().and_then(|reserve| reserve.take(len));
-            let room = match piece {
-                Some(mut room) => {
-                    clear(&mut room[..len]);
-                    room
+        CURRENT.with_borrow_mut(|scratch| {
+            let block = scratch.as_mut().and_then(|scratch| scratch.take(len));
+            let block = match block {
+                Some(mut block) => {
+                    clear(&mut block[..len]);
+                    block
                 }
-                None => Room::new(len),
+                None => Block::new(len),
             };
             Self {
-                room: Some(room),
+                block: Some(block),
                 len,
-                returns: reserve.is_some(),
+                returns: scratch.is_some(),
             }
         })
     }
@@ -198,7 +206,7 @@ impl<T: Value> Memory<T> {
 
 impl<T: Value> From<&[T]> for Memory<T> {
     fn from(data: &[T]) -> Self {
-        let mut copy = Self::left(data.len());
+        let mut copy = Self::stale(data.len());
         copy.copy_from_slice(data);
         copy
     }
@@ -215,25 +223,25 @@ impl<T: Value> Deref for Memory<T> {
 
     #[inline]
     fn deref(&self) -> &[T] {
-        &self.room.as_ref().expect("not dropped yet")[..self.len]
+        &self.block.as_ref().expect("not dropped yet")[..self.len]
     }
 }
 
 impl<T: Value> DerefMut for Memory<T> {
     #[inline]
     fn deref_mut(&mut self) -> &mut [T] {
-        &mut self.room.as_mut().expect("not dropped yet")[..self.len]
+        &mut self.block.as_mut().expect("not dropped yet")[..self.len]
     }
 }
 
 impl<T: Value> Drop for Memory<T> {
     fn drop(&mut self) {
         if self.returns
-            && let Some(room) = self.room.take().filter(|room| !room.is_empty())
+            && let Some(block) = self.block.take().filter(|block| !block.is_empty())
         {
-            SERVING.with_borrow_mut(|reserve| {
-                if let Some(reserve) = reserve {
-                    reserve.free.push(Box::new(room));
+            CURRENT.with_borrow_mut(|scratch| {
+                if let Some(scratch) = scratch {
+                    scratch.free.push(Box::new(block));
                 }
             });
         }
@@ -246,14 +254,14 @@ mod tests {
 
     #[test]
     fn memory_is_handed_on() {
-        let mut reserve = Reserve::default();
+        let mut scratch = Scratch::default();
         let place = |memory: &Memory<f32>| memory.as_ptr();
-        let first = reserve.serve(|| {
+        let first = scratch.install(|| {
             let mut memory = Memory::<f32>::zeroed(1000);
             memory.fill(1.0);
             place(&memory)
         });
-        reserve.serve(|| {
+        scratch.install(|| {
             // Of another type, too small, too large: none of these take it.
             let others = (
                 Memory::<u32>::zeroed(1000),
@@ -261,52 +269,52 @@ mod tests {
                 Memory::<f32>::zeroed(500),
             );
             assert!(place(&others.1) != first && place(&others.2) != first);
-            let left = Memory::<f32>::left(900);
-            assert_eq!((place(&left), left[899]), (first, 1.0));
-            drop(left);
+            let stale = Memory::<f32>::stale(900);
+            assert_eq!((place(&stale), stale[899]), (first, 1.0));
+            drop(stale);
             assert!(Memory::<f32>::zeroed(1000).iter().all(|&v| v == 0.0));
         });
-        assert_eq!(reserve.free.len(), 4);
+        assert_eq!(scratch.free.len(), 4);
     }
 
     #[test]
     fn large_memory_is_like_small() {
-        let mut reserve = Reserve::default();
+        let mut scratch = Scratch::default();
         let len = LARGE / size_of::<u32>() + 1;
         for _ in 0..2 {
-            reserve.serve(|| {
+            scratch.install(|| {
                 let mut memory = Memory::<u32>::zeroed(len);
                 assert!(memory.len() == len && memory.iter().all(|&v| v == 0));
                 memory.fill(7);
                 assert_eq!(memory.clone()[len - 1], 7);
             });
         }
-        assert_eq!(reserve.free.len(), 2);
+        assert_eq!(scratch.free.len(), 2);
     }
 
     #[test]
     fn a_panic_leaves_nothing_behind() {
-        let mut reserve = Reserve::default();
-        reserve.serve(|| drop(Memory::<f32>::zeroed(10)));
+        let mut scratch = Scratch::default();
+        scratch.install(|| drop(Memory::<f32>::zeroed(10)));
         let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            reserve.serve(|| {
+            scratch.install(|| {
                 let _image = Memory::<f32>::zeroed(10);
                 Memory::<f32>::zeroed(usize::MAX)
             });
         }));
         assert!(panic.unwrap_err().is::<OutOfMemory>());
-        assert!(reserve.free.is_empty() && SERVING.with_borrow(Option::is_none));
+        assert!(scratch.free.is_empty() && CURRENT.with_borrow(Option::is_none));
     }
 
     #[test]
     fn memory_from_elsewhere_does_not_pile_up() {
-        let mut reserve = Reserve::default();
+        let mut scratch = Scratch::default();
         let before = Memory::<f32>::zeroed(10);
-        let kept = reserve.serve(|| {
+        let kept = scratch.install(|| {
             drop(before);
             Memory::<f32>::zeroed(10)
         });
         drop(kept);
-        assert!(reserve.free.is_empty());
+        assert!(scratch.free.is_empty());
     }
 }

@@ -1,30 +1,48 @@
-//! Images in either layout, plane by plane or pixel by pixel, worked on run by run.
+//! Reading and writing images run by run, in either layout.
 //!
-//! What is known of a run stays in the first-level cache, and the rows around it in the second. No planar copy of the
-//! whole is needed: channels are taken apart, and put together again, on the way.
+//! A kernel loads a run into planar line buffers, which stay in the first-level cache; the rows around it, for windows,
+//! stay in the second-level cache ([`Rolling`]). Interleaved images need no planar copy of the whole: runs are
+//! deinterleaved and interleaved on the way.
 
 use std::ops::RangeInclusive;
 
-use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, interleave, segments};
+use crate::error::Result;
+use crate::image::{
+    BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, check_data, interleave, segments,
+};
+use crate::lanes::LANES;
 use crate::memory::prefetch;
 use crate::rows::{self, BAND};
 
-/// A band of rows of a mutable image.
+/// A band of rows of a mutable image, in either layout.
 pub enum PixelsMut<'a> {
-    /// Plane by plane.
+    /// Planar.
     Planar(BandMut<'a>),
-    /// Of as many channels as are written.
+    /// Interleaved, with as many channels as the kernel writes.
     Interleaved {
         /// The band's first row.
         top: usize,
         /// Columns of the image.
         width: usize,
-        /// Pixel by pixel.
+        /// The band's pixels.
         data: &'a mut [f32],
     },
 }
 
 impl<'a> PixelsMut<'a> {
+    /// (height, width, channels) data, to be written by a kernel.
+    ///
+    /// # Errors
+    /// If images cannot have such a size, or the data have another length.
+    pub fn interleaved(
+        size: Size,
+        channels: usize,
+        data: &'a mut [f32],
+    ) -> Result<impl Iterator<Item = PixelsMut<'a>>> {
+        check_data(size, channels, data.len())?;
+        Ok(Self::bands(size, channels, data))
+    }
+
     /// The bands of (height, width, channels) data.
     pub(crate) fn bands(
         size: Size,
@@ -42,12 +60,12 @@ impl<'a> PixelsMut<'a> {
             })
     }
 
-    /// The bands of planes that lie one after the other.
+    /// The bands of planar data.
     pub(crate) fn planar(size: Size, data: &'a mut [f32]) -> impl Iterator<Item = PixelsMut<'a>> {
         bands_of(data, size).map(PixelsMut::Planar)
     }
 
-    /// Overwrites a run of as many channels as there are rows.
+    /// Writes a run; each of `rows` is the line buffer of a channel.
     #[inline(always)]
     pub(crate) fn write<'r>(
         &mut self,
@@ -60,7 +78,7 @@ impl<'a> PixelsMut<'a> {
                 for (part, row) in band.parts(run).zip(rows) {
                     part.copy_from_slice(row);
                 }
-                band.follow(run);
+                band.prefetch_after(run);
             }
             Self::Interleaved { top, width, data } => {
                 let channels = rows.len();
@@ -73,7 +91,7 @@ impl<'a> PixelsMut<'a> {
     }
 }
 
-/// The rows of `N` planes that lie one after the other, to be written apart.
+/// The rows of an image of `N` channels, each to be written on its own.
 pub fn rows_of<const N: usize>(image: &mut Image) -> Vec<[&mut [f32]; N]> {
     let Size { height, width } = image.size;
     assert_eq!(image.channels, N);
@@ -90,9 +108,9 @@ pub fn rows_of<const N: usize>(image: &mut Image) -> Vec<[&mut [f32]; N]> {
     (0..height).map(row).collect()
 }
 
-/// An image that gives its colours run by run.
+/// A source of colour that kernels read run by run: an image, or a computation on images that needs no intermediate one.
 pub trait Colors: Sync {
-    /// Writes a run's colours; what is missing is not finite.
+    /// Writes a run's colours. Missing pixels are not finite.
     fn colors(&self, run: Run, into: &mut [Row; 3]);
 }
 
@@ -103,36 +121,66 @@ impl Colors for Pixels<'_> {
     }
 }
 
-/// Columns that kernels with large windows work on at a time, so that what they know of the rows around stays in the
+/// Columns of a strip. Kernels with large windows work strip by strip, so that the rows of the window stay in the
 /// second-level cache.
 pub const STRIP: usize = 640;
 
-/// Scratch is worked on in multiples of so many pixels, whole vectors at every level.
-pub const LANES: usize = 16;
+/// A line buffer: one value for each pixel of a run.
+pub type Row<T = f32> = [T; SEGMENT];
 
-/// Values of a run's pixels.
-pub type Row = [f32; SEGMENT];
-
-/// Values of a run's columns and those to its sides.
+/// A line buffer with room for the columns that a window adds to a run.
 pub type Columns = [f32; SEGMENT + LANES];
 
-/// As many pixels as a run has, in whole vectors.
+/// The motion of a run of pixels; the third channel, if there is one, is the change of depth.
+#[derive(Clone, Copy)]
+pub struct Motion<'a> {
+    pub x: &'a [f32],
+    pub y: &'a [f32],
+    pub depth: Option<&'a [f32]>,
+}
+
+/// Line buffers for the motion of a run.
+pub struct MotionLanes([Row; 3]);
+
+impl MotionLanes {
+    pub fn zeroed() -> Self {
+        Self([[0.0; SEGMENT]; 3])
+    }
+
+    #[inline(always)]
+    pub fn load(&mut self, motion: &Pixels, run: Run) -> Motion<'_> {
+        let Self(lanes) = self;
+        let [x, y, depth] = lanes.each_mut().map(Row::as_mut_slice);
+        match motion.channels {
+            3 => motion.read(run, [x, y, depth]),
+            _ => motion.read(run, [x, y]),
+        }
+        let [x, y, depth] = lanes.each_ref().map(|lane| &lane[..run.len]);
+        Motion {
+            x,
+            y,
+            depth: (motion.channels == 3).then_some(depth),
+        }
+    }
+}
+
+/// The run's length, rounded up to whole vectors.
 #[inline(always)]
 pub fn lanes(run: Run) -> usize {
     run.len.next_multiple_of(LANES).min(SEGMENT)
 }
 
-/// Rows of an image with columns to either side, of which the last few are held, in turn.
+/// A ring buffer of the 2·radius + 1 rows that a vertical window needs, each with a halo of columns.
 pub struct Rolling<const C: usize, T = f32> {
     pub radius: usize,
     length: usize,
     data: Vec<T>,
-    /// What is where no image is.
+    /// The value of pixels outside the image.
     outside: T,
 }
 
 impl<const C: usize> Rolling<C> {
-    /// For windows that reach so far to each side; NaN outside.
+    /// For windows of this radius; NaN outside the image.
     #[inline(always)]
     pub fn new(width: usize, radius: usize) -> Self {
         Self::within(width, radius, f32::NAN)
@@ -157,7 +205,7 @@ impl<const C: usize, T: Copy> Rolling<C, T> {
         y.rem_euclid(rows) as usize * C * self.length
     }
 
-    /// Row `y` of the channels, of which the image's begin `radius` columns further on.
+    /// Row `y` of each channel, halo included: column x of the image is at index x + radius.
     #[inline(always)]
     pub fn row(&self, y: isize) -> [&[T]; C] {
         let rows = &self.data[self.start(y)..][..C * self.length];
@@ -171,7 +219,7 @@ impl<const C: usize, T: Copy> Rolling<C, T> {
         std::array::from_fn(|_| rows.next().expect("as many rows as channels"))
     }
 
-    /// The rows around `y` that are not held since row `y - 1`, if that was before.
+    /// The rows that a step to row `y` adds to the buffer: the lowest of its window, or all of them for the first row.
     pub fn due(&self, y: usize, first: bool) -> RangeInclusive<isize> {
         let (y, radius) = (y as isize, self.radius as isize);
         let last = y + radius;
@@ -182,7 +230,7 @@ impl<const C: usize, T: Copy> Rolling<C, T> {
         }
     }
 
-    /// The row to be filled, of an image of this size; what is around it is outside.
+    /// Row `y`, to be filled by the caller, its halo filled already; `None` for a row outside the image, which needs no more.
     #[inline(always)]
     pub fn fresh(&mut self, y: isize, size: Size) -> Option<[&mut [T]; C]> {
         let (radius, outside) = (self.radius, self.outside);
@@ -202,7 +250,7 @@ impl<const C: usize, T: Copy> Rolling<C, T> {
 }
 
 impl<const C: usize> Rolling<C> {
-    /// The columns of a run's pixels and those around, `dy` below.
+    /// The columns of a run and of its halo, `dy` rows below.
     #[inline(always)]
     pub fn columns(&self, run: Run, dy: isize) -> [&Columns; C] {
         self.row(run.y as isize + dy).map(|row| {
@@ -212,14 +260,15 @@ impl<const C: usize> Rolling<C> {
         })
     }
 
-    /// The run's pixels.
+    /// The run's own pixels, in whole vectors.
     #[inline(always)]
     pub fn own(&self, run: Run) -> [&[f32]; C] {
         self.columns(run, 0)
             .map(|row| &row[self.radius..][..lanes(run)])
     }
 
-    /// Goes to row `y`, which is below the one before unless it is the first, and returns the rows that this adds.
+    /// Steps to row `y`, one below the previous call's row unless it is the `first`; loads the rows that this adds, and returns
+    /// their numbers.
     #[inline(always)]
     pub fn roll(&mut self, pixels: Pixels, y: usize, first: bool) -> RangeInclusive<isize> {
         let due = self.due(y, first);
@@ -234,22 +283,10 @@ impl<const C: usize> Rolling<C> {
     }
 }
 
-/// Puts a run into rows.
+/// Copies line buffers into whole rows.
 #[inline(always)]
 pub fn put<const C: usize>(rows: &mut [&mut [f32]; C], run: Run, values: &[Row; C]) {
     for (row, values) in rows.iter_mut().zip(values) {
         row[run.x..][..run.len].copy_from_slice(&values[..run.len]);
     }
-}
-
-/// The smaller; the second where the first is NaN. One instruction, which `min` is not.
-#[inline(always)]
-pub fn smaller(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-/// The larger; the second where the first is NaN.
-#[inline(always)]
-pub fn larger(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
 }

@@ -68,6 +68,16 @@ fn jobs<O>(height: usize, mut outs: impl Iterator<Item = O>) -> Vec<Job<O>> {
     jobs
 }
 
+/// The bands of an output that may be absent: `None` for every band then, otherwise as many as there are, so that one too
+/// few is noticed like any other.
+pub fn optional<I: Iterator>(outs: Option<I>) -> impl Iterator<Item = Option<I::Item>> {
+    let mut outs = outs;
+    std::iter::from_fn(move || match &mut outs {
+        Some(outs) => outs.next().map(Some),
+        None => Some(None),
+    })
+}
+
 /// Jobs of several bands each, for kernels whose windows reach `reach` rows beyond their own: the rows in the halo, which
 /// both neighbours compute, stay few beside the job's own.
 pub fn tall_jobs<O>(
@@ -104,8 +114,8 @@ pub fn lines<T>(
     rows.zip(out.chunks_exact_mut(len))
 }
 
-/// Rows of a job that gives every thread six jobs, in images that are high enough.
-pub fn turn(height: usize) -> usize {
+/// Rows of a job where every thread gets six jobs: enough to balance the load, if the image is high enough for them.
+pub fn rows_per_job(height: usize) -> usize {
     height.div_ceil(6 * Settings::get().threads).max(BAND)
 }
 
@@ -130,7 +140,7 @@ impl<K: Kernel> WithSimd for Call<'_, K> {
     }
 }
 
-/// Instruction sets, each including those before it. What the target has anyway (SSE2, NEON) is the baseline.
+/// Instruction sets, each a superset of the one before. The baseline is what every CPU of the target has (SSE2, NEON).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Level {
     Baseline,
@@ -154,7 +164,7 @@ impl Level {
         Self::Baseline
     }
 
-    /// The level of this name; one that this architecture does not have counts as the nearest below.
+    /// The level of this name; the next lower one if the architecture lacks it.
     fn named(name: &str) -> Option<Self> {
         match name {
             "baseline" | "neon" => Some(Self::Baseline),
@@ -185,7 +195,7 @@ impl Level {
     }
 }
 
-/// What this machine has, lowered by the environment.
+/// Threads and instruction set: those of this machine, lowered by the environment.
 #[derive(Debug)]
 pub struct Settings {
     /// At least 1.
@@ -259,12 +269,13 @@ fn variable(name: &str) -> Option<String> {
 /// could copy in its locked state; the parent's pool is never dropped, since nobody is left to join.
 struct Pool {
     process: u32,
-    /// None where the system started no threads: the caller's does all.
+    /// `None` if the system could start no threads: the caller's thread then does all the work.
     pool: Option<rayon::ThreadPool>,
     next: OnceLock<Box<Pool>>,
 }
 
-/// Bytes of a thread's stack. Unoptimised builds, in which nothing that is inlined shares its place, overflow the usual 2 MB.
+/// Bytes of a thread's stack. Unoptimised builds, in which the locals of inlined functions share no stack slots, overflow
+/// the usual 2 MB.
 const STACK: usize = 8 << 20;
 
 fn pool() -> Option<&'static rayon::ThreadPool> {
@@ -348,6 +359,18 @@ mod tests {
     #[should_panic(expected = "every band of rows has its outputs")]
     fn zipped_outputs_panic_where_one_is_short() {
         tall_jobs(40, 1, [(); 3].iter().zip(&[(); 2]));
+    }
+
+    #[test]
+    #[should_panic(expected = "every band of rows has its outputs")]
+    fn optional_outputs_panic_where_they_are_short() {
+        jobs(40, optional(Some([(); 2].iter())));
+    }
+
+    #[test]
+    fn optional_outputs_may_be_absent() {
+        let absent = optional(None::<std::slice::Iter<()>>).zip([(); 3]);
+        assert!(jobs(40, absent).iter().all(|(_, (out, ()))| out.is_none()));
     }
 
     #[test]

@@ -6,12 +6,12 @@ use pyo3::types::{PyList, PyTuple};
 
 use super::arrays::{Channels, Direct, Input, Interleaved, MOTION, Out, choice, detached, parts};
 use super::camera::Camera;
-use super::judge::{Bounds, SurfaceArgs};
+use super::validate::{Bounds, SurfaceArgs};
 use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, reproject_records};
-use crate::kernels::judge::surface::{self, Threshold};
+use crate::kernels::fetch::validate::{self, Threshold};
 
 /// Reprojection: fetches history along motion vectors, each tap validated.
 ///
@@ -147,7 +147,7 @@ pub fn reproject_<'py>(
             [object_normal, previous_object_normal],
             [color, previous_color],
             previous_camera,
-            surface::Params {
+            validate::Params {
                 relative_depth: relative_depth.into(),
                 plane_distance: plane_distance.into(),
                 normal_angle: normal_angle.into(),

@@ -8,7 +8,7 @@ use super::camera::Camera;
 use super::smooth::{GuideArgs, GuideData};
 use crate::error::Error;
 use crate::image::{Image, Pixels, Size};
-use crate::kernels::judge::surface::Surface;
+use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::joint_bilateral::{
     Grid, Params, joint_bilateral_upsample, reconstruct,

@@ -1,312 +1,21 @@
-//! The kernels of the judge folder, and the arguments of the surface tests, which `reproject` shares.
+//! The kernels of the judge folder.
 
 use numpy::PyArrayDyn;
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, choice, detached, needs,
-    parts,
+    COLOR, Channels, Direct, Input, Interleaved, MOTION, Out, choice, detached, parts,
 };
-use super::camera::{Camera, check_size};
 use super::merge::AlphaArg;
+use super::validate::Bounds;
 use crate::error::{Error, whole};
-use crate::image::{Pixels, bands_of};
-use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
+use crate::image::bands_of;
 use crate::kernels::judge::{
-    alternation, anti_lag, blend_factor, choice, consistency, exposure, gradient, innovation,
-    neighborhood, prediction,
+    alternation, anti_lag, blend_factor, choice, exposure, gradient, innovation, neighborhood,
+    prediction,
 };
 use crate::kernels::merge::blend::clip_and_blend;
 use crate::pixels::PixelsMut;
-
-/// A threshold: a number, or a ramp's ends (full trust up to the first, none beyond the second).
-#[derive(Clone, Copy)]
-pub enum Bounds {
-    Hard(f32),
-    Soft(f32, f32),
-}
-
-impl FromPyObject<'_, '_> for Bounds {
-    type Error = PyErr;
-
-    fn extract(value: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
-        if let Ok(at) = value.extract() {
-            Ok(Self::Hard(at))
-        } else if let Ok((full, none)) = value.extract() {
-            Ok(Self::Soft(full, none))
-        } else {
-            let text = format!(
-                "expected a number or a pair of numbers, got {}",
-                value.repr()?
-            );
-            Err(PyTypeError::new_err(text))
-        }
-    }
-}
-
-impl From<Bounds> for Threshold {
-    fn from(bounds: Bounds) -> Self {
-        match bounds {
-            Bounds::Hard(at) => Self::hard(at),
-            Bounds::Soft(full, none) => Self { full, none },
-        }
-    }
-}
-
-/// A buffer of the current and of the previous frame.
-type Pair<T> = Option<[T; 2]>;
-
-/// The surface tests' checked arguments.
-pub struct SurfaceArgs<'py> {
-    depth: Pair<Input<'py>>,
-    normal: Pair<Input<'py>>,
-    ids: Pair<Input<'py, u32>>,
-    object_normal: Pair<Input<'py>>,
-    color: Pair<Input<'py>>,
-    camera: Option<pinhole::Camera>,
-    params: surface::Params,
-}
-
-/// The plane test needs depths, normals and motion with a change of depth.
-fn check_plane_test(depth: bool, normal: bool, motion_channels: usize) -> PyResult<()> {
-    if !depth {
-        return Err(needs("previous_camera", "depth"));
-    }
-    if !normal {
-        return Err(needs("previous_camera", "normal"));
-    }
-    if motion_channels != 3 {
-        return Err(Error::value(
-            "motion",
-            "shape (H, W, 3) for the plane test of previous_camera",
-            "(H, W, 2)",
-        )
-        .into());
-    }
-    Ok(())
-}
-
-type Arg<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
-
-impl<'py> SurfaceArgs<'py> {
-    pub fn new(
-        motion: &Input<'py>,
-        depth: [Arg<'_, 'py>; 2],
-        normal: [Arg<'_, 'py>; 2],
-        ids: [Arg<'_, 'py>; 2],
-        object_normal: [Arg<'_, 'py>; 2],
-        color: [Arg<'_, 'py>; 2],
-        camera: Option<&Camera>,
-        params: surface::Params,
-    ) -> PyResult<Self> {
-        params.check()?;
-        let size = motion.size();
-        if let Some(camera) = camera {
-            check_size("previous_camera", camera, size)?;
-            check_plane_test(depth[0].is_some(), normal[0].is_some(), motion.channels())?;
-        }
-        let vectors =
-            |v: &Bound<'py, PyAny>, name: &str| Input::new(v, name, COLOR)?.sized(name, size);
-        Ok(Self {
-            depth: pair(depth, ["depth", "previous_depth"], |v, name| {
-                Input::new(v, name, Channels::One)?.sized(name, size)
-            })?,
-            normal: pair(normal, ["normal", "previous_normal"], vectors)?,
-            object_normal: pair(
-                object_normal,
-                ["object_normal", "previous_object_normal"],
-                vectors,
-            )?,
-            color: pair(color, ["color", "previous_color"], vectors)?,
-            ids: pair(ids, ["ids", "previous_ids"], |v, name| {
-                Input::new(v, name, Channels::One)?.sized(name, size)
-            })?,
-            camera: camera.map(|camera| camera.inner),
-            params,
-        })
-    }
-
-    pub fn data(&self) -> SurfaceData<'_> {
-        fn data<'a, T: Number>(pair: &'a Pair<Input<'_, T>>) -> Pair<Interleaved<'a, T>> {
-            pair.as_ref().map(|pair| pair.each_ref().map(Input::data))
-        }
-        SurfaceData {
-            depth: data(&self.depth),
-            normal: data(&self.normal),
-            ids: data(&self.ids),
-            object_normal: data(&self.object_normal),
-            color: data(&self.color),
-            rays: self.camera.as_ref().map(pinhole::Camera::rays),
-            params: self.params,
-        }
-    }
-}
-
-/// Checks that a buffer was given for both frames or for neither.
-fn pair<'py, T>(
-    args: [Arg<'_, 'py>; 2],
-    names: [&str; 2],
-    check: impl Fn(&Bound<'py, PyAny>, &str) -> PyResult<T>,
-) -> PyResult<Pair<T>> {
-    match args {
-        [Some(now), Some(before)] => Ok(Some([check(now, names[0])?, check(before, names[1])?])),
-        [None, None] => Ok(None),
-        [Some(_), None] => Err(needs(names[0], names[1])),
-        [None, Some(_)] => Err(needs(names[1], names[0])),
-    }
-}
-
-/// The tests' data, usable without the interpreter's lock.
-#[derive(Clone, Copy)]
-pub struct SurfaceData<'a> {
-    depth: Pair<Interleaved<'a, f32>>,
-    normal: Pair<Interleaved<'a, f32>>,
-    ids: Pair<Interleaved<'a, u32>>,
-    object_normal: Pair<Interleaved<'a, f32>>,
-    color: Pair<Interleaved<'a, f32>>,
-    rays: Option<Rays>,
-    params: surface::Params,
-}
-
-impl<'a> SurfaceData<'a> {
-    pub fn tests(self) -> Tests<'a> {
-        fn part<'a, T: Number>(pair: Pair<Interleaved<'a, T>>, i: usize) -> Option<Pixels<'a, T>> {
-            pair.map(|pair| pair[i].pixels())
-        }
-        let buffers = |i: usize| Surface {
-            depth: part(self.depth, i),
-            normal: part(self.normal, i),
-            ids: part(self.ids, i),
-            object_normal: part(self.object_normal, i),
-            color: part(self.color, i),
-        };
-        Tests::new(buffers(0), buffers(1), self.rays, &self.params)
-    }
-}
-
-/// History validation: the tests that each pixel's history fails, and the confidence in it.
-///
-/// Tests the bilinear footprint in the previous frame at the end of each pixel's motion.
-///
-/// Parameters
-/// ----------
-/// motion : (H, W, 2) or (H, W, 3) array_like of float
-///     Previous minus current position in pixels; the third channel, if given, previous minus current depth.
-/// depth, previous_depth : (H, W) array_like of float, optional
-///     View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
-/// normal, previous_normal : (H, W, 3) array_like of float, optional
-///     World space; only directions count.
-/// ids, previous_ids : (H, W) array_like of int, optional
-///     Taps with another id fail.
-/// object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
-///     In object space, where they do not rotate with the object. Their directions are compared instead of those of
-///     `normal`.
-/// color, previous_color : (H, W, 3) array_like of float, optional
-///     Compared by luminance. Missing samples pass.
-/// previous_camera : Camera, optional
-///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
-/// relative_depth : float or (float, float), default 0.1
-///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp:
-///     full trust up to the first, none beyond the second, linear between.
-/// plane_distance : float or (float, float), default 0.01
-///     Largest distance of the expected point from the tap's plane, relative to the expected depth; above 0.
-/// normal_angle : float or (float, float), default 25.0
-///     Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
-/// relative_luminance : float or (float, float), default 0.5
-///     Largest \|l - l'\| / max(\|l\|, \|l'\|); from 0.
-/// speed : float or (float, float), optional
-///     Longest motion in pixels; from 0. By default any.
-/// out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional
-///     Written and returned instead of new arrays. A part may be None.
-///
-/// Returns
-/// -------
-/// rejection : (H, W) uint8
-///     Bits of `Rejection`: every test that some tap of the footprint fails entirely.
-/// confidence : (H, W) float32
-///     The taps' weights times their trust, summed: with hard thresholds, the fraction of the footprint that passes all
-///     tests. 0 to 1.
-///
-/// Raises
-/// ------
-/// ValueError
-///     On wrong shapes, a buffer without its partner, or a threshold out of range.
-///
-/// Notes
-/// -----
-/// Expected depth is depth plus the motion's third channel, or depth itself. Background (+inf) matches background only;
-/// NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR; the relative test at a
-/// tenth and the angle of 25° are customary values.
-#[pyfunction]
-#[pyo3(name = "consistency", signature = (motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None,
-    previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None,
-    previous_camera=None, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
-    normal_angle=Bounds::Hard(25.0), relative_luminance=Bounds::Hard(0.5), speed=None, out=None))]
-#[pyo3(
-    text_signature = "(motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None, \
-    previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None, \
-    previous_camera=None, relative_depth=0.1, plane_distance=0.01, normal_angle=25.0, relative_luminance=0.5, \
-    speed=None, out=None)"
-)]
-pub fn consistency_<'py>(
-    py: Python<'py>,
-    motion: &Bound<'py, PyAny>,
-    depth: Option<&Bound<'py, PyAny>>,
-    previous_depth: Option<&Bound<'py, PyAny>>,
-    normal: Option<&Bound<'py, PyAny>>,
-    previous_normal: Option<&Bound<'py, PyAny>>,
-    ids: Option<&Bound<'py, PyAny>>,
-    previous_ids: Option<&Bound<'py, PyAny>>,
-    object_normal: Option<&Bound<'py, PyAny>>,
-    previous_object_normal: Option<&Bound<'py, PyAny>>,
-    color: Option<&Bound<'py, PyAny>>,
-    previous_color: Option<&Bound<'py, PyAny>>,
-    previous_camera: Option<&Camera>,
-    relative_depth: Bounds,
-    plane_distance: Bounds,
-    normal_angle: Bounds,
-    relative_luminance: Bounds,
-    speed: Option<Bounds>,
-    out: Option<Bound<'py, PyAny>>,
-) -> PyResult<(Bound<'py, PyArrayDyn<u8>>, Bound<'py, PyArrayDyn<f32>>)> {
-    let (rejection, confidence) = {
-        let motion = Input::<f32>::new(motion, "motion", MOTION)?;
-        let surface = SurfaceArgs::new(
-            &motion,
-            [depth, previous_depth],
-            [normal, previous_normal],
-            [ids, previous_ids],
-            [object_normal, previous_object_normal],
-            [color, previous_color],
-            previous_camera,
-            surface::Params {
-                relative_depth: relative_depth.into(),
-                plane_distance: plane_distance.into(),
-                normal_angle: normal_angle.into(),
-                relative_luminance: relative_luminance.into(),
-                speed: speed.map(Threshold::from),
-            },
-        )?;
-        let size = motion.size();
-        let shape = [size.height, size.width];
-        let [first, second] = parts(out.as_ref())?;
-        let out = (Out::given(first, &shape)?, Out::given(second, &shape)?);
-        let (motion, tests) = (motion.data().pixels(), surface.data().tests());
-        let mut rejection = Direct::new(py, out.0, &shape)?;
-        let mut confidence = Direct::new(py, out.1, &shape)?;
-        {
-            let (rejection, confidence) = (rejection.data()?, confidence.data()?);
-            detached(py, || {
-                let outs = bands_of(rejection, size).zip(bands_of(confidence, size));
-                consistency::consistency(motion, tests, outs);
-            })?;
-        }
-        (rejection, confidence)
-    };
-    Ok((rejection.array()?, confidence.array()?))
-}
 
 /// Neighbourhood clipping: clips history to the range of the current frame's colours around each pixel.
 ///
@@ -798,7 +507,7 @@ pub fn innovation_<'py>(
             let (found, rest) =
                 innovation::innovation(&color, &prediction, length, known, exposure, params);
             found.corrections(&prediction, size, PixelsMut::bands(size, 3, bands));
-            records.copy_from_slice(rest.pixels().numbers().0);
+            records.copy_from_slice(rest.pixels().elements().0);
         })?;
         (correction, left)
     };
@@ -935,7 +644,7 @@ pub fn choice_<'py>(
                 &color, known, motion, coverage, evidence, exposure, usual, params,
             );
             plane.copy_from_slice(best.plane(0));
-            records.copy_from_slice(rest.pixels().numbers().0);
+            records.copy_from_slice(rest.pixels().elements().0);
         })?;
         (chosen, left)
     };

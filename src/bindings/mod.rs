@@ -16,6 +16,7 @@ mod regress;
 mod scatter;
 mod smooth;
 mod upscale;
+mod validate;
 
 use pyo3::prelude::*;
 
@@ -38,8 +39,8 @@ mod _core {
     use super::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
     #[pymodule_export]
     use super::judge::{
-        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, consistency_, exposure_,
-        innovation_, prediction_gain, temporal_gradient,
+        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, exposure_, innovation_,
+        prediction_gain, temporal_gradient,
     };
     #[pymodule_export]
     use super::merge::{Accumulated, accumulate_, blend_, resolve_};
@@ -68,6 +69,8 @@ mod _core {
     };
     #[pymodule_export]
     use super::upscale::{disocclusion_, resample_, sharpen_, thin_features_};
+    #[pymodule_export]
+    use super::validate::consistency_;
     #[pymodule_export]
     use super::{machine_limits, settings};
 

@@ -9,7 +9,7 @@ use super::arrays::{
 use super::camera::{Camera, check_size};
 use crate::image::Size;
 use crate::kernels::camera::pinhole::{self, Rays};
-use crate::kernels::judge::surface::Surface;
+use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::variance::{self, Estimate, estimate_variance};

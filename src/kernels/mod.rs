@@ -1,13 +1,13 @@
-//! The building blocks, in folders that sort in the order in which data flows.
+//! The passes of the pipelines, in folders that sort in the order of data flow.
 //!
-//! Each module begins with its formula and the source of that, and the channels and ranges of what goes in and comes out. Images
-//! come in as [`Pixels`](crate::Pixels) or [`View`](crate::View). Where a kernel writes to an iterator, that is
-//! [`PixelsMut::interleaved`](crate::PixelsMut::interleaved) data, or the [`bands`](crate::Image::bands) of a planar image;
-//! slices have an element for each pixel and channel, pixel by pixel.
+//! Each module is headed by its formula with the source, and by the channels and ranges of its inputs and outputs. Inputs
+//! are views, [`Pixels`](crate::Pixels) or [`View`](crate::View). An output that is an iterator takes bands: those of
+//! [`PixelsMut::interleaved`](crate::PixelsMut::interleaved), or the [`bands`](crate::Image::bands) of a planar image. An
+//! output that is a slice is interleaved.
 //!
-//! Kernels do not check what they are called with: `Params::check` asks for ranges, and the functions named `check` for numbers
-//! beside them. All images of a call have one size, but where the module says otherwise; where one is smaller, a kernel
-//! panics or leaves pixels as they were. [Pipelines](crate::pipelines) check all of this themselves.
+//! Kernels do not validate their arguments: call `Params::check` for the parameters, and the functions named `check` for
+//! the numbers beside them. All images of a call have the same size unless the module says otherwise; a kernel panics if
+//! an output is too small or too large. [Pipelines](crate::pipelines) check all of this themselves.
 
 pub mod camera;
 pub mod fetch;

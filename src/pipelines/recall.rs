@@ -11,8 +11,8 @@ use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
+use crate::kernels::fetch::validate::{Surface, Tests};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
-use crate::kernels::judge::surface::{Surface, Tests};
 
 const BILINEAR: reproject::Params = reproject::Params {
     filter: Filter::Bilinear,

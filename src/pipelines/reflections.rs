@@ -14,20 +14,19 @@
 use std::ops::Range;
 
 use super::frame::Frame;
-use crate::image::{
-    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, Tiles, View, bands_of, runs_in, segments,
-};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
 use crate::kernels::camera::motion::{Geometry, Shown};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::camera::virtual_motion::Mirrored;
-use crate::kernels::fetch::footprint::{Filter, Motion, MotionLanes};
+use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
+use crate::kernels::fetch::validate::{self, Surface, Tests};
 use crate::kernels::judge::prediction::{Ids, mean, terms};
-use crate::kernels::judge::surface::{self, Surface, Tests};
 use crate::kernels::merge::accumulate::CHANNELS;
 use crate::math::is_present;
-use crate::pixels::{Rolling, Row};
+use crate::pixels::{Motion, MotionLanes, Rolling, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
+use crate::tiles::{Tiles, runs_in};
 
 /// A candidate wins if its average gain is below this, in units of relative squared error.
 const MARGIN: f32 = -0.02;
@@ -143,7 +142,7 @@ fn mirrored_tests<'a>(now: Surface<'a>, before: Surface<'a>) -> Tests<'a> {
         color: None,
         ..surface
     });
-    Tests::new(now, before, None, &surface::Params::default())
+    Tests::new(now, before, None, &validate::Params::default())
 }
 
 const FETCH: reproject::Params = reproject::Params {
@@ -234,8 +233,7 @@ impl<'a> Candidates<'a> {
         };
         let band = BAND * size.width * self.scores;
         let mut won: Vec<_> = scores.evaluated.iter_mut().map(Tiles::bands).collect();
-        let mut motions = motion.map(Image::bands);
-        let motions = std::iter::repeat_with(|| motions.as_mut().and_then(Iterator::next));
+        let motions = rows::optional(motion.map(Image::bands));
         let outs = carried.bands().zip(bands_of(coverage, size));
         let outs = outs
             .zip(motions)

@@ -16,15 +16,16 @@ use super::frame::Frame;
 use super::illumination::illumination;
 use super::recall::find_gradient;
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, segments};
+use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient;
 use crate::kernels::judge::innovation::{self, Innovation, innovation};
-use crate::kernels::judge::surface::Surface;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::atrous::{self, atrous};
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Guide;
-use crate::pixels::{Colors, PixelsMut, Row, larger};
+use crate::math::larger;
+use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// A copy of a frame's colour and texture, to be compared with the next frame's replay.
@@ -107,8 +108,7 @@ pub fn relight(
     };
     let pixels = BAND * size.width;
     let histories = history.data_mut().chunks_mut(pixels * correct.channels);
-    let mut lights = light.map(|light| light.data_mut().chunks_mut(pixels * 3));
-    let lights = std::iter::repeat_with(|| lights.as_mut().and_then(Iterator::next));
+    let lights = rows::optional(light.map(|light| light.data_mut().chunks_mut(pixels * 3)));
     let outs = histories.zip(then.bands()).zip(lights);
     rows::run(&correct, size.height, outs);
 

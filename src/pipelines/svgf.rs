@@ -23,11 +23,12 @@ use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Records, Size, View};
 use crate::kernels::camera::pinhole::Camera;
+use crate::kernels::fetch::validate;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
-use crate::kernels::judge::{choice, gradient, innovation, neighborhood, surface};
+use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::guide::{Guide, Sigmas};
+use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::{atrous, fireflies, lend, variance};
 use crate::pixels::Colors;
 
@@ -35,7 +36,7 @@ use crate::pixels::Colors;
 #[derive(Clone, Debug)]
 pub struct Params {
     /// The tests that history must pass.
-    pub surface: surface::Params,
+    pub surface: validate::Params,
     /// How samples join the history.
     pub accumulate: accumulate::Params,
     /// How the variance is estimated.
@@ -102,7 +103,7 @@ impl Params {
     /// The paper's passes: accumulation, variance and filter, without the others.
     pub fn textbook() -> Self {
         Self {
-            surface: surface::Params::default(),
+            surface: validate::Params::default(),
             accumulate: accumulate::Params::default(),
             variance: variance::Params::default(),
             atrous: atrous::Params::default(),
@@ -150,13 +151,6 @@ impl Params {
             innovation: Some(innovation::Params::default()),
             ..Self::textbook()
         }
-    }
-
-    /// The same guide serves the variance and the filter.
-    pub fn with_sigmas(mut self, sigmas: Sigmas) -> Self {
-        self.variance.sigmas = sigmas;
-        self.atrous.sigmas = sigmas;
-        self
     }
 
     /// Pixels from the farthest tap to the centre.

@@ -28,11 +28,11 @@ use crate::kernels::camera::dilate::{Choice, Window, dilate_motion};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
+use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::alternation::{self, Known, alternation};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient;
 use crate::kernels::judge::innovation;
-use crate::kernels::judge::surface::Tests;
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::pixels::PixelsMut;
 

@@ -4,8 +4,9 @@ use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline};
 use crate::bindings::arrays::choice;
-use crate::bindings::judge::Bounds;
-use crate::kernels::judge::{innovation, surface};
+use crate::bindings::validate::Bounds;
+use crate::kernels::fetch::validate;
+use crate::kernels::judge::innovation;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{fireflies, regress};
 use crate::pipelines::Pipeline as _;
@@ -87,7 +88,7 @@ impl BMFR {
     ) -> PyResult<PyClassInitializer<Self>> {
         let params = bmfr::Params {
             history: svgf::Params {
-                surface: surface::Params {
+                surface: validate::Params {
                     relative_depth: relative_depth.into(),
                     plane_distance: plane_distance.into(),
                     normal_angle: normal_angle.into(),

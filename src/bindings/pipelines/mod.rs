@@ -22,7 +22,7 @@ use crate::bindings::camera::Camera;
 use crate::error::Error;
 use crate::image::{Size, Value};
 use crate::kernels::camera::pinhole;
-use crate::kernels::judge::surface::Surface;
+use crate::kernels::fetch::validate::Surface;
 use crate::pipelines::{self, Extras};
 
 /// Base class of pipelines, which process a sequence frame by frame.

@@ -3,8 +3,9 @@
 use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline};
-use crate::bindings::judge::Bounds;
-use crate::kernels::judge::{choice, innovation, surface};
+use crate::bindings::validate::Bounds;
+use crate::kernels::fetch::validate;
+use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
 use crate::kernels::smooth::{atrous, fireflies, variance};
@@ -144,9 +145,9 @@ impl SVGF {
             depth: sigma_depth,
             plane: sigma_plane,
         };
-        let limits = surface::Params::default();
+        let limits = validate::Params::default();
         let params = svgf::Params {
-            surface: surface::Params {
+            surface: validate::Params {
                 relative_depth: relative_depth.into(),
                 plane_distance: plane_distance.into(),
                 normal_angle: normal_angle.into(),

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline, renamed};
 use crate::bindings::arrays::choice;
-use crate::bindings::judge::Bounds;
+use crate::bindings::validate::Bounds;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::judge::{innovation, neighborhood};
 use crate::kernels::merge::blend;

@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline};
-use crate::bindings::judge::Bounds;
+use crate::bindings::validate::Bounds;
 use crate::kernels::judge::blend_factor;
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::upscaler;

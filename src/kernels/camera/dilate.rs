@@ -11,7 +11,8 @@
 use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
-use crate::pixels::{PixelsMut, Rolling, Row, lanes, smaller};
+use crate::math::smaller;
+use crate::pixels::{PixelsMut, Rolling, Row, lanes};
 use crate::rows::{self, Kernel, Simd};
 
 /// The neighbours that are searched.

@@ -1,9 +1,11 @@
-//! Where a pixel's history lies in the previous frame, and which of those pixels may be used.
+//! Footprints: the taps of the previous frame that a pixel's history is filtered from, with weights and validation.
 
-use crate::image::{Pixels, Run, SEGMENT, Size, Spans};
-use crate::kernels::judge::surface::{Expected, Judged, Lane, Places, Tests, rejection};
+use super::spans::Spans;
+use crate::image::{Run, SEGMENT, Size};
+use crate::kernels::fetch::validate::{Expected, Places, Tests, Validation, rejection};
+use crate::pixels::{Motion, Row};
 
-/// Below this share of valid weight, a footprint says too little (Falcor's SVGF has the same bound).
+/// A footprint whose valid taps have less weight than this counts as disoccluded (as in Falcor's SVGF).
 pub const MIN_COVERAGE: f32 = 0.01;
 
 /// How history is read between pixel centres.
@@ -105,14 +107,14 @@ fn lanczos(f: f32) -> [f32; 4] {
     ]
 }
 
-/// Pixels of the previous frame, with weights.
+/// Taps of the previous frame, as index and weight.
 pub(crate) struct Taps<const N: usize> {
     taps: [(usize, f32); N],
     count: usize,
 }
 
 impl<const N: usize> Taps<N> {
-    /// Those that have weight and are `usable`.
+    /// The taps that have a weight and are `usable`.
     #[inline(always)]
     fn of(taps: impl Iterator<Item = (usize, f32)>, usable: impl Fn(usize) -> bool) -> Self {
         let mut found = Self {
@@ -140,56 +142,23 @@ impl<const N: usize> Taps<N> {
     }
 }
 
-/// The motion of a run of pixels; the third channel, if there is one, is the change of depth.
-#[derive(Clone, Copy)]
-pub(crate) struct Motion<'a> {
-    pub x: &'a [f32],
-    pub y: &'a [f32],
-    pub depth: Option<&'a [f32]>,
-}
-
-/// Room for the motion of a run.
-pub(crate) struct MotionLanes([Lane; 3]);
-
-impl MotionLanes {
-    pub fn zeroed() -> Self {
-        Self([[0.0; SEGMENT]; 3])
-    }
-
-    #[inline(always)]
-    pub fn load(&mut self, motion: &Pixels, run: Run) -> Motion<'_> {
-        let Self(lanes) = self;
-        let [x, y, depth] = lanes.each_mut().map(Lane::as_mut_slice);
-        match motion.channels {
-            3 => motion.read(run, [x, y, depth]),
-            _ => motion.read(run, [x, y]),
-        }
-        let [x, y, depth] = lanes.each_ref().map(|lane| &lane[..run.len]);
-        Motion {
-            x,
-            y,
-            depth: (motion.channels == 3).then_some(depth),
-        }
-    }
-}
-
-/// The 2×2 pixels of the previous frame around where each pixel of a run comes from: upper left, upper right, lower left
-/// and lower right. They lie inside, wherever the pixel comes from; what does not has no weight.
+/// The 2×2 footprints of a run of pixels: upper left, upper right, lower left and lower right tap. The taps always lie
+/// inside, so that they can be read without a test; where the true footprint lies outside, their weights are 0.
 pub(crate) struct Footprints {
     size: Size,
-    /// In index space (pixel centres at whole numbers).
-    from: [Lane; 2],
-    /// The upper left one.
-    corner: [Lane; 2],
-    pub at: Lane<u32>,
+    /// Reprojected position, in index space (pixel centres at whole numbers).
+    from: [Row; 2],
+    /// Position of the upper left tap.
+    corner: [Row; 2],
+    pub at: Row<u32>,
     pub spans: Spans,
-    pub weights: [Lane; 4],
+    pub weights: [Row; 4],
     /// The sum of the weights.
-    pub coverage: Lane,
-    /// The bits of the tests that taps fail.
-    pub failed: Lane<u32>,
+    pub coverage: Row,
+    /// The bits of the tests that taps failed.
+    pub failed: Row<u32>,
     expected: Expected,
-    judged: Judged,
+    validation: Validation,
 }
 
 impl Footprints {
@@ -204,25 +173,25 @@ impl Footprints {
             coverage: [0.0; SEGMENT],
             failed: [0; SEGMENT],
             expected: Expected::zeroed(),
-            judged: Judged::zeroed(),
+            validation: Validation::zeroed(),
         }
     }
 
-    /// From a pixel to that on its right, and to that below.
+    /// Strides to the pixel on the right and to the pixel below.
     #[inline(always)]
     pub fn steps(&self) -> [usize; 2] {
         let Size { height, width } = self.size;
         [(width > 1).into(), if height > 1 { width } else { 0 }]
     }
 
-    /// Where the pixels of a run come from, and what is thought of it.
+    /// Finds and validates the 2×2 footprints of a run.
     #[inline(always)]
     pub fn find(&mut self, run: Run, motion: Motion, nearest: bool, tests: &Tests) {
         self.place(run, motion, nearest);
         if !tests.accept_all() {
             let from = self.from.each_ref().map(|lane| &lane[..run.len]);
             tests.expect(run, from, motion, &mut self.expected);
-            self.judge(run.len, tests);
+            self.validate(run.len, tests);
         }
         let coverage = &mut self.coverage[..run.len];
         let [w, x, y, z] = self.weights.each_ref().map(|lane| &lane[..run.len]);
@@ -241,7 +210,7 @@ impl Footprints {
             from_y[i] = run.y as f32 + my[i];
         }
         if let Some(depth) = motion.depth {
-            // Motion that is not finite in one of its channels leads nowhere.
+            // Motion that is not finite in any channel leads outside.
             for (from, change) in from_x.iter_mut().zip(&depth[..len]) {
                 *from = if change.is_finite() { *from } else { f32::NAN };
             }
@@ -269,7 +238,7 @@ impl Footprints {
     }
 
     #[inline(always)]
-    fn judge(&mut self, len: usize, tests: &Tests) {
+    fn validate(&mut self, len: usize, tests: &Tests) {
         let (size, steps) = (self.size, self.steps());
         let Self {
             at,
@@ -278,7 +247,7 @@ impl Footprints {
             weights,
             failed,
             expected,
-            judged,
+            validation,
             ..
         } = self;
         let taps = Places {
@@ -290,10 +259,10 @@ impl Footprints {
             steps,
         };
         let all = |_, _| true;
-        tests.judge(
+        tests.validate(
             expected,
             taps,
-            judged,
+            validation,
             all,
             |[row, column], part, trust, failures| {
                 let len = part.len();
@@ -309,7 +278,7 @@ impl Footprints {
         );
     }
 
-    /// The usable taps of the footprint of pixel `i` of the run.
+    /// The valid taps of the 2×2 footprint of pixel `i` of the run.
     #[inline(always)]
     pub fn taps(&self, i: usize, usable: impl Fn(usize) -> bool) -> Taps<4> {
         let [dx, dy] = self.steps();
@@ -323,8 +292,8 @@ impl Footprints {
         )
     }
 
-    /// The usable taps of the 3×3 window around where pixel `i` comes from, with equal weights: for thin geometry whose
-    /// own pixels the 2×2 footprint missed.
+    /// The valid taps of the 3×3 window around the reprojected position of pixel `i`, with equal weights: finds thin geometry
+    /// that the 2×2 footprint missed.
     #[inline(always)]
     pub fn window(&self, i: usize, tests: &Tests, usable: impl Fn(usize) -> bool) -> Taps<9> {
         let [x, y] = self.from.each_ref().map(|lane| (lane[i] + 0.5).floor());
@@ -333,8 +302,7 @@ impl Footprints {
         Taps::of(taps.map(|(at, trust)| (at, trust / 9.0)), usable)
     }
 
-    /// The distance of where pixel `i` comes from to the pixel before it, and the 4×4 pixels from the one before that on;
-    /// none in the place of those that may not be used.
+    /// The fractional part of the reprojected position of pixel `i`, and its 4×4 taps; `None` for invalid taps.
     pub fn grid(
         &self,
         i: usize,
@@ -353,7 +321,7 @@ impl Footprints {
         ([from[0] - left, from[1] - top], grid)
     }
 
-    /// The index of pixel (x, y) and its trust, where it lies inside.
+    /// The index of pixel (x, y) and the trust in it; `None` outside.
     #[inline(always)]
     fn trusted(&self, i: usize, tests: &Tests, x: f32, y: f32) -> Option<(usize, f32)> {
         let Size { height, width } = self.size;
@@ -365,7 +333,7 @@ impl Footprints {
         Some((at, tests.trust(&self.expected, i, [x, y], at)))
     }
 
-    /// The weights of a wide kernel, and the pixels that it serves: all of whose taps lie inside and pass the tests.
+    /// Computes the weights of a wide kernel, and for which pixels all of its taps are inside and valid.
     #[inline(always)]
     pub fn widen(&mut self, kernel: Wide, len: usize, tests: &Tests, wide: &mut WideLanes) {
         match kernel {
@@ -374,11 +342,11 @@ impl Footprints {
             Wide::Lanczos2 => self.weigh(lanczos, true, len, wide),
         }
         wide.spans.find(&wide.at[..len]);
-        let any = wide.serves[..len]
+        let any = wide.covers[..len]
             .iter()
-            .fold(0, |any, serves| any | serves);
+            .fold(0, |any, covers| any | covers);
         if any != 0 && !tests.accept_all() {
-            self.judge_around(kernel, len, tests, wide);
+            self.validate_around(kernel, len, tests, wide);
         }
     }
 
@@ -395,7 +363,7 @@ impl Footprints {
         let [a0, a1, a2, a3] = wide.along.each_mut().map(|lane| &mut lane[..len]);
         let [d0, d1, d2, d3] = wide.down.each_mut().map(|lane| &mut lane[..len]);
         let (first, failed) = (&self.at[..len], &self.failed[..len]);
-        let (at, serves) = (&mut wide.at[..len], &mut wide.serves[..len]);
+        let (at, covers) = (&mut wide.at[..len], &mut wide.covers[..len]);
         let [left, top] = wide.corner.each_mut().map(|lane| &mut lane[..len]);
         let unsure = &mut wide.unsure[..len];
         let back = width as u32 + 1;
@@ -410,21 +378,21 @@ impl Footprints {
             let gaps = (along[0] == 0.0) | (along[3] == 0.0) | (down[0] == 0.0) | (down[3] == 0.0);
             let passes = failed[i] == 0;
             at[i] = if fits { first[i].wrapping_sub(back) } else { 0 };
-            serves[i] = (fits & passes).into();
+            covers[i] = (fits & passes).into();
             unsure[i] = (!fits & gaps & passes).into();
         }
     }
 
-    /// Judges the taps around the 2×2 that are judged already.
+    /// Validates the taps around the 2×2, which are validated already.
     #[inline(always)]
-    fn judge_around(&mut self, kernel: Wide, len: usize, tests: &Tests, wide: &mut WideLanes) {
+    fn validate_around(&mut self, kernel: Wide, len: usize, tests: &Tests, wide: &mut WideLanes) {
         let WideLanes {
             along,
             down,
             at,
             spans,
             corner,
-            serves,
+            covers,
             ..
         } = wide;
         let taps = Places {
@@ -439,40 +407,40 @@ impl Footprints {
             let inner = matches!((row, column), (1 | 2, 1 | 2));
             !inner && Wide::columns(kernel.has_corners(), row).contains(&column)
         };
-        let (expected, judged) = (&self.expected, &mut self.judged);
-        tests.judge(
+        let (expected, validation) = (&self.expected, &mut self.validation);
+        tests.validate(
             expected,
             taps,
-            judged,
+            validation,
             around,
             |[row, column], part, _, failures| {
                 let len = part.len();
                 let along = &along[column][part.start..][..len];
                 let down = &down[row][part.start..][..len];
-                let serves = &mut serves[part.start..][..len];
+                let covers = &mut covers[part.start..][..len];
                 let failures = &failures[..len];
                 for i in 0..len {
                     let counts = (along[i] != 0.0) & (down[i] != 0.0);
                     let fails = counts & (failures[i] != 0);
-                    serves[i] = if fails { 0 } else { serves[i] };
+                    covers[i] = if fails { 0 } else { covers[i] };
                 }
             },
         );
     }
 }
 
-/// The weights of a wide kernel, and whom it serves.
+/// Line buffers of a wide kernel: its weights, and whether all taps are valid.
 pub(crate) struct WideLanes {
-    pub along: [Lane; 4],
-    pub down: [Lane; 4],
-    /// The upper left tap.
-    pub at: Lane<u32>,
+    pub along: [Row; 4],
+    pub down: [Row; 4],
+    /// Index of the upper left tap.
+    pub at: Row<u32>,
     pub spans: Spans,
-    corner: [Lane; 2],
-    /// 1 where all taps count, or 0.
-    pub serves: Lane<u32>,
-    /// 1 where some taps lie outside that may have no weight, or 0.
-    pub unsure: Lane<u32>,
+    corner: [Row; 2],
+    /// 1 where all taps are valid, 0 elsewhere.
+    pub covers: Row<u32>,
+    /// 1 where taps lie outside, which is harmless if their weights are 0; 0 elsewhere.
+    pub unsure: Row<u32>,
 }
 
 impl WideLanes {
@@ -483,33 +451,33 @@ impl WideLanes {
             at: [0; SEGMENT],
             spans: Spans::none(),
             corner: [[0.0; SEGMENT]; 2],
-            serves: [0; SEGMENT],
+            covers: [0; SEGMENT],
             unsure: [0; SEGMENT],
         }
     }
 }
 
-/// A whole number below 2^23 as an integer: unlike `as`, which asks for NaN and for what is too large, in two instructions.
+/// Converts an integral value below 2^23 in two instructions; `as` would also test for NaN and overflow.
 #[inline(always)]
 fn whole(x: f32) -> u32 {
     const SHIFT: f32 = 8_388_608.0; // 2^23, beyond which the last bit of the mantissa counts ones
     (x + SHIFT).to_bits().wrapping_sub(SHIFT.to_bits())
 }
 
-/// Two neighbours along an axis.
+/// The two taps along an axis.
 struct Pair {
     start: f32,
     weights: [f32; 2],
-    /// Whether no weight lies outside.
+    /// True if every tap with a weight lies inside.
     inside: bool,
 }
 
-/// The two that are nearest to a place, or, where one of those lies outside, the two at the border.
+/// The two taps nearest to a position; at the border, the outermost two.
 #[inline(always)]
 fn pair(from: f32, side: f32, nearest: bool) -> Pair {
     let corner = if nearest { from + 0.5 } else { from }.floor();
     let f = if nearest { 0.0 } else { from - corner };
-    // Not NaN.
+    // The comparison is false for NaN, which then starts at 0.
     let start = if corner > 0.0 { corner } else { 0.0 };
     let start = start.min(side - 2.0).max(0.0);
     let weight = |at: f32| {

@@ -4,4 +4,6 @@ pub mod footprint;
 pub mod invert;
 pub mod pull_push;
 pub mod reproject;
+pub(crate) mod spans;
 pub mod splat;
+pub mod validate;

@@ -1,9 +1,9 @@
 //! Reprojection: history carried to the current frame along motion vectors.
 //!
 //! A pixel at (x, y) reads the previous frame at (x + mx, y + my). Each tap of the nearest or bilinear footprint counts
-//! only if it lies inside, is finite in every channel, and shows the same surface (see [`super::super::judge`]); the
+//! only if it lies inside, is finite in every channel, and shows the same surface (see [`super::validate`]); the
 //! weights of those that count are renormalised, and their sum is the coverage. Where it is below 0.01, the mean of the
-//! valid pixels of the 3×3 window takes over, with their share as coverage (Schied et al. 2017, *Spatiotemporal
+//! valid pixels of the 3×3 window takes over, with their fraction as coverage (Schied et al. 2017, *Spatiotemporal
 //! Variance-Guided Filtering*, section 4.1). Where these fail as well, value and coverage are 0.
 //!
 //! The wide filters (Catmull-Rom, Lanczos) keep history sharp under repeated resampling. They serve where every one of
@@ -15,17 +15,15 @@
 
 use std::ops::Range;
 
-use super::footprint::{
-    Filter, Footprints, MIN_COVERAGE, Motion, MotionLanes, Taps, Wide, WideLanes,
-};
-use crate::image::{
-    BandMut, Image, Pixels, Run, SEGMENT, Size, Span, Spans, bands_of, record, segments,
-};
-use crate::kernels::judge::surface::{Lane, Tests};
+use super::footprint::{Filter, Footprints, MIN_COVERAGE, Taps, Wide, WideLanes};
+use super::spans::{Span, Spans};
+use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, record, segments};
+use crate::kernels::fetch::validate::Tests;
 use crate::memory::prefetch;
+use crate::pixels::{Motion, MotionLanes, Row};
 use crate::rows::{self, Kernel, Outlined, Simd};
 
-/// Channels that are fetched at once: a vector of most CPUs.
+/// Most channels of a pixel that one gather fetches: a vector of most CPUs.
 const WIDEST: usize = 8;
 
 /// How [`reproject`] reads history.
@@ -39,33 +37,33 @@ pub struct Params {
     pub dering: bool,
 }
 
-/// Where history is read, and what of it counts.
+/// A fetch of history: the images, the tests that taps must pass, and the filter.
 pub(crate) struct Fetch<'a> {
     size: Size,
-    /// Channels side by side.
+    /// Views with contiguous channels.
     history: Vec<Pixels<'a>>,
     tests: Tests<'a>,
     params: Params,
 }
 
-/// What a run of pixels fetches.
+/// Line buffers of a fetch, and its results for a run.
 pub(crate) struct Fetched {
     footprints: Footprints,
     wide: WideLanes,
-    /// The weights of the 2×2 taps, which sum to one.
-    shares: [Lane; 4],
-    /// 1 where no wide kernel serves, or 0.
-    bilinear: Lane<u32>,
-    /// 1 where a pixel has its values, or 0.
-    done: Lane<u32>,
-    /// Records of each part of the history.
+    /// Normalised weights of the 2×2 taps.
+    normalized: [Row; 4],
+    /// 1 where the wide kernel has an invalid tap, so that the bilinear one takes over; otherwise 0.
+    bilinear: Row<u32>,
+    /// 1 where the pixel's values are final, 0 where a slow path has to repair them.
+    done: Row<u32>,
+    /// Interleaved values of each image of the history.
     values: Vec<Vec<f32>>,
-    pub coverage: Lane,
-    pub rejection: Lane<u8>,
+    pub coverage: Row,
+    pub rejection: Row<u8>,
 }
 
 impl Fetched {
-    /// The records of a part of the history.
+    /// The interleaved values of an image of the history.
     #[inline(always)]
     pub fn values(&self, part: usize) -> &[f32] {
         &self.values[part]
@@ -73,9 +71,9 @@ impl Fetched {
 }
 
 impl<'a> Fetch<'a> {
-    /// Images are taken as they are where their channels lie side by side, otherwise plane by plane.
+    /// Interleaved images are fetched pixel by pixel, planar ones plane by plane.
     pub fn new(history: &[Pixels<'a>], size: Size, tests: Tests<'a>, params: Params) -> Self {
-        let history = history.iter().flat_map(|image| image.side_by_side());
+        let history = history.iter().flat_map(|image| image.contiguous());
         Self {
             size,
             history: history.collect(),
@@ -84,13 +82,13 @@ impl<'a> Fetch<'a> {
         }
     }
 
-    /// Room for what runs fetch.
+    /// Line buffers for this fetch.
     pub fn room(&self) -> Fetched {
         let values = self.history.iter();
         Fetched {
             footprints: Footprints::new(self.size),
             wide: WideLanes::zeroed(),
-            shares: [[0.0; SEGMENT]; 4],
+            normalized: [[0.0; SEGMENT]; 4],
             bilinear: [0; SEGMENT],
             done: [0; SEGMENT],
             values: values
@@ -101,7 +99,7 @@ impl<'a> Fetch<'a> {
         }
     }
 
-    /// Fetches what a run of pixels comes from.
+    /// Fetches the history of a run.
     #[inline(always)]
     pub fn run(&self, run: Run, motion: Motion, to: &mut Fetched) {
         rows::outline(FetchRun {
@@ -126,20 +124,20 @@ impl<'a> Fetch<'a> {
             Filter::Wide(kernel) => {
                 to.footprints.widen(kernel, len, &self.tests, &mut to.wide);
             }
-            Filter::Nearest | Filter::Bilinear => to.wide.serves[..len].fill(0),
+            Filter::Nearest | Filter::Bilinear => to.wide.covers[..len].fill(0),
         }
-        self.share(len, to);
+        self.normalize(len, to);
         let Fetched {
             footprints,
             wide,
-            shares,
+            normalized,
             bilinear,
             done,
             values,
             ..
         } = to;
         let quad = Quad {
-            shares: shares.each_ref().map(|lane| &lane[..len]),
+            normalized: normalized.each_ref().map(|lane| &lane[..len]),
         };
         let (at, spans) = (&footprints.at[..len], &footprints.spans);
         let (steps, on) = (footprints.steps(), &bilinear[..len]);
@@ -147,7 +145,7 @@ impl<'a> Fetch<'a> {
         if let Filter::Wide(kernel) = filter {
             let weights = [&wide.along, &wide.down];
             let weights = weights.map(|side| side.each_ref().map(|lane| &lane[..len]));
-            let (at, spans, on) = (&wide.at[..len], &wide.spans, &wide.serves[..len]);
+            let (at, spans, on) = (&wide.at[..len], &wide.spans, &wide.covers[..len]);
             match kernel.has_corners() {
                 true => {
                     let grid = Grid::<true> { weights, dering };
@@ -162,25 +160,25 @@ impl<'a> Fetch<'a> {
         if to.done[..len].contains(&0) {
             for i in 0..len {
                 if to.done[i] == 0 {
-                    self.mend(i, to);
+                    self.repair(i, to);
                 }
             }
         }
     }
 
-    /// The bilinear weights of those that no wide kernel serves, and whether they are what is wanted.
+    /// Bilinear weights for pixels without a valid 4×4 footprint; marks the pixels that need them.
     #[inline(always)]
-    fn share(&self, len: usize, to: &mut Fetched) {
-        let (weights, shares) = (&to.footprints.weights, &mut to.shares);
+    fn normalize(&self, len: usize, to: &mut Fetched) {
+        let (weights, normalized) = (&to.footprints.weights, &mut to.normalized);
         let coverage = &mut to.coverage[..len];
         let [w, x, y, z] = weights.each_ref().map(|lane| &lane[..len]);
-        let [sw, sx, sy, sz] = shares.each_mut().map(|lane| &mut lane[..len]);
+        let [sw, sx, sy, sz] = normalized.each_mut().map(|lane| &mut lane[..len]);
         let sums = &to.footprints.coverage[..len];
-        let (serves, unsure) = (&to.wide.serves[..len], &to.wide.unsure[..len]);
+        let (covers, unsure) = (&to.wide.covers[..len], &to.wide.unsure[..len]);
         let (bilinear, done) = (&mut to.bilinear[..len], &mut to.done[..len]);
         let settled = !self.params.fallback;
         for i in 0..len {
-            let (enough, wide) = (sums[i] >= MIN_COVERAGE, serves[i] != 0);
+            let (enough, wide) = (sums[i] >= MIN_COVERAGE, covers[i] != 0);
             let scale = if enough { 1.0 / sums[i] } else { 0.0 };
             (sw[i], sx[i]) = (w[i] * scale, x[i] * scale);
             (sy[i], sz[i]) = (y[i] * scale, z[i] * scale);
@@ -190,7 +188,7 @@ impl<'a> Fetch<'a> {
         }
     }
 
-    /// Averages the taps of each part of the history for the pixels that are `on`.
+    /// Averages the taps of each image of the history, for the pixels that are `on`.
     #[inline(always)]
     fn each_part(
         &self,
@@ -204,7 +202,7 @@ impl<'a> Fetch<'a> {
     ) {
         let done = &mut done[..on.len()];
         for (image, values) in self.history.iter().zip(values) {
-            for Span { part, together } in spans.iter() {
+            for Span { part, contiguous } in spans.iter() {
                 let all = on[part.clone()].iter().fold(1, |all, on| all & on) == 1;
                 let any = on[part.clone()].iter().fold(0, |any, on| any | on) == 1;
                 if !any {
@@ -217,20 +215,20 @@ impl<'a> Fetch<'a> {
                     part,
                 };
                 match image.channels {
-                    1 if together && all => taps.row::<_, 1>(average, values, done),
-                    2 if together && all => taps.row::<_, 2>(average, values, done),
-                    3 if together && all => taps.row::<_, 3>(average, values, done),
-                    4 if together && all => taps.row::<_, 4>(average, values, done),
-                    6 if together && all => taps.row::<_, 6>(average, values, done),
+                    1 if contiguous && all => taps.row::<_, 1>(average, values, done),
+                    2 if contiguous && all => taps.row::<_, 2>(average, values, done),
+                    3 if contiguous && all => taps.row::<_, 3>(average, values, done),
+                    4 if contiguous && all => taps.row::<_, 4>(average, values, done),
+                    6 if contiguous && all => taps.row::<_, 6>(average, values, done),
                     _ => taps.each(average, on, values, done),
                 }
             }
         }
     }
 
-    /// The values of pixel `i` where not all is as it mostly is: by a look at each tap.
+    /// Slow path for pixel `i`: re-tests each tap where the fast result was not finite, and falls back to the 3×3 window.
     #[inline(always)]
-    fn mend(&self, i: usize, to: &mut Fetched) {
+    fn repair(&self, i: usize, to: &mut Fetched) {
         let usable = |at: usize| self.history.iter().all(|image| is_finite(image, at));
         let (tests, footprints) = (&self.tests, &to.footprints);
         let near = footprints.taps(i, usable);
@@ -248,7 +246,7 @@ impl<'a> Fetch<'a> {
                         true => wide_mean::<true, 1>(weights, tap),
                         false => wide_mean::<false, 1>(weights, tap),
                     };
-                    // Those that do not count are replaced by one that does.
+                    // Fewer than four valid taps: repeat the first, which leaves the range as it is.
                     let near = near.as_slice();
                     let near = [0, 1, 2, 3].map(|k| {
                         let &(at, _) = near.get(k).unwrap_or(&near[0]);
@@ -319,7 +317,7 @@ fn is_finite(image: &Pixels, at: usize) -> bool {
     (0..image.channels).all(|channel| image.at(at, channel).is_finite())
 }
 
-/// Whether there is a pixel for each weight.
+/// True if every tap with a weight lies inside.
 fn all_count(kernel: Wide, [along, down]: &[[f32; 4]; 2], grid: &[[Option<usize>; 4]; 4]) -> bool {
     (0..4).all(|row| {
         let mut columns = Wide::columns(kernel.has_corners(), row);
@@ -328,22 +326,22 @@ fn all_count(kernel: Wide, [along, down]: &[[f32; 4]; 2], grid: &[[Option<usize>
     })
 }
 
-/// Some of a run's pixels, and the history around where they come from.
+/// The footprints of a span of pixels, in one image of the history.
 struct Taken<'a> {
     image: Pixels<'a>,
-    /// The upper left taps of the run.
+    /// Indices of the upper left taps.
     at: &'a [u32],
-    /// From a pixel to that on its right, and to that below.
+    /// Strides to the pixel on the right and to the pixel below.
     steps: [usize; 2],
     part: Range<usize>,
 }
 
 impl Taken<'_> {
-    /// The pixels that are `on`, one by one, up to [`WIDEST`] channels at once.
+    /// Gathers, pixel by pixel, for those that are `on`; up to [`WIDEST`] channels at once.
     #[inline(always)]
     fn each(&self, average: &impl Average, on: &[u32], values: &mut [f32], done: &mut [u32]) {
         let stride = self.image.channels;
-        // From behind, since what follows a record's last channel is written over.
+        // Last channels first: a vector store also overwrites the channels after its own.
         for first in (0..stride).step_by(WIDEST).rev() {
             let image = self.image.part(first..(first + WIDEST).min(stride));
             let (part, values) = (
@@ -363,7 +361,7 @@ impl Taken<'_> {
         }
     }
 
-    /// Writes `N` numbers for every record, of `stride` numbers; what is not finite is not done.
+    /// Writes `N` channels of every pixel, of `stride` elements; pixels with values that are not finite stay undone.
     #[inline(always)]
     fn each_of<const N: usize>(
         &self,
@@ -373,7 +371,7 @@ impl Taken<'_> {
         values: &mut [f32],
         done: &mut [u32],
     ) {
-        let (data, step) = self.image.numbers();
+        let (data, step) = self.image.elements();
         let [dx, dy] = self.steps.map(|pixels| pixels * step);
         for i in self.part.clone() {
             if on[i] != 0 {
@@ -381,7 +379,7 @@ impl Taken<'_> {
                 let tap = |column, row| record(data, start + row * dy + column * dx);
                 let mean: [f32; N] = average.mean(i, tap);
                 done[i] &= u32::from(all_finite(&mean));
-                // The first channels of the next record may be written over where they are yet to come.
+                // The store may reach into the next pixel, which is written afterwards.
                 let due = on.get(i + 1).is_none_or(|&next| next != 0);
                 let values = &mut values[i * stride..];
                 if due {
@@ -394,12 +392,12 @@ impl Taken<'_> {
         }
     }
 
-    /// All pixels at once, which come from neighbours.
+    /// Fast path: a contiguous span, read with vector loads.
     #[inline(always)]
     fn row<A: Average, const C: usize>(&self, average: &A, values: &mut [f32], done: &mut [u32]) {
         let Range { start, end } = self.part;
         let len = end - start;
-        let data = self.image.numbers().0;
+        let data = self.image.elements().0;
         let [dx, dy] = self.steps;
         let first = self.at[start] as usize;
         let mut taps: [[&[[f32; C]]; 4]; 4] = [[&[]; 4]; 4];
@@ -416,7 +414,7 @@ impl Taken<'_> {
             taps,
             means: &mut *means,
         });
-        // What is above the last row was asked for by the rows before.
+        // Only the lowest row of taps is new to the cache; the rows of pixels before have prefetched the others.
         let next = first + len + (A::SIDE - 1) * dy;
         prefetch(data, next * C, len * C);
         let lost = |value: &f32| u32::from(!value.is_finite());
@@ -429,7 +427,7 @@ impl Taken<'_> {
     }
 }
 
-/// The averages of a row.
+/// The averages of a contiguous span, compiled once for all callers.
 struct Means<'a, A, const C: usize> {
     average: A,
     taps: [[&'a [[f32; C]]; 4]; 4],
@@ -448,7 +446,7 @@ impl<A: Average, const C: usize> Outlined for Means<'_, A, C> {
         } = self;
         let len = means.len();
         let average = average.part(0, len);
-        // Lengths that are known need no checks.
+        // Equal lengths that the compiler can see need no bounds checks.
         for row in 0..A::SIDE {
             for column in 0..A::SIDE {
                 taps[row][column] = &taps[row][column][..len];
@@ -460,12 +458,12 @@ impl<A: Average, const C: usize> Outlined for Means<'_, A, C> {
     }
 }
 
-/// How the taps of a pixel become its value.
+/// A filter: how taps become a value.
 trait Average {
-    /// Columns and rows of taps.
+    /// Taps along each side.
     const SIDE: usize;
 
-    /// The same for some of the pixels.
+    /// The filter for a part of the pixels.
     fn part(&self, start: usize, len: usize) -> Self;
 
     /// The value of pixel `i`; `tap` takes column and row.
@@ -474,7 +472,7 @@ trait Average {
 
 /// 2×2 taps.
 struct Quad<'a> {
-    shares: [&'a [f32]; 4],
+    normalized: [&'a [f32]; 4],
 }
 
 impl Average for Quad<'_> {
@@ -483,13 +481,13 @@ impl Average for Quad<'_> {
     #[inline(always)]
     fn part(&self, start: usize, len: usize) -> Self {
         Self {
-            shares: self.shares.map(|lane| &lane[start..][..len]),
+            normalized: self.normalized.map(|lane| &lane[start..][..len]),
         }
     }
 
     #[inline(always)]
     fn mean<const N: usize>(&self, i: usize, tap: impl Fn(usize, usize) -> [f32; N]) -> [f32; N] {
-        let [w, x, y, z] = self.shares;
+        let [w, x, y, z] = self.normalized;
         let mut mean = [-0.0; N];
         add(&mut mean, w[i], &tap(0, 0));
         add(&mut mean, x[i], &tap(1, 0));
@@ -501,7 +499,7 @@ impl Average for Quad<'_> {
 
 /// 4×4 taps, with or without the corners.
 struct Grid<'a, const CORNERS: bool> {
-    /// Of the columns and of the rows.
+    /// Weights of the columns and of the rows.
     weights: [[&'a [f32]; 4]; 2],
     dering: bool,
 }
@@ -526,13 +524,13 @@ impl<'a, const CORNERS: bool> Average for Grid<'a, CORNERS> {
         let down = [d0[i], d1[i], d2[i], d3[i]];
         let mean = wide_mean::<CORNERS, N>([along, down], &tap);
         if self.dering {
-            // Taps of no weight do not count.
+            // Taps without weight must not widen the range: repeat their neighbours.
             let [a, b, c, d] = [tap(1, 1), tap(2, 1), tap(1, 2), tap(2, 2)];
             let [b, d] = if along[2] == 0.0 { [a, c] } else { [b, d] };
             let [c, d] = if down[2] == 0.0 { [a, b] } else { [c, d] };
             let mut held = hold(mean, [a, b, c, d]);
             for k in 0..N {
-                // What is missing must not look as if it were there.
+                // A missing value must stay missing, so that the slow path finds it.
                 held[k] = if mean[k].is_finite() {
                     held[k]
                 } else {
@@ -633,7 +631,7 @@ struct Reproject<'a> {
 }
 
 impl<'a> Kernel for Reproject<'a> {
-    /// The parts of the history, the coverage, and, if asked for, the rejection.
+    /// The images of the history, the coverage, and the rejection mask if it is wanted.
     type Out = (Vec<BandMut<'a>>, BandMut<'a>, Option<BandMut<'a, u8>>);
 
     #[inline(always)]
@@ -660,8 +658,8 @@ impl<'a> Kernel for Reproject<'a> {
     }
 }
 
-/// History as it appears in the current frame: an image for each, and for each plane of those that are planar. Writes the
-/// coverage, and the rejection.
+/// Returns the reprojected history: an image for every interleaved input, and for every plane of a planar one. Writes the
+/// coverage and the rejection mask.
 pub fn reproject(
     history: &[Pixels],
     motion: Pixels,
@@ -676,13 +674,13 @@ pub fn reproject(
     let mut values: Vec<_> = values.collect();
     let parts = values.iter_mut().map(Image::bands).collect();
     let (coverage, rejection) = (bands_of(coverage, size), bands_of(rejection, size));
-    let outs = together(parts).zip(coverage).zip(rejection.map(Some));
+    let outs = zip_all(parts).zip(coverage).zip(rejection.map(Some));
     let outs = outs.map(|((values, coverage), rejection)| (values, coverage, rejection));
     rows::run(&Reproject { fetch, motion }, size.height, outs);
     values
 }
 
-/// The same on records, which it writes as well: for each image, and the coverage.
+/// [`reproject`] for interleaved outputs that the caller owns; writes no rejection mask.
 pub fn reproject_records(
     history: &[Pixels],
     motion: Pixels,
@@ -694,16 +692,16 @@ pub fn reproject_records(
     let size = motion.size;
     let fetch = Fetch::new(history, size, tests, params);
     let bands = values.into_iter().zip(history).map(|(values, image)| {
-        // A record's channels lie one after the other, as if they were pixels.
+        // A row of interleaved pixels is written like a row of one wider channel.
         let width = size.width * image.channels;
         bands_of(values, Size { width, ..size })
     });
-    let outs = together(bands.collect()).zip(bands_of(coverage, size));
+    let outs = zip_all(bands.collect()).zip(bands_of(coverage, size));
     let outs = outs.map(|(values, coverage)| (values, coverage, None));
     rows::run(&Reproject { fetch, motion }, size.height, outs);
 }
 
-/// One item of each, again and again.
-fn together<I: Iterator>(mut all: Vec<I>) -> impl Iterator<Item = Vec<I::Item>> {
+/// Zips any number of iterators.
+fn zip_all<I: Iterator>(mut all: Vec<I>) -> impl Iterator<Item = Vec<I::Item>> {
     std::iter::from_fn(move || all.iter_mut().map(Iterator::next).collect())
 }

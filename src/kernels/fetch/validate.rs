@@ -1,10 +1,9 @@
-//! Whether a pixel and a pixel of the previous frame show the same surface, in the same light.
+//! History validation: does a tap of the previous frame show the pixel's surface, in the same light?
 //!
-//! A pixel is known by depth, normal, id and colour, each optional. Every test turns a difference into a trust: 1 up to
-//! one bound, 0 beyond another, linear between; where the bounds are one number, the threshold is hard. A tap's trust is
-//! the product.
+//! The tests compare depth, normal, id and colour, each optional. Every test turns a difference into a trust: 1 up to one
+//! bound, 0 beyond another, linear between; with equal bounds the threshold is hard. A tap's trust is the product.
 //! - **id**: equal.
-//! - **normal**: n·n′ ≥ cos(angle) · |n| |n′|, so that shortened normals are judged by direction and zero normals pass.
+//! - **normal**: n·n′ ≥ cos(angle) · |n| |n′|, so that only the directions of normals count and zero normals pass.
 //!   Normals in the object's own space, where given, are compared instead: they do not turn with it.
 //! - **depth**, with Ze the depth that the surface is expected to have had (its depth plus the motion's third channel):
 //!   relative, |Z′ − Ze| ≤ t·Ze; or, where the previous camera is known, by the distance of the expected point from
@@ -14,32 +13,33 @@
 //! - **luminance**: |l − l′| / max(|l|, |l′|) ≤ t; missing samples pass.
 //! - **speed**: the length of the motion in pixels.
 
+use super::spans::{Span, Spans};
 use crate::error::{Error, Result, in_range};
+use crate::lanes::LANES;
+use crate::pixels::{Motion, Row};
 use std::ops::Range;
 
-use crate::image::{Pixels, Run, SEGMENT, Size, Span, Spans};
+use crate::image::{Pixels, Run, SEGMENT, Size};
 use crate::kernels::camera::pinhole::Rays;
-use crate::kernels::fetch::footprint::Motion;
 use crate::math::luminance;
-use crate::pixels::LANES;
 
-/// Why a pixel's history is refused; bits of a mask.
+/// The tests that a pixel's history failed, as bits of a mask.
 pub mod rejection {
     /// The tap lies outside the previous frame.
     pub const OUTSIDE: u8 = 1;
-    /// Another depth than expected.
+    /// The depth differs from the expected one.
     pub const DEPTH: u8 = 2;
-    /// Another orientation.
+    /// The normal differs.
     pub const NORMAL: u8 = 4;
-    /// Another object.
+    /// The id differs.
     pub const ID: u8 = 8;
-    /// Too fast.
+    /// The motion is too long.
     pub const VELOCITY: u8 = 16;
-    /// Another brightness.
+    /// The luminance differs.
     pub const LUMINANCE: u8 = 32;
 }
 
-/// Up to `full` a difference is trusted, beyond `none` it is not; the ramp between is linear.
+/// Differences up to `full` have trust 1, differences beyond `none` have 0; the ramp between is linear.
 #[derive(Clone, Copy, Debug)]
 pub struct Threshold {
     /// Differences up to here are fully trusted.
@@ -76,13 +76,13 @@ impl Threshold {
         Ok(())
     }
 
-    /// The trust in a difference that is measured in the given unit; 0 in NaN.
+    /// The trust in a difference, with the bounds in multiples of `unit`; 0 for NaN.
     #[inline(always)]
     pub(crate) fn trust(self, difference: f32, unit: f32) -> f32 {
         self.trust_if::<true>(difference, unit)
     }
 
-    /// The same without the ramp where there is none. Without branches, for rows.
+    /// [`trust`](Self::trust) without branches; hard thresholds save the ramp's division.
     #[inline(always)]
     fn trust_if<const RAMP: bool>(self, difference: f32, unit: f32) -> f32 {
         let (full, none) = (self.full * unit, self.none * unit);
@@ -147,31 +147,31 @@ impl Params {
     }
 }
 
-/// What is known of the surfaces of one frame.
+/// The guide buffers of one frame.
 #[derive(Clone, Copy, Default)]
 pub struct Surface<'a> {
     /// View-space z (1), +inf where nothing was hit.
     pub depth: Option<Pixels<'a>>,
     /// World space (3); only directions count.
     pub normal: Option<Pixels<'a>>,
-    /// Of object, mesh or material (1).
+    /// Id of object, mesh or material (1).
     pub ids: Option<Pixels<'a, u32>>,
     /// Normals in the object's own space (3).
     pub object_normal: Option<Pixels<'a>>,
-    /// Whose luminance is compared: that of the image, or of the albedo.
+    /// Colour whose luminance is compared: the image, or the albedo.
     pub color: Option<Pixels<'a>>,
 }
 
 /// A buffer of the current and of the previous frame.
 type Pair<'a, T = f32> = Option<[Pixels<'a, T>; 2]>;
 
-/// The tests between two frames: those that both frames have the buffers for.
+/// The tests between two frames, as far as both have the buffers.
 #[derive(Clone, Copy)]
 pub struct Tests<'a> {
     depth: Pair<'a>,
-    /// What directions are compared of.
+    /// The normals whose directions are compared.
     direction: Pair<'a>,
-    /// The previous frame's, which the plane test needs, and whether they are the directions.
+    /// The previous frame's world-space normals, for the plane test, and whether `direction` holds them already.
     normal: Option<Pixels<'a>>,
     normal_is_direction: bool,
     ids: Pair<'a, u32>,
@@ -179,24 +179,21 @@ pub struct Tests<'a> {
     /// The previous camera's rays, where planes are tested.
     rays: Option<Rays>,
     params: Params,
-    /// Of minus the cosine.
+    /// Bounds of the angle, as bounds of minus its cosine.
     turn: Threshold,
 }
 
-/// A number for each pixel of a run.
-pub(crate) type Lane<T = f32> = [T; SEGMENT];
-
-/// What the pixels of a run expect of their history.
+/// Line buffers: the surface that each pixel of a run should find in the previous frame.
 pub(crate) struct Expected {
-    depth: Lane,
+    depth: Row,
     /// Relative to the previous camera.
-    point: [Lane; 3],
-    direction: [Lane; 3],
-    length: Lane,
-    id: Lane<u32>,
-    luminance: Lane,
-    /// Trust that does not depend on the tap.
-    trust: Lane,
+    point: [Row; 3],
+    direction: [Row; 3],
+    length: Row,
+    id: Row<u32>,
+    luminance: Row,
+    /// Trust from the tests that do not depend on the tap.
+    trust: Row,
 }
 
 impl Expected {
@@ -213,32 +210,33 @@ impl Expected {
     }
 }
 
-/// Square footprints of a run of pixels.
+/// The square footprints of a run of pixels.
 pub(crate) struct Places<'a> {
-    /// The upper left ones.
+    /// Index of the upper left tap.
     pub at: &'a [u32],
     pub spans: &'a Spans,
-    /// Where these are, in index space.
+    /// Position of the upper left tap, in index space.
     pub corner: [&'a [f32]; 2],
-    /// Columns and rows.
+    /// Taps along each side.
     pub side: usize,
-    /// Of the image.
+    /// Size of the previous frame.
     pub size: Size,
-    /// From a pixel to that on its right, and to that below.
+    /// Strides to the tap on the right and to the tap below.
     pub steps: [usize; 2],
 }
 
-/// For rows of taps.
+/// A line buffer for a contiguous row of taps: those of the run, and the footprint's further columns.
 type Beside<T = f32> = [T; SEGMENT + LANES];
 
-/// Pixels of the previous frame, and what is thought of them.
-pub(crate) struct Judged {
-    others: Others,
-    trust: Lane,
-    failed: Lane<u32>,
+/// Line buffers of the validation: the taps' surfaces, and the result for each tap.
+pub(crate) struct Validation {
+    taps: TapSurfaces,
+    trust: Row,
+    failed: Row<u32>,
 }
 
-struct Others {
+/// The previous frame's surface at one tap of each pixel of a run.
+struct TapSurfaces {
     ids: Beside<u32>,
     depth: Beside,
     direction: Vectors,
@@ -270,10 +268,10 @@ impl Vectors {
     }
 }
 
-impl Judged {
+impl Validation {
     pub fn zeroed() -> Self {
         Self {
-            others: Others {
+            taps: TapSurfaces {
                 ids: [0; _],
                 depth: [0.0; _],
                 direction: Vectors::zeroed(),
@@ -287,29 +285,29 @@ impl Judged {
     }
 }
 
-impl Others {
-    /// Looks at pixels that lie side by side, or anywhere.
+impl TapSurfaces {
+    /// Loads contiguous taps, or gathers scattered ones.
     #[inline(always)]
-    fn look(&mut self, tests: &Tests, pixels: Seen) {
+    fn load(&mut self, tests: &Tests, pixels: Addresses) {
         #[inline(always)]
         fn vectors(
             image: &Pixels,
-            pixels: Seen,
+            pixels: Addresses,
             records: &mut [[f32; 4]],
             into: [&mut [f32]; 3],
         ) -> usize {
             match pixels {
-                Seen::Row(run) => image.read(run, into),
-                Seen::Each(at) => image.gather_vectors(at, records, into),
+                Addresses::Contiguous(run) => image.read(run, into),
+                Addresses::Scattered(at) => image.gather_vectors(at, records, into),
             }
             pixels.len()
         }
         #[inline(always)]
-        fn values<T: Copy + Default>(image: &Pixels<T>, pixels: Seen, into: &mut [T]) {
+        fn values<T: Copy + Default>(image: &Pixels<T>, pixels: Addresses, into: &mut [T]) {
             let into = &mut into[..pixels.len()];
             match pixels {
-                Seen::Row(run) => image.load(run, 0, into),
-                Seen::Each(at) => image.gather(at, into),
+                Addresses::Contiguous(run) => image.load(run, 0, into),
+                Addresses::Scattered(at) => image.gather(at, into),
             }
         }
         let records = &mut self.records;
@@ -340,25 +338,25 @@ impl Others {
     }
 }
 
-/// Pixels of the previous frame.
+/// Where the taps lie in the previous frame.
 #[derive(Clone, Copy)]
-enum Seen<'a> {
-    Row(Run),
-    Each(&'a [u32]),
+enum Addresses<'a> {
+    Contiguous(Run),
+    Scattered(&'a [u32]),
 }
 
-impl Seen<'_> {
+impl Addresses<'_> {
     #[inline(always)]
     fn len(self) -> usize {
         match self {
-            Self::Row(run) => run.len,
-            Self::Each(at) => at.len(),
+            Self::Contiguous(run) => run.len,
+            Self::Scattered(at) => at.len(),
         }
     }
 }
 
 impl<'a> Tests<'a> {
-    /// Compares what both surfaces have. The rays are those of the previous camera, for the plane test.
+    /// Tests of the buffers that both frames have. `rays` are the previous camera's, for the plane test.
     pub fn new(
         now: impl Into<Surface<'a>>,
         before: impl Into<Surface<'a>>,
@@ -395,7 +393,7 @@ impl<'a> Tests<'a> {
         Self::new(nothing, nothing, None, &Params::default())
     }
 
-    /// The buffers that decide.
+    /// Names of the buffers that are compared.
     pub fn used(&self) -> Vec<&'static str> {
         [
             ("depth", self.depth.is_some()),
@@ -410,13 +408,14 @@ impl<'a> Tests<'a> {
         .collect()
     }
 
-    /// Whether nothing is tested.
+    /// True without any test.
     pub(crate) fn accept_all(&self) -> bool {
         let untested = self.depth.is_none() && self.direction.is_none() && self.ids.is_none();
         untested && self.color.is_none() && self.params.speed.is_none()
     }
 
-    /// What the pixels of a run expect where they come from: at index-space positions `from`, after `motion`.
+    /// Loads the surfaces of a run, as they should appear in the previous frame: at index-space positions `from`, with the
+    /// change of depth that `motion` gives.
     #[inline(always)]
     pub(crate) fn expect(
         &self,
@@ -449,7 +448,7 @@ impl<'a> Tests<'a> {
             }
         }
         if let Some([now, _]) = self.direction {
-            now.read(run, expected.direction.each_mut().map(Lane::as_mut_slice));
+            now.read(run, expected.direction.each_mut().map(Row::as_mut_slice));
             let [x, y, z] = expected.direction.each_ref().map(|lane| &lane[..len]);
             let lengths = &mut expected.length[..len];
             for i in 0..len {
@@ -473,20 +472,20 @@ impl<'a> Tests<'a> {
         }
     }
 
-    /// The normals of planes, where they are not the directions.
+    /// The normals for the plane test, where `direction` does not hold them.
     fn plane_normal(&self) -> Option<&Pixels<'a>> {
         let apart = self.rays.is_some() && !self.normal_is_direction;
         self.normal.as_ref().filter(|_| apart)
     }
 
-    /// Judges the taps that are `chosen`, by row and column, and tells for each what trust there is in those of some of the
-    /// run's pixels, and the bits of the tests that leave none.
+    /// Validates the taps for which `chosen(row, column)` holds. For every such tap and every span of the run, `tell` gets the
+    /// tap, the span, the pixels' trust in it, and the bits of the tests that leave no trust.
     #[inline(always)]
-    pub(crate) fn judge(
+    pub(crate) fn validate(
         &self,
         expected: &Expected,
         places: Places,
-        judged: &mut Judged,
+        validation: &mut Validation,
         chosen: impl Fn(usize, usize) -> bool,
         tell: impl FnMut([usize; 2], Range<usize>, &[f32], &[u32]),
     ) {
@@ -503,68 +502,68 @@ impl<'a> Tests<'a> {
             self.turn,
         ];
         match bounds.into_iter().any(Threshold::is_ramp) {
-            true => self.judge_if::<true>(expected, places, judged, chosen, tell),
-            false => self.judge_if::<false>(expected, places, judged, chosen, tell),
+            true => self.validate_if::<true>(expected, places, validation, chosen, tell),
+            false => self.validate_if::<false>(expected, places, validation, chosen, tell),
         }
     }
 
     #[inline(always)]
-    fn judge_if<const RAMPS: bool>(
+    fn validate_if<const RAMPS: bool>(
         &self,
         expected: &Expected,
         places: Places,
-        judged: &mut Judged,
+        validation: &mut Validation,
         chosen: impl Fn(usize, usize) -> bool,
         mut tell: impl FnMut([usize; 2], Range<usize>, &[f32], &[u32]),
     ) {
         let [across, down] = places.steps;
-        let Judged {
-            others,
+        let Validation {
+            taps,
             trust,
             failed,
-        } = judged;
+        } = validation;
         let mut indices = [0; SEGMENT];
-        for Span { part, together } in places.spans.iter() {
+        for Span { part, contiguous } in places.spans.iter() {
             for row in 0..places.side {
                 let at = &places.at[part.clone()];
-                if together {
+                if contiguous {
                     let first = at[0] as usize + row * down;
                     let seen = Run {
                         y: first / places.size.width,
                         x: first % places.size.width,
                         len: part.len() + places.side - 1,
                     };
-                    others.look(self, Seen::Row(seen));
+                    taps.load(self, Addresses::Contiguous(seen));
                 }
                 for column in (0..places.side).filter(|&column| chosen(row, column)) {
-                    let shift = if together {
+                    let shift = if contiguous {
                         column
                     } else {
                         let step = (row * down + column * across) as u32;
                         for (to, at) in indices.iter_mut().zip(at) {
                             *to = at + step;
                         }
-                        others.look(self, Seen::Each(&indices[..part.len()]));
+                        taps.load(self, Addresses::Scattered(&indices[..part.len()]));
                         0
                     };
                     let (trust, failed) = (&mut trust[..part.len()], &mut failed[..part.len()]);
                     let place = (places.corner, [column as f32, row as f32]);
-                    self.test::<RAMPS>(expected, part.start, place, others, shift, trust, failed);
+                    self.test::<RAMPS>(expected, part.start, place, taps, shift, trust, failed);
                     tell([row, column], part.clone(), trust, failed);
                 }
             }
         }
     }
 
-    /// Tests a tap of a run's pixels from `start` on, which were looked at from `shift` on. Memory that is written comes as
-    /// arguments of their own, so that compilers see that it is apart from what is read.
+    /// Tests one tap of the pixels from `start` on; its line buffers begin at `shift`. The outputs are arguments of their own,
+    /// so that the compiler knows that they do not alias the inputs and vectorises the loops.
     #[inline(always)]
     fn test<const RAMPS: bool>(
         &self,
         expected: &Expected,
         start: usize,
         (corner, [right, below]): ([&[f32]; 2], [f32; 2]),
-        others: &Others,
+        taps: &TapSurfaces,
         shift: usize,
         trust: &mut [f32],
         failed: &mut [u32],
@@ -577,16 +576,16 @@ impl<'a> Tests<'a> {
             failed[i] = bit(sure[i], rejection::VELOCITY);
         }
         if self.ids.is_some() {
-            let (own, ids) = (&expected.id[start..][..len], &others.ids[shift..][..len]);
+            let (own, ids) = (&expected.id[start..][..len], &taps.ids[shift..][..len]);
             for i in 0..len {
                 let this = same(own[i], ids[i]);
                 count(&mut trust[i], &mut failed[i], this, rejection::ID);
             }
         }
         if self.direction.is_some() {
-            let axes = others.direction.axes.each_ref();
+            let axes = taps.direction.axes.each_ref();
             let [vx, vy, vz] = axes.map(|axis| &axis[shift..][..len]);
-            let lengths = &others.direction.lengths[shift..][..len];
+            let lengths = &taps.direction.lengths[shift..][..len];
             let axes = expected.direction.each_ref();
             let [ex, ey, ez] = axes.map(|lane| &lane[start..][..len]);
             let own = &expected.length[start..][..len];
@@ -598,12 +597,12 @@ impl<'a> Tests<'a> {
         }
         if self.depth.is_some() {
             let own = &expected.depth[start..][..len];
-            let depth = &others.depth[shift..][..len];
+            let depth = &taps.depth[shift..][..len];
             match (self.rays, self.normal) {
                 (Some(rays), Some(_)) => {
                     let normal = match self.normal_is_direction {
-                        true => &others.direction,
-                        false => &others.normal,
+                        true => &taps.direction,
+                        false => &taps.normal,
                     };
                     let [vx, vy, vz] = normal.axes.each_ref().map(|axis| &axis[shift..][..len]);
                     let lengths = &normal.lengths[shift..][..len];
@@ -630,7 +629,7 @@ impl<'a> Tests<'a> {
         }
         if self.color.is_some() {
             let own = &expected.luminance[start..][..len];
-            let luminance = &others.luminance[shift..][..len];
+            let luminance = &taps.luminance[shift..][..len];
             for i in 0..len {
                 let this = self.luminance_trust::<RAMPS>(own[i], luminance[i]);
                 count(&mut trust[i], &mut failed[i], this, rejection::LUMINANCE);
@@ -678,7 +677,7 @@ impl<'a> Tests<'a> {
         surface_trust(expected, depth, trust)
     }
 
-    /// `distance` is measured in lengths of the normal; where there is none, depth itself is compared.
+    /// `distance` is scaled by the length of the normal. A zero normal gives no plane: the depths are compared instead.
     #[inline(always)]
     fn plane_trust<const RAMP: bool>(
         &self,
@@ -703,7 +702,7 @@ impl<'a> Tests<'a> {
     }
 }
 
-/// Multiplies by the trust of one more test, and adds its bit where it leaves none.
+/// Multiplies by the trust of one more test; sets its bit where that is 0.
 #[inline(always)]
 fn count(trust: &mut f32, failed: &mut u32, this: f32, rejection: u8) {
     *trust *= this;
@@ -720,7 +719,7 @@ fn bit(trust: f32, bit: u8) -> u32 {
     if trust > 0.0 { 0 } else { u32::from(bit) }
 }
 
-/// What remains of the trust between two depths: background finds background alone, and what is no depth nothing.
+/// The trust between two depths: background matches background alone, NaN and non-positive depths match nothing.
 #[inline(always)]
 fn surface_trust(expected: f32, depth: f32, trust: f32) -> f32 {
     let background = (expected == f32::INFINITY) | (depth == f32::INFINITY);

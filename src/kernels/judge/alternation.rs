@@ -21,7 +21,8 @@ use std::ops::Range;
 
 use super::neighborhood::{self, Bounds, Response, Space, Window};
 use crate::image::{Pixels, SEGMENT, View, segments};
-use crate::pixels::{PixelsMut, Row, lanes, larger};
+use crate::math::larger;
+use crate::pixels::{PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Channels of the memory.

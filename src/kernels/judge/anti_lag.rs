@@ -12,8 +12,8 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, SEGMENT, View, segments};
-use crate::math::luminance;
-use crate::pixels::{PixelsMut, Row, larger};
+use crate::math::{larger, luminance};
+use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 struct AntiLag<'a> {

@@ -9,12 +9,11 @@
 
 use std::ops::Range;
 
-use super::surface::Threshold;
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, SEGMENT, View, segments};
-use crate::kernels::fetch::footprint::{Motion, MotionLanes};
+use crate::kernels::fetch::validate::Threshold;
 use crate::math::saturate;
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::{Motion, MotionLanes, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Weights of the new sample.

@@ -29,7 +29,9 @@ use std::ops::Range;
 use super::innovation;
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
-use crate::pixels::{Colors, LANES, Row, larger, rows_of, smaller};
+use crate::lanes::LANES;
+use crate::math::{larger, smaller};
+use crate::pixels::{Colors, Row, rows_of};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What it takes for another candidate than the usual one.

@@ -2,13 +2,14 @@
 //!
 //! Over the bilinear footprint at the end of the motion vector: the mask has the bit of every test that any tap fails, and
 //! the confidence is the fraction of the footprint's weight that passes all tests. The tests and their sources are those
-//! of [`super::surface`].
+//! of [`super::super::fetch::validate`].
 
 use std::ops::Range;
 
-use super::surface::Tests;
 use crate::image::{BandMut, Pixels, segments};
-use crate::kernels::fetch::footprint::{Footprints, MotionLanes};
+use crate::kernels::fetch::footprint::Footprints;
+use crate::kernels::fetch::validate::Tests;
+use crate::pixels::MotionLanes;
 use crate::rows::{self, Kernel, Simd};
 
 struct Consistency<'a> {

@@ -10,8 +10,9 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, segments};
+use crate::lanes::LANES;
 use crate::math::{is_present, luminance};
-use crate::pixels::{LANES, Row};
+use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
 const FACTOR: f64 = 8.0;

@@ -17,8 +17,9 @@ use std::ops::Range;
 
 use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{Pixels, Run, Size, View};
-use crate::math::{is_present, luminance, saturate};
-use crate::pixels::{LANES, STRIP, larger};
+use crate::lanes::LANES;
+use crate::math::{is_present, larger, luminance, saturate};
+use crate::pixels::STRIP;
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What counts as a change, and how far it is looked for.

@@ -13,8 +13,9 @@
 //!   cube) that holds the colours. It contains their exact hull, and takes minima and maxima alone.
 
 use crate::image::SEGMENT;
-use crate::math::Color;
-use crate::pixels::{Columns, LANES, Row, larger, smaller};
+use crate::lanes::LANES;
+use crate::math::{Color, larger, smaller};
+use crate::pixels::{Columns, Row};
 
 /// The parameter from inside (0) to outside (1) at which a segment crosses a plane, from its ends' signed distances.
 #[inline(always)]

@@ -41,8 +41,8 @@ use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{
     BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, deinterleave, interleave, segments,
 };
-use crate::math::{is_present, saturate};
-use crate::pixels::{Colors, PixelsMut, Row, larger, smaller};
+use crate::math::{is_present, larger, saturate, smaller};
+use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What counts as wrong, and over which blocks it is looked for.
@@ -188,9 +188,8 @@ pub fn innovation(
             params,
         };
         let rest = (level == 1).then_some(evidence.data_mut());
-        let mut rest = rest.map(|rest| PixelsMut::bands(size, CHANNELS, rest));
-        let next = || rest.as_mut().and_then(Iterator::next);
-        let outs = deeper.bands().zip(std::iter::repeat_with(next));
+        let rest = rest.map(|rest| PixelsMut::bands(size, CHANNELS, rest));
+        let outs = deeper.bands().zip(rows::optional(rest));
         rows::run(&shrink, height, outs);
         found = Some(deeper);
     }
@@ -320,7 +319,7 @@ impl<F: Colors, P: Colors> Gather<'_, F, P> {
                     0.0
                 };
             }
-            let records = known.evidence.numbers().0.as_chunks::<CHANNELS>().0;
+            let records = known.evidence.elements().0.as_chunks::<CHANNELS>().0;
             for i in 0..count {
                 let record = records[places[i] as usize];
                 let finite = record.iter().all(|v| v.is_finite());

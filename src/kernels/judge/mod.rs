@@ -3,6 +3,7 @@
 pub mod alternation;
 pub mod anti_lag;
 pub mod blend_factor;
+pub(crate) mod boxes;
 pub mod choice;
 pub mod consistency;
 pub mod disocclusion;
@@ -12,5 +13,4 @@ pub(crate) mod hull;
 pub mod innovation;
 pub mod neighborhood;
 pub mod prediction;
-pub mod surface;
 pub mod thin_features;

@@ -20,8 +20,8 @@ use std::ops::Range;
 
 use crate::error::{Error, Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
-use crate::math::{is_present, luminance, saturate};
-use crate::pixels::{Colors, PixelsMut, Row, larger, smaller};
+use crate::math::{is_present, larger, luminance, saturate, smaller};
+use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Least weights of the new sample, and when history is shortened.

@@ -18,8 +18,9 @@ use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::kernels::judge::exposure;
 use crate::kernels::judge::neighborhood::{self, Window};
-use crate::math::{is_present, luminance, saturate};
-use crate::pixels::{Columns, LANES, PixelsMut, Rolling, Row, lanes, larger, smaller};
+use crate::lanes::LANES;
+use crate::math::{is_present, larger, luminance, saturate, smaller};
+use crate::pixels::{Columns, PixelsMut, Rolling, Row, lanes};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What beside α weighs the two colours.

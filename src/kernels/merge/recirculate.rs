@@ -212,7 +212,7 @@ impl Recirculate<'_> {
         color: &mut [Row; 3],
     ) {
         let size = self.motion.size;
-        let texels = texels.pixels().numbers().0.as_chunks::<4>().0;
+        let texels = texels.pixels().elements().0.as_chunks::<4>().0;
         let blur = self.params.blur;
         for i in 0..run.len {
             let (x, y) = ((run.x + i) as f32, run.y as f32);
@@ -239,7 +239,7 @@ impl Recirculate<'_> {
         color: &mut [Row; 3],
     ) {
         let size = self.motion.size;
-        let texels = previous.pixels().numbers().0.as_chunks::<5>().0;
+        let texels = previous.pixels().elements().0.as_chunks::<5>().0;
         let blur = self.params.blur;
         for i in 0..run.len {
             let (mx, my) = (motion[0][i], motion[1][i]);

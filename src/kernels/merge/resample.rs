@@ -19,7 +19,8 @@ use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, Size, segments};
 use crate::kernels::fetch::footprint::{Filter, Wide};
-use crate::pixels::{PixelsMut, larger, smaller};
+use crate::math::{larger, smaller};
+use crate::pixels::PixelsMut;
 use crate::rows::{self, Kernel, Simd};
 
 /// Names of the filters that serve here.

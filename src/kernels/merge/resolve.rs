@@ -17,7 +17,8 @@ use std::ops::Range;
 
 use crate::error::{Error, Result};
 use crate::image::{Pixels, Run, SEGMENT, segments};
-use crate::pixels::{Columns, LANES, PixelsMut, Rolling, lanes};
+use crate::lanes::LANES;
+use crate::pixels::{Columns, PixelsMut, Rolling, lanes};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// How samples weigh by their distance from the pixel.

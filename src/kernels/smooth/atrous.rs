@@ -18,10 +18,10 @@ use std::ops::Range;
 
 use super::guide::{Center, Comparison, Guide, Sigmas};
 use super::variance::{floored, floored_all};
-use crate::bordered::{Before, Bordered, BorderedBand, Chain, Columns, Layout, Link};
+use crate::bordered::{Bordered, BorderedBand, InPlace, Layout, SourceRow, Step};
 use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, TapColumns};
 use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -86,7 +86,8 @@ impl Params {
 /// Channels between passes: colour (0 to 2), luminance (3) and variance (4 or 5). Missing pixels and the padding are black
 /// with NaN for luminance, which makes their weight as taps zero.
 const LUMINANCE: usize = 3;
-/// Channels that a pass overwrites in place. Variance alternates between two, since its 3×3 blur reads neighbouring rows.
+/// Channels that a pass overwrites in place. Variance alternates between two (ping-pong), because its 3×3 blur reads rows
+/// of other jobs.
 const IN_PLACE: usize = 4;
 const VARIANCES: [usize; 2] = [4, 5];
 
@@ -151,7 +152,7 @@ impl Filtered {
         outs: impl Iterator<Item = K::Row>,
     ) {
         let step = 1 << iteration;
-        let (variance, chains) = (self.image).chains(step, params.radius, self.variances, outs);
+        let (variance, jobs) = (self.image).in_place(step, params.radius, self.variances, outs);
         let pass = Pass {
             variance,
             guide,
@@ -159,8 +160,7 @@ impl Filtered {
             step,
             sink,
         };
-        let jobs = chains.into_iter().map(|chain| (chain.range(), chain));
-        rows::run_jobs(&pass, jobs.collect());
+        rows::run_jobs(&pass, jobs);
         self.variances.reverse();
     }
 
@@ -327,20 +327,20 @@ impl<'a, K: Sink> Kernel for Pass<'a, K>
 where
     K::Row: 'a,
 {
-    type Out = Chain<'a, IN_PLACE, K::Row>;
+    type Out = InPlace<'a, IN_PLACE, K::Row>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, simd: S, _: Range<usize>, chain: Self::Out) {
+    fn rows<S: Simd>(&self, simd: S, _: Range<usize>, rows: Self::Out) {
         match self.params.radius {
-            1 => self.filter::<S, 1>(simd, chain),
-            _ => self.filter::<S, 2>(simd, chain),
+            1 => self.filter::<S, 1>(simd, rows),
+            _ => self.filter::<S, 2>(simd, rows),
         }
     }
 }
 
 impl<K: Sink> Pass<'_, K> {
     #[inline(always)]
-    fn filter<S: Simd, const RADIUS: usize>(&self, simd: S, chain: Chain<IN_PLACE, K::Row>) {
+    fn filter<S: Simd, const RADIUS: usize>(&self, simd: S, rows: InPlace<IN_PLACE, K::Row>) {
         let (layout, sink) = (self.guide.layout, self.sink);
         let around = Around::<RADIUS> {
             layout,
@@ -350,12 +350,12 @@ impl<K: Sink> Pass<'_, K> {
         };
         // Constant steps let the compiler fold the addresses of taps; the padding holds them all.
         match self.step {
-            1 => around.rows(simd, [1, isize::MAX], chain, sink),
-            2 => around.rows(simd, [2, isize::MAX], chain, sink),
-            4 => around.rows(simd, [4, isize::MAX], chain, sink),
-            8 => around.rows(simd, [8, isize::MAX], chain, sink),
-            16 => around.rows(simd, [16, isize::MAX], chain, sink),
-            step => around.rows(simd, [step as isize, layout.farthest()], chain, sink),
+            1 => around.rows(simd, [1, isize::MAX], rows, sink),
+            2 => around.rows(simd, [2, isize::MAX], rows, sink),
+            4 => around.rows(simd, [4, isize::MAX], rows, sink),
+            8 => around.rows(simd, [8, isize::MAX], rows, sink),
+            16 => around.rows(simd, [16, isize::MAX], rows, sink),
+            step => around.rows(simd, [step as isize, layout.farthest()], rows, sink),
         }
     }
 }
@@ -402,25 +402,25 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         &LOG2_CUBIC
     };
 
-    /// Filters the rows of a chain. Taps are `step` apart and at most `farthest` pixels to the side.
+    /// Filters the rows of a job. Taps are `step` apart and at most `farthest` pixels to the side.
     #[inline(always)]
     fn rows<S: Simd, K: Sink>(
         &self,
         simd: S,
         [step, farthest]: [isize; 2],
-        mut chain: Chain<IN_PLACE, K::Row>,
+        mut rows: InPlace<IN_PLACE, K::Row>,
         sink: &K,
     ) {
         let Size { width, height } = self.layout.size;
-        for link in 0..chain.len {
-            let Link {
+        for row in 0..rows.len {
+            let Step {
                 y,
-                around,
+                window,
                 mut out,
-                apart,
+                target,
                 extra,
-            } = chain.link(link);
-            let lines = self.lines(y, step, &around);
+            } = rows.step(row);
+            let lines = self.lines(y, step, &window);
             // Rows outside the image repeat the first and the last one; columns are padded likewise.
             let cut = |y| self.layout.cut(self.variance, y);
             let near = [
@@ -433,15 +433,15 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
                 for (row, lanes) in out.iter_mut().zip([r, g, b, l]) {
                     lanes.store(row, x);
                 }
-                v.store(apart, x);
+                v.store(target, x);
             }
             let filtered = FilteredRow {
                 channels: out.map(|row| &*row),
-                variance: apart,
+                variance: target,
             };
             sink.take(y, filtered, extra);
         }
-        chain.replicate();
+        rows.replicate();
     }
 
     /// Filters one register of pixels, from (x, y) on.
@@ -472,8 +472,8 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         };
         if RADIUS == 1 {
             // All eight at once: three would not hide the latency of the exponential.
-            let whole = Columns::new([-1, 0, 1], step, farthest);
-            let beside = Columns::new([-1, 1], step, farthest);
+            let whole = TapColumns::new([-1, 0, 1], step, farthest);
+            let beside = TapColumns::new([-1, 1], step, farthest);
             let [_, above, own, below, _] = lines;
             let [a, b, c] = exponents(simd, &like, above, &whole, Self::KERNEL);
             let [d, e] = exponents(simd, &like, own, &beside, Self::KERNEL);
@@ -483,8 +483,8 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
             add(simd, at, own, &beside, [d, e], &mut sums);
             add(simd, at, below, &whole, [f, g, h], &mut sums);
         } else {
-            let whole = Columns::new([-2, -1, 0, 1, 2], step, farthest);
-            let beside = Columns::new([-2, -1, 1, 2], step, farthest);
+            let whole = TapColumns::new([-2, -1, 0, 1, 2], step, farthest);
+            let beside = TapColumns::new([-2, -1, 1, 2], step, farthest);
             for line in lines {
                 if line.down == 0 {
                     let weights = exp2_weights(exponents(simd, &like, line, &beside, Self::KERNEL));
@@ -509,21 +509,21 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
 
     /// The five rows of taps around row y. With radius 1 the outer two are not read.
     #[inline(always)]
-    fn lines<'b>(&self, y: usize, step: isize, around: &[Before<'b, IN_PLACE>]) -> [Line<'b>; 5]
+    fn lines<'b>(&self, y: usize, step: isize, window: &[SourceRow<'b, IN_PLACE>]) -> [Line<'b>; 5]
     where
         'a: 'b,
     {
-        let own = self.line(y, 0, step, around);
+        let own = self.line(y, 0, step, window);
         let [above, below] = [
-            self.line(y, -1, step, around),
-            self.line(y, 1, step, around),
+            self.line(y, -1, step, window),
+            self.line(y, 1, step, window),
         ];
         if RADIUS == 1 {
             [own, above, own, below, own]
         } else {
             let [first, last] = [
-                self.line(y, -2, step, around),
-                self.line(y, 2, step, around),
+                self.line(y, -2, step, window),
+                self.line(y, 2, step, window),
             ];
             [first, above, own, below, last]
         }
@@ -536,15 +536,15 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         y: usize,
         steps: isize,
         step: isize,
-        around: &[Before<'b, IN_PLACE>],
+        window: &[SourceRow<'b, IN_PLACE>],
     ) -> Line<'b>
     where
         'a: 'b,
     {
         let down = steps * step;
-        let (row, own) = match around.iter().find(|row| row.down == down) {
+        let (row, own) = match window.iter().find(|row| row.down == down) {
             Some(row) => (row, Self::KERNEL[steps.unsigned_abs()]),
-            None => (&around[0], f32::NEG_INFINITY),
+            None => (&window[0], f32::NEG_INFINITY),
         };
         let there = y.wrapping_add_signed(row.down);
         let stride = self.layout.stride();
@@ -582,7 +582,7 @@ fn exponents<S: Simd, const N: usize>(
     simd: S,
     like: &Like<S>,
     line: &Line,
-    columns: &Columns<N>,
+    columns: &TapColumns<N>,
     kernel: &[f32],
 ) -> [Lanes<S>; N] {
     let taps = columns.taps(line.down);
@@ -609,7 +609,7 @@ fn add<S: Simd, const N: usize>(
     simd: S,
     at: usize,
     line: &Line,
-    columns: &Columns<N>,
+    columns: &TapColumns<N>,
     weights: [Lanes<S>; N],
     sums: &mut Sums<S>,
 ) {

@@ -21,7 +21,8 @@
 use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, segments};
-use crate::pixels::{PixelsMut, Row, larger, smaller};
+use crate::math::{larger, smaller};
+use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// f: lower bound of the divisor.

@@ -14,12 +14,12 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::bordered::{Bordered, BorderedBand, Layout, Taps};
+use crate::bordered::{Bordered, BorderedBand, Layout};
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::pinhole::Rays;
-use crate::kernels::judge::surface::Surface;
-use crate::lanes::{Classes, Lanes};
+use crate::kernels::fetch::validate::Surface;
+use crate::lanes::{Classes, Lanes, Taps};
 use crate::math::{LOG2_E, is_present};
 use crate::rows::{self, Kernel, Simd};
 
@@ -88,18 +88,20 @@ impl Guide {
                 None => Depth::Slope(Bordered::new(layout, [0.0; 3])),
             }),
         };
-        let mut normals = guide.normal.as_mut().map(Bordered::bands);
-        let mut depths = guide.depth.as_mut().map(|depth| match depth {
+        let normals = guide.normal.as_mut().map(Bordered::bands);
+        let depths = guide.depth.as_mut().map(|depth| match depth {
             Depth::Plane(image, _) | Depth::Slope(image) => image.bands(),
         });
-        let outs = guide.class.bands().map(|class| Outs {
-            class,
-            normal: normals.as_mut().and_then(Iterator::next),
-            depth: depths.as_mut().and_then(Iterator::next),
-        });
+        let outs = (guide.class.bands())
+            .zip(rows::optional(normals))
+            .zip(rows::optional(depths))
+            .map(|((class, normal), depth)| Outs {
+                class,
+                normal,
+                depth,
+            });
         let kernel = Fill { depth, normal, ids };
         rows::run(&kernel, size.height, outs);
-        drop((normals, depths));
         guide
     }
 

@@ -11,10 +11,9 @@
 use std::ops::Range;
 
 use super::guide::{Guide, Sigmas};
-use crate::bordered::Tap;
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
-use crate::lanes::{Lanes, WIDEST};
+use crate::lanes::{LANES, Lanes, Tap};
 use crate::math::exp2_weight;
 use crate::rows::{self, Kernel, Simd};
 
@@ -100,7 +99,7 @@ impl<'a> Kernel for Fix<'a> {
             let mut taps = vec![None; self.params.step(0.0) + 1];
             let lengths = self.length.row(0, y).chunks(Lanes::<S>::COUNT);
             for (lengths, x) in lengths.zip((0..).step_by(Lanes::<S>::COUNT)) {
-                let mut steps = [0; WIDEST];
+                let mut steps = [0; LANES];
                 for (step, &length) in steps.iter_mut().zip(lengths) {
                     if length < self.params.max_length {
                         *step = self.params.step(length);
@@ -112,7 +111,7 @@ impl<'a> Kernel for Fix<'a> {
                     if step == 0 {
                         continue;
                     }
-                    let mut chosen = [0.0; WIDEST];
+                    let mut chosen = [0.0; LANES];
                     chosen[lane] = 1.0;
                     for (chosen, other) in chosen.iter_mut().zip(&mut steps) {
                         if *other == step {

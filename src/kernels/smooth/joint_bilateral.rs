@@ -16,10 +16,10 @@
 use std::ops::Range;
 
 use super::guide::{Comparison, Guide, Sigmas};
-use crate::bordered::{Bordered, BorderedBand, Layout, Tap};
+use crate::bordered::{Bordered, BorderedBand, Layout};
 use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Image, Pixels, SEGMENT, Size, Value, segments};
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, Tap};
 use crate::math::{LOG2_E, exp2_weight, is_present};
 use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};

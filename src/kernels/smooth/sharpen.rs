@@ -14,8 +14,8 @@ use std::ops::Range;
 
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
-use crate::math::{inverse_tone_map, is_present, max_channel, tone_map};
-use crate::pixels::{PixelsMut, Rolling, Row, larger, smaller};
+use crate::math::{inverse_tone_map, is_present, larger, max_channel, smaller, tone_map};
+use crate::pixels::{PixelsMut, Rolling, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// How much is sharpened.

@@ -10,10 +10,9 @@
 use std::ops::Range;
 
 use super::guide::{Center, Comparison, Guide, Sigmas};
-use crate::bordered::Tap;
 use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Pixels, bands_of, segments};
-use crate::lanes::{Lanes, Mask, WIDEST};
+use crate::lanes::{LANES, Lanes, Mask, Tap};
 use crate::math::exp2_weights;
 use crate::pixels::Rolling;
 use crate::rows::{self, Kernel, Simd};
@@ -121,7 +120,7 @@ impl<'a> Estimate<'a> {
         let width = self.moments.size.width;
         Around {
             moments: Rolling::new(width, self.params.radius),
-            length: vec![f32::INFINITY; width.next_multiple_of(WIDEST)],
+            length: vec![f32::INFINITY; width.next_multiple_of(LANES)],
         }
     }
 

@@ -8,7 +8,7 @@ use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, bands_of, segments};
 use crate::kernels::camera::motion::Geometry;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::splat::{self, Splats, splat};
-use crate::kernels::judge::surface::rejection;
+use crate::kernels::fetch::validate::rejection;
 use crate::kernels::merge::recirculate::{self, Known};
 use crate::pipelines::frame::{Motion, Output, still_motion};
 use crate::rows::{self, BAND, Kernel, Simd};

@@ -41,13 +41,13 @@ pub fn finish(
     let band = BAND * size.width;
     let variances = bands_of(output.variance.expect("an estimate has room"), size);
     let histories = history.data_mut().chunks_mut(band * accumulate::CHANNELS);
-    let mut lights = light.map(|light| light.data_mut().chunks_mut(band * 3));
-    let outs = colors.zip(variances).zip(histories);
-    let outs = outs.map(|((color, variance), history)| Outs {
+    let lights = rows::optional(light.map(|light| light.data_mut().chunks_mut(band * 3)));
+    let outs = colors.zip(variances).zip(histories).zip(lights);
+    let outs = outs.map(|(((color, variance), history), light)| Outs {
         color,
         variance,
         history,
-        light: lights.as_mut().and_then(Iterator::next),
+        light,
     });
     rows::run(&kernel, size.height, outs);
     // The next images take its place.

@@ -2,7 +2,6 @@
 
 use super::Current;
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, deinterleave};
-use crate::kernels::fetch::footprint::MotionLanes;
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::merge::accumulate::{self, CHANNELS, History, Images, Samples, accumulate};
 use crate::kernels::smooth::lend;
@@ -10,7 +9,7 @@ use crate::pipelines::frame::Output;
 use crate::pipelines::illumination::{texture, without_fireflies};
 use crate::pipelines::recall::{Memory, Recalled, recall};
 use crate::pipelines::reflections;
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::{MotionLanes, PixelsMut, Row};
 
 /// The history with a frame's samples in it.
 pub struct Merged {

@@ -15,8 +15,10 @@ use crate::kernels::judge::choice::{self, CandidateRow, Candidates, Levels};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::atrous::{self, Filtered, FilteredRow, Sink};
 use crate::kernels::smooth::variance::Estimate;
+use crate::lanes::LANES;
+use crate::math::larger;
 use crate::pipelines::frame::Output;
-use crate::pixels::{Colors, LANES, Row, larger, rows_of};
+use crate::pixels::{Colors, Row, rows_of};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What the next frame's choice needs to know of this one.

@@ -5,10 +5,10 @@ use crate::image::Pixels;
 use crate::kernels::camera::dilate::Window;
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::footprint::{Filter, Wide};
+use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation;
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
-use crate::kernels::judge::surface::{self, Surface, Tests, Threshold};
 use crate::kernels::judge::{anti_lag, blend_factor};
 use crate::kernels::merge::blend::{self, Weighting};
 use crate::kernels::merge::resolve;
@@ -85,9 +85,9 @@ impl Limits {
     }
 
     /// A test without a threshold gets the one that all angles pass, or the default where its buffers are left out anyway.
-    fn thresholds(&self) -> surface::Params {
-        let default = surface::Params::default();
-        surface::Params {
+    fn thresholds(&self) -> validate::Params {
+        let default = validate::Params::default();
+        validate::Params {
             relative_depth: self.relative_depth.unwrap_or(default.relative_depth),
             plane_distance: self.plane_distance.unwrap_or(default.plane_distance),
             normal_angle: self.normal_angle.unwrap_or(Threshold::hard(180.0)),

@@ -16,7 +16,6 @@ use std::ops::Range;
 use super::Params;
 use crate::image::{Pixels, Records, Run, SEGMENT, View, deinterleave, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation};
-use crate::kernels::fetch::footprint::{Motion, MotionLanes};
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::judge::alternation::hold;
 use crate::kernels::judge::anti_lag;
@@ -25,7 +24,7 @@ use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power}
 use crate::kernels::merge::blend::{Weighting, calm, mix};
 use crate::math::is_present;
 use crate::pipelines::frame::{Report, blacken_missing};
-use crate::pixels::{PixelsMut, Row, lanes};
+use crate::pixels::{Motion, MotionLanes, PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Channels of the history: colour 0 to 2, length 3.
@@ -60,15 +59,15 @@ impl Sweep<'_> {
         let size = self.color.size;
         let mut history = Records::blank(size, CHANNELS);
         let mut missing = vec![0; size.height.div_ceil(BAND)];
-        let mut report = report.unwrap_or_default().into_iter();
         let outs = PixelsMut::bands(size, CHANNELS, history.data_mut())
             .zip(merged)
             .zip(&mut missing)
-            .map(|((history, merged), missing)| Outs {
+            .zip(rows::optional(report.map(Vec::into_iter)))
+            .map(|(((history, merged), missing), report)| Outs {
                 history,
                 merged,
                 missing,
-                report: report.next(),
+                report,
             });
         let jobs = rows::tall_jobs(size.height, self.params.clip.radius as usize, outs);
         rows::run_jobs(self, jobs);

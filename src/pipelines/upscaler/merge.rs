@@ -19,13 +19,12 @@ use std::ops::Range;
 use super::grids::Grids;
 use super::{Params, Past};
 use crate::image::{Image, Records, Run, SEGMENT, View, segments};
-use crate::kernels::fetch::footprint::{Motion, MotionLanes};
+use crate::kernels::fetch::validate::rejection;
 use crate::kernels::judge::blend_factor;
-use crate::kernels::judge::surface::rejection;
 use crate::kernels::merge::blend::{Weighting, mix};
 use crate::math::{is_present, saturate};
 use crate::pipelines::frame::Report;
-use crate::pixels::{Colors, PixelsMut, Row};
+use crate::pixels::{Colors, Motion, MotionLanes, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Channels of the history: colour 0 to 2, samples 3, lock 4.
