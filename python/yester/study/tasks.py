@@ -220,6 +220,7 @@ TASKS = (
     Task("motion_vectors", "motion_vectors", _MOVED),
     Task("virtual_motion", "virtual_motion", {**_MOVED, "hit_distance": "hit_distance"}),
     Task("dilate_motion", "dilate_motion", _named("motion", "depth")),
+    Task("invert_motion", "invert_motion", _named("motion", "depth", still="motion")),
     Task("disocclusion", "disocclusion", _named("depth", "motion")),
     Task("thin_features", "thin_features", _named("color")),
     Task("reproject, nearest", "reproject", _FETCH, {"filter": "nearest"}),
