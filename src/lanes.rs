@@ -234,7 +234,7 @@ impl<S: Simd> Mask<S> {
         Self { values, ..self }
     }
 
-    /// True if all lanes are.
+    /// True if every lane is.
     #[inline(always)]
     pub fn all(self) -> bool {
         let not = self.simd.not_m32s(self.values);

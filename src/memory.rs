@@ -1,8 +1,8 @@
 //! The memory of images, and the scratch that a pipeline reuses from frame to frame.
 //!
-//! Fresh memory from the system is expensive: the kernel has to find and clear every page at its first use, which takes
-//! longer than several passes over the image. Inside of [`Scratch::install`], images therefore reuse the memory of earlier
-//! images. Large images also ask for huge pages: fewer page faults, fewer misses of the translation look-aside buffer.
+//! Fresh memory is expensive: the operating system has to find and clear every page at its first use, which takes longer
+//! than several passes over the image. Inside of [`Scratch::install`], images therefore reuse the memory of earlier images.
+//! Large images also ask for huge pages: fewer page faults, fewer misses of the translation look-aside buffer.
 //!
 //! The scratch is installed per thread for the time of a step, not passed as an argument: kernels allocate their
 //! intermediate images themselves, and are the same functions with a pipeline and without one.

@@ -33,7 +33,7 @@ impl<'a> PixelsMut<'a> {
     /// (height, width, channels) data, to be written by a kernel.
     ///
     /// # Errors
-    /// If images cannot have such a size, or the data have another length.
+    /// If the size is empty or too large, or the data have another length.
     pub fn interleaved(
         size: Size,
         channels: usize,

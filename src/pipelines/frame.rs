@@ -337,7 +337,7 @@ impl Results {
     /// For what a pipeline makes of frames of a size.
     ///
     /// # Errors
-    /// If images cannot have such a size.
+    /// If the size is empty or too large.
     pub fn new(pipeline: &impl Pipeline, size: Size) -> Result<Self> {
         let size = pipeline.output_size(size);
         size.check("size")?;

@@ -474,8 +474,8 @@ impl<'a> Tests<'a> {
 
     /// The normals for the plane test, where `direction` does not hold them.
     fn plane_normal(&self) -> Option<&Pixels<'a>> {
-        let apart = self.rays.is_some() && !self.normal_is_direction;
-        self.normal.as_ref().filter(|_| apart)
+        let separate = self.rays.is_some() && !self.normal_is_direction;
+        self.normal.as_ref().filter(|_| separate)
     }
 
     /// Validates the taps for which `chosen(row, column)` holds. For every such tap and every span of the run, `tell` gets the

@@ -240,18 +240,18 @@ impl Comparison<'_> {
             let y = Lanes::load_taps(simd, &ny[..self.len], center.at, taps);
             let z = Lanes::load_taps(simd, &nz[..self.len], center.at, taps);
             let [hx, hy, hz] = center.normal;
-            let mut apart = x;
+            let mut difference = x;
             for k in 0..N {
-                apart[k] = (hx - x[k]) * (hx - x[k]);
+                difference[k] = (hx - x[k]) * (hx - x[k]);
             }
             for k in 0..N {
-                apart[k] = apart[k] + (hy - y[k]) * (hy - y[k]);
+                difference[k] = difference[k] + (hy - y[k]) * (hy - y[k]);
             }
             for k in 0..N {
-                apart[k] = apart[k] + (hz - z[k]) * (hz - z[k]);
+                difference[k] = difference[k] + (hz - z[k]) * (hz - z[k]);
             }
             for k in 0..N {
-                exponents[k] = exponents[k] - apart[k] * self.normal_scale;
+                exponents[k] = exponents[k] - difference[k] * self.normal_scale;
             }
         }
         match self.depth {
@@ -259,12 +259,12 @@ impl Comparison<'_> {
                 let z = Lanes::load_taps(simd, &depth[..self.len], center.at, taps);
                 let [right, down, ray, here] = center.plane;
                 let row = ray + down * taps.down;
-                let mut apart = z;
+                let mut difference = z;
                 for k in 0..N {
-                    apart[k] = z[k] * (row + right * taps.right[k]) - here;
+                    difference[k] = z[k] * (row + right * taps.right[k]) - here;
                 }
                 for k in 0..N {
-                    exponents[k] = exponents[k] - apart[k].abs();
+                    exponents[k] = exponents[k] - difference[k].abs();
                 }
             }
             Depths::Slope([depth, ..]) => {
@@ -274,8 +274,8 @@ impl Comparison<'_> {
                     let rise = zx * taps.right[k].abs() + zy * taps.down.abs();
                     // The last term avoids 0/0 on the background, where depth and slopes are zero.
                     let unit = rise * self.slope_unit + z * 1e-3 + 1e-30;
-                    let apart = (z - z_there[k]).abs();
-                    exponents[k] = exponents[k] - apart * LOG2_E / unit;
+                    let difference = (z - z_there[k]).abs();
+                    exponents[k] = exponents[k] - difference * LOG2_E / unit;
                 }
             }
             Depths::Absent => {}
