@@ -132,7 +132,7 @@ METHODS = {
 }
 
 
-@pytest.mark.parametrize("lookahead", [None, 0, 1])
+@pytest.mark.parametrize("lookahead", [None, 0])
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method(tmp_path, method, lookahead):
     make, named = METHODS[method]

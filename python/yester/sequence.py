@@ -71,7 +71,7 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     therefore has most of its light from the frames in which it stays.
 
     At most ``6 * lookahead`` frames are held, and ``5 * lookahead`` results: the sequence is worked on in chunks of
-    ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames behind its end. A frame takes 2.2 times
+    ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames behind its end. A frame takes 2.3 times
     the time of a step.
     """
     ahead = index(lookahead)

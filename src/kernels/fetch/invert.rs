@@ -62,10 +62,10 @@ impl Points<'_> {
         self.motion.size
     }
 
-    /// Where a point was: x, y and depth. NaN if it is unknown.
+    /// Where the point of pixel (x, y) was: x, y and depth. NaN if it is unknown.
     #[inline(always)]
-    fn place(&self, index: usize) -> [f32; 3] {
-        let width = self.size().width;
+    fn place(&self, [x, y]: [usize; 2]) -> [f32; 3] {
+        let index = y * self.size().width + x;
         let of = |channel| self.motion.at(index, channel);
         let z = self.depth.map_or(1.0, |depth| depth.at(index, 0));
         let change = if self.motion.channels == 3 {
@@ -74,8 +74,8 @@ impl Points<'_> {
             0.0
         };
         [
-            (index % width) as f32 + of(0),
-            (index / width) as f32 + of(1),
+            x as f32 + of(0),
+            y as f32 + of(1),
             if z > 0.0 { z + change } else { f32::NAN },
         ]
     }
@@ -92,15 +92,18 @@ impl Kernel for Scatter<'_, '_> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (): ()) {
         let Size { height, width } = self.points.size();
-        for index in rows.start * width..rows.end * width {
-            let [x, y, z] = self.points.place(index);
+        for (py, px) in rows.flat_map(|y| (0..width).map(move |x| (y, x))) {
+            let [x, y, z] = self.points.place([px, py]);
             let (column, row) = ((x + 0.5).floor(), (y + 0.5).floor());
             let inside =
                 (column >= 0.0) & (row >= 0.0) & (column < width as f32) & (row < height as f32);
             if inside & (z > 0.0) {
-                let key = u64::from(z.to_bits()) << 32 | index as u64;
-                let at = row as usize * width + column as usize;
-                self.nearest[at].fetch_min(key, Ordering::Relaxed);
+                let key = u64::from(z.to_bits()) << 32 | (py * width + px) as u64;
+                let nearest = &self.nearest[row as usize * width + column as usize];
+                // A comparison first: most exchanges of points behind others are saved.
+                if key < nearest.load(Ordering::Relaxed) {
+                    nearest.fetch_min(key, Ordering::Relaxed);
+                }
             }
         }
     }
@@ -135,7 +138,8 @@ impl Gather<'_, '_> {
     /// Whether a point lies less than a pixel away from the centre of another.
     #[inline(always)]
     fn reaches(&self, key: u64, x: usize, y: usize) -> bool {
-        let [px, py, _] = self.points.place(key as u32 as usize);
+        let (index, width) = (key as u32 as usize, self.points.size().width);
+        let [px, py, _] = self.points.place([index % width, index / width]);
         (px - x as f32).abs() < 1.0 && (py - y as f32).abs() < 1.0
     }
 }
