@@ -1,5 +1,6 @@
 import inspect
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,14 +9,16 @@ from compare import assert_same_bits
 from yester.io import read_exr, write_exr
 from yester.study import ablation, harm, metrics
 from yester.study.ablation import ABLATIONS, Effect, ablate
-from yester.study.chart import _flow, chart, measure
+from yester.study.chart import SIZE, _flow, chart, measure, orders, times
 from yester.study.doors import DOORS, FULL
 from yester.study.methods import METHODS, PIPELINES, QUARTERS, Method, Result, pipeline, quarter
 from yester.study.points import ALL
 from yester.study.recording import Recording, record
+from yester.study.report import draw
 from yester.study.sequences import NAMES
 
 QUICK = ("psnr", "relmse", "temporal_error", "warped_error")
+LITTLE = (48, 32)
 SVGF = PIPELINES[0]
 BLACK = Method("black", "black", lambda: lambda frame, /: Result(np.zeros_like(frame.color)))
 
@@ -79,7 +82,7 @@ def test_values_are_those_of_the_metrics(recording, tmp_path):
     noisy, svgf, _ = measure(recording, [SVGF, BLACK], tmp_path, metrics=QUICK, images=2)
     assert (noisy.method, noisy.ms, noisy.scene) == ("noisy input", 0, "cornell_box")
     assert svgf.default
-    assert svgf.ms_range[0] <= svgf.ms <= svgf.ms_range[1]
+    assert (svgf.ms, svgf.size) == (0, None)
     state, images = yester.SVGF(), []
     for i in range(6):
         images.append(state.step(recording.frame(i)).color)
@@ -127,14 +130,15 @@ def test_an_interrupted_run_goes_on(recording, tmp_path):
 
     methods = [method, replace(BLACK, start=start)]
     with pytest.raises(KeyboardInterrupt):
-        chart([recording, shorter], methods, tmp_path, metrics=QUICK)
+        chart([recording, shorter], methods, tmp_path, metrics=QUICK, size=LITTLE)
     assert (tmp_path / "points" / "cornell_box" / "points.json").exists()
     assert not (tmp_path / "points" / "shorter" / "points.json").exists()
     assert not (tmp_path / "points.csv").exists()
-    points = chart([recording, shorter], methods, tmp_path, metrics=QUICK)
-    assert len(starts) == 3
-    assert chart([recording, shorter], methods, tmp_path, metrics=QUICK) == points
-    assert len(starts) == 3
+    points = chart([recording, shorter], methods, tmp_path, metrics=QUICK, size=LITTLE)
+    turns = len(orders(2))
+    assert len(starts) == 3 + turns
+    assert chart([recording, shorter], methods, tmp_path, metrics=QUICK, size=LITTLE) == points
+    assert len(starts) == 3 + turns
 
 
 def test_without_references(recording, tmp_path):
@@ -156,12 +160,60 @@ def test_frames_of_colour_alone(recording, tmp_path):
 
 
 def test_all_is_written(recording, tmp_path):
-    points = chart([recording, replace(recording, name="second")], [SVGF, BLACK], tmp_path, metrics=QUICK, about="here")
+    named = {"metrics": QUICK, "size": LITTLE, "about": "here"}
+    points = chart([recording, replace(recording, name="second")], [SVGF, BLACK], tmp_path, **named)
     assert [point.scene for point in points] == ["cornell_box"] * 3 + ["second"] * 3 + [ALL] * 3
     names = {path.name for path in tmp_path.iterdir()}
     assert {"points.csv", "report.html", "psnr_all.png", "psnr_second.svg", "relmse_cornell_box.png"} < names
     assert "here" in (tmp_path / "report.html").read_text()
     assert not [name for name in names if name.endswith(".tmp")]
+
+
+def test_methods_precede_each_other_in_turn():
+    """The same orders in every run, all of them different, and no method always follows another."""
+    for count in (4, 20, 60):
+        found = orders(count)
+        assert found == orders(count)
+        assert all(sorted(order) == [*range(count)] for order in found)
+        followers = [{*pairwise(order)} for order in found]
+        assert not set.intersection(*followers)
+
+
+def test_times(recording, tmp_path):
+    """Of frames of one size, whatever the sequence's, as warm as within a sequence; measured once."""
+    sizes, starts = [], []
+
+    def start():
+        starts.append(1)
+
+        def step(frame, /):
+            sizes.append((frame.width, frame.height))
+            return Result(np.zeros_like(frame.color))
+
+        return step
+
+    method = replace(BLACK, start=start)
+    spent = times([method, SVGF], tmp_path, LITTLE)
+    assert {name: len(each) for name, each in spent.items()} == {"black": 9, "SVGF": 9}
+    assert all(ms > 0 for each in spent.values() for ms in each)
+    assert sizes == [LITTLE] * 3 * (8 + 3)
+    assert times([method, SVGF], tmp_path, LITTLE) == spent
+    assert len(starts) == 3
+    times([method, SVGF], tmp_path, (32, 48))
+    assert len(starts) == 6
+    assert SIZE[0] * SIZE[1] >= 1280 * 720
+
+
+def test_the_time_axis_says_its_size(recording, tmp_path):
+    noisy, svgf = chart([recording], [SVGF], tmp_path, metrics=["psnr"], images=0, size=LITTLE)
+    assert (noisy.ms, noisy.size) == (0, None)
+    assert svgf.size == LITTLE
+    assert 0 < svgf.ms_range[0] <= svgf.ms <= svgf.ms_range[1]
+    (axes,) = draw([noisy, svgf], metrics.METRICS["psnr"]).axes
+    assert axes.get_xlabel() == "time of a frame of 48×32 [ms]"
+    rows = (tmp_path / "points.csv").read_text().splitlines()
+    assert [row.split(",")[-1] for row in rows] == ["timed", "", "48x32"]
+    assert r"time of a frame of 48\u00d732" in (tmp_path / "report.html").read_text()
 
 
 def test_bad_input_does_nothing(recording, tmp_path):
@@ -217,7 +269,7 @@ def test_effects(recording, tmp_path):
     known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
     some = (known["antialiasing"], known["pass 4"])
     recordings = [recording, replace(recording, name="second")]
-    effects = ablate(recordings, tmp_path, metrics=["psnr", "relmse"], ablations=some)
+    effects = ablate(recordings, tmp_path, metrics=["psnr", "relmse"], ablations=some, size=LITTLE)
     assert [(e.scene, e.component) for e in effects] == [
         (scene, component) for scene in ("cornell_box", "second", ALL) for component in ("antialiasing", "pass 4")
     ]
@@ -270,7 +322,7 @@ def test_effects_through_doors(recording, tmp_path):
     needy = [each for each in ABLATIONS if each.whole.name == "Recirculation"]
     some = (known["antialiasing"], known["pass 4"], *needy)
     chosen = [door for door in DOORS if door.name in (FULL, "raw albedo", "no normals")]
-    effects = ablate([recording], tmp_path, metrics=["psnr"], doors=chosen, ablations=some)
+    effects = ablate([recording], tmp_path, metrics=["psnr"], doors=chosen, ablations=some, size=LITTLE)
     assert [(e.door, e.component) for e in effects] == [
         (FULL, "antialiasing"),
         (FULL, "pass 4"),

@@ -31,8 +31,9 @@ sys.modules.update(dict.fromkeys(sys.argv.pop(1).split(",")))
 from yester.cli import main
 sys.exit(main(sys.argv[1:]))
 """
-LITTLE = ("--length", 4, "--size", "32x24", "--reference-spp", 4)
-QUICK = ("--metrics", "psnr", "warped_error", "--methods", "SVGF, 6", "TAA best", "--no-peers")
+TIMED = ("--time-size", "64x48")
+LITTLE = ("--length", 4, "--size", "32x24", "--reference-spp", 4, *TIMED)
+QUICK = ("--metrics", "psnr", "warped_error", "--methods", "SVGF, 6", "TAA best", "--no-peers", *TIMED)
 ALONE = "no references: speed, and steadiness along motion alone, are measured"
 
 
@@ -126,7 +127,7 @@ def test_chart(tmp_path):
 
 def test_chart_of_own_files(own, tmp_path):
     """In any order on the command line, and without the renderer."""
-    arguments = ("-o", tmp_path, *QUICK[:-1], "--no-peers", own / "shot", "--references", own / "truth")
+    arguments = ("-o", tmp_path, *QUICK, own / "shot", "--references", own / "truth")
     result = without("mitsuba", "chart", *arguments)
     assert result.stderr == ""
     noisy, svgf, *_ = table(tmp_path / "points.csv")
@@ -137,7 +138,7 @@ def test_chart_of_own_files(own, tmp_path):
 
 def test_chart_without_references(own, tmp_path):
     """What needs one is left out, and that is said."""
-    result = run("chart", own / "shot", "--no-peers", "--methods", "TAA textbook", "-o", tmp_path)
+    result = run("chart", own / "shot", "--no-peers", "--methods", "TAA textbook", *TIMED, "-o", tmp_path)
     assert result.stderr.splitlines() == [ALONE]
     for row in table(tmp_path / "points.csv"):
         assert [key for key in METRICS if row[key]] == ["warped_error"]
@@ -162,7 +163,7 @@ def test_chart_of_colour_alone(tmp_path):
 @pytest.mark.parametrize("bare", [False, True])
 def test_ablation(own, tmp_path, bare):
     given = () if bare else ("--references", own / "truth", "--metrics", "psnr", "relmse")
-    result = run("chart", own / "shot", *given, "--ablate", "-o", tmp_path)
+    result = run("chart", own / "shot", *given, "--ablate", *TIMED, "-o", tmp_path)
     keys = ["warped_error"] if bare else ["psnr", "relmse"]
     assert result.stderr.splitlines() == [ALONE] * bare
     head, *lines = result.stdout.splitlines()
@@ -248,7 +249,7 @@ def test_groups(tmp_path):
 )
 def test_missing_peers_are_named(own, tmp_path, modules, absent, there):
     """And the others are charted."""
-    arguments = ("chart", own / "shot", "--references", own / "truth", "--metrics", "psnr", "-o", tmp_path)
+    arguments = ("chart", own / "shot", "--references", own / "truth", "--metrics", "psnr", *TIMED, "-o", tmp_path)
     methods = ("--methods", "TAA textbook, alpha 0.1", *there)
     result = without(modules, *arguments, *methods)
     lines = result.stderr.splitlines()
@@ -318,7 +319,7 @@ def test_an_interrupted_chart_goes_on(tmp_path):
     """Interrupted while it renders, and while it measures; what was done is not done again."""
     out, cache = tmp_path / "out", tmp_path / "cache"
     arguments = ("chart", "--sequences", "cornell_box", "tapestry", "--length", 8, "--size", "32x24")
-    arguments += ("--reference-spp", 16, "--metrics", "psnr", "--methods", "SVGF", "--no-peers")
+    arguments += ("--reference-spp", 16, "--metrics", "psnr", "--methods", "SVGF", "--no-peers", *TIMED)
     arguments += ("--cache", cache, "-o", out)
 
     interrupted(*arguments, until=lambda: [*cache.rglob("*.exr")])

@@ -52,6 +52,6 @@ def test_csv(tmp_path):
     write_csv([point("a, b", 2, psnr=30.5)], tmp_path / "points.csv")
     (row,) = csv.DictReader((tmp_path / "points.csv").read_text().splitlines())
     assert list(row)[:8] == ["scene", "method", "family", "default", "peer", "ms", "ms_low", "ms_high"]
-    assert list(row)[8:] == list(METRICS)
+    assert list(row)[8:] == [*METRICS, "timed"]
     assert (row["method"], row["psnr"], row["flip"], row["ms_high"]) == ("a, b", "30.5", "", "2.2")
     assert [path.name for path in tmp_path.iterdir()] == ["points.csv"]

@@ -136,6 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     chart.add_argument("--ablate", action="store_true", help="ablation: switch off each component in turn")
     doors = "degrade or drop buffers instead, in these ways (by default all); also with --ablate"
     chart.add_argument("--doors", metavar="DOOR", nargs="*", help=doors)
+    chart.add_argument("--time-size", metavar="WxH", type=_size, default=(1280, 720), help="of timed frames; 1280x720")
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
     groups = "names, tuning, held-out, unkind-tuning, unkind-held-out, or all (default)"
     render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
@@ -389,7 +390,7 @@ def _chart(options: argparse.Namespace) -> None:
         print(path)
 
     if options.ablate:
-        effects = ablation.ablate(recordings, folder, metrics=few, doors=entered)
+        effects = ablation.ablate(recordings, folder, metrics=few, doors=entered, size=options.time_size)
         tell(ablation.table(effects), ablation.harmful(effects), folder / "ablation.csv")
         return
     if options.doors is not None:
@@ -399,7 +400,8 @@ def _chart(options: argparse.Namespace) -> None:
         return
     threads, instructions = settings()
     about = f"yester {__version__}, {threads} threads, {instructions}"
-    measured = chart(recordings, methods, folder, metrics=metrics or METRICS, about=about)
+    size = options.time_size
+    measured = chart(recordings, methods, folder, metrics=metrics or METRICS, size=size, about=about)
     print(points.table([point for point in measured if point.scene == measured[-1].scene]))
     for name in ("report.html", "points.csv"):
         print(folder / name)

@@ -15,7 +15,7 @@ from yester import BMFR, SVGF, TAA, Frame, HalfRes, Recirculation
 from yester.io.files import beside
 
 from . import harm
-from .chart import measure
+from .chart import SIZE, measure, times
 from .doors import DOORS, FULL, Door, known_doors, through
 from .methods import Method, Result, Step, on_part, pipeline, quarter
 from .metrics import metric
@@ -204,7 +204,7 @@ class Effect:
         By metric, the improvement of the result with the component over that without, as `harm.gains` returns it.
         Negative where it harms.
     ms : float
-        Cost per frame.
+        Cost per frame, as `yester.study.chart.times` measures it, whatever the door.
     door : str, default FULL
         Name of the door through which the frames came.
     default : bool, default True
@@ -238,6 +238,7 @@ def ablate(
     metrics: Iterable[str] = tuple(harm.LIMITS),
     doors: Sequence[Door] = DOORS[:1],
     ablations: Sequence[Ablation] = ABLATIONS,
+    size: tuple[int, int] = SIZE,
 ) -> list[Effect]:
     """Switch off every component in turn, on every sequence.
 
@@ -256,6 +257,8 @@ def ablate(
         not those of pipelines that need all buffers. Doors that need raw albedo are skipped for recordings without.
     ablations : sequence of Ablation, default ABLATIONS
         The components to switch.
+    size : (int, int), default 1280x720
+        Width and height of the frames on which components are timed.
 
     Returns
     -------
@@ -268,7 +271,7 @@ def ablate(
         If a metric is unknown.
     """
     keys = [metric(key).key for key in metrics]
-    effects = []
+    cases = []
     for recording in recordings:
         for door in known_doors(recording, doors):
             poor = door.name != FULL
@@ -278,7 +281,10 @@ def ablate(
             passed = [through(door, method, recording) for method in methods]
             _, *points = measure(recording, passed, place, metrics=keys, images=0)
             found = {method.name: point for method, point in zip(methods, points, strict=True)}
-            effects += [_effect(each, found, door.name) for each in chosen]
+            cases += [(each, found, door.name) for each in chosen]
+    switched = [*dict.fromkeys(method for each, *_ in cases for method in (each.whole, each.method))]
+    spent = {name: float(np.median(ms)) for name, ms in times(switched, folder / "ablation", size).items()}
+    effects = [_effect(*case, spent) for case in cases]
     if len(recordings) > 1:
         effects += [_mean([e for e in effects if _key(e) == key]) for key in dict.fromkeys(map(_key, effects))]
     with beside(folder / "ablation.csv") as temporary, temporary.open("w", newline="") as file:
@@ -335,16 +341,17 @@ def _key(effect: Effect) -> tuple[str, str]:
     return effect.name, effect.door
 
 
-def _effect(ablation: Ablation, points: dict[str, Point], door: str) -> Effect:
+def _effect(ablation: Ablation, points: dict[str, Point], door: str, spent: dict[str, float]) -> Effect:
     whole, switched = points[ablation.whole.name], points[ablation.method.name]
     having, lacking = (switched, whole) if ablation.added else (whole, switched)
+    more = spent[ablation.method.name] - spent[ablation.whole.name]
     return Effect(
         whole.scene,
         ablation.whole.name,
         ablation.component,
         ablation.added,
         harm.gains(having.values, lacking.values),
-        having.ms - lacking.ms,
+        more if ablation.added else -more,
         door,
         ablation.whole.default,
     )

@@ -51,7 +51,7 @@ from .report import save_figure
 from .tasks import TASKS, Call, Inputs, Task, stage
 from .timings import HD, OURS, Limits, Memory, Timing, draw, markdown, write_csv
 
-__all__ = ["LEVELS", "PATIENCE", "chosen", "measure", "run", "settings"]
+__all__ = ["CALM", "LEVELS", "PATIENCE", "chosen", "measure", "run", "settings", "staged"]
 
 #: Instruction sets, each with all before it; neon stands alone.
 LEVELS = ("baseline", "avx2", "avx512")
@@ -62,7 +62,7 @@ _LIMITS_EVERY = 4
 #: Steps over which a pipeline's memory is measured, and steps after which it should not grow any more.
 _STEPS, _SETTLED = 12, 3
 #: Seconds for which the threads of some rivals keep spinning after their work.
-_CALM = 0.02
+CALM = 0.02
 
 
 def settings(threads: Sequence[int] | None = None, simd: Sequence[str] | None = None) -> list[tuple[int, str]]:
@@ -232,8 +232,7 @@ def measure(
         for size in sizes:
             title = "×".join(map(str, size))
             progress.set_description(f"{title}: images")
-            with _folder() as folder:
-                stage(folder, *size)
+            with staged(*size) as folder:
                 for number, task in enumerate(tasks):
                     progress.set_description(f"{title}: {task.name}")
                     entrants = [*_ours(ours, size), *_rivals(others, task, size, absent or ())]
@@ -334,14 +333,15 @@ def _environment(**variables: str) -> Iterator[None]:
 
 
 @contextmanager
-def _folder() -> Iterator[Path]:
-    """A temporary folder that is removed even if Ctrl-C is pressed while it is created."""
+def staged(width: int, height: int) -> Iterator[Path]:
+    """The images of one size, in a temporary folder that is removed even if Ctrl-C is pressed while it is created."""
     heard: list[int] = []
     with _on_interrupt(lambda number, _: heard.append(number)):
         made = TemporaryDirectory(prefix="yester-bench-")
     with made as name:
         if heard:
             raise KeyboardInterrupt
+        stage(Path(name), width, height)
         yield Path(name)
 
 
@@ -396,7 +396,7 @@ def _timed(run: Callable[[], object]) -> float:
     while elapsed < _SHORTEST:
         run()
         calls, elapsed = calls + 1, time.perf_counter() - start
-    time.sleep(_CALM)
+    time.sleep(CALM)
     return 1e3 * elapsed / calls
 
 

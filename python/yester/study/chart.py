@@ -1,4 +1,4 @@
-"""Speed against accuracy: every method on every sequence, timed in turn and measured."""
+"""Speed against accuracy: the errors of every method on every sequence, and its time at one size."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import json
 import re
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,20 @@ from yester import Frame, _core, consistency, motion_vectors
 from yester.frame import present
 from yester.io.files import beside
 
+from .bench import CALM, PATIENCE, staged
 from .methods import Method, Result
 from .metrics import METRICS, Metric, Picture, metric
 from .points import Point, means, write_csv
 from .recording import Recording
 from .report import save_images, write_figures, write_report
+from .tasks import Inputs
 
-__all__ = ["chart", "measure"]
+__all__ = ["SIZE", "chart", "measure", "orders", "times"]
+
+#: Width and height of the frames on which methods are timed.
+SIZE = (1280, 720)
+#: Turns of a method; frames of a turn after which histories are in their steady state; and those that are timed.
+_TURNS, _WARM_UP, _TIMED = 3, 8, 3
 
 
 def chart(
@@ -34,12 +42,13 @@ def chart(
     *,
     metrics: Iterable[str] = METRICS,
     images: int = 2,
+    size: tuple[int, int] = SIZE,
     about: str = "",
 ) -> list[Point]:
-    """Measure all methods on all sequences, and write charts and a report.
+    """Measure and time all methods on all sequences, and write charts and a report.
 
-    Writes `points.csv`, a PNG and an SVG for each metric and scene, `report.html`, and the cache of `measure` in
-    `points/`, from which an interrupted run resumes.
+    Writes `points.csv`, a PNG and an SVG for each metric and scene, `report.html`, and the cache of `measure` and
+    `times` in `points/`, from which an interrupted run resumes.
 
     Parameters
     ----------
@@ -49,6 +58,8 @@ def chart(
         As for `measure`.
     folder : Path
         Made if it does not exist.
+    size : (int, int), default 1280x720
+        As for `times`.
     about : str
         A paragraph at the head of the report.
 
@@ -70,6 +81,8 @@ def chart(
     points = []
     for recording in recordings:
         points += measure(recording, methods, folder / "points", metrics=keys, images=images)
+    spent = times(methods, folder / "points", size)
+    points = [_timed(point, spent[point.method], size) if point.method in spent else point for point in points]
     if len(recordings) > 1:
         points += means(points)
     write_csv(points, folder / "points.csv")
@@ -86,7 +99,7 @@ def measure(
     metrics: Iterable[str] = METRICS,
     images: int = 2,
 ) -> list[Point]:
-    """Run all methods on one sequence, interleaved frame by frame, and measure the results.
+    """Run all methods on one sequence, and measure the results. Their times are those of `times`.
 
     Frames with a reference are measured; without any, those of the second half, by metrics that need no reference.
     Results are cached in the folder and reused if methods and files are the same.
@@ -107,7 +120,7 @@ def measure(
     Returns
     -------
     list of Point
-        First that of the noisy input, which takes no time; then in the order of the methods.
+        First that of the noisy input; then in the order of the methods. None has a time.
 
     Raises
     ------
@@ -128,7 +141,6 @@ def measure(
     measured = sorted(recording.references) or [*range(len(recording.frames) // 2, len(recording.frames))]
     shown = measured[len(measured) - images :] if images else []
     steps = [method.start() for method in methods]
-    times: list[list[float]] = [[] for _ in methods]
     values: list[dict[str, list[float]]] = [{} for _ in methods]
     former: list[Picture] = []
     frame_before, reference_before = None, None
@@ -137,13 +149,8 @@ def measure(
         frame = recording.frame(i)
         reference = _reference(recording, i)
         flow = _flow(frame_before, frame)
-        results: dict[int, Result] = {}
-        # The order rotates, since the first method finds the caches polluted by the metrics.
-        for number in (*range(i % len(methods), len(methods)), *range(i % len(methods))):
-            start = time.perf_counter()
-            results[number] = steps[number](frame)
-            times[number].append(1e3 * (time.perf_counter() - start))
-        pictures = [Picture(results[number].color, method.name) for number, method in enumerate(methods)]
+        results: list[Result] = [step(frame) for step in steps]
+        pictures = [Picture(result.color, method.name) for method, result in zip(methods, results, strict=True)]
         for number, (method, picture) in enumerate(zip(methods, pictures, strict=True)):
             result = results[number]
             if i not in measured:
@@ -158,10 +165,7 @@ def measure(
         former, frame_before, reference_before = pictures, frame, reference
 
     points = []
-    for method, spent, found in zip(methods, times, values, strict=True):
-        # The first frame allocates what the others use.
-        steady = [0.0] if method is _INPUT else spent[1:] or spent
-        low, middle, high = (float(v) for v in np.percentile(steady, [25, 50, 75]))
+    for method, found in zip(methods, values, strict=True):
         points.append(
             Point(
                 recording.name,
@@ -169,8 +173,8 @@ def measure(
                 method.family,
                 method.default,
                 method.peer,
-                middle,
-                (low, high),
+                0.0,
+                (0.0, 0.0),
                 {each.key: float(np.mean(found[each.key])) for each in chosen if each.key in found},
                 place / _file(method.name) if shown else None,
             )
@@ -179,6 +183,70 @@ def measure(
     with beside(known) as temporary:
         temporary.write_text(text)
     return points
+
+
+def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE) -> dict[str, list[float]]:
+    """Time methods on frames of one size, those of `yester bench`, with all threads.
+
+    A method has three turns. In each it starts anew, warms up over eight frames and is timed over the next three, as
+    within a sequence; slow methods get fewer frames, at least one of each. In every turn the methods come in another
+    order, and each waits until the threads of its predecessor have stopped spinning. The result is cached in
+    ``times.json`` and reused for the same methods, size and build.
+
+    Parameters
+    ----------
+    methods : sequence of Method
+        With different names.
+    folder : Path
+        For the cache; made if it does not exist.
+    size : (int, int), default 1280x720
+        Width and height of the frames.
+
+    Returns
+    -------
+    dict of str to list of float
+        By name of the method, the milliseconds of each timed frame.
+    """
+    known = folder / "times.json"
+    asked = {"methods": [method.name for method in methods], "size": [*size], "build": [*_build()]}
+    if known.exists() and (kept := json.loads(known.read_text()))["asked"] == asked:
+        return {name: [*spent] for name, spent in kept["times"].items()}
+    result: dict[str, list[float]] = {method.name: [] for method in methods}
+    with staged(*size) as images, tqdm(total=_TURNS * len(methods), desc="times", unit="turn", disable=None) as bar:
+        frames = Inputs(images, *size).frames()
+        for order in orders(len(methods)):
+            for number in order:
+                result[methods[number].name] += _turn(methods[number], frames)
+                bar.update()
+    folder.mkdir(parents=True, exist_ok=True)
+    with beside(known) as temporary:
+        temporary.write_text(json.dumps({"asked": asked, "times": result}, indent=1))
+    return result
+
+
+def orders(count: int) -> list[list[int]]:
+    """The orders in which methods are timed, one for each turn: shuffled, so that none always follows another."""
+    rng = np.random.default_rng(0)
+    return [rng.permutation(count).tolist() for _ in range(_TURNS)]
+
+
+def _turn(method: Method, frames: Sequence[Frame]) -> list[float]:
+    """Milliseconds of the timed frames of one turn."""
+    time.sleep(CALM)
+    step, given = method.start(), cycle(frames)
+    for most in (_WARM_UP, _TIMED):
+        spent: list[float] = []
+        while len(spent) < most and sum(spent) < 1e3 * PATIENCE:
+            frame = next(given)
+            start = time.perf_counter()
+            step(frame)
+            spent.append(1e3 * (time.perf_counter() - start))
+    return spent
+
+
+def _timed(point: Point, spent: Sequence[float], size: tuple[int, int]) -> Point:
+    low, middle, high = (float(v) for v in np.percentile(spent, [25, 50, 75]))
+    return replace(point, ms=middle, ms_range=(low, high), size=size)
 
 
 #: What the methods start from.
@@ -234,10 +302,13 @@ def _identity(
     """The cache key of measurements."""
     paths = [*recording.frames, *recording.references.values()]
     files = [[str(path.resolve()), path.stat().st_mtime_ns] for path in paths]
-    # Until a version is released, its binary tells it from others.
-    built = Path(_core.__file__).stat().st_mtime_ns
     names = {"methods": [method.name for method in methods], "metrics": [metric.key for metric in metrics]}
-    return {**names, "images": images, "files": files, "built": built}
+    return {**names, "images": images, "files": files, "built": _build()[0]}
+
+
+def _build() -> tuple[int, int, str]:
+    """The age of the binary, which tells it from others until a version is released; threads; and the SIMD level."""
+    return Path(_core.__file__).stat().st_mtime_ns, *_core.settings()
 
 
 def _file(name: str) -> str:

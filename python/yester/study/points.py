@@ -32,7 +32,7 @@ class Point:
     default, peer : bool
         As in `Method`.
     ms : float
-        Median time of a frame in milliseconds, without the first.
+        Median time of a frame of `size` in milliseconds; 0 if not measured.
     ms_range : (float, float)
         The quartiles.
     values : dict of str to float
@@ -40,6 +40,8 @@ class Point:
         absent.
     images : Path or None
         The folder with the images of this point.
+    size : (int, int) or None
+        Width and height of the frames that were timed; not those of the sequence. None if not measured.
     """
 
     scene: str
@@ -51,6 +53,7 @@ class Point:
     ms_range: tuple[float, float]
     values: dict[str, float]
     images: Path | None = None
+    size: tuple[int, int] | None = None
 
 
 def means(points: Sequence[Point]) -> list[Point]:
@@ -140,8 +143,10 @@ def write_csv(points: Sequence[Point], path: Path) -> None:
     """Write all points, one a row; cells of metrics that a point has not are empty."""
     with beside(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["scene", "method", "family", "default", "peer", "ms", "ms_low", "ms_high", *METRICS])
+        writer.writerow(["scene", "method", "family", "default", "peer", "ms", "ms_low", "ms_high", *METRICS, "timed"])
         for point in points:
             values = [point.values.get(name, "") for name in METRICS]
             flags = [int(point.default), int(point.peer)]
-            writer.writerow([point.scene, point.method, point.family, *flags, point.ms, *point.ms_range, *values])
+            times = [point.ms, *point.ms_range]
+            timed = "" if point.size is None else "{}x{}".format(*point.size)
+            writer.writerow([point.scene, point.method, point.family, *flags, *times, *values, timed])

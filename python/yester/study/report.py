@@ -116,7 +116,7 @@ def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | No
 
     A family has one colour, a line, and a label; peers have hollow markers of another shape, defaults are ringed. Thin
     lines are the quartiles of the time. A pale line joins the Pareto front. A point that takes no time, such as the
-    noisy input, is a horizontal line.
+    noisy input, is a horizontal line. The time axis names the size of the frames that were timed, if it is one.
 
     Parameters
     ----------
@@ -156,6 +156,8 @@ def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | No
     axes = _axes(figure, metric, [point.values[metric.key] for _, point in shown])
     styles = _styles(points if among is None else among)
     families: dict[str, list[tuple[float, float]]] = {}
+    if len(sizes := {point.size for _, point in shown if point.size}) == 1:
+        axes.set_xlabel("time of a frame of {}×{} [ms]".format(*sizes.pop()))
     timed = []
     for i, point in shown:
         value = point.values[metric.key]
