@@ -52,6 +52,7 @@ from ._core import (
 )
 from .frame import Frame
 from .oidn import OIDN
+from .plan import Plan, plan
 
 
 class Rejection(_IntFlag):
@@ -82,6 +83,7 @@ __all__ = [
     "HalfRes",
     "Output",
     "Pipeline",
+    "Plan",
     "Recirculation",
     "Rejection",
     "Upscaler",
@@ -106,6 +108,7 @@ __all__ = [
     "joint_bilateral_upsample",
     "morphological_aa",
     "motion_vectors",
+    "plan",
     "prediction_gain",
     "pull_push",
     "recirculate",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from functools import partial
@@ -12,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import BMFR, OIDN, SVGF, TAA, Camera, Frame, HalfRes, Recirculation, Upscaler, __version__
+from . import BMFR, OIDN, SVGF, TAA, Camera, Frame, HalfRes, Plan, Recirculation, Upscaler, __version__, plan
 from ._core import settings
 
 if TYPE_CHECKING:
@@ -94,7 +95,10 @@ def _parser() -> argparse.ArgumentParser:
     denoise.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     denoise.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
     denoise.add_argument("--half", action="store_true", help="write float16")
-    denoise.add_argument("--method", choices=_METHODS, default="svgf", help="one of %(choices)s; %(default)s")
+    methods = ("auto", *_METHODS)
+    about = "one of %(choices)s; %(default)s. auto is svgf without what a shot's first frames show to be superfluous"
+    denoise.add_argument("--method", choices=methods, help=about.replace("%(default)s", "svgf"))
+    denoise.add_argument("--plan", metavar="FILE", type=Path, help="instead of a method, a plan of yester plan")
     options = denoise.add_argument_group("method options", "for defaults and more parameters, see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:
@@ -114,6 +118,10 @@ def _parser() -> argparse.ArgumentParser:
     option("--block", "side of the blocks in pixels, 4 to 256", type=int)
     option("--features", "fewest (as many as a block needs) or all")
     option("--quality", "fast, balanced or high")
+
+    plan = command(_plan, "plan", "find out which stages of svgf and which buffers a sequence needs")
+    plan.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+    plan.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plan, for yester denoise --plan")
 
     upscale = command(_upscale, "upscale", "temporally upscale a sequence of jittered EXR frames")
     upscale.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
@@ -197,18 +205,22 @@ def _argument(option: str) -> str:
 
 
 def _pipeline(options: argparse.Namespace) -> Any:
-    """Construct the requested method; refuse options of other methods."""
-    make, names = _METHODS[options.method]
+    """Construct the requested method, None for auto; refuse options of other methods."""
+    method = "--plan" if options.plan else options.method
+    make, names = _METHODS.get(method, (lambda: None, ()))
     every = dict.fromkeys(name for _, taken in _METHODS.values() for name in taken)
     given = {name: value for name in every if (value := getattr(options, name)) is not None}
     for name in given.keys() - set(names):
         of = ", ".join(method for method, (_, taken) in _METHODS.items() if name in taken)
-        raise ValueError(f"--{name.replace('_', '-')}: expected --method {of}, got {options.method}")
-    return make(**given)
+        raise ValueError(f"--{name.replace('_', '-')}: expected --method {of}, got {method}")
+    return Plan.load(options.plan).pipeline() if options.plan else make(**given)
 
 
 def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
+    if options.plan and options.method:
+        raise ValueError(f"--plan: expected no --method beside it, got {options.method}")
+    options.method = options.method or "svgf"
     pipeline = _pipeline(options)
 
     def look(files: list[Description]) -> list[str]:
@@ -220,7 +232,31 @@ def _denoise(options: argparse.Namespace) -> None:
         return [*_in_place(files), *_missing(files)]
 
     # The header's camera and jitter stay as they are.
-    _convert(options, "denoise", [pipeline], lambda output, _: Frame(output.color), look)
+    _convert(options, "denoise", [pipeline] if pipeline else [], lambda output, _: Frame(output.color), look)
+
+
+def _plan(options: argparse.Namespace) -> None:
+    _need("exr", "OpenEXR", "tqdm")
+    from .io import sequence_paths
+
+    if options.output:
+        _writable(options.output.parent)
+    found = _planned(sequence_paths(options.inputs))
+    if options.output:
+        found.save(options.output)
+    print(found)
+
+
+def _planned(paths: Sequence[Path]) -> Plan:
+    """The plan of the sequence that begins with the first of these files, up to its next shot."""
+    from .io import read_exr
+    from .io.shots import breaks
+
+    first, *_ = [*breaks(paths), len(paths)]
+    with warnings.catch_warnings():
+        # It is in the plan as well.
+        warnings.filterwarnings("ignore", "plan:", UserWarning)
+        return plan(read_exr(path) for path in paths[:first])
 
 
 def _upscale(options: argparse.Namespace) -> None:
@@ -272,7 +308,10 @@ def _convert(
     result: Callable[[Any, Frame], Frame],
     look: Callable[[list[Description]], list[str]],
 ) -> None:
-    """Run one pipeline, or several in sequence, from input files to output files of the same names."""
+    """Run one pipeline, or several in sequence, from input files to output files of the same names.
+
+    Without any, each shot has the pipeline of its own plan.
+    """
     from tqdm import tqdm
 
     from .io import Plate, read_plate, sequence_paths, write_exr
@@ -289,9 +328,14 @@ def _convert(
     for note in [*notes, *(f"warning: {about}" for about in anew.values())]:
         print(note, file=sys.stderr)
     used: dict[str, None] = {}
+    automatic = not stages
 
     def step(index: int, plate: Plate) -> tuple[Frame, Plate]:
         frame = plate.frame
+        if automatic and (index == 0 or index in anew):
+            found = _planned(paths[index:])
+            stages[:] = [found.pipeline()]
+            tqdm.write(f"{paths[index].name}: {found.summary()}", file=sys.stderr)
         for stage in stages:
             if index in anew:
                 stage.reset()
