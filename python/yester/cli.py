@@ -96,8 +96,8 @@ def _parser() -> argparse.ArgumentParser:
     denoise.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
     denoise.add_argument("--half", action="store_true", help="write float16")
     methods = ("auto", *_METHODS)
-    about = "one of %(choices)s; %(default)s. auto is svgf without what a shot's first frames show to be superfluous"
-    denoise.add_argument("--method", choices=methods, help=about.replace("%(default)s", "svgf"))
+    about = "one of %(choices)s; svgf by default. auto: svgf without what a shot's first frames show to be superfluous"
+    denoise.add_argument("--method", choices=methods, help=about)
     denoise.add_argument("--plan", metavar="FILE", type=Path, help="instead of a method, a plan of yester plan")
     options = denoise.add_argument_group("method options", "for defaults and more parameters, see the classes")
 
