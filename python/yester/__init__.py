@@ -53,6 +53,7 @@ from ._core import (
 )
 from .frame import Frame
 from .oidn import OIDN
+from .plan import Plan, plan
 from .sequence import denoise
 
 
@@ -84,6 +85,7 @@ __all__ = [
     "HalfRes",
     "Output",
     "Pipeline",
+    "Plan",
     "Recirculation",
     "Rejection",
     "Upscaler",
@@ -110,6 +112,7 @@ __all__ = [
     "joint_bilateral_upsample",
     "morphological_aa",
     "motion_vectors",
+    "plan",
     "prediction_gain",
     "pull_push",
     "recirculate",

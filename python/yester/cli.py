@@ -5,18 +5,35 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from copy import copy
 from functools import partial
 from importlib.util import find_spec
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import BMFR, OIDN, SVGF, TAA, Camera, Frame, HalfRes, Output, Recirculation, Upscaler, __version__, denoise
+from . import (
+    BMFR,
+    OIDN,
+    SVGF,
+    TAA,
+    Camera,
+    Frame,
+    HalfRes,
+    Output,
+    Plan,
+    Recirculation,
+    Upscaler,
+    __version__,
+    denoise,
+    plan,
+)
 from ._core import settings
+from .plan import PLANNED
 
 if TYPE_CHECKING:
     import numpy as np
@@ -97,9 +114,12 @@ def _parser() -> argparse.ArgumentParser:
     clean.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     clean.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
     clean.add_argument("--half", action="store_true", help="write float16")
-    clean.add_argument("--method", choices=_METHODS, default="svgf", help="one of %(choices)s; %(default)s")
+    methods = ("auto", *_METHODS)
+    about = "one of %(choices)s; svgf by default. auto: svgf without what a shot's first frames show to be superfluous"
+    clean.add_argument("--method", choices=methods, help=about)
+    clean.add_argument("--plan", metavar="FILE", type=Path, help="instead of a method, a plan of yester plan")
     about = "later frames that each frame can use at least; 0: none, as in real time; %(default)s, but 0 for oidn"
-    clean.add_argument("--lookahead", metavar="N", type=_whole, default=4, help=about)
+    clean.add_argument("--lookahead", metavar="N", type=_whole, default=3, help=about)
     options = clean.add_argument_group("method options", "for defaults and more parameters, see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:
@@ -119,6 +139,10 @@ def _parser() -> argparse.ArgumentParser:
     option("--block", "side of the blocks in pixels, 4 to 256", type=int)
     option("--features", "fewest (as many as a block needs) or all")
     option("--quality", "fast, balanced or high")
+
+    plan = command(_plan, "plan", "find out which stages of svgf and which buffers a sequence needs")
+    plan.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+    plan.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plan, for yester denoise --plan")
 
     upscale = command(_upscale, "upscale", "temporally upscale a sequence of jittered EXR frames")
     upscale.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
@@ -209,18 +233,24 @@ def _argument(option: str) -> str:
 
 
 def _pipeline(options: argparse.Namespace) -> Any:
-    """Construct the requested method; refuse options of other methods."""
-    make, names = _METHODS[options.method]
+    """Construct the requested method, None for auto; refuse options of other methods."""
+    method = "--plan" if options.plan else options.method
+    make, names = _METHODS.get(method, (lambda: None, ()))
     every = dict.fromkeys(name for _, taken in _METHODS.values() for name in taken)
     given = {name: value for name in every if (value := getattr(options, name)) is not None}
     for name in given.keys() - set(names):
         of = ", ".join(method for method, (_, taken) in _METHODS.items() if name in taken)
-        raise ValueError(f"--{name.replace('_', '-')}: expected --method {of}, got {options.method}")
-    return make(**given)
+        raise ValueError(f"--{name.replace('_', '-')}: expected --method {of}, got {method}")
+    return Plan.load(options.plan).pipeline() if options.plan else make(**given)
 
 
 def _denoise(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
+    from tqdm import tqdm
+
+    if options.plan and options.method:
+        raise ValueError(f"--plan: expected no --method beside it, got {options.method}")
+    options.method = options.method or "svgf"
     pipeline = _pipeline(options)
     # A single image has no use for later ones.
     lookahead = 0 if options.method == "oidn" else options.lookahead
@@ -238,10 +268,38 @@ def _denoise(options: argparse.Namespace) -> None:
         return [*in_place, *_missing(files)]
 
     def run(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Output]:
-        return _noted(denoise(frames, copy(pipeline), lookahead), used)
+        method = copy(pipeline)
+        if method is None:
+            first = list(islice(frames, PLANNED))
+            found = _planned(first)
+            tqdm.write(f"plan: {found.summary()}", file=sys.stderr)
+            method, frames = found.pipeline(), chain(first, frames)
+        return _noted(denoise(frames, method, lookahead), used)
 
     # The header's camera and jitter stay as they are.
     _convert(options, "denoise", run, lambda output, _: Frame(output.color), look)
+
+
+def _plan(options: argparse.Namespace) -> None:
+    _need("exr", "OpenEXR", "tqdm")
+    from .io import read_exr, sequence_paths
+    from .io.shots import breaks
+
+    if options.output:
+        _writable(options.output.parent)
+    paths = sequence_paths(options.inputs)
+    end, *_ = [*breaks(paths), len(paths)]
+    found = _planned(map(read_exr, paths[:end]))
+    if options.output:
+        found.save(options.output)
+    print(found)
+
+
+def _planned(frames: Iterable[Frame]) -> Plan:
+    with warnings.catch_warnings():
+        # It is in the plan as well.
+        warnings.filterwarnings("ignore", "plan:", UserWarning)
+        return plan(frames)
 
 
 def _upscale(options: argparse.Namespace) -> None:
@@ -328,26 +386,27 @@ def _convert(
         print(note, file=sys.stderr)
     used: dict[str, None] = {}
 
-    def results(plates: Iterator[Plate]) -> Iterator[tuple[Frame, Plate]]:
+    def results(plates: Iterator[Plate]) -> Iterator[tuple[Frame, Plate | None]]:
         for first, end in pairwise([0, *sorted(anew), len(paths)]):
-            held: deque[Plate] = deque()
+            held: deque[tuple[Frame, Plate | None]] = deque()
 
-            def frames(count: int, held: deque[Plate] = held) -> Iterator[Frame]:
+            def frames(count: int, held: deque[tuple[Frame, Plate | None]] = held) -> Iterator[Frame]:
                 for plate in islice(plates, count):
-                    held.append(plate)
+                    # Where many frames wait, only their buffers are kept: the other layers are read once more.
+                    held.append((plate.frame, None if held else plate))
                     yield plate.frame
 
             for output in run(frames(end - first), used):
-                plate = held.popleft()
-                yield result(output, plate.frame), plate
+                frame, plate = held.popleft()
+                yield result(output, frame), plate
 
     # Reading, denoising and writing overlap, each in its own thread; OpenEXR and step() release the interpreter's lock.
     # Writing stays in the main thread, which receives interrupts.
     read = ahead(read_plate(path) for path in paths)
     made = ahead(results(read))
     with closing(read), closing(made), tqdm(made, what, len(paths), unit="frame", disable=None) as frames:
-        for target, (frame, plate) in zip(targets, frames, strict=True):
-            write_exr(target, frame, half=options.half, like=plate)
+        for path, target, (frame, plate) in zip(paths, targets, frames, strict=True):
+            write_exr(target, frame, half=options.half, like=plate or read_plate(path))
     print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
 
 

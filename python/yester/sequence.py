@@ -28,7 +28,7 @@ class _Steps(Protocol):
     def step(self, frame: Frame, /) -> Output: ...
 
 
-def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: int = 4) -> Iterator[Output]:
+def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: int = 3) -> Iterator[Output]:
     """Denoise a sequence with the frames on both sides of each.
 
     A pipeline knows the frames before the current one. Here a copy of it also runs backwards, from later frames to
@@ -44,7 +44,7 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     pipeline : Pipeline, optional
         Anything with a `step` that takes frames in order, and of which `copy.copy` makes one without history; by
         default ``SVGF()``. It goes on from the history it has, and afterwards has that of the last frame.
-    lookahead : int, default 4
+    lookahead : int, default 3
         Later frames that every frame can use at least, until the sequence ends; 0 or more. With 0, the results have the
         bits of `pipeline.step`.
 

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from yester import Frame, _core, consistency, motion_vectors
+from yester import Frame, _core, consistency
 from yester.frame import present
 from yester.io.files import beside
+from yester.judge import known_motion, surface_tests
 
 from .bench import CALM, PATIENCE, staged
 from .methods import Method, Result
@@ -280,18 +281,10 @@ def _flow(before: Frame | None, frame: Frame) -> tuple[NDArray[np.float32], NDAr
     """The motion to the previous frame, and the mask of pixels where it shows the same surface; None if unknown."""
     if before is None:
         return None
-    motion = frame.motion
+    motion = known_motion(before, frame)
     if motion is None:
-        place = frame.position if frame.position is not None else frame.depth
-        if place is None or frame.camera is None or before.camera is None:
-            return None
-        motion = motion_vectors(place, frame.camera, before.camera)
-    pairs = {name: (getattr(frame, name), getattr(before, name)) for name in ("depth", "normal", "ids")}
-    known = {name: pair for name, pair in pairs.items() if pair[0] is not None and pair[1] is not None}
-    tests = {name: pair[0] for name, pair in known.items()} | {f"previous_{n}": pair[1] for n, pair in known.items()}
-    # The plane test wants all of these; without it depths are compared.
-    by_plane = known.keys() >= {"depth", "normal"} and motion.shape[-1] == 3
-    rejection, _ = consistency(motion, **tests, previous_camera=before.camera if by_plane else None)
+        return None
+    rejection, _ = consistency(motion, **surface_tests(before, frame, motion))
     valid = (rejection == 0) & np.isfinite(motion).all(-1)
     return (motion, valid) if valid.any() else None
 

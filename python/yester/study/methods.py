@@ -26,6 +26,7 @@ __all__ = [
     "on_part",
     "pipeline",
     "quarter",
+    "recolored",
 ]
 
 
@@ -102,7 +103,7 @@ def quarter(frame: Frame, number: int) -> Frame:
     x, y = HalfRes.offset(number)
     color = np.full_like(frame.color, np.nan)
     color[y::2, x::2] = frame.color[y::2, x::2]
-    return _recolored(frame, color)
+    return recolored(frame, color)
 
 
 def _copied(frame: Frame, number: int) -> Frame:
@@ -110,10 +111,11 @@ def _copied(frame: Frame, number: int) -> Frame:
     x, y = HalfRes.offset(number)
     height, width = frame.shape
     rows, columns = (np.minimum(np.arange(n) // 2 * 2 + d, n - 1) for n, d in ((height, y), (width, x)))
-    return _recolored(frame, frame.color[np.ix_(rows, columns)])
+    return recolored(frame, frame.color[np.ix_(rows, columns)])
 
 
-def _recolored(frame: Frame, color: NDArray[np.float32]) -> Frame:
+def recolored(frame: Frame, color: NDArray[np.float32]) -> Frame:
+    """The frame with another colour."""
     return Frame(**frame.buffers() | {"color": color}, camera=frame.camera, jitter=frame.jitter)
 
 

@@ -1,0 +1,544 @@
+"""What a sequence needs: stages and buffers of `SVGF` that the first frames show to be superfluous are left out."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+import tomllib
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice, pairwise
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._core import SVGF, Camera, Output
+from .frame import BUFFERS, Frame
+from .io.files import beside
+from .judge import estimate, sums
+
+__all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan"]
+
+#: Of the plan's file.
+_VERSION = 1
+#: The frames that are looked at, unless told otherwise.
+PLANNED = 8
+#: The first frame that is judged, and the fewest frames of a plan.
+_START, _FEWEST = 2, 5
+#: Windows of a large image: how many along each side, and their size. Smaller images are judged as a whole.
+_ALONG, _WINDOW = 2, (96, 128)
+#: Standard errors of the bounds, and the loss that counts as none, relative to the result's change between frames.
+_STRICTNESS, _MARGIN = 2.0, 0.05
+#: The gain from which on a buffer harms; of buffers that tell surfaces apart, which is worth most at edges and where
+#: surfaces appear, neither of which is judged.
+_HARM, _SURFACE_HARM = -0.125, -0.5
+#: Below this share of the light, nothing but rounding changes from frame to frame.
+_NOTHING = 1e-8
+#: The name of the stage that gives new samples more weight than old ones.
+_FORGETTING = "forgetting"
+#: The share of the longest history that pixels have on average where the light is constant.
+_CONSTANT = 0.9
+
+#: Buffers that are judged, with those that mean nothing without them.
+_GROUPS = {
+    "albedo": ("albedo", "emission"),
+    "emission": ("emission",),
+    "normal": ("normal", "object_normal"),
+    "depth": ("depth", "position", "hit_distance"),
+    "ids": ("ids",),
+    "motion": ("motion",),
+    "camera": ("camera",),
+}
+
+
+class Stage(NamedTuple):
+    """A stage or a buffer, and the evidence for its use.
+
+    Attributes
+    ----------
+    name : str
+        A stage of `SVGF`, or a buffer of `Frame`.
+    used : bool
+        Whether the plan uses it.
+    loss : float
+        How much worse the result is without it: the mean squared error that it saves, relative to the mean squared
+        change of the result from frame to frame, which is about a fifth of its relMSE. Of the two weightings of
+        `yester.study.predictive_error`, the one with the higher bound. Negative where the result is better without.
+    error : float
+        Standard error of `loss`.
+    ms : float
+        Milliseconds of a frame that are saved without it, as estimated from the parts of the image that were judged:
+        small ones take up to twice the time of large ones by the pixel. Around 0, and below, it costs less than the
+        machine's other load hides.
+    """
+
+    name: str
+    used: bool
+    loss: float
+    error: float
+    ms: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a sequence needs, and why.
+
+    Attributes
+    ----------
+    options : dict of str to value
+        Parameters of `SVGF` that differ from the defaults.
+    buffers : tuple of str
+        The buffers of the frames that were looked at, ``"camera"`` among them.
+    without : tuple of str
+        Those that the pipeline does not get.
+    static : bool
+        Whether camera, scene and light stand still, so that all samples are averaged.
+    stages : tuple of Stage
+        The evidence, in the order in which it was taken.
+    reason : str
+        Why nothing could be judged and the plan is the default; empty otherwise.
+    """
+
+    options: dict[str, Any] = field(default_factory=dict)
+    buffers: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    static: bool = False
+    stages: tuple[Stage, ...] = ()
+    reason: str = ""
+
+    def __str__(self) -> str:
+        """A table with a line for each stage: use, evidence with its standard error, and milliseconds of a frame."""
+        width = max((len(stage.name) for stage in self.stages), default=0)
+        lines = [self.summary()]
+        for name, used, loss, error, ms in self.stages:
+            lines.append(
+                f"{name:<{width}}  {'used' if used else 'left out':<8}  "
+                f"{100 * loss:+7.1f} % ± {100 * error:5.1f} %  {ms:8.2f} ms"
+            )
+        return "\n".join(lines)
+
+    def summary(self) -> str:
+        """One line: the stages and buffers that are left out, or why the plan is the default."""
+        if self.reason:
+            return f"the default: {self.reason}"
+        left = [stage.name for stage in self.stages if not stage.used]
+        what = f"without {', '.join(left)}" if left else "the default: nothing is superfluous"
+        return f"{what}; static: all samples are averaged" if self.static else what
+
+    def pipeline(self) -> Planned:
+        """Make the pipeline: `SVGF` with the plan's options, on the buffers that the plan uses."""
+        return Planned(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plan as TOML.
+
+        Parameters
+        ----------
+        path : path-like
+            Replaced if it exists.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        options = f"{{ {', '.join(f'{name} = {_toml(value)}' for name, value in self.options.items())} }}"
+        named = {name: _toml(value) for name, value in vars(self).items() if name not in ("options", "stages")}
+        lines = [
+            f"version = {_VERSION}",
+            f"options = {options}",
+            *(f"{name} = {value}" for name, value in named.items()),
+        ]
+        for stage in self.stages:
+            lines += ["", "[[stages]]", *(f"{name} = {_toml(value)}" for name, value in stage._asdict().items())]
+        with beside(Path(path)) as temporary:
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Plan:
+        """Read a plan that `save` has written.
+
+        Parameters
+        ----------
+        path : path-like
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        OSError
+            If the file cannot be read.
+        ValueError
+            If it is not TOML, of another version, lacks a key, has an unknown one, or a value is wrong. The message
+            names the file and the key.
+        """
+        try:
+            found = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path}: not a plan: {error}") from None
+        if (version := found.pop("version", None)) != _VERSION:
+            raise ValueError(f"{path}: version: expected {_VERSION}, got {version}")
+        try:
+            # The default has none.
+            _check_keys({"stages": [], **found}, _KINDS)
+            for stage in found.setdefault("stages", []):
+                _check_keys(stage, _STAGE_KINDS, "stages.")
+            SVGF(**found["options"])
+            for name in ("buffers", "without"):
+                found[name] = tuple(found[name])
+                if strange := [one for one in found[name] if one not in (*BUFFERS, "camera")]:
+                    raise ValueError(f"{name}: expected names of buffers, got {strange[0]!r}")
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}") from None
+        found["options"] = {n: tuple(v) if isinstance(v, list) else v for n, v in found["options"].items()}
+        return Plan(**found | {"stages": tuple(Stage(**stage) for stage in found["stages"])})
+
+
+class Planned:
+    """The pipeline of a `Plan`: `SVGF` with its options, on the buffers that it uses.
+
+    Parameters
+    ----------
+    plan : Plan
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self._svgf = SVGF(**plan.options)
+        self._begun = False
+
+    def step(self, frame: Frame, out: Output | None = None) -> Output:
+        """Denoise the next frame, as `SVGF.step` does.
+
+        Raises
+        ------
+        ValueError
+            If the frame has other buffers than those that the plan was made for; only a sequence's first frame may
+            lack some. As in `SVGF.step`.
+        """
+        given, planned = _buffers(frame), self.plan.buffers
+        absent = [name for name in planned if name not in given] if self._begun else []
+        # Frames of a sequence that runs backwards have a motion, made of the cameras.
+        more = [name for name in given if name not in (*planned, "motion")]
+        if planned and (strange := [*absent, *more]):
+            expected, got = ", ".join(planned), ", ".join(given)
+            raise ValueError(f"frame: {strange[0]}: expected the buffers of the plan, {expected}, got {got}")
+        output = self._svgf.step(_lacking(frame, self.plan.without), out)
+        self._begun = True
+        return output
+
+    def reset(self) -> None:
+        """Discard all history; the next frame starts a new sequence."""
+        self._svgf.reset()
+        self._begun = False
+
+    def __copy__(self) -> Planned:
+        return Planned(self.plan)
+
+
+def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
+    """Find out what a sequence needs from its first frames: which stages of `SVGF`, and which buffers.
+
+    `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge the
+    results (`yester.study.predictive_error`), at two standard errors. Reflections and the third pass of the filter are
+    left out if the loss is below 5 % of the result's change from frame to frame, about 1 % of its relMSE. The choice of
+    passes, the second pass and buffers are left out only if the result is better without: by 5 % of that change, and
+    for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient and
+    innovation are judged but always used: they are there for changes that the first frames may not show. The
+    combination is judged once more. Without evidence, everything is used.
+
+    If camera and scene stand still and the light is constant, all samples are averaged (``alpha=0``), unless that is
+    significantly worse.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        A sequence from its beginning, of one size. Only the first `count` frames are taken.
+    count : int, default 8
+        How many frames to look at, at least 5.
+
+    Returns
+    -------
+    Plan
+        The default, with a `UserWarning` and `Plan.reason`, if nothing can be judged: fewer than five frames, no depth,
+        normals or ids, no finite samples, or nothing that changes from frame to frame, as in black or constant images.
+
+    Raises
+    ------
+    TypeError
+        If one is no `Frame`.
+    ValueError
+        If sizes differ or `count` is below 5.
+
+    Notes
+    -----
+    Images of more than twice as many pixels as four windows of 128×96 are judged by these; a stage that has no chance
+    after some of them is not run on the others. At 1280×720 a plan then takes less than ten frames' time, at smaller
+    sizes more. Antialiasing is always used, since the judge does not see edges.
+
+    The rule of one standard error, to take the cheapest that is not significantly worse than the best, does harm: where
+    evidence is weak, it leaves out what is needed.
+
+    Examples
+    --------
+    >>> found = yester.plan(frames)  # doctest: +SKIP
+    >>> pipeline = found.pipeline()  # doctest: +SKIP
+    >>> images = [pipeline.step(frame).color for frame in frames]  # doctest: +SKIP
+    """
+    if count < _FEWEST:
+        raise ValueError(f"count: expected at least {_FEWEST}, got {count}")
+    shape: tuple[int, int] | None = None
+    given: dict[str, None] = {}
+    windows: list[list[Frame]] = []
+    for number, frame in enumerate(islice(frames, count)):
+        if not isinstance(frame, Frame):
+            raise TypeError(f"frames: expected yester.Frame, got {type(frame).__name__} at {number}")
+        shape = shape or frame.shape
+        if frame.shape != shape:
+            raise ValueError(f"frames: expected the size {shape} of the first, got {frame.shape} at {number}")
+        given.update(dict.fromkeys(_buffers(frame)))
+        windows.append([_cropped(frame, *window) for window in _windows(*shape)])
+    buffers = tuple(given)
+    if shape is None or len(windows) < _FEWEST:
+        return _default(buffers, f"expected at least {_FEWEST} frames to judge by, got {len(windows)}")
+    if not {"depth", "normal", "ids"} & given.keys():
+        return _default(buffers, "neither depth nor normals nor ids tell surfaces apart")
+    if not any(np.isfinite(window.color).all(-1).any() for each in windows for window in each):
+        return _default(buffers, "no frame has finite samples")
+    return _Planning([*zip(*windows, strict=True)], buffers, shape).plan()
+
+
+def _default(buffers: tuple[str, ...], reason: str) -> Plan:
+    warnings.warn(f"plan: {reason}; this is the default", UserWarning, stacklevel=3)
+    return Plan(buffers=buffers, reason=reason)
+
+
+class _Trial(NamedTuple):
+    """`SVGF` with other options, or without some buffers.
+
+    What it lacks is left out if the loss, plus some standard errors, is at most what is allowed.
+    """
+
+    name: str
+    options: Mapping[str, Any] = MappingProxyType({})
+    without: tuple[str, ...] = ()
+    allowed: float = _MARGIN
+    errors: float = _STRICTNESS
+
+    def beside(self, base: _Trial) -> _Trial:
+        """The trial that lacks what the base lacks as well."""
+        without = tuple(dict.fromkeys((*base.without, *self.without)))
+        return self._replace(options={**base.options, **self.options}, without=without)
+
+    @property
+    def key(self) -> str:
+        """Trials with equal keys have equal results."""
+        return f"{dict(self.options)} {self.without}"
+
+
+class _Run(NamedTuple):
+    """The results of a trial in a window: images, milliseconds of the fastest frame, and mean length of history."""
+
+    images: list[NDArray[np.float32]]
+    ms: float
+    length: float
+
+
+class _Planning:
+    """Trials and their evidence on the first frames."""
+
+    def __init__(self, windows: Sequence[Sequence[Frame]], given: tuple[str, ...], shape: tuple[int, int]) -> None:
+        self.windows, self.given = windows, given
+        self.runs: dict[tuple[int, str], _Run] = {}
+        # Not timed: first runs are slower.
+        self.run(0, _Trial("warm-up"))
+        self.runs.clear()
+        #: Pixels of a frame by those of all windows.
+        self.scale = math.prod(shape) / sum(math.prod(window[0].shape) for window in windows)
+
+    def plan(self) -> Plan:
+        default = _Trial("default")
+        if not self.changes(default):
+            return _default(self.given, "nothing changes from frame to frame")
+        groups = {name: tuple(n for n in group if n in self.given) for name, group in _GROUPS.items()}
+        rounds = [
+            # First, since reflections need depth and a camera, which must not be blamed for them.
+            [_Trial("reflections", {"reflections": ()})],
+            [
+                _Trial(name, {}, group, _SURFACE_HARM if name in ("normal", "depth", "ids", "camera") else _HARM)
+                for name, group in groups.items()
+                if name in group
+            ],
+            [
+                _Trial("choice", {"choice": False}, (), -_MARGIN),
+                _Trial("pass 3", {"iterations": 2}),
+                _Trial("pass 2", {"iterations": 1}, (), -_MARGIN),
+                _Trial("gradient", {"gradient": False}, (), -np.inf),
+                _Trial("innovation", {"innovation": False}, (), -np.inf),
+            ],
+        ]
+        if not ("camera" in self.given and {"depth", "position"} & {*self.given}):
+            del rounds[0]
+        if self.static(default):
+            rounds[-1].append(_Trial(_FORGETTING, {"alpha": 0.0, "moments_alpha": 0.0}, (), 0.0, -_STRICTNESS))
+        base, evidence = default, list[Stage]()
+        for trials in rounds:
+            found = self.judge(base, [trial.beside(base) for trial in trials])
+            useless = {stage.name for stage in found if not stage.used}
+            if "pass 3" not in useless:
+                useless.discard("pass 2")
+            evidence += [stage._replace(used=stage.name not in useless) for stage in found]
+            for trial in trials:
+                if trial.name in useless:
+                    bounds = max(trial.allowed, _MARGIN), min(trial.errors, base.errors)
+                    base = trial.beside(base)._replace(allowed=bounds[0], errors=bounds[1])
+        if sum(not stage.used for stage in evidence) > 1:
+            (together,) = self.judge(default, [base])
+            if together.used:
+                base, evidence = default, [stage._replace(used=True) for stage in evidence]
+        return Plan(dict(base.options), self.given, base.without, "alpha" in base.options, tuple(evidence))
+
+    def judge(self, base: _Trial, trials: Sequence[_Trial]) -> list[Stage]:
+        """The evidence for what each trial lacks, window by window; without those that have no chance any more."""
+        left = [*trials]
+        found: dict[str, list[NDArray[np.float64]]] = {trial.name: [] for trial in trials}
+        for number, window in enumerate(self.windows):
+            if left:
+                images = [self.run(number, trial).images for trial in left]
+                parts = sums(images, self.run(number, base).images, window, start=_START)
+                for trial, part in zip(left, parts, strict=True):
+                    found[trial.name].append(part.reshape(*part.shape[:3], -1))
+            left = [trial for trial in left if not _bound(found[trial.name], -_STRICTNESS)[0] > trial.allowed]
+        result = []
+        for trial in trials:
+            parts = np.concatenate(found[trial.name], -1)
+            bound, loss, error = _bound([parts], trial.errors)
+            # A change of light in one frame must not decide.
+            half = len(parts) // 2
+            halves = [_bound([span], min(trial.errors, 0))[0] for span in (parts[:half], parts[half:])]
+            useless = all(each <= trial.allowed for each in (bound, *halves))
+            numbers = range(len(found[trial.name]))
+            saved = sum(self.run(number, base).ms - self.run(number, trial).ms for number in numbers)
+            ms = saved * self.scale * len(self.windows) / len(numbers)
+            result.append(Stage(trial.name, not useless, loss, error, ms))
+        return result
+
+    def run(self, number: int, trial: _Trial) -> _Run:
+        """The results of a trial in a window, computed once."""
+        key = number, trial.key
+        if key not in self.runs:
+            svgf, images, spent = SVGF(**trial.options), [], []
+            for frame in self.windows[number]:
+                lacking = _lacking(frame, trial.without)
+                start = time.perf_counter()
+                output = svgf.step(lacking)
+                spent.append(1e3 * (time.perf_counter() - start))
+                images.append(output.color)
+            length = float(output.history_length.mean())
+            self.runs[key] = _Run(images, min(spent[_START:]), length)
+        return self.runs[key]
+
+    def changes(self, trial: _Trial) -> bool:
+        """Whether results change from frame to frame by more than rounding, so that there is something to judge by."""
+        images = [self.run(number, trial).images for number in range(len(self.windows))]
+        moved = max(float(np.square(b - a).mean()) for each in images for a, b in pairwise(each))
+        return moved > _NOTHING * max(float(np.square(each[-1]).mean()) for each in images)
+
+    def static(self, trial: _Trial) -> bool:
+        """Whether camera, scene and light stand still: motion is zero, and history hardly ever cut short."""
+        still = all(
+            now.motion is not None
+            and not (np.abs(now.motion) > 1e-3).any()
+            and (now.camera is None or now.camera == first.camera)
+            for first, *others in self.windows
+            for now in others
+        )
+        lengths = [self.run(number, trial).length for number in range(len(self.windows))]
+        # By default history is as long as 1 / alpha samples at most.
+        return still and float(np.mean(lengths)) >= _CONSTANT * min(len(self.windows[0]), 5)
+
+
+def _bound(parts: list[NDArray[np.float64]], errors: float) -> tuple[float, float, float]:
+    """The loss plus some standard errors, the loss, and the standard error, of the weighting with the highest bound.
+
+    NaN if nothing can be compared.
+    """
+    bounds = []
+    for each in estimate(np.concatenate(parts, -1)).values():
+        scale = each.change if each.change > 0 else math.nan
+        loss, error = each.difference / scale, each.error / scale
+        bounds.append((loss + errors * error, loss, error))
+    return max(bounds, key=lambda bound: math.inf if math.isnan(bound[0]) else bound[0])
+
+
+def _buffers(frame: Frame) -> list[str]:
+    return [*frame.buffers(), *(["camera"] if frame.camera is not None else [])]
+
+
+def _lacking(frame: Frame, names: Sequence[str]) -> Frame:
+    """The frame without some of its buffers."""
+    if not names:
+        return frame
+    kept = {name: array for name, array in frame.buffers().items() if name not in names}
+    return Frame(**kept, camera=None if "camera" in names else frame.camera, jitter=frame.jitter)
+
+
+def _windows(height: int, width: int) -> list[tuple[slice, slice]]:
+    """The parts of an image that are judged: windows in the middle of equal parts, or all of a small image."""
+    if height * width <= 2 * _ALONG**2 * _WINDOW[0] * _WINDOW[1]:
+        return [(slice(0, height), slice(0, width))]
+    sides = []
+    for side, most in zip((height, width), _WINDOW, strict=True):
+        size = min(side // _ALONG, most)
+        starts = [(2 * i + 1) * side // (2 * _ALONG) - size // 2 for i in range(_ALONG)]
+        sides.append([slice(start, start + size) for start in starts])
+    return [(rows, columns) for rows in sides[0] for columns in sides[1]]
+
+
+def _cropped(frame: Frame, rows: slice, columns: slice) -> Frame:
+    """A part of a frame, seen by a camera of its own."""
+    camera = frame.camera
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    if (height, width) == frame.shape:
+        return frame
+    if camera is not None:
+        # Pixels are affine in normalised coordinates; y points down in one and up in the other.
+        clip = np.array(camera.world_to_clip)
+        clip[0] = (clip[0] * frame.width + clip[3] * (frame.width - 2 * columns.start - width)) / width
+        clip[1] = (clip[1] * frame.height - clip[3] * (frame.height - 2 * rows.start - height)) / height
+        camera = Camera(clip, width, height)
+    buffers = {name: array[rows, columns] for name, array in frame.buffers().items()}
+    return Frame(**buffers, camera=camera, jitter=frame.jitter)
+
+
+#: The keys of the file, and of each stage in it, with the types of their values.
+_KINDS = {"options": dict, "buffers": list, "without": list, "static": bool, "stages": list, "reason": str}
+_STAGE_KINDS = {"name": str, "used": bool, "loss": float, "error": float, "ms": float}
+
+
+def _check_keys(found: Any, kinds: Mapping[str, type], prefix: str = "") -> None:
+    if not isinstance(found, dict):
+        raise ValueError(f"{prefix.rstrip('.')}: expected tables, got {type(found).__name__}")
+    for name in found:
+        if name not in kinds:
+            raise ValueError(f"{prefix}{name}: unknown key; expected some of {', '.join(kinds)}")
+    for name, kind in kinds.items():
+        if name not in found:
+            raise ValueError(f"{prefix}{name}: missing key")
+        if not isinstance(found[name], kind):
+            raise ValueError(f"{prefix}{name}: expected {kind.__name__}, got {type(found[name]).__name__}")
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it: numbers as Python does, the rest as JSON."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value) if isinstance(value, float) else json.dumps(value)

@@ -1,0 +1,187 @@
+"""How right the judge is, and what plans are worth, against references: ``python -m yester.study.judging``.
+
+For every component of `SVGF` that the ablation study switches and every sequence, `predictive_error` tells from the
+noisy frames how much worse the result is without, and the references tell how much it is: their ranks are correlated.
+Then each sequence is planned by its first eight frames, and the result compared with the default's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import yester
+from yester import SVGF, Frame, Plan
+from yester.judge import predictive_error
+
+from . import harm
+from .ablation import ABLATIONS
+from .methods import Step, recolored
+from .metrics import METRICS, Picture
+from .recording import Recording, record
+from .sequences import NAMES
+
+__all__ = ["Judged", "Worth", "correlations", "judged", "worth"]
+
+#: The first frame that is judged: by then, histories are as long as the sequences are short.
+_START = 2
+_MEASURED = ("psnr", "relmse", "flip")
+
+
+class Judged(NamedTuple):
+    """A component on a sequence: what the judge says, and what is true.
+
+    Attributes
+    ----------
+    scene, component : str
+    predicted, error : dict of str to float
+        By weighting, the difference without the component, as the judge estimates it, and its standard error.
+    clean : dict of str to float
+        The same with the references' colours as samples.
+    gains : dict of str to float
+        By metric, what having the component gains, as `harm.gains` returns it.
+    """
+
+    scene: str
+    component: str
+    predicted: dict[str, float]
+    error: dict[str, float]
+    clean: dict[str, float]
+    gains: dict[str, float]
+
+
+class Worth(NamedTuple):
+    """A plan on a sequence.
+
+    Attributes
+    ----------
+    scene : str
+    plan : Plan
+    gains : dict of str to float
+        By metric, what the plan gains over the default, as `harm.gains` returns it.
+    saved : float
+        The share of the default's time that is saved, by the fastest frame of each.
+    """
+
+    scene: str
+    plan: Plan
+    gains: dict[str, float]
+    saved: float
+
+
+def judged(recording: Recording) -> list[Judged]:
+    """Judge every component of `SVGF` on one sequence with references."""
+    frames = _frames(recording)
+    known = sorted(recording.references)
+    clean = [frame if i not in known else recolored(frame, recording.reference(i)) for i, frame in enumerate(frames)]
+    parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
+    whole = _images(parts[0].whole.start(), frames)
+    base = _values(whole, recording)
+    found = []
+    for each in parts:
+        images = _images(each.method.start(), frames)
+        said = predictive_error(images, whole, frames, start=_START)
+        # From the frame before the first reference: samples are those of the next frame.
+        true = predictive_error(images, whole, clean, start=known[0] - 1)
+        found.append(
+            Judged(
+                recording.name,
+                each.component,
+                {name: one.difference for name, one in said.items()},
+                {name: one.error for name, one in said.items()},
+                {name: one.difference for name, one in true.items()},
+                harm.gains(base, _values(images, recording)),
+            )
+        )
+    return found
+
+
+def correlations(found: Sequence[Judged]) -> str:
+    """Rank correlations over sequences, by component and over all, as a table.
+
+    For both weightings, of the prediction with the difference on the references' colours; then of the relative one with
+    the gain in relMSE and of that on a display with the gain in PSNR.
+    """
+    rows = []
+    for name in (*dict.fromkeys(each.component for each in found), "all"):
+        some = [each for each in found if name in (each.component, "all")]
+        pairs = [
+            *(([e.predicted[w] for e in some], [e.clean[w] for e in some]) for w in ("relative", "display")),
+            *(
+                ([e.predicted[w] for e in some], [e.gains[metric] for e in some])
+                for w, metric in (("relative", "relmse"), ("display", "psnr"))
+            ),
+        ]
+        rows.append(f"{name:<20}" + "".join(f"{_ranks(*pair):>10.2f}" for pair in pairs))
+    clear = [
+        (each.predicted[w] > 0) == (each.clean[w] > 0)
+        for each in found
+        for w in each.predicted
+        if abs(each.predicted[w]) > 2 * each.error[w]
+    ]
+    head = f"{'':<20}{'relative':>10}{'display':>10}{'relMSE':>10}{'PSNR':>10}"
+    share = f"the sign is right in {100 * np.mean(clear):.0f} % of {len(clear)} cases beyond two standard errors"
+    return "\n".join([head, *rows, share])
+
+
+def worth(recording: Recording) -> Worth:
+    """Plan a sequence with references by its first frames, and compare the result with the default's."""
+    frames = _frames(recording)
+    plan = yester.plan(frames)
+    pipelines = SVGF(), plan.pipeline()
+    images: list[list[NDArray[np.float32]]] = [[], []]
+    spent = [np.inf, np.inf]
+    for turn, frame in enumerate(frames):
+        for number in (turn % 2, 1 - turn % 2):
+            start = time.perf_counter()
+            images[number].append(pipelines[number].step(frame).color)
+            spent[number] = min(spent[number], time.perf_counter() - start)
+    default, planned = (_values(each, recording) for each in images)
+    return Worth(recording.name, plan, harm.gains(planned, default), 1 - spent[1] / spent[0])
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="python -m yester.study.judging", description=__doc__)
+    parser.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
+    parser.add_argument("--sequences", metavar="NAME", nargs="+", default=NAMES, choices=NAMES, help="by default, all")
+    options = parser.parse_args(arguments)
+    shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
+    recordings = [record(name, options.cache, **shape) for name in options.sequences]
+    print(correlations([each for recording in recordings for each in judged(recording)]), end="\n\n")
+    for recording in recordings:
+        found = worth(recording)
+        gained = "  ".join(f"{harm.amount(key, found.gains[key]):>9}" for key in _MEASURED)
+        print(f"{found.scene:<16}{gained}{100 * found.saved:>6.0f} % of the time  {found.plan.summary()}")
+
+
+def _frames(recording: Recording) -> list[Frame]:
+    return [recording.frame(i) for i in range(len(recording.frames))]
+
+
+def _images(step: Step, frames: Iterable[Frame]) -> list[NDArray[np.float32]]:
+    return [step(frame).color for frame in frames]
+
+
+def _values(images: Sequence[NDArray[np.float32]], recording: Recording) -> dict[str, float]:
+    """By metric, the mean over the frames with a reference."""
+    pairs = [
+        (Picture(images[i], "result"), Picture(recording.reference(i), str(path)))
+        for i, path in recording.references.items()
+    ]
+    return {key: float(np.mean([METRICS[key].measure(*pair) for pair in pairs])) for key in _MEASURED}
+
+
+def _ranks(first: Sequence[float], second: Sequence[float]) -> float:
+    """Spearman's rank correlation."""
+    one, other = (np.argsort(np.argsort(values)) for values in (first, second))
+    return float(np.corrcoef(one, other)[0, 1])
+
+
+if __name__ == "__main__":
+    main()

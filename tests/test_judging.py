@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+import yester
+from yester.study import judging
+from yester.study.recording import record
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    cache = tmp_path_factory.mktemp("cache")
+    shape = {"frames": 6, "width": 64, "height": 48, "reference_spp": 16, "references": range(3, 6)}
+    return [record(name, cache, **shape) for name in ("cornell_box", "tapestry")]
+
+
+def test_the_judge_beside_the_truth(recordings):
+    """With the references as samples it knows what is worse; with noisy ones, within its standard errors."""
+    found = {each.component: each for each in judging.judged(recordings[1])}
+    assert {"antialiasing", "choice", "demodulation", "all passes"} < set(found)
+    assert found["demodulation"].gains["psnr"] > 0
+    for each in found.values():
+        assert all(abs(each.predicted[w] - each.clean[w]) <= 5 * each.error[w] for w in each.predicted)
+    head, *rows, share = judging.correlations([*found.values(), *judging.judged(recordings[0])]).splitlines()
+    assert head.split() == ["relative", "display", "relMSE", "PSNR"]
+    assert len(rows) == len(found) + 1
+    assert all(-1 <= float(value) <= 1 for value in rows[-1].split()[1:])
+    assert share.startswith("the sign is right in ")
+
+
+def test_what_a_plan_is_worth(recordings):
+    found = judging.worth(recordings[0])
+    assert found.scene == "cornell_box"
+    assert found.plan.stages
+    assert set(found.gains) == {"psnr", "relmse", "flip"}
+    assert found.saved < 1
+    if not found.plan.options and not found.plan.without:
+        assert all(gain == 0 for gain in found.gains.values())
+
+
+def test_ranks():
+    rng = np.random.default_rng(0)
+    values = rng.random(20)
+    assert judging._ranks(values, np.exp(values)) == pytest.approx(1)
+    assert judging._ranks(values, -(values**3)) == pytest.approx(-1)
+    assert yester.Plan().summary() == "the default: nothing is superfluous"

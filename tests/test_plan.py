@@ -1,0 +1,374 @@
+"""The judge without a reference, and the plan that it makes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scene
+import yester
+from compare import assert_same_bits
+from test_cli import refused, run
+from yester.io import read_exr, write_exr
+from yester.plan import _cropped, _windows
+from yester.study import predictive_error
+
+SIZE = 96, 64
+
+
+def frames(count=8, *, moving=True, light=lambda t: 1.0, size=SIZE, **changes):
+    """Frames of the small scene with noise; `changes` replace buffers, None leaves one out."""
+    rng = np.random.default_rng(0)
+    result = []
+    for t in range(count):
+        shot = scene.shoot(t, *size, moving=moving)
+        motion = np.zeros((*shot.depth.shape, 3), np.float32)
+        if moving:
+            before = scene.camera(t - 1, *size)
+            motion = yester.motion_vectors(
+                shot.position, shot.camera, before, ids=shot.ids, transforms=scene.transforms(t)
+            )
+        named = {name: value(rng, shot) if callable(value) else value for name, value in changes.items()}
+        given = {"color": scene.noisy(shot, rng) * np.float32(light(t)), **shot.buffers(), "motion": motion, **named}
+        result.append(yester.Frame(**given))
+    return result
+
+
+@pytest.fixture(scope="module")
+def moving():
+    return frames()
+
+
+@pytest.fixture(scope="module")
+def still():
+    return frames(moving=False)
+
+
+# The judge
+
+
+def flat(colors):
+    """Frames that stand still, on a single surface."""
+    shape = colors[0].shape
+    return [yester.Frame(color, motion=np.zeros((*shape[:2], 2)), ids=np.ones(shape[:2], int)) for color in colors]
+
+
+def test_a_tile_by_hand():
+    a, b, y = (np.full((8, 12, 3), value, np.float32) for value in (0.5, 0.3, 0.1))
+    found = predictive_error([a, a], [b, 1.1 * b], flat([y, y]), tile=4)
+    worse = (0.5 - 0.1) ** 2 - (0.3 - 0.1) ** 2
+    slope = 1.055 / 2.4 * 0.4 ** (1 / 2.4 - 1)
+    for weighting, weight in (("relative", 1 / (0.4**2 + 0.01)), ("display", slope**2)):
+        one = found[weighting]
+        assert one.difference == pytest.approx(weight * worse, rel=1e-5)
+        assert one.error == pytest.approx(0, abs=1e-6)
+        assert one.change == pytest.approx(weight * 0.03**2, rel=1e-4)
+        np.testing.assert_allclose(one.tiles, np.full((2, 3), weight * worse), rtol=1e-5)
+
+
+def test_estimates_the_difference_of_errors():
+    """Against the known truth, within the standard errors, although noise is much larger than both errors."""
+    rng = np.random.default_rng(0)
+    truth = rng.uniform(0.2, 0.8, (96, 128, 3)).astype(np.float32)
+    a, b = (truth + rng.normal(0, error, truth.shape).astype(np.float32) for error in (0.04, 0.02))
+    noisy = [truth * rng.exponential(1, (96, 128, 1)).astype(np.float32) for _ in range(6)]
+    found = predictive_error([a] * 6, [b] * 6, flat(noisy))
+    mean = 0.5 * (a + b).mean(-1)
+    slope = 1.055 / 2.4 * mean ** (1 / 2.4 - 1)
+    for weighting, weight in (("relative", 1 / (mean**2 + 0.01)), ("display", slope**2)):
+        one = found[weighting]
+        want = (((a - truth) ** 2 - (b - truth) ** 2).mean(-1) * weight).mean()
+        assert one.difference == pytest.approx(want, abs=3 * one.error)
+        assert one.difference > 4 * one.error > 0
+        assert one.tiles.shape == (6, 8)
+    swapped = predictive_error([b] * 6, [a] * 6, flat(noisy))
+    assert swapped["relative"].difference == pytest.approx(-found["relative"].difference, rel=1e-5)
+
+
+def test_equal_results_do_not_differ(moving):
+    same = [frame.color for frame in moving]
+    for one in predictive_error(same, same, moving, start=2).values():
+        assert (one.difference, one.error) == (0, 0)
+        assert one.change > 0
+
+
+def test_missing_samples_and_edges_do_not_count():
+    rng = np.random.default_rng(0)
+    a, b, y = rng.random((3, 32, 32, 3)).astype(np.float32)
+    holes = y.copy()
+    holes[:, 16:] = np.nan
+    found = predictive_error([a, a], [b, b], flat([y, holes]))["relative"]
+    assert np.isfinite(found.tiles[:, 0]).all()
+    assert np.isnan(found.tiles[:, 1]).all()
+    ids = [np.ones((32, 32), int), np.ones((32, 32), int)]
+    ids[1][:, 16:] = 2
+    cut = [yester.Frame(y, motion=np.zeros((32, 32, 2)), ids=each) for each in ids]
+    np.testing.assert_array_equal(predictive_error([a, a], [b, b], cut)["relative"].tiles, found.tiles)
+    nothing = predictive_error([a, a], [b, b], flat([y, np.full_like(y, np.nan)]))["display"]
+    assert np.isnan(nothing.difference)
+    assert np.isnan(nothing.tiles).all()
+
+
+def test_bad_input_of_the_judge(moving):
+    images = [frame.color for frame in moving]
+    with pytest.raises(ValueError, match="frames: expected as many as results, got 7 results and 8 frames"):
+        predictive_error(images[:7], images, moving)
+    with pytest.raises(ValueError, match="frames: expected at least two from the start, got 8 and a start at 7"):
+        predictive_error(images, images, moving, start=7)
+    with pytest.raises(ValueError, match="tile: expected at least 1, got 0"):
+        predictive_error(images, images, moving, tile=0)
+
+
+# The plan
+
+
+def test_a_plan_has_evidence(moving):
+    """For every stage and buffer there is; the decisions are the same every time."""
+    found = yester.plan(moving)
+    names = ["reflections", "albedo", "normal", "depth", "ids", "motion", "camera", "choice", "pass 3", "pass 2"]
+    assert [stage.name for stage in found.stages] == [*names, "gradient", "innovation"]
+    assert not found.static
+    assert found.reason == ""
+    assert set(found.buffers) == {"color", "albedo", "normal", "depth", "motion", "ids", "position", "camera"}
+    by_name = {stage.name: stage for stage in found.stages}
+    assert all(by_name[name].used for name in ("depth", "motion", "pass 2", "gradient", "innovation"))
+    assert by_name["pass 2"].loss > 2 * by_name["pass 2"].error > 0
+    assert all(stage.error >= 0 for stage in found.stages)
+    again = yester.plan(iter(moving))
+    assert [stage._replace(ms=0) for stage in again.stages] == [stage._replace(ms=0) for stage in found.stages]
+    assert (again.options, again.without) == (found.options, found.without)
+
+
+def test_the_table(moving):
+    found = yester.plan(moving)
+    head, *lines = str(found).splitlines()
+    assert head == found.summary()
+    assert [line.split("  ")[0] for line in lines] == [stage.name for stage in found.stages]
+    assert all("%" in line and "±" in line and line.endswith("ms") for line in lines)
+
+
+def test_a_broken_buffer_is_left_out(moving):
+    """Albedo that is noise: with the plan, the result is better."""
+    broken = frames(albedo=lambda rng, shot: rng.uniform(0.02, 1, shot.color.shape))
+    found = yester.plan(broken)
+    assert "albedo" in found.without
+    assert "without albedo" in found.summary() or "albedo" in found.summary()
+    truth = scene.shoot(7, *SIZE).color
+    results = []
+    for pipeline in (found.pipeline(), yester.SVGF()):
+        images = [pipeline.step(frame).color for frame in broken]
+        results.append(float(((images[-1] - truth) ** 2).mean()))
+    assert results[0] < 0.7 * results[1]
+
+
+def test_what_stands_still_is_averaged(still):
+    """As long as the light is constant: over 32 frames, the error is smaller, and reflections cost nothing."""
+    found = yester.plan(still)
+    assert found.static
+    assert found.options["alpha"] == 0
+    assert found.options["reflections"] == ()
+    assert "static" in found.summary()
+    truth, errors = scene.shoot(0, *SIZE, moving=False).color, []
+    long = frames(32, moving=False)
+    for pipeline in (found.pipeline(), yester.SVGF()):
+        images = [pipeline.step(frame).color for frame in long]
+        errors.append(float((((images[-1] - truth) ** 2) / (truth**2 + 0.01)).mean()))
+    assert errors[0] < 0.9 * errors[1]
+    assert not yester.plan(frames(moving=False, light=lambda t: 1 + 2 * (t > 3))).static
+
+
+def test_the_pipeline_is_svgf(moving):
+    """With the plan's options, on the buffers that it uses."""
+    chosen = yester.Plan({"iterations": 2}, yester.plan(moving).buffers, ("ids", "camera"))
+    planned, svgf = chosen.pipeline(), yester.SVGF(iterations=2)
+    for frame in (*moving[:3], *moving[:2]):
+        kept = {name: buffer for name, buffer in frame.buffers().items() if name != "ids"}
+        assert_same_bits(planned.step(frame).color, svgf.step(yester.Frame(**kept)).color)
+    planned.reset()
+    assert_same_bits(planned.step(frame).color, yester.SVGF(iterations=2).step(yester.Frame(**kept)).color)
+
+
+def test_saved_and_loaded(still, moving, tmp_path):
+    path = tmp_path / "plan.toml"
+    for found in (yester.plan(still), yester.plan(moving), yester.Plan(reason='a "reason"\n')):
+        found.save(path)
+        assert yester.Plan.load(path) == found
+        assert str(yester.Plan.load(path)) == str(found)
+    odd = yester.Plan(stages=(yester.plan(still).stages[0]._replace(loss=float("-inf"), error=float("inf")),))
+    odd.save(path)
+    assert yester.Plan.load(path) == odd
+    assert [each.name for each in tmp_path.iterdir()] == ["plan.toml"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("version = 1", "version = 2", "version: expected 1, got 2"),
+        ("version = 1", "", "version: expected 1, got None"),
+        ("static = ", "statics = true\nstatic = ", "statics: unknown key; expected some of options, buffers"),
+        ("static = true", "", "static: missing key"),
+        ("static = true", "static = 1", "static: expected bool, got int"),
+        ("ms = ", "msec = 1.0\nms = ", "stages.msec: unknown key"),
+        ("used = false", 'used = "no"', "stages.used: expected bool, got str"),
+        ("reflections = []", "reflexions = []", "reflexions"),
+        ("alpha = 0.0", "alpha = 3.0", "alpha: expected"),
+        ('"ids"', '"idols"', "buffers: expected names of buffers, got 'idols'"),
+        ("version = 1", "version = ", "not a plan: "),
+    ],
+)
+def test_bad_files(still, tmp_path, old, new, message):
+    path = tmp_path / "plan.toml"
+    yester.plan(still).save(path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ValueError, match=r"plan\.toml: ") as caught:
+        yester.Plan.load(path)
+    assert message in str(caught.value)
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        yester.Plan.load(tmp_path / "none.toml")
+
+
+def test_a_plan_for_other_buffers(moving):
+    """Only the first frame may lack some, such as motion."""
+    found = yester.plan(moving)
+    first, second = (yester.Frame(f.color, **{n: getattr(f, n) for n in ("albedo", "normal")}) for f in moving[:2])
+    pipeline = found.pipeline()
+    pipeline.step(first)
+    with pytest.raises(
+        ValueError, match=r"frame: depth: expected the buffers of the plan, color, albedo, .* got color"
+    ):
+        pipeline.step(second)
+    lit = yester.Frame(**moving[0].buffers(), emission=np.zeros_like(first.color), camera=moving[0].camera)
+    with pytest.raises(ValueError, match="frame: emission: expected the buffers of the plan"):
+        found.pipeline().step(lit)
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        (lambda: frames(4), "expected at least 5 frames to judge by, got 4"),
+        (lambda: [], "expected at least 5 frames to judge by, got 0"),
+        (lambda: [yester.Frame(frame.color) for frame in frames()], "neither depth nor normals nor ids"),
+        (lambda: frames(light=lambda t: np.nan), "no frame has finite samples"),
+        (lambda: frames(light=lambda t: 0), "nothing changes from frame to frame"),
+        (lambda: frames(moving=False, color=np.full((64, 96, 3), 0.5)), "nothing changes from frame to frame"),
+    ],
+    ids=["few", "none", "no guides", "NaN", "black", "constant"],
+)
+def test_nothing_to_judge_by(given, reason):
+    """Says so and is the default."""
+    with pytest.warns(UserWarning, match=f"plan: {reason}"):
+        found = yester.plan(given())
+    assert reason in found.reason
+    assert reason in str(found)
+    assert (found.options, found.without, found.stages, found.static) == ({}, (), (), False)
+    shown = frames(2)
+    default = replace(found, buffers=())
+    images = [[pipeline.step(frame).color for frame in shown] for pipeline in (default.pipeline(), yester.SVGF())]
+    assert_same_bits(images[0][-1], images[1][-1])
+
+
+def test_some_frames_of_nan(moving):
+    """Are none, and the others are judged."""
+    holes = [*moving]
+    holes[4] = yester.Frame(
+        **moving[4].buffers() | {"color": np.full_like(moving[4].color, np.nan)}, camera=moving[4].camera
+    )
+    found = yester.plan(holes)
+    assert found.reason == ""
+    assert all(np.isfinite(stage.loss) for stage in found.stages)
+
+
+def test_bad_input(moving):
+    with pytest.raises(ValueError, match="count: expected at least 5, got 4"):
+        yester.plan(moving, count=4)
+    with pytest.raises(TypeError, match=r"frames: expected yester\.Frame, got ndarray at 1"):
+        yester.plan([moving[0], moving[1].color])
+    with pytest.raises(ValueError, match=r"frames: expected the size \(64, 96\) of the first, got \(32, 48\) at 8"):
+        yester.plan([*moving, *frames(1, size=(48, 32))], count=9)
+
+
+def test_windows():
+    """Of large images, apart and inside; a camera of its own sees what the whole one sees there."""
+    assert _windows(64, 96) == [(slice(0, 64), slice(0, 96))]
+    for height, width in ((720, 1280), (2160, 3840), (60, 8000), (5000, 40)):
+        found = _windows(height, width)
+        assert len(found) == 4
+        seen = np.zeros((height, width), int)
+        for part in found:
+            seen[part] += 1
+        assert seen.max() == 1
+        assert seen.sum() <= 4 * 96 * 128
+    frame = frames(1, size=(64, 48))[0]
+    part = _cropped(frame, slice(10, 40), slice(30, 62))
+    assert part.shape == (30, 32)
+    assert_same_bits(part.depth, frame.depth[10:40, 30:62])
+    pixels = np.random.default_rng(0).uniform(0, 30, (20, 2))
+    want = frame.camera.unproject(pixels + np.array([30, 10]), np.full(20, 3.0))
+    np.testing.assert_allclose(part.camera.unproject(pixels, np.full(20, 3.0)), want, rtol=1e-9)
+
+
+def test_large_images_are_judged_by_parts():
+    """Also where some have nothing to judge by, such as sky in the first."""
+
+    def sky(rng, shot):
+        color = scene.noisy(shot, rng)
+        color[:150, :256] = np.nan
+        return color
+
+    found = yester.plan(frames(6, size=(512, 300), color=sky))
+    assert len(found.stages) == 12
+    assert all(np.isfinite(stage.loss) for stage in found.stages)
+
+
+# The command line
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, still):
+    place = tmp_path_factory.mktemp("frames")
+    for i, frame in enumerate(still):
+        write_exr(place / f"frame_{i:04}.exr", frame)
+    return place
+
+
+def test_commands(folder, tmp_path):
+    """The plan is printed and written; denoise takes it, or makes its own."""
+    path = tmp_path / "plan.toml"
+    result = run("plan", folder, "-o", path)
+    assert result.stdout.splitlines()[0] == yester.Plan.load(path).summary()
+    assert "reflections  left out" in result.stdout
+    run("denoise", folder, "-o", tmp_path / "planned", "--plan", path)
+    said = run("denoise", folder, "-o", tmp_path / "auto", "--method", "auto").stderr
+    assert f"plan: {yester.Plan.load(path).summary()}" in said.splitlines()
+    paths = [folder / f"frame_{i:04}.exr" for i in range(8)]
+    wanted = yester.denoise(map(read_exr, paths), yester.Plan.load(path).pipeline())
+    for frame, want in zip(paths, wanted, strict=True):
+        for place in ("planned", "auto"):
+            assert_same_bits(read_exr(tmp_path / place / frame.name).color, want.color)
+
+
+def test_commands_refuse(folder, tmp_path):
+    assert "--plan: expected no --method" in refused(
+        "denoise", folder, "-o", tmp_path / "out", "--plan", tmp_path / "x.toml", "--method", "taa"
+    )
+    assert "--alpha: expected --method svgf" in refused(
+        "denoise", folder, "-o", tmp_path / "out", "--method", "auto", "--alpha", "0.1"
+    )
+    assert "x.toml" in refused("denoise", folder, "-o", tmp_path / "out", "--plan", tmp_path / "x.toml")
+    (tmp_path / "bad.toml").write_text("version = 7")
+    assert "version: expected 1, got 7" in refused(
+        "denoise", folder, "-o", tmp_path / "out", "--plan", tmp_path / "bad.toml"
+    )
+
+
+def test_a_single_file_is_denoised_by_default(folder, tmp_path):
+    """And it says why."""
+    said = run("denoise", folder / "frame_0000.exr", "-o", tmp_path / "one.exr", "--method", "auto").stderr
+    assert "plan: the default: expected at least 5 frames to judge by, got 1" in said
+    assert "Warning" not in said
+    want = yester.SVGF().step(read_exr(folder / "frame_0000.exr")).color
+    assert_same_bits(read_exr(tmp_path / "one.exr").color, want)
