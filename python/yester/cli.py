@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
@@ -54,7 +55,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     try:
         options = _parser().parse_args(arguments)
-        options.run(options)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("once", "frames: later frames are not used")
+            warnings.showwarning = _warned
+            options.run(options)
     except KeyboardInterrupt:
         print("yester: interrupted", file=sys.stderr)
         return 130
@@ -63,6 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ImportError, ValueError) as error:
         return _failed(error)
     return 0
+
+
+def _warned(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"warning: {message}", file=sys.stderr)
 
 
 def _failed(error: object) -> int:
