@@ -1,6 +1,8 @@
 import inspect
+import time
+import weakref
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -8,10 +10,12 @@ import yester
 from compare import assert_same_bits
 from yester.io import read_exr, write_exr
 from yester.study import ablation, harm, metrics
+from yester.study import chart as module
 from yester.study.ablation import ABLATIONS, Effect, ablate
-from yester.study.chart import SIZE, _flow, chart, measure, orders, times
+from yester.study.chart import SIZE, _flow, _shared, _turn, chart, measure, orders, times
 from yester.study.doors import DOORS, FULL
 from yester.study.methods import METHODS, PIPELINES, QUARTERS, Method, Result, pipeline, quarter
+from yester.study.peers import peers
 from yester.study.points import ALL
 from yester.study.recording import Recording, record
 from yester.study.report import draw
@@ -20,7 +24,7 @@ from yester.study.sequences import NAMES
 QUICK = ("psnr", "relmse", "temporal_error", "warped_error")
 LITTLE = (48, 32)
 SVGF = PIPELINES[0]
-BLACK = Method("black", "black", lambda: lambda frame, /: Result(np.zeros_like(frame.color)))
+BLACK = Method("black", "black", lambda frames: (Result(np.zeros_like(frame.color)) for frame in frames))
 
 
 @pytest.fixture(scope="module")
@@ -32,11 +36,11 @@ def counted(method):
     """The method, and how often it was started."""
     starts = []
 
-    def start():
+    def run(frames):
         starts.append(1)
-        return method.start()
+        return method.run(frames)
 
-    return replace(method, start=start), starts
+    return replace(method, run=run), starts
 
 
 def test_names_are_different():
@@ -49,7 +53,7 @@ def test_quarters():
     """Of odd sizes, too: HalfRes gets one pixel of each 2×2, and copies show one with all its buffers' own texture."""
     rng = np.random.default_rng(0)
     colors = rng.random((4, 5, 7, 3)).astype(np.float32)
-    half_res, holes, copied = (method.start() for method in QUARTERS)
+    runs = [method.run(yester.Frame(color, albedo=color) for color in colors) for method in QUARTERS[:3]]
     pipelines = yester.HalfRes(), yester.SVGF(), yester.SVGF()
     for number, color in enumerate(colors):
         frame = yester.Frame(color, albedo=color)
@@ -62,19 +66,92 @@ def test_quarters():
         assert_same_bits(part.albedo, color)
         rows, columns = (np.minimum(np.arange(n) // 2 * 2 + d, n - 1) for n, d in ((5, y), (7, x)))
         copy = yester.Frame(color[rows][:, columns], albedo=color)
-        for step, state, given in zip((half_res, holes, copied), pipelines, (part, part, copy), strict=True):
-            assert_same_bits(step(frame).color, state.step(given).color)
+        for run, state, given in zip(runs, pipelines, (part, part, copy), strict=True):
+            assert_same_bits(next(run).color, state.step(given).color)
 
 
 @pytest.mark.parametrize("method", PIPELINES, ids=lambda method: method.name)
 def test_methods_are_the_pipelines(method, recording):
-    step = method.start()
-    for i in range(2):
-        result = step(recording.frame(i))
+    _, result = method.run([recording.frame(i) for i in range(2)])
     assert result.color.shape == (24, 32, 3)
     assert result.history_length.max() == 2
     assert result.confidence.max() == 1
-    assert result.rejection.any()
+    # Of the last two frames, none is rejected on both sides.
+    assert result.rejection.any() == ("both sides" not in method.name)
+
+
+BOTH = [method for method in (*METHODS, *peers()[0]) if method.name.endswith(", both sides")]
+
+
+def test_methods_on_both_sides_are_there():
+    names = {"SVGF", "BMFR", "TAA best", "HalfRes, a quarter traced", "temporal OIDN high"}
+    assert {method.name for method in BOTH} == {f"{name}, both sides" for name in names}
+    every = {method.name for method in (*METHODS, *peers()[0])}
+    assert names < every
+    assert {"SVGF, both sides", "BMFR, both sides", "TAA best, both sides"} < {method.name for method in PIPELINES}
+
+
+@pytest.mark.parametrize("method", BOTH, ids=lambda method: method.name)
+def test_methods_on_both_sides_are_denoise(method, recording):
+    """Of the pipeline that their name begins with."""
+    frames = [recording.frame(i) for i in range(6)]
+    if "quarter" in method.name:
+        frames = [quarter(frame, i) for i, frame in enumerate(frames)]
+    pipelines = {
+        "SVGF": yester.SVGF,
+        "BMFR": yester.BMFR,
+        "TAA": yester.TAA,
+        "HalfRes": yester.HalfRes,
+        "temporal": lambda: yester.OIDN(temporal=True),
+    }
+    make = next(make for name, make in pipelines.items() if method.name.startswith(name))
+    results = method.run(recording.frame(i) for i in range(6))
+    for result, output, alone in zip(results, yester.denoise(frames, make()), map(make().step, frames), strict=True):
+        assert_same_bits(result.color, output.color)
+        assert_same_bits(result.history_length, output.history_length)
+        assert not np.array_equal(result.color, alone.color)
+
+
+def test_values_of_a_method_that_reads_ahead(recording, tmp_path):
+    """Beside one that does not, every result is measured against its own frame's reference."""
+    ahead = Method("ahead", "ahead", lambda frames: iter([*SVGF.run(frames)]))
+    _, svgf, other, both = measure(recording, [SVGF, ahead, BOTH[0]], tmp_path, metrics=QUICK, images=0)
+    assert other.values == svgf.values
+    outputs = [output.color for output in yester.denoise(recording.frame(i) for i in range(6))]
+    want = np.mean([metrics.psnr(outputs[i], recording.reference(i)) for i in recording.references])
+    assert both.values["psnr"] == pytest.approx(want)
+    assert both.values["psnr"] > svgf.values["psnr"]
+
+
+def test_a_method_that_loses_a_frame_is_refused(recording, tmp_path):
+    short = Method("short", "short", lambda frames: islice(BLACK.run(frames), 5))
+    with pytest.raises(ValueError, match="shorter"):
+        measure(recording, [BLACK, short], tmp_path, metrics=QUICK)
+
+
+def test_frames_are_read_once_and_held_no_longer_than_needed():
+    class Item:
+        pass
+
+    alive = weakref.WeakSet()
+    made = []
+
+    def source():
+        for number in range(12):
+            item = Item()
+            alive.add(item)
+            made.append(number)
+            yield item
+            del item
+
+    slow, fast, other = _shared(source(), 3)
+    first = [next(fast) for _ in range(5)]
+    assert len(made) == 5
+    assert [next(slow) for _ in range(5)] == [next(other) for _ in range(5)] == first
+    del first
+    assert len(alive) <= 1
+    assert len([*slow]) == len([*other]) == len([*fast]) == 7
+    assert made == [*range(12)]
 
 
 def test_values_are_those_of_the_metrics(recording, tmp_path):
@@ -117,18 +194,13 @@ def test_an_interrupted_run_goes_on(recording, tmp_path):
     method, starts = counted(SVGF)
     shorter = replace(recording, name="shorter", frames=recording.frames[1:], references={})
 
-    def start():
-        seen = []
-
-        def step(frame, /):
-            seen.append(frame)
-            if len(starts) == 2 and len(seen) == 3:
+    def run(frames):
+        for number, result in enumerate(BLACK.run(frames)):
+            if len(starts) == 2 and number == 2:
                 raise KeyboardInterrupt
-            return Result(np.zeros_like(frame.color))
+            yield result
 
-        return step
-
-    methods = [method, replace(BLACK, start=start)]
+    methods = [method, replace(BLACK, run=run)]
     with pytest.raises(KeyboardInterrupt):
         chart([recording, shorter], methods, tmp_path, metrics=QUICK, size=LITTLE)
     assert (tmp_path / "points" / "cornell_box" / "points.json").exists()
@@ -183,16 +255,13 @@ def test_times(recording, tmp_path):
     """Of frames of one size, whatever the sequence's, as warm as within a sequence; measured once."""
     sizes, starts = [], []
 
-    def start():
+    def run(frames):
         starts.append(1)
-
-        def step(frame, /):
+        for frame in frames:
             sizes.append((frame.width, frame.height))
-            return Result(np.zeros_like(frame.color))
+            yield Result(np.zeros_like(frame.color))
 
-        return step
-
-    method = replace(BLACK, start=start)
+    method = replace(BLACK, run=run)
     spent = times([method, SVGF], tmp_path, LITTLE)
     assert {name: len(each) for name, each in spent.items()} == {"black": 9, "SVGF": 9}
     assert all(ms > 0 for each in spent.values() for ms in each)
@@ -202,6 +271,52 @@ def test_times(recording, tmp_path):
     times([method, SVGF], tmp_path, (32, 48))
     assert len(starts) == 6
     assert SIZE[0] * SIZE[1] >= 1280 * 720
+
+
+def test_times_of_results_in_bursts():
+    """A method that reads five frames, works on them, and gives five results at once: all of them take the mean."""
+    reads = []
+
+    def run(frames):
+        frames = iter(frames)
+        while window := [*islice(frames, 5)]:
+            reads.append(len(window))
+            time.sleep(0.05)
+            yield from (Result(frame.color) for frame in window)
+
+    frames = [yester.Frame(np.ones((2, 2, 3), np.float32))]
+    spent = _turn(Method("bursts", "bursts", run), frames)
+    # Ten frames of warm-up, five that are timed.
+    assert reads[:3] == [5, 5, 5]
+    assert sum(reads) == 15
+    assert len(spent) == 5
+    assert len(set(spent)) == 1
+    assert 10 <= spent[0] < 30
+
+
+def test_times_of_denoise_are_those_of_whole_chunks(recording):
+    """And not those of the results that are ready when the first one is."""
+    frames = [recording.frame(i) for i in range(6)]
+    spent = _turn(BOTH[0], frames)
+    assert len(spent) == 20
+    assert len(set(spent)) == 1
+
+
+def test_a_slow_method_gets_few_frames(monkeypatch):
+    """As few as it can: one burst to warm up, and one that is timed."""
+    monkeypatch.setattr(module, "PATIENCE", 0.01)
+    for burst in (1, 4):
+
+        def run(frames, burst=burst, reads=(reads := [])):
+            frames = iter(frames)
+            while window := [*islice(frames, burst)]:
+                reads.append(len(window))
+                time.sleep(0.02)
+                yield from (Result(frame.color) for frame in window)
+
+        spent = _turn(Method("slow", "slow", run), [yester.Frame(np.ones((2, 2, 3), np.float32))])
+        assert len(spent) == burst
+        assert reads == [burst] * 2
 
 
 def test_the_time_axis_says_its_size(recording, tmp_path):
@@ -228,7 +343,7 @@ def test_bad_input_does_nothing(recording, tmp_path):
 
 
 def test_a_method_that_breaks_is_named(recording, tmp_path):
-    bad = Method("broken", "broken", lambda: lambda frame, /: Result(np.full_like(frame.color, np.nan)))
+    bad = Method("broken", "broken", lambda frames: (Result(np.full_like(frame.color, np.nan)) for frame in frames))
     with pytest.raises(ValueError, match=r"^broken: 2304 of 2304 values are not finite"):
         measure(recording, [bad], tmp_path, metrics=QUICK)
 
@@ -239,19 +354,19 @@ def test_a_method_that_breaks_is_named(recording, tmp_path):
 @pytest.mark.parametrize("each", ABLATIONS, ids=lambda each: each.method.name)
 def test_each_component_does_something(each, recording):
     """At the latest when the light changes."""
-    whole, other, frames = each.whole.start(), each.method.start(), [recording.frame(i) for i in range(6)]
+    frames = [recording.frame(i) for i in range(6)]
     last = frames[-1]
     bright = last.buffers() | {"color": 4 * last.color}
     frames += [yester.Frame(**bright, camera=last.camera, jitter=last.jitter)] * 2
-    assert not all(np.array_equal(*(step(frame).color for step in (whole, other))) for frame in frames)
+    both = zip(each.whole.run(frames), each.method.run(frames), strict=True)
+    assert not all(np.array_equal(one.color, other.color) for one, other in both)
 
 
 def test_the_stage_of_the_ablation_is_svgfs(recording):
     """Apart, as the ablation has them, both stages give the bits that they give together."""
-    whole, parts = pipeline(yester.SVGF)(), ablation._antialiased()()
-    for i in range(4):
-        frame = recording.frame(i)
-        assert_same_bits(whole(frame).color, parts(frame).color)
+    frames = [recording.frame(i) for i in range(4)]
+    for one, other in zip(pipeline(yester.SVGF)(frames), ablation._antialiased()(frames), strict=True):
+        assert_same_bits(one.color, other.color)
 
 
 def test_switches_follow_the_default():

@@ -52,14 +52,13 @@ def seen(door, recording):
     """The frames that a method gets through a door."""
     frames = []
 
-    def step(frame, /):
-        frames.append(frame)
-        return Result(frame.color)
+    def run(given):
+        for frame in given:
+            frames.append(frame)
+            yield Result(frame.color)
 
-    method = through(door, Method("seer", "seer", lambda: step), recording)
-    passed = method.start()
-    for i in range(len(recording.frames)):
-        passed(recording.frame(i))
+    method = through(door, Method("seer", "seer", run), recording)
+    assert len([*method.run(map(recording.frame, range(len(recording.frames))))]) == len(recording.frames)
     return frames
 
 
@@ -115,13 +114,13 @@ def test_measured(recording, tmp_path):
     """What is compared are the pipelines on the frames as they come; what is kept is read again."""
     starts = []
 
-    def start():
+    def run(frames):
         starts.append(1)
         state = yester.BMFR()
-        return lambda frame, /: Result(state.step(frame).color)
+        return (Result(state.step(frame).color) for frame in frames)
 
     chosen = [BY_NAME[name] for name in ("no albedo", "raw albedo")]
-    method = Method("BMFR", "BMFR", start)
+    method = Method("BMFR", "BMFR", run)
     found = measure_doors([recording], [method], tmp_path, doors=chosen)
     assert [(each.door, each.richer) for each in found] == [
         ("no albedo", FULL),

@@ -1,6 +1,5 @@
 import csv
 import re
-from itertools import count
 
 import numpy as np
 import pytest
@@ -18,17 +17,12 @@ FRAMES = 8
 def method(name, change, *, oracle=()):
     """What `change` makes of the number and the frame, or where it is known of the truth in its stead."""
 
-    def start():
-        numbers = count()
-
-        def step(frame):
-            number = next(numbers)
+    def run(frames):
+        for number, frame in enumerate(frames):
             known = oracle[number] if number < len(oracle) else None
-            return Result(np.float32(change(number, frame.color if known is None else known)))
+            yield Result(np.float32(change(number, frame.color if known is None else known)))
 
-        return step
-
-    return Method(name, name, start)
+    return Method(name, name, run)
 
 
 def truths(scenario, frames=FRAMES):
@@ -68,17 +62,18 @@ def test_scenario(scenario):
     if last.watch is not None:
         assert 0 < last.watch.mean() < 1
 
-    numbers = count()
+    def run(frames):
+        for shot, frame in zip(shots, frames, strict=True):
+            for name, array in shot.frame.buffers().items():
+                assert_same_bits(array, frame.buffers()[name])
+            # The former image is that before the event.
+            true = last.former if shot.truth is None else shot.truth
+            yield Result(frame.color if true is None else true)
 
-    def step(frame):
-        shot = shots[next(numbers)]
-        for name, array in shot.frame.buffers().items():
-            assert_same_bits(array, frame.buffers()[name])
-        return Result(frame.color if shot.truth is None else shot.truth)
-
-    _, result = stress.examine(scenario, [Method("truth", "truth", lambda: step)], frames=2)
+    _, result = stress.examine(scenario, [Method("truth", "truth", run)], frames=2)
     assert (result.verdict, result.reason) == ("holds", "")
-    for measure in ("ghost", "lag", "flicker", "bias", "blur", "error", "lost"):
+    assert ("early" in result.values) == (scenario.former == "event")
+    for measure in ("ghost", "early", "lag", "flicker", "bias", "blur", "error", "lost"):
         assert result.values.get(measure, 0) == pytest.approx(0, abs=1e-12)
 
 
@@ -204,6 +199,29 @@ def test_one_that_averages_for_long():
     assert 5 < result.values["lag"] <= 8
 
 
+def test_one_that_is_early():
+    """It shows the image after the event two frames before it."""
+    scenario = NAMED["cut"]
+    shots = list(scenario.shots(frames=12))
+    after, before = shots[6].truth, shots[6].former
+    early = method("early", identity, oracle=[*[before] * 4, *[after] * 8])
+    _, result = stress.examine(scenario, [early], frames=12)
+    assert result.values["early"] == pytest.approx(1)
+    assert result.values["ghost"] == pytest.approx(0)
+    assert (result.verdict, result.reason) == ("fails", "early 1")
+    just = method("just", identity, oracle=[*[before] * 6, *[after] * 6])
+    _, result = stress.examine(scenario, [just], frames=12)
+    assert result.values["early"] == pytest.approx(0)
+
+
+def test_pipelines_that_use_later_frames_are_judged_in_both_directions():
+    """Only they can be early: a light that goes off makes them a little too dark before."""
+    svgf, both = (PIPELINES[0], *(one for one in PIPELINES if one.name == "SVGF, both sides"))
+    _, alone, other = stress.examine(NAMED["light goes off"], [svgf, both])
+    assert abs(alone.values["early"]) < 0.01 < other.values["early"]
+    assert other.verdict == "holds"
+
+
 def test_one_that_flickers():
     result = trial("wires stand", lambda number, image: image * (1.1 if number % 2 else 0.9))
     assert result.verdict == "fails"
@@ -265,6 +283,22 @@ def broken(number, image):
     return image
 
 
+def shortened(frames):
+    yield from (Result(frame.color) for number, frame in enumerate(frames) if number != 5)
+
+
+def read_ahead(frames):
+    yield from [Result(frame.color) for frame in frames]
+
+
+def test_one_that_loses_a_frame():
+    _, ahead, short = stress.examine(
+        NAMED["cut"], [Method("ahead", "ahead", read_ahead), Method("short", "short", shortened)], frames=FRAMES
+    )
+    assert ahead.values["lost"] == 0
+    assert (short.verdict, short.reason) == ("fails", "ValueError: expected an image for each frame, got 1 less")
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [(broken, "RuntimeError: out of paint"), (lambda number, image: image[1:], "expected an image of shape")],
@@ -318,6 +352,19 @@ def test_strain_of_what_depends_on_the_exposure():
     results = {case.name: stress.strain(case, [curve])[0] for case in stress.STRAINS[:6]}
     assert results["radiance × 1e+06"].verdict == "fails"
     assert results["radiance × 1e-06"].values["difference"] > 0.3
+
+
+def test_strain_of_one_that_spreads_to_the_first_frame():
+    """Whatever is wrong in the middle, neither end shows it."""
+    named = {case.name: case for case in stress.STRAINS}
+
+    def mean(frames):
+        every = [frame.color for frame in frames]
+        known = np.nanmean(every, 0) if np.isfinite(every).all() else np.zeros_like(every[0])
+        yield from (Result(known if number == 0 else color) for number, color in enumerate(every))
+
+    [result] = stress.strain(named["color of one frame all NaN"], [Method("mean", "mean", mean)])
+    assert result.values["difference"] == pytest.approx(1)
 
 
 def test_strained_frames():

@@ -71,7 +71,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     try:
         options = _parser().parse_args(arguments)
-        options.run(options)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("once", "frames: later frames are not used")
+            warnings.showwarning = _warned
+            options.run(options)
     except KeyboardInterrupt:
         print("yester: interrupted", file=sys.stderr)
         return 130
@@ -80,6 +83,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ImportError, ValueError) as error:
         return _failed(error)
     return 0
+
+
+def _warned(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"warning: {message}", file=sys.stderr)
 
 
 def _failed(error: object) -> int:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from yester.io.files import beside
 from . import harm
 from .chart import SIZE, measure, times
 from .doors import DOORS, FULL, Door, known_doors, through
-from .methods import Method, Result, Step, on_part, pipeline, quarter
+from .methods import LOOKAHEAD, Method, Result, Run, on_part, pipeline, quarter
 from .metrics import metric
 from .points import ALL, Point
 from .recording import Recording
@@ -53,37 +54,26 @@ class Ablation:
     needs_all: bool = False
 
 
-def _without(*names: str, **options: object) -> Callable[[], Step]:
+def _without(*names: str, **options: Any) -> Run:
     """SVGF on frames that lack some buffers."""
 
-    def start() -> Step:
-        step = pipeline(SVGF, **options)()
+    def bare(frame: Frame, _: int) -> Frame:
+        kept = {name: array for name, array in frame.buffers().items() if name not in names}
+        return Frame(**kept, camera=frame.camera, jitter=frame.jitter)
 
-        def bare(frame: Frame, /) -> Result:
-            kept = {name: array for name, array in frame.buffers().items() if name not in names}
-            return step(Frame(**kept, camera=frame.camera, jitter=frame.jitter))
-
-        return bare
-
-    return start
+    return on_part(bare, pipeline(SVGF, **options))
 
 
-def _antialiased(**options: object) -> Callable[[], Step]:
+def _antialiased(**options: Any) -> Run:
     """SVGF with another output stage: the same kernels in the same order."""
 
-    def start() -> Step:
-        denoise, antialias = pipeline(SVGF, antialias=False)(), pipeline(TAA, "denoised", **options)()
+    def run(frames: Iterable[Frame]) -> Iterator[Result]:
+        svgf, antialias = SVGF(antialias=False), TAA("denoised", **options)
+        for frame in frames:
+            moved = {name: getattr(frame, name) for name in ("depth", "motion", "position", "camera")}
+            yield Result(antialias.step(Frame(svgf.step(frame).color, **moved)).color)
 
-        def step(frame: Frame, /) -> Result:
-            first = denoise(frame)
-            second = antialias(
-                Frame(first.color, depth=frame.depth, motion=frame.motion, position=frame.position, camera=frame.camera)
-            )
-            return first._replace(color=second.color)
-
-        return step
-
-    return start
+    return run
 
 
 _SVGF = Method("SVGF", "SVGF", pipeline(SVGF), default=True)
@@ -99,15 +89,15 @@ _CORRECTED = {
 
 _RECIRCULATION = Method("Recirculation", "Recirculation", on_part(quarter, pipeline(Recirculation)), default=True)
 
-_NO_DEPTH_TEST = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}
+_NO_DEPTH_TEST: dict[str, Any] = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}
 _SURFACES = ("normal", "object_normal", "ids")
 #: Where ids and normals do not stand in for it.
 _BARE = Method("SVGF, depth alone", "SVGF", _without(*_SURFACES))
 
 
-def _ablation(whole: Method, component: str, start: Callable[[], Step], *, added: bool = False) -> Ablation:
+def _ablation(whole: Method, component: str, run: Run, *, added: bool = False) -> Ablation:
     sign = "+" if added else "-"
-    return Ablation(component, Method(f"{whole.name} {sign} {component}", whole.family, start), whole, added)
+    return Ablation(component, Method(f"{whole.name} {sign} {component}", whole.family, run), whole, added)
 
 
 def _switch(name: str) -> Ablation:
@@ -131,8 +121,8 @@ _SWITCHES = {
 ABLATIONS = (
     *map(_switch, _SWITCHES),
     *(
-        _ablation(_SVGF, component, start)
-        for component, start in {
+        _ablation(_SVGF, component, run)
+        for component, run in {
             "depth test": pipeline(SVGF, **_NO_DEPTH_TEST),
             "normal test": pipeline(SVGF, normal_angle=180),
             "id test and weight": _without("ids"),
@@ -156,27 +146,28 @@ ABLATIONS = (
         }.items()
     ),
     *(
-        _ablation(_SVGF, component, start, added=True)
-        for component, start in {
+        _ablation(_SVGF, component, run, added=True)
+        for component, run in {
             "long memory": pipeline(SVGF, alpha=0.05),
             "pass 4": pipeline(SVGF, iterations=4),
             "5×5 taps": pipeline(SVGF, radius=2),
             "tolerance of 4 sigma": pipeline(SVGF, sigma_luminance=4),
             "6 distances": pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf)),
+            "later frames": pipeline(SVGF, lookahead=LOOKAHEAD),
             "soft thresholds": pipeline(
                 SVGF, relative_depth=(0.05, 0.15), plane_distance=(0.005, 0.015), normal_angle=(15, 35)
             ),
         }.items()
     ),
-    *(_ablation(whole, "innovation", start) for whole, start in _CORRECTED.items()),
+    *(_ablation(whole, "innovation", run) for whole, run in _CORRECTED.items()),
     replace(
         _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),
         needs_all=True,
     ),
     _ablation(_BARE, "depth test", _without(*_SURFACES, **_NO_DEPTH_TEST)),
     *(
-        _ablation(_TAA, component, start)
-        for component, start in {
+        _ablation(_TAA, component, run)
+        for component, run in {
             "dilation": pipeline(TAA, dilate="none"),
             "clip": pipeline(TAA, gamma=_ENDLESS),
             "cubic history": pipeline(TAA, filter="bilinear"),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Iterable, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import cycle
 from pathlib import Path
@@ -141,16 +142,16 @@ def measure(
 
     measured = sorted(recording.references) or [*range(len(recording.frames) // 2, len(recording.frames))]
     shown = measured[len(measured) - images :] if images else []
-    steps = [method.start() for method in methods]
+    own, *sources = _shared(map(recording.frame, range(len(recording.frames))), 1 + len(methods))
+    runs = [method.run(frames) for method, frames in zip(methods, sources, strict=True)]
     values: list[dict[str, list[float]]] = [{} for _ in methods]
     former: list[Picture] = []
     frame_before, reference_before = None, None
-    indices = tqdm(range(len(recording.frames)), recording.name, unit="frame", disable=None)
-    for i in indices:
-        frame = recording.frame(i)
+    every = tqdm(zip(own, *runs, strict=True), recording.name, len(recording.frames), unit="frame", disable=None)
+    results: list[Result]
+    for i, (frame, *results) in enumerate(every):
         reference = _reference(recording, i)
         flow = _flow(frame_before, frame)
-        results: list[Result] = [step(frame) for step in steps]
         pictures = [Picture(result.color, method.name) for method, result in zip(methods, results, strict=True)]
         for number, (method, picture) in enumerate(zip(methods, pictures, strict=True)):
             result = results[number]
@@ -190,7 +191,8 @@ def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE)
     """Time methods on frames of one size, those of `yester bench`, with all threads.
 
     A method has three turns. In each it starts anew, warms up over eight frames and is timed over the next three, as
-    within a sequence; slow methods get fewer frames, at least one of each. In every turn the methods come in another
+    within a sequence; slow methods get fewer frames, at least one of each. Of a method that reads ahead, whose results
+    come in bursts, whole bursts are timed, and every result takes the mean. In every turn the methods come in another
     order, and each waits until the threads of its predecessor have stopped spinning. The result is cached in
     ``times.json`` and reused for the same methods, size and build.
 
@@ -234,15 +236,44 @@ def orders(count: int) -> list[list[int]]:
 def _turn(method: Method, frames: Sequence[Frame]) -> list[float]:
     """Milliseconds of the timed frames of one turn."""
     time.sleep(CALM)
-    step, given = method.start(), cycle(frames)
-    for most in (_WARM_UP, _TIMED):
-        spent: list[float] = []
-        while len(spent) < most and sum(spent) < 1e3 * PATIENCE:
-            frame = next(given)
-            start = time.perf_counter()
-            step(frame)
-            spent.append(1e3 * (time.perf_counter() - start))
-    return spent
+    given, spent, timed = cycle(frames), list[float](), list[float]()
+
+    def source() -> Iterator[Frame]:
+        for most in (_WARM_UP, _TIMED):
+            spent.clear()
+            while len(spent) < most and sum(spent) < 1e3 * PATIENCE:
+                begin = len(spent)
+                while len(spent) == begin:
+                    yield next(given)
+                # The next frame is wanted: everything that was done with the former ones is done.
+                burst = len(spent) - begin
+                spent[begin:] = [sum(spent[begin:]) / burst] * burst
+        timed.extend(spent)
+
+    start = time.perf_counter()
+    for _ in method.run(source()):
+        start, before = time.perf_counter(), start
+        spent.append(1e3 * (start - before))
+    return timed
+
+
+def _shared(frames: Iterator[Frame], readers: int) -> list[Iterator[Frame]]:
+    """Iterators over the same frames, each of which is read once and held until all have it."""
+    # `itertools.tee` would hold up to 57 more.
+    waiting: list[deque[Frame]] = [deque() for _ in range(readers)]
+
+    def read(own: deque[Frame]) -> Iterator[Frame]:
+        while True:
+            if not own:
+                try:
+                    frame = next(frames)
+                except StopIteration:
+                    return
+                for each in waiting:
+                    each.append(frame)
+            yield own.popleft()
+
+    return [read(own) for own in waiting]
 
 
 def _timed(point: Point, spent: Sequence[float], size: tuple[int, int]) -> Point:
@@ -251,7 +282,7 @@ def _timed(point: Point, spent: Sequence[float], size: tuple[int, int]) -> Point
 
 
 #: What the methods start from.
-_INPUT = Method("noisy input", "noisy input", lambda: lambda frame, /: Result(present(frame)))
+_INPUT = Method("noisy input", "noisy input", lambda frames: map(Result, map(present, frames)))
 
 
 def _reference(recording: Recording, index: int) -> Picture | None:

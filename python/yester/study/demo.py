@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from yester import SVGF, Camera, Frame
+from yester import Camera, Frame, denoise
 from yester.io import write_exr
 from yester.io.files import beside
 from yester.io.mitsuba import render_sequence
@@ -72,7 +73,7 @@ class Report:
             [
                 f"{'':<20}{'PSNR':>9}{'relMSE':>9}{'FLIP':>8}{'ms per frame':>15}",
                 _row("noisy, 1 spp", self.noisy) + f"{self.render_ms:>15.1f}  rendering",
-                _row("denoised", self.denoised) + f"{self.denoise_ms:>15.1f}  SVGF",
+                _row("denoised", self.denoised) + f"{self.denoise_ms:>15.1f}  SVGF, both sides",
                 f"{spp:<46}{self.reference_ms:>15.1f}  rendering",
                 f"Errors are means over frames {', '.join(map(str, self.measured))}, times over all.",
             ]
@@ -91,7 +92,7 @@ class _Shot:
 
 
 def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, height: int = 240) -> Report:
-    """Render, denoise, measure and show `scenes.cornell_box`.
+    """Render, denoise from both sides, measure and show `scenes.cornell_box`.
 
     Writes `noisy/`, `denoised/` and `reference/` with one EXR per frame (references for `REFERENCES` frames spread over
     the sequence, the first and the last among them), `contact_sheet.png` and `side_by_side.webp`. Nothing is
@@ -123,40 +124,40 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
 
     sequence = cornell_box(frames, width, height)
     measured = sorted({round(i) for i in np.linspace(0, frames - 1, min(frames, REFERENCES))})
-    svgf = SVGF()
     shots: list[_Shot] = []
     film: list[NDArray[np.uint8]] = []
-    rendered = render_sequence(sequence.scene, sequence.cameras, spp=1, transforms=sequence.transforms)
-    render_seconds, denoise_seconds = 0.0, 0.0
-    for i in _progress(range(frames), "render and denoise", frames):
-        start = time.perf_counter()
-        noisy = next(rendered)
-        between = time.perf_counter()
-        denoised = svgf.step(noisy).color
-        render_seconds += between - start
-        denoise_seconds += time.perf_counter() - between
+    rendered = _Timed(render_sequence(sequence.scene, sequence.cameras, spp=1, transforms=sequence.transforms))
+    waiting: deque[Frame] = deque()
+
+    def kept() -> Iterator[Frame]:
+        for noisy in rendered:
+            waiting.append(noisy)
+            yield noisy
+
+    clean = _Timed(denoise(kept()))
+    for i, output in enumerate(_progress(clean, "render and denoise", frames)):
+        noisy, denoised = waiting.popleft(), output.color
         write_exr(folder / "noisy" / f"frame_{i:04}.exr", noisy)
         write_exr(folder / "denoised" / f"frame_{i:04}.exr", Frame(denoised, camera=noisy.camera))
         film.append(np.hstack([_bytes(noisy.color), _bytes(denoised)]))
         if i in measured:
             shots.append(_Shot(i, sequence.cameras[i], sequence.transforms[i]["cube"], noisy.color, denoised))
 
-    references = render_sequence(
-        sequence.scene,
-        [sequence.cameras[i] for i in measured],
-        spp=REFERENCE_SPP,
-        seed=frames,  # none that a noisy frame has had
-        transforms=[sequence.transforms[i] for i in measured],
-        buffers=False,
+    references = _Timed(
+        render_sequence(
+            sequence.scene,
+            [sequence.cameras[i] for i in measured],
+            spp=REFERENCE_SPP,
+            seed=frames,  # none that a noisy frame has had
+            transforms=[sequence.transforms[i] for i in measured],
+            buffers=False,
+        )
     )
-    reference_seconds = 0.0
     scores = []
     shown = {measured[0], measured[len(measured) // 2], measured[-1]}
     rows = []
     for shot in _progress(shots, "reference", len(shots)):
-        start = time.perf_counter()
         reference = next(references).color
-        reference_seconds += time.perf_counter() - start
         write_exr(folder / "reference" / f"frame_{shot.index:04}.exr", Frame(reference, camera=shot.camera))
         images = (shot.noisy, shot.denoised)
         maps = [flip_map(image, reference) for image in images]
@@ -178,10 +179,25 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
         measured,
         noisy_score,
         denoised_score,
-        1e3 * render_seconds / frames,
-        1e3 * denoise_seconds / frames,
-        1e3 * reference_seconds / len(measured),
+        1e3 * rendered.seconds / frames,
+        1e3 * (clean.seconds - rendered.seconds) / frames,
+        1e3 * references.seconds / len(measured),
     )
+
+
+class _Timed(Iterator[T]):
+    """An iterator, and the seconds that it takes."""
+
+    def __init__(self, items: Iterable[T]) -> None:
+        self.items = iter(items)
+        self.seconds = 0.0
+
+    def __next__(self) -> T:
+        start = time.perf_counter()
+        try:
+            return next(self.items)
+        finally:
+            self.seconds += time.perf_counter() - start
 
 
 def _progress(items: Iterable[T], what: str, total: int) -> Iterable[T]:
@@ -242,7 +258,13 @@ def _contact_sheet(path: Path, rows: list[_Row]) -> None:
     def text(x: float, y: float, words: str, **style: Any) -> None:
         figure.text(x / total[0], 1 - y / total[1], words, va="center", **style)
 
-    titles = ("noisy, 1 spp", "denoised, SVGF", f"reference, {REFERENCE_SPP} spp", "FLIP of noisy", "FLIP of denoised")
+    titles = (
+        "noisy, 1 spp",
+        "denoised, SVGF, both sides",
+        f"reference, {REFERENCE_SPP} spp",
+        "FLIP of noisy",
+        "FLIP of denoised",
+    )
     for column, title in enumerate(titles):
         text(margin + column * (cell + gap) + cell / 2, head / 2 + 2, title, ha="center", size=11, weight="bold")
     top = head

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from yester.io.files import beside
 
 from . import harm
 from .chart import measure
-from .methods import PIPELINES, Method, Result, Step
+from .methods import PIPELINES, Method, Result
 from .metrics import metric
 from .recording import Recording
 
@@ -115,7 +115,7 @@ DOORS = (
 
 
 #: The pipelines that are run with all doors by default.
-METHODS = tuple(method for method in PIPELINES if method.name in ("SVGF", "BMFR", "TAA best"))
+METHODS = tuple(m for m in PIPELINES if m.name.removesuffix(", both sides") in ("SVGF", "BMFR", "TAA best"))
 
 
 def through(door: Door, method: Method, recording: Recording) -> Method:
@@ -136,19 +136,15 @@ def through(door: Door, method: Method, recording: Recording) -> Method:
         Named after both.
     """
 
-    def start() -> Step:
-        step, numbers = method.start(), count()
+    if door.name == FULL:
+        return method
 
-        def step_through(frame: Frame, /) -> Result:
-            number = next(numbers)
-            raw = read_exr(recording.raw_albedo[number]).color if door.raw else None
-            return step(door.take(frame, raw))
+    def run(frames: Iterable[Frame]) -> Iterator[Result]:
+        numbers = range(len(recording.frames))
+        raw = (read_exr(recording.raw_albedo[i]).color for i in numbers) if door.raw else repeat(None)
+        return method.run(map(door.take, frames, raw))
 
-        return step_through
-
-    return (
-        method if door.name == FULL else replace(method, name=f"{method.name}, {door.name}", start=start, default=False)
-    )
+    return replace(method, name=f"{method.name}, {door.name}", run=run, default=False)
 
 
 def known_doors(recording: Recording, doors: Iterable[Door]) -> list[Door]:

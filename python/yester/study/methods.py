@@ -5,23 +5,24 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yester import BMFR, SVGF, TAA, Frame, HalfRes
+from yester import BMFR, SVGF, TAA, Frame, HalfRes, Output, denoise
 
 __all__ = [
+    "LOOKAHEAD",
     "METHODS",
     "PIPELINES",
     "QUARTERS",
     "Method",
     "Result",
-    "Step",
+    "Run",
     "current_name",
     "on_part",
     "pipeline",
@@ -52,10 +53,8 @@ class Result(NamedTuple):
     choice: NDArray[np.float32] | None = None
 
 
-class Step(Protocol):
-    """Takes the frames of one sequence in order."""
-
-    def __call__(self, frame: Frame, /) -> Result: ...
+#: Takes the frames of a sequence in order and yields a result for each. It may read frames ahead.
+Run: TypeAlias = Callable[[Iterable[Frame]], Iterator[Result]]
 
 
 @dataclass(frozen=True)
@@ -68,8 +67,8 @@ class Method:
         Name with parameters.
     family : str
         Name without the value of the main parameter.
-    start : callable
-        Makes a `Step` for one sequence.
+    run : callable
+        Denoises one sequence, as `Run` has it.
     default : bool
         True for the default configuration.
     peer : bool
@@ -78,24 +77,18 @@ class Method:
 
     name: str
     family: str
-    start: Callable[[], Step]
+    run: Run
     default: bool = False
     peer: bool = False
 
 
-def pipeline(make: Callable[..., Any], *preset: str, **options: Any) -> Callable[[], Step]:
-    """Make a `Method.start` of one of this package's pipelines and its options."""
+def pipeline(make: Callable[..., Any], *preset: str, lookahead: int = 0, **options: Any) -> Run:
+    """Make a `Method.run` of one of this package's pipelines and its options, and of the lookahead of `denoise`."""
+    return lambda frames: map(_result, denoise(frames, make(*preset, **options), lookahead))
 
-    def start() -> Step:
-        state = make(*preset, **options)
 
-        def step(frame: Frame, /) -> Result:
-            output = state.step(frame)
-            return Result(output.color, output.history_length, output.confidence, output.rejection, output.choice)
-
-        return step
-
-    return start
+def _result(output: Output) -> Result:
+    return Result(output.color, output.history_length, output.confidence, output.rejection, output.choice)
 
 
 def quarter(frame: Frame, number: int) -> Frame:
@@ -119,14 +112,9 @@ def recolored(frame: Frame, color: NDArray[np.float32]) -> Frame:
     return Frame(**frame.buffers() | {"color": color}, camera=frame.camera, jitter=frame.jitter)
 
 
-def on_part(part: Callable[[Frame, int], Frame], start: Callable[[], Step]) -> Callable[[], Step]:
-    """A method on a part of each frame."""
-
-    def start_on_part() -> Step:
-        step, numbers = start(), count()
-        return lambda frame, /: step(part(frame, next(numbers)))
-
-    return start_on_part
+def on_part(part: Callable[[Frame, int], Frame], run: Run) -> Run:
+    """A method on a part of each frame, which may depend on the frame's number."""
+    return lambda frames: run(map(part, frames, count()))
 
 
 def current_name(name: str) -> str:
@@ -139,13 +127,25 @@ def current_name(name: str) -> str:
 
 _TAA = ("best", "denoised", "textbook", "karis", "filament")
 
-#: Every pipeline and preset with its defaults, and cheaper and more expensive variants of `SVGF`.
+#: Lookahead of the methods that use the frames on both sides: the default of `denoise`.
+LOOKAHEAD = 4
+
+
+def _both_sides(name: str, run: Run) -> Method:
+    return Method(f"{name}, both sides", f"{name}, both sides", run)
+
+
+#: Every pipeline and preset with its defaults, cheaper and more expensive variants of `SVGF`, and pipelines on both
+#: sides.
 PIPELINES = (
     Method("SVGF", "SVGF", pipeline(SVGF), default=True),
     Method("SVGF, surfaces only", "SVGF, surfaces only", pipeline(SVGF, reflections=())),
     Method("SVGF, 6 distances", "SVGF, 6 distances", pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf))),
     Method("BMFR", "BMFR", pipeline(BMFR)),
     *(Method(f"TAA {preset}", f"TAA {preset}", pipeline(TAA, preset), default=preset == _TAA[0]) for preset in _TAA),
+    _both_sides("SVGF", pipeline(SVGF, lookahead=LOOKAHEAD)),
+    _both_sides("BMFR", pipeline(BMFR, lookahead=LOOKAHEAD)),
+    _both_sides("TAA best", pipeline(TAA, "best", lookahead=LOOKAHEAD)),
 )
 
 #: Methods for frames of which a quarter is traced: `HalfRes`, and others on adapted frames.
@@ -153,6 +153,7 @@ QUARTERS = (
     Method("HalfRes, a quarter traced", "HalfRes", on_part(quarter, pipeline(HalfRes))),
     Method("a quarter traced, SVGF", "SVGF of a quarter", on_part(quarter, pipeline(SVGF))),
     Method("a quarter traced, copied, SVGF", "SVGF of copies", on_part(_copied, pipeline(SVGF))),
+    _both_sides("HalfRes, a quarter traced", on_part(quarter, pipeline(HalfRes, lookahead=LOOKAHEAD))),
 )
 
 #: All of them over their main parameters: passes of the spatial filter, block size, blend factor.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -17,7 +17,7 @@ from yester import OIDN, Frame, demodulate, remodulate
 from yester._core import settings
 from yester.frame import present
 
-from .methods import Method, Result, Step, pipeline
+from .methods import LOOKAHEAD, Method, Result, pipeline
 
 __all__ = ["imports", "peers", "references", "tensors"]
 
@@ -30,10 +30,10 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     Returns
     -------
     methods : list of Method
-        Open Image Denoise on each frame by itself, with albedo and normals, in three qualities, and the same between
-        temporal stages; OpenCV's non-local
-        means on the tone-mapped image, and its joint bilateral and guided filters on the light with normals as
-        guide, each over its main parameter; SVGF as written in torch, in single precision.
+        Open Image Denoise on each frame by itself, with albedo and normals, in three qualities, the same between
+        temporal stages, and the best of these on both sides; OpenCV's non-local means on the tone-mapped image, and its
+        joint bilateral and guided filters on the light with normals as guide, each over its main parameter; SVGF as
+        written in torch, in single precision.
     missing : dict of str to str
         By name, how to install the missing ones.
     """
@@ -46,6 +46,8 @@ def peers() -> tuple[list[Method], dict[str, str]]:
             Method(f"temporal OIDN {quality}", "temporal OIDN", pipeline(OIDN, quality, temporal=True), peer=True)
             for quality in qualities
         ]
+        both = pipeline(OIDN, "high", temporal=True, lookahead=LOOKAHEAD)
+        found.append(Method("temporal OIDN high, both sides", "temporal OIDN, both sides", both, peer=True))
     else:
         missing["Open Image Denoise"] = "pip install 'yester[study]'"
     if _has_ximgproc():
@@ -73,11 +75,10 @@ def imports(module: str) -> bool:
 
 
 def _peer(name: str, family: str, make: Callable[..., Callable[[Frame], Floats]], *arguments: Any) -> Method:
-    def start() -> Step:
-        step = make(*arguments)
-        return lambda frame, /: Result(step(frame))
+    def run(frames: Iterable[Frame]) -> Iterator[Result]:
+        return map(Result, map(make(*arguments), frames))
 
-    return Method(name, family, start, peer=True)
+    return Method(name, family, run, peer=True)
 
 
 def _oidn(quality: Literal["high", "balanced", "fast"]) -> Callable[[Frame], Floats]:

@@ -10,10 +10,11 @@ from __future__ import annotations
 import csv
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import pairwise
+from itertools import cycle, islice, pairwise
 from pathlib import Path
 from typing import Literal, TypeAlias, TypeVar
 
@@ -24,8 +25,8 @@ from tqdm import tqdm
 from yester import Camera, Frame
 from yester.io.files import beside
 
-from .failures import FAILURES, SCENARIOS, Scenario, Shot, replaced
-from .methods import PIPELINES, Method, Result, Step, current_name
+from .failures import FAILURES, SCENARIOS, TRAIL, Scenario, Shot, replaced
+from .methods import PIPELINES, Method, Result, current_name
 from .metrics import Picture, edge_sharpness, flicker, ghost, lag, psnr, relmse, srgb
 from .raycast import Light, Rectangle, Scene, Sphere, Thing, checker, noise, shoot, translate, truth, turn, value_noise
 
@@ -73,6 +74,13 @@ LIMITS: tuple[Limit, ...] = (
         "Largest share of what is past that still shows, from the event on; of what moves all the time, the past is "
         "four frames ago. A seventh of an edge's contrast is a faint double image; with half of it, one sees the past "
         "as well as the present.",
+    ),
+    Limit(
+        "early",
+        0.15,
+        0.5,
+        "As ghost, but before the event: largest share of the image after it that shows in one of the four frames "
+        "before. Only methods that use later frames can be too early.",
     ),
     Limit(
         "lag",
@@ -170,7 +178,7 @@ class Trial:
 
 
 #: The noisy frames as they are, for comparison.
-INPUT = Method("input", "input", lambda: lambda frame: Result(frame.color))
+INPUT = Method("input", "input", lambda frames: (Result(frame.color) for frame in frames))
 
 
 def examine(
@@ -190,18 +198,13 @@ def examine(
     list of Trial
         The first is of the input itself; then, in order, of the methods. One that raises an error fails with it.
     """
-    contestants = [INPUT, *methods]
-    runs = [_Run(method) for method in contestants]
-    shots = []
-    for shot in scenario.shots(seed, frames):
-        if shot.truth is not None:
-            shots.append(shot)
-        for run in runs:
-            run.take(shot.frame, keep=shot.truth is not None)
+    shots = [*scenario.shots(seed, frames)]
     stage = _Stage(scenario, shots)
     trials: list[Trial] = []
-    for run in runs:
-        values, worst = ({}, None) if run.error else stage.measure(run.images)
+    for method in (INPUT, *methods):
+        run = _Run(method)
+        images = [*run.on(shot.frame for shot in shots)]
+        values, worst = ({}, None) if run.error else stage.measure(images)
         if values:
             values["error"] = values["relmse"] / max((trials[0].values if trials else values)["relmse"], 0.01)
         trials.append(_judged("failures", scenario.name, run, values, worst))
@@ -218,7 +221,7 @@ class Strain:
     frames : callable
         Makes the frames.
     ordinary : callable or None
-        Makes ordinary frames whose last output should be the same, up to `scale`; None if there are none.
+        Makes ordinary frames whose first and last output should be the same, up to `scale`; None if there are none.
     scale : float, default 1
         Divisor of the output before it is compared.
     """
@@ -240,21 +243,19 @@ def strain(case: Strain, methods: Sequence[Method] = PIPELINES) -> list[Trial]:
     Returns
     -------
     list of Trial
-        With ``lost``, the pixels that are not finite in all frames, and ``difference`` of the last frame, if there is
-        something to compare it with.
+        With ``lost``, the pixels that are not finite in all frames, and ``difference``, the larger one of the first and
+        the last frame, if there is something to compare them with.
     """
     trials = []
     for method in methods:
-        run, usual = _Run(method), _Run(method)
-        for frame in case.frames():
-            run.take(frame)
-        for frame in case.ordinary() if case.ordinary else ():
-            usual.take(frame)
-        values: dict[str, float] = {"lost": _lost(run.images)}
-        if run.images and usual.images:
-            output, expected = np.float64(run.images[-1]) / case.scale, np.float64(usual.images[-1])
-            error = np.abs(np.nan_to_num(output, posinf=0, neginf=0) - expected)
-            values["difference"] = float(np.mean(error) / np.mean(expected))
+        run = _Run(method)
+        images = [*run.on(case.frames())]
+        usual = [*_Run(method).on(case.ordinary())] if case.ordinary else []
+        values: dict[str, float] = {"lost": _lost(images)}
+        if images and usual:
+            values["difference"] = max(
+                _difference(images[at].astype(np.float64) / case.scale, usual[at]) for at in (0, -1)
+            )
         trials.append(_judged("strains", case.name, run, values))
     return trials
 
@@ -286,28 +287,20 @@ def endure(method: Method, *, moving: bool, frames: int = 10_000, seed: int = 0,
     if frames < 100:
         raise ValueError(f"frames: expected at least 100, got {frames}")
     tour = _tour(moving)
-    rng = np.random.default_rng(seed)
     run = _Run(method)
     lost, begin, energies, errors, times = 0, 0.0, [], [], []
     case = f"{frames} frames, {'moving' if moving else 'still'}"
-    for i in tqdm(
-        range(frames), f"{method.name}, {case}", unit="frame", disable=None if progress else True, leave=False
-    ):
-        clean, expected = tour[i % len(tour)]
-        assert clean.emission is not None
-        factors = noise(rng, (*clean.shape, 1), 0.5)
-        run.images.clear()
-        run.take(replaced(clean, color=(clean.color - clean.emission) * factors + clean.emission))
-        if run.error is not None:
-            break
-        lost += _lost(run.images)
+    images, shows = run.on(_toured(tour, frames, seed)), None if progress else True
+    every = tqdm(images, f"{method.name}, {case}", frames, unit="frame", disable=shows, leave=False)
+    for i, image in enumerate(every):
+        lost += _lost([image])
         if i == frames // 10:
             begin = _resident()
         # The stride has no factor in common with the tour: each of its frames has its turn.
         if i >= 64 and i % 7 == 0:
-            image = np.nan_to_num(run.images[0])
-            energies.append(np.mean(image @ _LUMINANCE) / np.mean(expected @ _LUMINANCE))
-            errors.append(relmse(image, expected))
+            shown, expected = np.nan_to_num(image), tour[i % len(tour)][1]
+            energies.append(np.mean(shown @ _LUMINANCE) / np.mean(expected @ _LUMINANCE))
+            errors.append(relmse(shown, expected))
             times.append(i / frames)
     values: dict[str, float] = {}
     if run.error is None:
@@ -423,26 +416,36 @@ def run(
 
 
 class _Run:
-    """A method's run on a sequence."""
+    """A method's run on a sequence, and the error that has ended it."""
 
     def __init__(self, method: Method) -> None:
         self.method = method
-        self.step: Step = method.start()
-        self.images: list[Image] = []
         self.error: Exception | None = None
 
-    def take(self, frame: Frame, keep: bool = True) -> None:
-        if self.error is not None:
-            return
+    def on(self, frames: Iterable[Frame]) -> Iterator[Image]:
+        """Yield the images, until the method raises an error or gives others than expected."""
+        shapes: deque[tuple[int, ...]] = deque()
+
+        def noted() -> Iterator[Frame]:
+            for frame in frames:
+                shapes.append(frame.color.shape)
+                yield frame
+
         try:
-            color = self.step(frame).color
-            if color.shape != frame.color.shape:
-                raise ValueError(f"expected an image of shape {frame.color.shape}, got {color.shape}")
+            for result in self.method.run(noted()):
+                shape, expected = result.color.shape, shapes.popleft()
+                if shape != expected:
+                    raise ValueError(f"expected an image of shape {expected}, got {shape}")
+                yield result.color
+            if shapes:
+                raise ValueError(f"expected an image for each frame, got {len(shapes)} less")
         except Exception as error:  # any exception is a result of the method
             self.error = error
-            return
-        if keep:
-            self.images.append(color)
+
+
+def _difference(image: NDArray[np.float64], expected: Image) -> float:
+    error = np.abs(np.nan_to_num(image, posinf=0, neginf=0) - np.float64(expected))
+    return float(np.mean(error) / np.mean(expected, dtype=np.float64))
 
 
 def _judged(part: str, case: str, run: _Run, values: dict[str, float], worst: NDArray[np.uint8] | None = None) -> Trial:
@@ -465,8 +468,8 @@ def _lost(images: Iterable[Image]) -> int:
 class _Stage:
     """The references of a scenario's measured frames."""
 
-    def __init__(self, scenario: Scenario, shots: list[Shot]) -> None:
-        self.shots = shots
+    def __init__(self, scenario: Scenario, every: list[Shot]) -> None:
+        self.shots = shots = [shot for shot in every if shot.truth is not None]
         self.sudden = scenario.former == "event"
         self.truths = [Picture(shot.truth, "truth") for shot in shots if shot.truth is not None]
         self.formers = [None if shot.former is None else Picture(shot.former, "former") for shot in shots]
@@ -474,8 +477,10 @@ class _Stage:
         late = np.stack([true.linear for true in self.truths[self.settled :]])
         self.still = (np.ptp(late, axis=0) < 1e-6).all(-1) & (scenario.warm_up and len(late) > 1)
 
-    def measure(self, images: list[Image]) -> tuple[dict[str, float], NDArray[np.uint8]]:
-        pictures = [Picture(np.nan_to_num(image, posinf=0, neginf=0)) for image in images]
+    def measure(self, every: list[Image]) -> tuple[dict[str, float], NDArray[np.uint8]]:
+        """The measures of the images of all frames, and the worst of them as `Trial` has it."""
+        images = every[-len(self.shots) :]
+        pictures = [_picture(image) for image in images]
         found: dict[str, list[float]] = {name: [] for name in ("ghost", "bias", "blur", "psnr", "relmse")}
         for i, (shot, picture, true, former) in enumerate(
             zip(self.shots, pictures, self.truths, self.formers, strict=True)
@@ -500,11 +505,21 @@ class _Stage:
             values["ghost"] = max(found["ghost"], key=abs)
             if self.sudden:
                 values["lag"] = lag(found["ghost"])
+                values["early"] = max((self._early(image) for image in every[: -len(self.shots)][-TRAIL:]), key=abs)
         if self.still.any():
             values["flicker"] = flicker(pictures[self.settled :], self.still)
         values["lost"] = _lost(images)
         worst = int(np.argmax(found["relmse"]))
         return values, _comparison(self.shots[worst].frame.color, images[worst], self.truths[worst].linear)
+
+    def _early(self, image: Image) -> float:
+        """The weight of the image after the event in one before it."""
+        assert self.formers[0] is not None
+        return ghost(_picture(image), self.formers[0], self.truths[0])
+
+
+def _picture(image: Image) -> Picture:
+    return Picture(np.nan_to_num(image, posinf=0, neginf=0))
 
 
 def _comparison(*images: NDArray[np.floating]) -> NDArray[np.uint8]:
@@ -544,6 +559,15 @@ def _tour(moving: bool) -> list[tuple[Frame, Image]]:
     truths = [truth(scene) for scene in scenes] if moving else [truth(scenes[0])] * len(scenes)
     rng = np.random.default_rng(0)
     return [(shoot(scene, scenes[i - 1], rng), truths[i]) for i, scene in enumerate(scenes)]
+
+
+def _toured(tour: Sequence[tuple[Frame, Image]], count: int, seed: int) -> Iterator[Frame]:
+    """Its frames again and again, each time with other noise."""
+    rng = np.random.default_rng(seed)
+    for frame, _ in islice(cycle(tour), count):
+        assert frame.emission is not None
+        factors = noise(rng, (*frame.shape, 1), 0.5)
+        yield replaced(frame, color=(frame.color - frame.emission) * factors + frame.emission)
 
 
 @cache
