@@ -9,6 +9,7 @@ import pytest
 import yester
 from compare import assert_same_bits
 from yester.io import read_exr, write_exr
+from yester.sequence import LOOKAHEAD
 from yester.study import ablation, harm, metrics
 from yester.study import chart as module
 from yester.study.ablation import ABLATIONS, Effect, ablate
@@ -298,7 +299,7 @@ def test_times_of_denoise_are_those_of_whole_chunks(recording):
     """And not those of the results that are ready when the first one is."""
     frames = [recording.frame(i) for i in range(6)]
     spent = _turn(BOTH[0], frames)
-    assert len(spent) == 20
+    assert len(spent) == 5 * LOOKAHEAD
     assert len(set(spent)) == 1
 
 

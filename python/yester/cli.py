@@ -34,6 +34,7 @@ from . import (
 )
 from ._core import settings
 from .plan import PLANNED
+from .sequence import LOOKAHEAD
 
 if TYPE_CHECKING:
     import numpy as np
@@ -126,7 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     clean.add_argument("--method", choices=methods, help=about)
     clean.add_argument("--plan", metavar="FILE", type=Path, help="instead of a method, a plan of yester plan")
     about = "later frames that each frame can use at least; 0: none, as in real time; %(default)s, but 0 for oidn"
-    clean.add_argument("--lookahead", metavar="N", type=_whole, default=3, help=about)
+    clean.add_argument("--lookahead", metavar="N", type=_whole, default=LOOKAHEAD, help=about)
     options = clean.add_argument_group("method options", "for defaults and more parameters, see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:

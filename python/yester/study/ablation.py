@@ -14,11 +14,12 @@ import numpy as np
 
 from yester import BMFR, SVGF, TAA, Frame, HalfRes, Recirculation
 from yester.io.files import beside
+from yester.sequence import LOOKAHEAD
 
 from . import harm
 from .chart import SIZE, measure, times
 from .doors import DOORS, FULL, Door, known_doors, through
-from .methods import LOOKAHEAD, Method, Result, Run, on_part, pipeline, quarter
+from .methods import Method, Result, Run, on_part, pipeline, quarter
 from .metrics import metric
 from .points import ALL, Point
 from .recording import Recording

@@ -22,7 +22,7 @@ from yester.judge import predictive_error
 
 from . import harm
 from .ablation import ABLATIONS
-from .methods import Step, recolored
+from .methods import Run, recolored
 from .metrics import METRICS, Picture
 from .recording import Recording, record
 from .sequences import NAMES
@@ -81,11 +81,11 @@ def judged(recording: Recording) -> list[Judged]:
     known = sorted(recording.references)
     clean = [frame if i not in known else recolored(frame, recording.reference(i)) for i, frame in enumerate(frames)]
     parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
-    whole = _images(parts[0].whole.start(), frames)
+    whole = _images(parts[0].whole.run, frames)
     base = _values(whole, recording)
     found = []
     for each in parts:
-        images = _images(each.method.start(), frames)
+        images = _images(each.method.run, frames)
         said = predictive_error(images, whole, frames, start=_START)
         # From the frame before the first reference: samples are those of the next frame.
         true = predictive_error(images, whole, clean, start=known[0] - 1)
@@ -164,8 +164,8 @@ def _frames(recording: Recording) -> list[Frame]:
     return [recording.frame(i) for i in range(len(recording.frames))]
 
 
-def _images(step: Step, frames: Iterable[Frame]) -> list[NDArray[np.float32]]:
-    return [step(frame).color for frame in frames]
+def _images(run: Run, frames: Iterable[Frame]) -> list[NDArray[np.float32]]:
+    return [result.color for result in run(frames)]
 
 
 def _values(images: Sequence[NDArray[np.float32]], recording: Recording) -> dict[str, float]:

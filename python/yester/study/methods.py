@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yester import BMFR, SVGF, TAA, Frame, HalfRes, Output, denoise
+from yester.sequence import LOOKAHEAD
 
 __all__ = [
-    "LOOKAHEAD",
     "METHODS",
     "PIPELINES",
     "QUARTERS",
@@ -126,9 +126,6 @@ def current_name(name: str) -> str:
 
 
 _TAA = ("best", "denoised", "textbook", "karis", "filament")
-
-#: Lookahead of the methods that use the frames on both sides: the default of `denoise`.
-LOOKAHEAD = 4
 
 
 def _both_sides(name: str, run: Run) -> Method:

@@ -16,8 +16,9 @@ import yester
 from yester import OIDN, Frame, demodulate, remodulate
 from yester._core import settings
 from yester.frame import present
+from yester.sequence import LOOKAHEAD
 
-from .methods import LOOKAHEAD, Method, Result, pipeline
+from .methods import Method, Result, pipeline
 
 __all__ = ["imports", "peers", "references", "tensors"]
 
