@@ -17,8 +17,8 @@ from .frame import Frame
 
 __all__ = ["LOOKAHEAD", "denoise"]
 
-#: Later frames that are used unless told otherwise. With 2, the last frames of a chunk have 1 to 2 % more error; with 4,
-#: none has less.
+#: Later frames that are used unless told otherwise. With 2, a chunk's last frames have 1 to 2 % more error; with 4, none
+#: has less.
 LOOKAHEAD = 3
 
 #: Frames of a chunk for each frame of lookahead. The frames behind its end, whose results are not used, cost a fifth of
