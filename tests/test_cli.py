@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scene
 import yester
+from compare import assert_close
 from PIL import Image
 from yester.io import read_exr, write_exr
 
@@ -43,6 +44,10 @@ def refused(*arguments):
     return line
 
 
+def frames_of(folder):
+    return [read_exr(path) for path in sorted(folder.iterdir())]
+
+
 def noise(height=24, width=32, seed=0, **buffers):
     return yester.Frame(np.random.default_rng(seed).exponential(1, (height, width, 3)), **buffers)
 
@@ -70,6 +75,11 @@ def test_demo(tmp_path):
         frames = [read_exr(path) for path in sorted((tmp_path / "demo" / kind).iterdir())]
         assert [(frame.height, frame.width) for frame in frames] == [(36, 48)] * 4
         assert all(np.isfinite(frame.color).all() and frame.camera is not None for frame in frames)
+    clean, alone = frames_of(tmp_path / "demo" / "denoised"), yester.SVGF()
+    given = frames_of(tmp_path / "demo" / "noisy")
+    for got, want, frame in zip(clean, yester.denoise(given), given, strict=True):
+        assert_close("denoised", got.color, want.color, rtol=1e-4)
+        assert not np.allclose(got.color, alone.step(frame).color, rtol=1e-3)
     with Image.open(tmp_path / "demo" / "contact_sheet.png") as sheet:
         assert np.ptp(np.asarray(sheet)) == 255
     with Image.open(tmp_path / "demo" / "side_by_side.webp") as film:

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from yester import Camera
 from yester.io import write_exr
-from yester.study import ablation, doors, recording, scenes, sequences
+from yester.study import ablation, doors, harm, recording, scenes, sequences
 from yester.study.ablation import ABLATIONS
 from yester.study.recording import Recording
 
 #: The study's size and length; the frames and the size of the window; which of its frames have references.
 WIDTH, HEIGHT, FRAMES = 256, 192, 16
 PART, WINDOW, CLEAN = slice(4, 12), (80, 60), range(5, 8)
+#: The size at which components are timed, which nobody looks at here.
+TIMED = (64, 48)
 #: Where the middle of the window is, as fractions of the image.
 MIDDLES = {
     "black_plastic": (0.62, 0.6),
@@ -89,8 +91,17 @@ def unknown(harms):
 @pytest.mark.parametrize("name", MIDDLES)
 def test_components(record, tmp_path, name):
     """SVGF without a component is not better."""
-    found = ablation.harmful(ablation.ablate([record(name)], tmp_path, ablations=COMPONENTS), LIMITS)
+    found = ablation.harmful(ablation.ablate([record(name)], tmp_path, ablations=COMPONENTS, size=TIMED), LIMITS)
     assert unknown(found) == []
+
+
+@pytest.mark.parametrize("name", MIDDLES)
+def test_later_frames(record, tmp_path, name):
+    """SVGF with the frames on both sides, as `yester denoise` has it, is not worse than with the earlier ones alone."""
+    (later,) = (each for each in ABLATIONS if each.component == "later frames")
+    (effect,) = ablation.ablate([record(name)], tmp_path, ablations=[later], size=TIMED)
+    assert effect.name == "SVGF + later frames"
+    assert harm.harms(effect.gains, LIMITS) == []
 
 
 @pytest.mark.parametrize("name", MIDDLES)
