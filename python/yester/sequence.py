@@ -17,7 +17,7 @@ from .frame import Frame
 
 __all__ = ["LOOKAHEAD", "denoise"]
 
-#: Later frames that are used unless told otherwise. With 2, a chunk's last frames have 1 to 2 % more error; with 4, none
+#: Later frames that are used unless told otherwise. With 2, a chunk's last frames have 1 to 2 % more error; with 4 none
 #: has less.
 LOOKAHEAD = 3
 
