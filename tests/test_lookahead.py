@@ -66,6 +66,9 @@ def backwards(given: list[Frame], pipeline) -> list:
 
 
 def average(one, other) -> SimpleNamespace:
+    """By history length; a side that knows the frame alone does not count."""
+    if not (one.confidence.any() and other.confidence.any()):
+        return one if one.confidence.any() or not other.confidence.any() else other
     ahead, behind = one.history_length, other.history_length
     total = ahead + behind
     with np.errstate(invalid="ignore"):

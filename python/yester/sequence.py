@@ -17,8 +17,7 @@ from .frame import Frame
 
 __all__ = ["LOOKAHEAD", "denoise"]
 
-#: Later frames that are used unless told otherwise. With 2, a chunk's last frames have 1 to 2 % more error; with 4 none
-#: has less.
+#: Later frames that are used unless told otherwise. With 2, a chunk's last frames have 1 to 2 % more error.
 LOOKAHEAD = 3
 
 #: Frames of a chunk for each frame of lookahead. The frames behind its end, whose results are not used, cost a fifth of
@@ -72,11 +71,13 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     Notes
     -----
     The weights of the two results are their history lengths, pixel by pixel. Something that has just come into view
-    therefore has most of its light from the frames in which it stays.
+    therefore has most of its light from the frames in which it stays. A side without confidence anywhere, at an end of the
+    sequence or at a cut, does not count: its result is that of the frame alone, and a few bright pixels of it would be
+    most of the error.
 
     At most ``6 * lookahead`` frames are held, and ``5 * lookahead`` results: the sequence is worked on in chunks of
-    ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames behind its end. A frame takes 2.3 times
-    the time of a step.
+    ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames behind its end. A frame takes 2.2 to 2.5
+    times as long as a step.
     """
     ahead = index(lookahead)
     if ahead < 0:
@@ -158,6 +159,10 @@ def _turned(frame: Frame, motion: NDArray[np.float32] | None) -> Frame:
 
 
 def _average(forward: Output, backward: Output) -> Output:
+    if not backward.confidence.any():
+        return forward
+    if not forward.confidence.any():
+        return backward
     ahead, behind = forward.history_length, backward.history_length
     total = ahead + behind
     share = np.divide(ahead, total, out=np.full_like(total, 0.5), where=total > 0)
