@@ -304,9 +304,9 @@ def test_times_of_denoise_are_those_of_whole_chunks(recording):
 
 
 def test_a_slow_method_gets_few_frames(monkeypatch):
-    """As few as it can: one burst to warm up, and one that is timed."""
+    """As few as it can: one burst to warm up, and one that is timed; a long one is both."""
     monkeypatch.setattr(module, "PATIENCE", 0.01)
-    for burst in (1, 4):
+    for burst, turns in ((1, 2), (4, 2), (12, 1)):
 
         def run(frames, burst=burst, reads=(reads := [])):
             frames = iter(frames)
@@ -317,7 +317,21 @@ def test_a_slow_method_gets_few_frames(monkeypatch):
 
         spent = _turn(Method("slow", "slow", run), [yester.Frame(np.ones((2, 2, 3), np.float32))])
         assert len(spent) == burst
-        assert reads == [burst] * 2
+        assert reads == [burst] * turns
+
+
+def test_a_method_with_long_turns_has_one(monkeypatch, tmp_path):
+    monkeypatch.setattr(module, "_LONG", 0.5)
+    starts = []
+
+    def run(frames):
+        starts.append(1)
+        time.sleep(0.6)
+        yield from BLACK.run(frames)
+
+    spent = times([Method("long", "long", run), BLACK], tmp_path, LITTLE)
+    assert len(starts) == 1
+    assert {name: len(each) for name, each in spent.items()} == {"long": 3, "black": 9}
 
 
 def test_the_time_axis_says_its_size(recording, tmp_path):

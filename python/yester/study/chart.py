@@ -35,6 +35,8 @@ __all__ = ["SIZE", "chart", "measure", "orders", "times"]
 SIZE = (1280, 720)
 #: Turns of a method; frames of a turn after which histories are in their steady state; and those that are timed.
 _TURNS, _WARM_UP, _TIMED = 3, 8, 3
+#: Seconds of a turn after which a method has no more of them.
+_LONG = 60.0
 
 
 def chart(
@@ -191,8 +193,9 @@ def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE)
     """Time methods on frames of one size, those of `yester bench`, with all threads.
 
     A method has three turns. In each it starts anew, warms up over eight frames and is timed over the next three, as
-    within a sequence; slow methods get fewer frames, at least one of each. Of a method that reads ahead, whose results
-    come in bursts, whole bursts are timed, and every result takes the mean. In every turn the methods come in another
+    within a sequence; slow methods get fewer frames, at least one of each, and a single turn if that takes more than a
+    minute. Of a method that reads ahead, whose results come in bursts, whole bursts are timed, and every result takes
+    the mean; where a burst alone is slow and long, it is its own warm-up. In every turn the methods come in another
     order, and each waits until the threads of its predecessor have stopped spinning. The result is cached in
     ``times.json`` and reused for the same methods, size and build.
 
@@ -215,11 +218,16 @@ def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE)
     if known.exists() and (kept := json.loads(known.read_text()))["asked"] == asked:
         return {name: [*spent] for name, spent in kept["times"].items()}
     result: dict[str, list[float]] = {method.name: [] for method in methods}
+    slow: set[int] = set()
     with staged(*size) as images, tqdm(total=_TURNS * len(methods), desc="times", unit="turn", disable=None) as bar:
         frames = Inputs(images, *size).frames()
         for order in orders(len(methods)):
             for number in order:
-                result[methods[number].name] += _turn(methods[number], frames)
+                start = time.perf_counter()
+                if number not in slow:
+                    result[methods[number].name] += _turn(methods[number], frames)
+                if time.perf_counter() - start > _LONG:
+                    slow.add(number)
                 bar.update()
     folder.mkdir(parents=True, exist_ok=True)
     with beside(known) as temporary:
@@ -240,6 +248,8 @@ def _turn(method: Method, frames: Sequence[Frame]) -> list[float]:
 
     def source() -> Iterator[Frame]:
         for most in (_WARM_UP, _TIMED):
+            if sum(spent) > 1e3 * PATIENCE and len(spent) >= _WARM_UP + _TIMED:
+                break  # A burst so long has its own warm-up.
             spent.clear()
             while len(spent) < most and sum(spent) < 1e3 * PATIENCE:
                 begin = len(spent)
