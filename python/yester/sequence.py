@@ -71,9 +71,9 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     Notes
     -----
     The weights of the two results are their history lengths, pixel by pixel. Something that has just come into view
-    therefore has most of its light from the frames in which it stays. A side without confidence anywhere, at an end of the
-    sequence or at a cut, does not count: its result is that of the frame alone, and a few bright pixels of it would be
-    most of the error.
+    therefore has most of its light from the frames in which it stays. A side without confidence anywhere, at an end of
+    the sequence or at a cut, does not count: its result is that of the frame alone, and a few bright pixels of it would
+    be most of the error.
 
     At most ``6 * lookahead`` frames are held, and ``5 * lookahead`` results: the sequence is worked on in chunks of
     ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames behind its end. A frame takes 2.2 to 2.5
