@@ -20,7 +20,7 @@ use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{Choice, Dilation, Window};
 use crate::kernels::fetch::footprint::MIN_COVERAGE;
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::{PixelsMut, Row, lanes};
 use crate::rows::{self, Kernel, Simd};
 
 /// A relative difference of depths; 0.05.
@@ -47,10 +47,6 @@ pub fn disocclusion<'a>(
         nearest: &nearest,
     };
     rows::run(&scatter, size.height, rows::bands(size.height).map(|_| ()));
-    let nearest: Vec<_> = nearest
-        .into_iter()
-        .map(|bits| f32::from_bits(bits.into_inner()))
-        .collect();
     let compare = Compare {
         moved: &moved,
         nearest: &nearest,
@@ -64,52 +60,61 @@ struct Moved<'a> {
     motion: Pixels<'a>,
 }
 
-impl Moved<'_> {
-    /// Calls `each` for every span with its pixels' previous positions: x, y and depth.
-    #[inline(always)]
-    fn each_run(&self, rows: Range<usize>, mut each: impl FnMut(Run, &[Row; 3])) {
-        let choice = Choice::Nearest(self.depth);
-        let mut dilation = Dilation::new(self.motion, choice, Window::Square);
-        let mut moved = [[0.0; SEGMENT]; 3];
-        let mut depth = [0.0; SEGMENT];
-        for y in rows.clone() {
-            dilation.roll(y, y == rows.start);
-            for run in segments(y, self.depth.size.width) {
-                dilation.choose(run, &mut moved);
-                dilation.nearest(run, &mut depth);
-                let [x, y, z] = &mut moved;
-                for i in 0..run.len {
-                    x[i] += (run.x + i) as f32;
-                    y[i] += run.y as f32;
-                    // The bit patterns of floats sort as the floats do only for numbers from 0 up.
-                    z[i] = (depth[i] + z[i]).max(0.0);
-                }
-                each(run, &moved);
-            }
+/// Where the pixels of a span were: their previous depth, and the 2×2 pixels at their previous position.
+struct Before {
+    depth: Row,
+    /// Pixel indices.
+    at: [Row<u32>; 4],
+    /// Bilinear weights, 0 outside the image.
+    weight: [Row; 4],
+}
+
+impl Before {
+    fn new() -> Self {
+        Self {
+            depth: [0.0; _],
+            at: [[0; _]; 4],
+            weight: [[0.0; _]; 4],
         }
     }
 }
 
-/// The bilinear footprint at a position: pixel index and weight, 0 outside the image.
-#[inline(always)]
-fn taps(size: Size, x: f32, y: f32) -> [(usize, f32); 4] {
-    let (left, top) = (x.floor(), y.floor());
-    let (fx, fy) = (x - left, y - top);
-    [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(dx, dy)| {
-        let (column, row) = (left + dx, top + dy);
-        let inside = (column >= 0.0)
-            & (row >= 0.0)
-            & (column < size.width as f32)
-            & (row < size.height as f32);
-        let side = |f: f32, d: f32| if d > 0.0 { f } else { 1.0 - f };
-        match inside {
-            true => (
-                row as usize * size.width + column as usize,
-                side(fx, dx) * side(fy, dy),
-            ),
-            false => (0, 0.0),
+impl<'a> Moved<'a> {
+    fn dilation(&self) -> Dilation<'a> {
+        Dilation::new(self.motion, Choice::Nearest(self.depth), Window::Square)
+    }
+
+    /// Computes where the pixels of a span were.
+    #[inline(always)]
+    fn find(&self, dilation: &Dilation, run: Run, before: &mut Before) {
+        let Size { height, width } = self.depth.size;
+        let mut moved = [[0.0; SEGMENT]; 3];
+        dilation.choose(run, &mut moved);
+        dilation.nearest(run, &mut before.depth);
+        let [x, y, z] = &moved;
+        for i in 0..lanes(run) {
+            // The bit patterns of floats sort as the floats do only for numbers from 0 up.
+            before.depth[i] = (before.depth[i] + z[i]).max(0.0);
+            let (x, y) = (x[i] + (run.x + i) as f32, y[i] + run.y as f32);
+            let (left, top) = (x.floor(), y.floor());
+            let (fx, fy) = (x - left, y - top);
+            for k in 0..4 {
+                let (dx, dy) = ((k % 2) as f32, (k / 2) as f32);
+                let (column, row) = (left + dx, top + dy);
+                let inside = (column >= 0.0)
+                    & (row >= 0.0)
+                    & (column < width as f32)
+                    & (row < height as f32);
+                let (wx, wy) = (
+                    if dx > 0.0 { fx } else { 1.0 - fx },
+                    if dy > 0.0 { fy } else { 1.0 - fy },
+                );
+                let (column, row) = if inside { (column, row) } else { (0.0, 0.0) };
+                before.at[k][i] = row as u32 * width as u32 + column as u32;
+                before.weight[k][i] = if inside { wx * wy } else { 0.0 };
+            }
         }
-    })
+    }
 }
 
 struct Scatter<'m> {
@@ -123,22 +128,31 @@ impl Kernel for Scatter<'_> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (): ()) {
-        let size = self.moved.depth.size;
-        self.moved.each_run(rows, |run, [x, y, z]| {
-            for i in 0..run.len {
-                for (at, weight) in taps(size, x[i], y[i]) {
-                    if weight > MIN_COVERAGE {
-                        self.nearest[at].fetch_min(z[i].to_bits(), Ordering::Relaxed);
+        let mut dilation = self.moved.dilation();
+        let mut before = Before::new();
+        for y in rows.clone() {
+            dilation.roll(y, y == rows.start);
+            for run in segments(y, self.moved.depth.size.width) {
+                self.moved.find(&dilation, run, &mut before);
+                for i in 0..run.len {
+                    let depth = before.depth[i].to_bits();
+                    for k in 0..4 {
+                        let nearest = &self.nearest[before.at[k][i] as usize];
+                        // A plain load first: the atomic minimum is slow, and most taps find a nearer depth already.
+                        let nearer = depth < nearest.load(Ordering::Relaxed);
+                        if nearer & (before.weight[k][i] > MIN_COVERAGE) {
+                            nearest.fetch_min(depth, Ordering::Relaxed);
+                        }
                     }
                 }
             }
-        });
+        }
     }
 }
 
 struct Compare<'m, 'a> {
     moved: &'m Moved<'a>,
-    nearest: &'m [f32],
+    nearest: &'m [AtomicU32],
     /// 1 − separation.
     nearer: f32,
 }
@@ -148,19 +162,32 @@ impl<'a> Kernel for Compare<'_, 'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: PixelsMut<'a>) {
-        let size = self.moved.depth.size;
+        let mut dilation = self.moved.dilation();
+        let mut before = Before::new();
+        let mut nearest = [[0.0; SEGMENT]; 4];
         let mut disoccluded = [0.0; SEGMENT];
-        self.moved.each_run(rows, |run, [x, y, z]| {
-            for i in 0..run.len {
-                let (mut hidden, mut all) = (0.0, 0.0);
-                for (at, weight) in taps(size, x[i], y[i]) {
-                    let behind = self.nearest[at] < self.nearer * z[i];
-                    hidden += if behind { weight } else { 0.0 };
-                    all += weight;
+        for y in rows.clone() {
+            dilation.roll(y, y == rows.start);
+            for run in segments(y, self.moved.depth.size.width) {
+                self.moved.find(&dilation, run, &mut before);
+                for k in 0..4 {
+                    for i in 0..run.len {
+                        let bits = &self.nearest[before.at[k][i] as usize];
+                        nearest[k][i] = f32::from_bits(bits.load(Ordering::Relaxed));
+                    }
                 }
-                disoccluded[i] = if all > 0.0 { hidden / all } else { 1.0 };
+                for i in 0..lanes(run) {
+                    let (mut hidden, mut all) = (0.0, 0.0);
+                    for k in 0..4 {
+                        let behind = nearest[k][i] < self.nearer * before.depth[i];
+                        hidden += if behind { before.weight[k][i] } else { 0.0 };
+                        all += before.weight[k][i];
+                    }
+                    let share = hidden / all;
+                    disoccluded[i] = if all > 0.0 { share } else { 1.0 };
+                }
+                out.write(run, [&disoccluded[..]]);
             }
-            out.write(run, [&disoccluded[..]]);
-        });
+        }
     }
 }

@@ -46,7 +46,7 @@ struct Axis {
 #[derive(Clone, Copy)]
 struct Taps {
     /// Sample indices, clamped to the image; taps outside have weight 0.
-    at: [usize; TAPS],
+    at: [u32; TAPS],
     filter: [f32; TAPS],
     density: [f32; TAPS],
 }
@@ -75,7 +75,7 @@ impl Axis {
                 }
             };
             Taps {
-                at: std::array::from_fn(|k| tap(k).clamp(0, last) as usize),
+                at: std::array::from_fn(|k| tap(k).clamp(0, last) as u32),
                 filter: std::array::from_fn(|k| within(k, filter[k])),
                 density: std::array::from_fn(|k| {
                     let d = scale * (tap(k) as f64 - x) / DEVIATION;
@@ -133,18 +133,45 @@ struct Resample<'a> {
     rows: Axis,
 }
 
-/// Ring buffer of image rows: planar channels, 0 where missing, then validity, 1 or 0.
+/// Elements of a [`Texel`].
+const TEXEL: usize = 4;
+
+/// Channels in a texel.
+const CHANNELS: usize = TEXEL - 1;
+
+/// Up to three channels of a sample and its validity, 1 or 0: taps are gathered and summed as one vector.
+type Texel = [f32; TEXEL];
+
+/// Ring buffer of image rows, as texels: all that hold the first three channels, then those of the next three.
 struct CachedRows {
     rows: [Option<usize>; TAPS],
-    data: [Vec<Vec<f32>>; TAPS],
+    data: [CachedRow; TAPS],
+    /// One row of the image, planar: three channels and validity.
+    planar: [Vec<f32>; TEXEL],
+}
+
+struct CachedRow {
+    /// 0 where missing.
+    texels: Vec<Texel>,
+    /// The same with ±infinity where missing, which leaves minima and maxima as they are; empty without deringing.
+    bounds: [Vec<Texel>; 2],
+    present: Vec<f32>,
 }
 
 impl CachedRows {
-    fn new(image: &Pixels) -> Self {
-        let row = || vec![vec![0.0; image.size.width]; image.channels + 1];
+    fn new(image: &Pixels, dering: bool) -> Self {
+        let width = image.size.width;
+        let len = image.channels.div_ceil(CHANNELS) * width;
+        let texels = |len: usize| vec![[0.0; TEXEL]; len];
+        let row = |_| CachedRow {
+            texels: texels(len),
+            bounds: [(); 2].map(|()| texels(if dering { len } else { 0 })),
+            present: vec![0.0; width],
+        };
         Self {
             rows: [None; TAPS],
-            data: [row(), row(), row(), row()],
+            data: std::array::from_fn(row),
+            planar: [(); TEXEL].map(|()| vec![0.0; width]),
         }
     }
 
@@ -155,25 +182,62 @@ impl CachedRows {
         if self.rows[place].replace(y) == Some(y) {
             return;
         }
-        let (here, channels) = self.data[place].split_last_mut().expect("at least one");
-        here.fill(1.0);
-        let run = Run::row(y, image.size.width);
-        for (channel, row) in channels.iter_mut().enumerate() {
-            image.load(run, channel, row);
-            for (here, value) in here.iter_mut().zip(&*row) {
+        let CachedRow {
+            texels,
+            bounds: [lows, highs],
+            present,
+        } = &mut self.data[place];
+        let width = image.size.width;
+        let run = Run::row(y, width);
+        present.fill(1.0);
+        let scratch = &mut self.planar[0];
+        for channel in 0..image.channels {
+            image.load(run, channel, scratch);
+            for (here, value) in present.iter_mut().zip(&*scratch) {
                 *here = if value.is_finite() { *here } else { 0.0 };
             }
         }
-        for row in channels {
-            for (value, &here) in row.iter_mut().zip(&*here) {
-                *value = if here > 0.0 { *value } else { 0.0 };
+        let [rows @ .., here] = &mut self.planar;
+        here.copy_from_slice(present);
+        for (first, start) in (0..image.channels)
+            .step_by(CHANNELS)
+            .zip((0..).step_by(width))
+        {
+            for (row, channel) in rows.iter_mut().zip(first..) {
+                if channel < image.channels {
+                    image.load(run, channel, row);
+                } else {
+                    row.fill(0.0);
+                }
+            }
+            let planes = rows.each_ref().map(|row| &row[..width]);
+            pack(planes, here, 0.0, &mut texels[start..][..width]);
+            if !lows.is_empty() {
+                pack(planes, here, f32::INFINITY, &mut lows[start..][..width]);
+                pack(
+                    planes,
+                    here,
+                    f32::NEG_INFINITY,
+                    &mut highs[start..][..width],
+                );
             }
         }
     }
 
     #[inline(always)]
-    fn row(&self, y: usize) -> &[Vec<f32>] {
+    fn row(&self, y: usize) -> &CachedRow {
         &self.data[y % TAPS]
+    }
+}
+
+/// Interleaves channels and validity; missing samples become `missing`.
+#[inline(always)]
+fn pack([a, b, c]: [&[f32]; CHANNELS], here: &[f32], missing: f32, out: &mut [Texel]) {
+    let n = out.len();
+    let (a, b, c, here) = (&a[..n], &b[..n], &c[..n], &here[..n]);
+    for x in 0..n {
+        let keep = |value: f32| if here[x] > 0.0 { value } else { missing };
+        out[x] = [keep(a[x]), keep(b[x]), keep(c[x]), here[x]];
     }
 }
 
@@ -183,55 +247,70 @@ impl<'a> Kernel for Resample<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut resampled, mut weights): Self::Out) {
         let Pixels { size, channels, .. } = self.image;
-        let mut cached = CachedRows::new(&self.image);
-        let row = || vec![0.0; size.width];
-        // Per input column, over the taps of this output row: filtered channels, sum of filter weights, density, and the
-        // range of the two nearest rows.
-        let mut sums = vec![row(); channels + 1];
-        let mut density = row();
-        let (mut lows, mut highs) = (vec![row(); channels], vec![row(); channels]);
+        let mut cached = CachedRows::new(&self.image, self.dering);
+        let groups = channels.div_ceil(CHANNELS);
+        let texels = || vec![[0.0; TEXEL]; groups * size.width];
+        // Per input column, over the taps of this output row: filtered channels with the sum of filter weights, density,
+        // and the range of the two nearest rows.
+        let mut sums = texels();
+        let mut density = vec![0.0; size.width];
+        let (mut lows, mut highs) = (texels(), texels());
+        let mut ranged = None;
+        let mut values = [[0.0; TEXEL]; SEGMENT];
         let mut out = vec![vec![0.0; SEGMENT]; channels];
         let mut weight = [0.0; SEGMENT];
         for y in rows {
             let taps = &self.rows.taps[y];
-            for (k, &at) in taps.at.iter().enumerate() {
+            let [_, above, below, _] = taps.at;
+            for (k, at) in taps.at.iter().map(|&at| at as usize).enumerate() {
                 cached.load(&self.image, at);
                 let (filter, dense) = (taps.filter[k], taps.density[k]);
-                for (sum, row) in sums.iter_mut().zip(cached.row(at)) {
-                    add(sum, filter, row, k == 0);
-                }
-                add(&mut density, dense, &cached.row(at)[channels], k == 0);
+                let row = cached.row(at);
+                let first = k == 0;
+                add(
+                    sums.as_flattened_mut(),
+                    filter,
+                    row.texels.as_flattened(),
+                    first,
+                );
+                add(&mut density, dense, &row.present, first);
             }
-            if self.dering {
-                for c in 0..channels {
-                    let [above, below] = [1, 2].map(|k| {
-                        let rows = cached.row(taps.at[k]);
-                        (&rows[c], &rows[channels])
-                    });
-                    range(above, below, &mut lows[c], &mut highs[c]);
-                }
+            // On a finer grid, several rows in succession lie between the same two rows of the image.
+            if self.dering && ranged.replace([above, below]) != Some([above, below]) {
+                let [above, below] = [above, below].map(|y| &cached.row(y as usize).bounds);
+                combine(&above[0], &below[0], smaller, &mut lows);
+                combine(&above[1], &below[1], larger, &mut highs);
             }
             for run in segments(y, self.size.width) {
                 let columns = &self.columns.taps[run.x..][..run.len];
-                for (i, taps) in columns.iter().enumerate() {
-                    weight[i] = across(&density, &taps.at, &taps.density);
-                    let total = across(&sums[channels], &taps.at, &taps.filter);
-                    for c in 0..channels {
-                        let mean = across(&sums[c], &taps.at, &taps.filter) / total;
-                        let mut value = if total > 1e-6 { mean } else { f32::NAN };
-                        if self.dering {
-                            let [left, right] = [taps.at[1], taps.at[2]];
-                            let low = smaller(lows[c][left], lows[c][right]);
-                            let high = larger(highs[c][left], highs[c][right]);
-                            // With all of the 2×2 missing, the range is empty and does not clamp.
-                            let clamped = larger(smaller(value, high), low);
-                            value = if (low <= high) & !value.is_nan() {
-                                clamped
+                for (weight, taps) in weight.iter_mut().zip(columns) {
+                    *weight = 0.0;
+                    for k in 0..TAPS {
+                        *weight += taps.density[k] * density[taps.at[k] as usize];
+                    }
+                }
+                for (group, out) in out.chunks_mut(CHANNELS).enumerate() {
+                    let columns_of = group * size.width..(group + 1) * size.width;
+                    let sums = &sums[columns_of.clone()];
+                    let range = [&lows[columns_of.clone()], &highs[columns_of]];
+                    for (value, taps) in values.iter_mut().zip(columns) {
+                        *value = across(sums, taps);
+                        let total = value[CHANNELS];
+                        for mean in value.iter_mut() {
+                            *mean = if total > 1e-6 {
+                                *mean / total
                             } else {
-                                value
+                                f32::NAN
                             };
                         }
-                        out[c][i] = value;
+                        if self.dering {
+                            clamp(range, taps, value);
+                        }
+                    }
+                    for (c, out) in out.iter_mut().enumerate() {
+                        for (out, value) in out.iter_mut().zip(&values) {
+                            *out = value[c];
+                        }
                     }
                 }
                 if self.filter == Filter::Nearest {
@@ -259,28 +338,41 @@ fn add(sum: &mut [f32], weight: f32, row: &[f32], first: bool) {
     }
 }
 
+/// The weighted sum of a pixel's taps in a row.
 #[inline(always)]
-fn across(row: &[f32], at: &[usize; TAPS], weights: &[f32; TAPS]) -> f32 {
-    let mut sum = 0.0;
+fn across(row: &[Texel], taps: &Taps) -> Texel {
+    let mut sum = [0.0; TEXEL];
     for k in 0..TAPS {
-        sum += weights[k] * row[at[k]];
+        let texel = row[taps.at[k] as usize];
+        for c in 0..TEXEL {
+            sum[c] += taps.filter[k] * texel[c];
+        }
     }
     sum
 }
 
-/// Minimum and maximum of two rows' valid samples.
+/// Clamps to the range of the two nearest columns. With all of the 2×2 missing, the range is empty and does not clamp.
 #[inline(always)]
-fn range(
-    (above, here): (&Vec<f32>, &Vec<f32>),
-    (below, there): (&Vec<f32>, &Vec<f32>),
-    low: &mut [f32],
-    high: &mut [f32],
-) {
-    for x in 0..low.len() {
-        let one = |value: f32, present: f32, none: f32| if present > 0.0 { value } else { none };
-        let least = |value, present| one(value, present, f32::INFINITY);
-        let most = |value, present| one(value, present, f32::NEG_INFINITY);
-        low[x] = smaller(least(above[x], here[x]), least(below[x], there[x]));
-        high[x] = larger(most(above[x], here[x]), most(below[x], there[x]));
+fn clamp([lows, highs]: [&[Texel]; 2], taps: &Taps, value: &mut Texel) {
+    let [_, left, right, _] = taps.at;
+    let (left, right) = (left as usize, right as usize);
+    let (low, high) = ([lows[left], lows[right]], [highs[left], highs[right]]);
+    for c in 0..TEXEL {
+        let (low, high) = (
+            smaller(low[0][c], low[1][c]),
+            larger(high[0][c], high[1][c]),
+        );
+        let clamped = larger(smaller(value[c], high), low);
+        let clamps = (low <= high) & !value[c].is_nan();
+        value[c] = if clamps { clamped } else { value[c] };
+    }
+}
+
+/// Combines two rows element by element.
+#[inline(always)]
+fn combine(above: &[Texel], below: &[Texel], of: impl Fn(f32, f32) -> f32, out: &mut [Texel]) {
+    let (above, below) = (above.as_flattened(), below.as_flattened());
+    for ((out, &above), &below) in out.as_flattened_mut().iter_mut().zip(above).zip(below) {
+        *out = of(above, below);
     }
 }

@@ -26,8 +26,8 @@
 use std::ops::Range;
 
 use crate::error::{Result, Whole, in_range, whole};
-use crate::image::{BandMut, Image, View};
-use crate::math::{is_present, luminance};
+use crate::image::{BandMut, Image, Size, View};
+use crate::math::{is_present, larger, luminance};
 use crate::rows::{self, Kernel, Simd};
 
 /// What counts as an edge, and how far it is followed.
@@ -139,10 +139,101 @@ impl Edges<'_> {
     }
 }
 
+/// Blends every pixel by its coverages. The ends of the lines are not searched pixel by pixel: sweeps from all four sides
+/// carry the distance to the end, and the crossing there, from each boundary to the next.
 struct Blend<'a> {
     color: View<'a>,
     edges: View<'a, i8>,
     max_length: usize,
+}
+
+/// One end of the separation line through each boundary of a row; of no meaning where there is no discontinuity.
+#[derive(Clone)]
+struct Ends {
+    /// Boundaries from here to the line's end, as far as the search goes.
+    distance: Vec<u8>,
+    /// The side of the crossing there: 1 for the first of the two pixels, -1 for the second, 0 for none.
+    side: Vec<i8>,
+}
+
+impl Ends {
+    fn new(width: usize) -> Self {
+        Self {
+            distance: vec![0; width],
+            side: vec![0; width],
+        }
+    }
+
+    /// Steps along vertical lines to the next row. `before` is the previous row of boundaries, `crossings` the row of those
+    /// that a line may cross if it ends between the two rows.
+    #[inline(always)]
+    fn step(&mut self, edges: &[i8], before: &[i8], crossings: &[i8], search: u8) {
+        // The last pixel has no boundary to its right.
+        let n = self.distance.len() - 1;
+        let (distance, side) = (&mut self.distance[..n], &mut self.side[..n]);
+        let (edges, before) = (&edges[..n], &before[..n]);
+        let (first, second) = (&crossings[..n], &crossings[1..][..n]);
+        for x in 0..n {
+            let here = side_of(first[x], second[x]);
+            let end = (distance[x], side[x]);
+            (distance[x], side[x]) = follow(edges[x] == before[x], end, here, search);
+        }
+    }
+}
+
+/// The end of a line, one boundary further on: farther away by one where the line goes on, otherwise here.
+#[inline(always)]
+fn follow(goes_on: bool, (distance, side): (u8, i8), here: i8, search: u8) -> (u8, i8) {
+    let farther = (distance + 1).min(search);
+    let seen = if farther < search { side } else { 0 };
+    if goes_on { (farther, seen) } else { (0, here) }
+}
+
+/// The side of a crossing: that of the only discontinuity of two.
+#[inline(always)]
+fn side_of(first: i8, second: i8) -> i8 {
+    i8::from(first != 0) - i8::from(second != 0)
+}
+
+/// Writes the ends of horizontal lines. `first` and `second` are the vertical discontinuities of the rows above and below.
+#[inline(always)]
+fn scan(edges: &[i8], first: &[i8], second: &[i8], search: u8, [start, end]: [&mut Ends; 2]) {
+    let n = edges.len();
+    let (first, second) = (&first[..n], &second[..n]);
+    let (distance, side) = (&mut start.distance[..n], &mut start.side[..n]);
+    (distance[0], side[0]) = (0, 0);
+    let mut last = (0, 0);
+    for x in 1..n {
+        let here = side_of(first[x - 1], second[x - 1]);
+        last = follow(edges[x] == edges[x - 1], last, here, search);
+        (distance[x], side[x]) = last;
+    }
+    let (distance, side) = (&mut end.distance[..n], &mut end.side[..n]);
+    let mut last = (0, 0);
+    (distance[n - 1], side[n - 1]) = last;
+    for x in (0..n - 1).rev() {
+        let here = side_of(first[x], second[x]);
+        last = follow(edges[x] == edges[x + 1], last, here, search);
+        (distance[x], side[x]) = last;
+    }
+}
+
+/// Writes the areas that edges cut off the pixels on either side of a row of boundaries.
+#[inline(always)]
+fn cover(edges: &[i8], start: &Ends, end: &Ends, first: &mut [f32], second: &mut [f32]) {
+    let n = edges.len();
+    let (first, second) = (&mut first[..n], &mut second[..n]);
+    let (before, after) = (&start.distance[..n], &end.distance[..n]);
+    let (start, end) = (&start.side[..n], &end.side[..n]);
+    for x in 0..n {
+        let (b, a) = (f32::from(before[x]), f32::from(after[x]));
+        let length = b + 1.0 + a;
+        let (b, a) = (cut_off(b, length), cut_off(a, length));
+        let on = edges[x] != 0;
+        let keep = |holds: bool, area: f32| if holds & on { area } else { 0.0 };
+        first[x] = keep(start[x] > 0, b) + keep(end[x] > 0, a);
+        second[x] = keep(start[x] < 0, b) + keep(end[x] < 0, a);
+    }
 }
 
 impl<'a> Kernel for Blend<'a> {
@@ -150,162 +241,125 @@ impl<'a> Kernel for Blend<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BandMut<'a>) {
-        let width = self.color.size.width;
-        for y in rows {
-            for channel in 0..3 {
-                out.row(channel, y)
-                    .copy_from_slice(self.color.row(channel, y));
-            }
-            for x in 0..width {
-                let Some(coverages) = self.coverages(x, y) else {
-                    continue;
-                };
-                let own = y * width + x;
-                let neighbors = [
-                    own.wrapping_sub(width),
-                    own + width,
-                    own.wrapping_sub(1),
-                    own + 1,
-                ];
-                let [up, down, left, right] = coverages;
-                // Summed in symmetric pairs, so that a mirrored image gives mirrored bits.
-                let rest = 1.0 - ((up + down) + (left + right));
-                for channel in 0..3 {
-                    let plane = self.color.plane(channel);
-                    // A neighbour with zero coverage may be outside or missing: its value must not be read.
-                    let term = |k: usize| {
-                        if coverages[k] > 0.0 {
-                            coverages[k] * plane[neighbors[k]]
-                        } else {
-                            0.0
-                        }
-                    };
-                    out.row(channel, y)[x] =
-                        rest * plane[own] + ((term(0) + term(1)) + (term(2) + term(3)));
-                }
-            }
-        }
-    }
-}
-
-/// Separation lines through a pixel, in one direction.
-struct Lines<'a> {
-    /// Discontinuities along the lines, by pixel.
-    edges: &'a [i8],
-    /// Discontinuities across them.
-    crossings: &'a [i8],
-    /// Index step from one pixel to the next along a line.
-    step: usize,
-    /// The pixel's position along its line.
-    place: usize,
-    /// Size of the image along the line.
-    extent: usize,
-}
-
-impl Blend<'_> {
-    /// Coverage by the neighbours above, below, left and right; `None` if all are 0.
-    #[inline(always)]
-    fn coverages(&self, x: usize, y: usize) -> Option<[f32; 4]> {
-        let size = self.color.size;
-        let own = y * size.width + x;
-        let (below, right) = (self.edges.plane(BELOW), self.edges.plane(RIGHT));
-        let some = [
-            y > 0 && below[own - size.width] != 0,
-            below[own] != 0,
-            x > 0 && right[own - 1] != 0,
-            right[own] != 0,
-        ];
-        if some == [false; 4] {
-            return None;
-        }
-        let rows = Lines {
-            edges: below,
-            crossings: right,
-            step: 1,
-            place: x,
-            extent: size.width,
-        };
-        let columns = Lines {
-            edges: right,
-            crossings: below,
-            step: size.width,
-            place: y,
-            extent: size.height,
-        };
-        let coverage = |k: usize, lines: &Lines, other: usize| {
-            if some[k] {
-                self.coverage(lines, own, other)
+        let Size { height, width } = self.color.size;
+        let search = self.max_length as u8;
+        let edges = |channel: usize, y: usize| self.edges.row(channel, y);
+        // Beyond the image: a row in which no line goes on, and a row without crossings.
+        let (outside, none) = (vec![2; width], vec![0; width]);
+        // The lower ends of vertical lines. The sweep may start where the search of the band's last row would stop.
+        let bottom = (rows.end - 1 + self.max_length).min(height - 1);
+        let mut lower = vec![Ends::new(width); rows.len()];
+        let mut ends = Ends::new(width);
+        for y in (rows.start..=bottom).rev() {
+            let next = if y < bottom {
+                edges(RIGHT, y + 1)
             } else {
-                0.0
+                &outside[..]
+            };
+            ends.step(edges(RIGHT, y), next, edges(BELOW, y), search);
+            if y < rows.end {
+                lower[y - rows.start].clone_from(&ends);
             }
-        };
-        let up = coverage(0, &rows, own.wrapping_sub(size.width));
-        let down = coverage(1, &rows, own + size.width);
-        let left = coverage(2, &columns, own.wrapping_sub(1));
-        let right = coverage(3, &columns, own + 1);
-        // Each coverage is a quotient of small integers, rounded once, so that equal values compare equal.
-        let (in_rows, in_columns) = (up.max(down), left.max(right));
-        let (r, c) = if in_rows > in_columns {
-            (1.0, 0.0)
-        } else if in_rows < in_columns {
-            (0.0, 1.0)
-        } else {
-            (0.5, 0.5)
-        };
-        let coverages = [r * up, r * down, c * left, c * right];
-        (coverages != [0.0; 4]).then_some(coverages)
+        }
+        let mut upper = Ends::new(width);
+        let [mut start, mut end] = [Ends::new(width), Ends::new(width)];
+        // Coverage by the neighbours; the one on the left is found one pixel to the left.
+        let [mut up, mut down, mut right] = [(); 3].map(|()| vec![0.0; width]);
+        let (mut left, mut next_up) = (vec![0.0; width + 1], vec![0.0; width]);
+        let mut own = vec![0.0; width + 2];
+        for y in rows.start.saturating_sub(self.max_length)..rows.end {
+            let top = y == rows.start.saturating_sub(self.max_length);
+            let before = if top {
+                &outside[..]
+            } else {
+                edges(RIGHT, y - 1)
+            };
+            let crossings = if y == 0 {
+                &none[..]
+            } else {
+                edges(BELOW, y - 1)
+            };
+            upper.step(edges(RIGHT, y), before, crossings, search);
+            if y + 1 >= rows.start {
+                std::mem::swap(&mut up, &mut next_up);
+                let below = edges(RIGHT, (y + 1).min(height - 1));
+                let line = edges(BELOW, y);
+                scan(line, edges(RIGHT, y), below, search, [&mut start, &mut end]);
+                cover(line, &start, &end, &mut down, &mut next_up);
+            }
+            if y < rows.start {
+                continue;
+            }
+            let ends = &lower[y - rows.start];
+            cover(edges(RIGHT, y), &upper, ends, &mut right, &mut left[1..]);
+            choose(&mut up, &mut down, &mut left, &mut right);
+            for channel in 0..3 {
+                let row = |y: usize| self.color.row(channel, y);
+                own[1..=width].copy_from_slice(row(y));
+                let vertical = [row(y.saturating_sub(1)), row((y + 1).min(height - 1))];
+                mix(
+                    &own,
+                    vertical,
+                    [&up, &down, &left, &right],
+                    out.row(channel, y),
+                );
+            }
+        }
     }
+}
 
-    /// The area that the edge along the boundary with `other` cuts off `own`.
-    #[inline(always)]
-    fn coverage(&self, lines: &Lines, own: usize, other: usize) -> f32 {
-        let &Lines {
-            edges,
-            crossings,
-            step,
-            place,
-            extent,
-        } = lines;
-        let boundary = own.min(other);
-        let goes_on = |i: usize| edges[i] == edges[boundary];
-        let (mut before, mut after) = (0, 0);
-        let (to_start, to_end) = (
-            place.min(self.max_length),
-            (extent - 1 - place).min(self.max_length),
-        );
-        while before < to_start && goes_on(boundary - (before + 1) * step) {
-            before += 1;
-        }
-        while after < to_end && goes_on(boundary + (after + 1) * step) {
-            after += 1;
-        }
-        let length = before + 1 + after;
-        let crossed = |i: usize| crossings[i] != 0;
-        let mut coverage = 0.0;
-        if before < to_start {
-            let back = (before + 1) * step;
-            if crossed(own - back) && !crossed(other - back) {
-                coverage += cut_off(before, length);
-            }
-        }
-        if after < to_end {
-            let ahead = after * step;
-            if crossed(own + ahead) && !crossed(other + ahead) {
-                coverage += cut_off(after, length);
-            }
-        }
-        coverage
+/// Keeps the coverages of the direction with the largest; half of each where both are equal.
+#[inline(always)]
+fn choose(up: &mut [f32], down: &mut [f32], left: &mut [f32], right: &mut [f32]) {
+    let n = up.len();
+    let (down, left, right) = (&mut down[..n], &mut left[..n], &mut right[..n]);
+    for x in 0..n {
+        // Each coverage is a quotient of small integers, rounded once, so that equal values compare equal.
+        let (in_rows, in_columns) = (larger(up[x], down[x]), larger(left[x], right[x]));
+        let either = |a: f32, b: f32| if a > b { 1.0 } else { 0.0 };
+        let same = in_rows == in_columns;
+        let r = if same {
+            0.5
+        } else {
+            either(in_rows, in_columns)
+        };
+        let c = if same {
+            0.5
+        } else {
+            either(in_columns, in_rows)
+        };
+        (up[x], down[x]) = (r * up[x], r * down[x]);
+        (left[x], right[x]) = (c * left[x], c * right[x]);
+    }
+}
+
+/// Blends a row with its neighbours; `own` has one column more on either side.
+#[inline(always)]
+fn mix(own: &[f32], [above, below]: [&[f32]; 2], covers: [&[f32]; 4], out: &mut [f32]) {
+    let n = out.len();
+    let (before, own, after) = (&own[..n], &own[1..][..n], &own[2..][..n]);
+    let (above, below) = (&above[..n], &below[..n]);
+    let [up, down, left, right] = covers;
+    let (up, down, left, right) = (&up[..n], &down[..n], &left[..n], &right[..n]);
+    // A neighbour with zero coverage may be outside or missing: its value does not count.
+    let term = |cover: f32, value: f32| if cover > 0.0 { cover * value } else { 0.0 };
+    for x in 0..n {
+        // Summed in symmetric pairs, so that a mirrored image gives mirrored bits.
+        let sum = (up[x] + down[x]) + (left[x] + right[x]);
+        let vertical = term(up[x], above[x]) + term(down[x], below[x]);
+        let sideways = term(left[x], before[x]) + term(right[x], after[x]);
+        let blended = (1.0 - sum) * own[x] + (vertical + sideways);
+        out[x] = if sum > 0.0 { blended } else { own[x] };
     }
 }
 
 /// The integral from `distance` to `distance + 1` of the edge's height, (1 - 2t/length)/2 up to the line's middle.
 #[inline(always)]
-fn cut_off(distance: usize, length: usize) -> f32 {
-    let (d, n) = (distance as f32, length as f32);
-    if 2.0 * d + 1.0 < n {
-        (n - 2.0 * d - 1.0) / (2.0 * n)
-    } else if 2.0 * d + 1.0 == n {
-        1.0 / (8.0 * n)
+fn cut_off(distance: f32, length: f32) -> f32 {
+    let rest = length - 2.0 * distance - 1.0;
+    let (height, ends) = if rest > 0.0 { (rest, 2.0) } else { (1.0, 8.0) };
+    if rest >= 0.0 {
+        height / (ends * length)
     } else {
         0.0
     }
@@ -318,9 +372,9 @@ mod tests {
     #[test]
     fn the_edge_cuts_off_a_triangle() {
         for length in 1..=257 {
-            let area: f32 = (0..length).map(|d| cut_off(d, length)).sum();
+            let area: f32 = (0..length).map(|d| cut_off(d as f32, length as f32)).sum();
             assert!((area - length as f32 / 8.0).abs() < 1e-5 * length as f32);
-            assert!((0..length).all(|d| cut_off(d, length) < 0.5));
+            assert!((0..length).all(|d| cut_off(d as f32, length as f32) < 0.5));
         }
     }
 }
