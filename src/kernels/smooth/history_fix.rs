@@ -10,11 +10,11 @@
 
 use std::ops::Range;
 
-use super::guide::{Guide, Sigmas};
+use super::guide::{Center, Comparison, Guide, Sigmas};
 use crate::error::{Result, in_range};
 use crate::image::{BandMut, Image, View};
 use crate::lanes::{LANES, Lanes, Tap};
-use crate::math::exp2_weight;
+use crate::math::exp2_weights;
 use crate::rows::{self, Kernel, Simd};
 
 /// Which pixels are fixed, and from how far.
@@ -63,6 +63,9 @@ impl Params {
         self.sigmas.check()
     }
 }
+
+/// Taps whose weights are computed together, because one exponential alone is a chain of dependent instructions.
+const TOGETHER: usize = 4;
 
 struct Fix<'a> {
     color: View<'a>,
@@ -145,26 +148,50 @@ impl Fix<'_> {
         taps: &[Tap],
     ) -> (Lanes<S>, [Lanes<S>; 3]) {
         let nothing = Lanes::all(simd, 0.0);
-        let (mut weight, mut sum) = (nothing, [nothing; 3]);
+        let mut sums = (nothing, [nothing; 3]);
         let guide = self.guide.compare(&self.params.sigmas);
         let center = guide.center(simd, x, y);
-        for tap in taps {
-            let [dx, dy] = tap.offset;
+        let (several, rest) = taps.as_chunks::<TOGETHER>();
+        for taps in several {
+            self.add(simd, [x, y], (&guide, &center), taps, &mut sums);
+        }
+        for &tap in rest {
+            self.add(simd, [x, y], (&guide, &center), &[tap], &mut sums);
+        }
+        sums
+    }
+
+    /// Adds `N` taps to the sums of the pixels from (x, y) on.
+    #[inline(always)]
+    fn add<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        [x, y]: [usize; 2],
+        (guide, center): (&Comparison, &Center<S>),
+        taps: &[Tap; N],
+        (weight, sum): &mut (Lanes<S>, [Lanes<S>; 3]),
+    ) {
+        let mut weights = [Lanes::all(simd, 0.0); N];
+        for k in 0..N {
+            [weights[k]] = guide.exponents(simd, center, &taps[k], [0.0]);
+        }
+        let weights = exp2_weights(weights);
+        for k in 0..N {
+            let [dx, dy] = taps[k].offset;
             let (x, y) = (x as isize + dx, y.wrapping_add_signed(dy));
-            let load = |row| Lanes::load_around(simd, row, x, f32::NAN);
-            let [r, g, b] = self.color.rows(y);
-            let color = [load(r), load(g), load(b)];
-            let samples = load(self.length.row(0, y));
-            let [r, g, b] = color;
-            let known =
-                (r.is_finite().and(g.is_finite()).and(b.is_finite())).and(samples.above(0.0));
-            let [exponent] = guide.exponents(simd, &center, tap, [0.0]);
-            let w = exp2_weight(exponent) * samples;
-            weight = weight + w.or_all(known, 0.0);
-            for (sum, c) in sum.iter_mut().zip(color) {
-                *sum = *sum + (w * c).or_all(known, 0.0);
+            let samples = Lanes::load_around(simd, self.length.row(0, y), x, f32::NAN);
+            let mut known = samples.above(0.0);
+            let mut color = [samples; 3];
+            // A loop, because closures that take vectors are not always inlined.
+            for c in 0..3 {
+                color[c] = Lanes::load_around(simd, self.color.row(c, y), x, f32::NAN);
+                known = known.and(color[c].is_finite());
+            }
+            let w = weights[k] * samples;
+            *weight = *weight + w.or_all(known, 0.0);
+            for c in 0..3 {
+                sum[c] = sum[c] + (w * color[c]).or_all(known, 0.0);
             }
         }
-        (weight, sum)
     }
 }
