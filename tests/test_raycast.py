@@ -289,7 +289,7 @@ def test_frames_average_to_the_truth():
 
 def test_frame_has_all_that_is_known():
     frame = raycast.shoot(moving(1), moving(0), np.random.default_rng(0), deviation=1.0)
-    assert set(yester.frame.BUFFERS) - set(frame.buffers()) == {"hit_distance", "reactive", "replay"}
+    assert set(yester.frame.BUFFERS) - set(frame.buffers()) == {"hit_distance", "motion_next", "reactive", "replay"}
     assert frame.jitter is None
     hit = frame.ids > 0
     assert_same_bits(frame.color[~hit], frame.emission[~hit])  # no noise on the background
