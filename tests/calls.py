@@ -30,7 +30,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     cameras = {"camera": camera, "previous_camera": previous_camera}
     evidence = rng.normal(0, 0.3, ((height + 1) // 2, (width + 1) // 2, 4)).astype(np.float32)
     evidence[..., 3] = rng.uniform(0, 1, evidence.shape[:2])
-    candidates = rng.exponential(1, ((height + 1) // 2, (width + 1) // 2, 9)).astype(np.float32)
+    candidates = rng.exponential(1, (height, width, 3)).astype(np.float32)
     gains = rng.normal(0, 20, ((height + 7) // 8, (width + 7) // 8, 5)).astype(np.float32)
     gains[..., 2:] = np.abs(gains[..., 2:]) + 9
     moved = {"ids": now["ids"], "transforms": {1: np.diag([1.0, 2, 1, 1])}}
@@ -79,14 +79,11 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "choice": (
             yester.choice,
-            {
-                "color": color,
-                "candidates": candidates,
-                "motion": motion,
-                "coverage": length,
-                "evidence": gains,
-                "usual": 1,
-            },
+            {"evidence": gains, "motion": motion, "coverage": length, "usual": 1},
+        ),
+        "compare_candidates": (
+            yester.compare_candidates,
+            {"color": color, "candidates": candidates, "evidence": gains, "usual": 1},
         ),
         "prediction_gain": (
             yester.prediction_gain,
@@ -108,6 +105,18 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
                 "weight": length[::-1].copy() / 9,
             },
         ),
+        "combine_histories": (
+            yester.combine_histories,
+            {
+                "color": color,
+                "moments": moments,
+                "history_length": length,
+                "other_color": history,
+                "other_moments": moments[::-1].copy(),
+                "other_length": length[:, ::-1].copy(),
+                "gradient": length / 20,
+            },
+        ),
         "resolve": (yester.resolve, {"samples": [color, history], "offsets": yester.jitter(2).tolist()}),
         "resample": (
             yester.resample,
@@ -121,6 +130,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "atrous": (yester.atrous, {"color": color, "variance": light**2, **surface}),
         "atrous(slopes)": (yester.atrous, {"color": color, "variance": light**2, **now}),
+        "atrous(prediction)": (
+            yester.atrous,
+            {"color": color, "variance": light**2, "prediction": history[..., 1].copy(), **surface},
+        ),
         "regress": (
             yester.regress,
             {"color": color, "normal": now["normal"], "geometry": position, "weight": length, "offset": (3, -2)},

@@ -192,6 +192,20 @@ def corrected_runs(found: NDArray) -> NDArray[np.bool_]:
     return np.repeat(runs, RUN, axis=1)[:, : anything.shape[1], None]
 
 
+def luminance(color: NDArray) -> NDArray:
+    r, g, b = np.moveaxis(color, -1, 0)
+    return np.float32(0.2126) * r + np.float32(0.7152) * g + np.float32(0.0722) * b
+
+
+def shorten(length: NDArray, gradient: NDArray | None) -> NDArray:
+    """A history whose light has changed counts as fewer samples."""
+    if gradient is None:
+        return length
+    rest = 1 - np.clip(np.nan_to_num(gradient), 0, 1)
+    square = rest * rest
+    return length * (square * square * (square * square) * square)
+
+
 def correct(light: NDArray, found: NDArray) -> NDArray:
     """No light is less than none; what is missing stays so."""
     corrected = light + found
@@ -202,15 +216,10 @@ def correct(light: NDArray, found: NDArray) -> NDArray:
 def correct_history(color: NDArray, moments: NDArray, found: NDArray) -> list[NDArray]:
     """The moments move with the colour, and their variance stays."""
     corrected = correct(color, found)
-    r, g, b = np.moveaxis(corrected - color, -1, 0)
-    moved = np.float32(0.2126) * r + np.float32(0.7152) * g + np.float32(0.0722) * b
+    moved = luminance(corrected - color)
     first, second = np.moveaxis(moments, -1, 0)
     shifted = np.stack([first + moved, second + moved * (first + first + moved)], -1)
     return [corrected, np.where(corrected_runs(found), shifted, moments)]
-
-
-#: The pixel of each 2×2 of which candidates are kept, frame by frame.
-PIXELS = ((1, 1), (1, 0), (0, 1), (0, 0))
 
 
 def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float32]:
@@ -298,11 +307,16 @@ class SVGF:
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
         self.passes, self.stage = 3, PRESETS["denoised"]
         self.before = self.antialiased = self.mirrored = self.evidence = None
-        self.chooses = choice
-        self.candidates = self.choice = None
+        self.chooses, self.choice = choice, None
         self.asked, self.won = [], []  # shares of the pixels, by frame
 
-    def step(self, frame: yester.Frame) -> SimpleNamespace:
+    def step(self, frame: yester.Frame, later=None) -> SimpleNamespace:
+        return self.advance(frame, later, shows=True)
+
+    def recall(self, frame: yester.Frame) -> SimpleNamespace:
+        return self.advance(frame, None, shows=False)
+
+    def advance(self, frame: yester.Frame, later, *, shows: bool) -> SimpleNamespace:
         sample = illumination(frame.color, frame)
         held, motion, gradient, mirrored = sample, find_motion(frame, self.before), None, None
         moved = motion
@@ -351,21 +365,39 @@ class SVGF:
         filled, weight = self.fill(held, history[2], alike)
         trust = confidence if self.by_confidence else None
         merged = yester.accumulate(filled, *history, weight=weight, gradient=gradient, confidence=trust, **self.alpha)
-        color, moments, length = merged.color, merged.moments, merged.history_length
-        variance = yester.estimate_variance(moments, length, min_length=self.min_length, **alike)
+        kept = [merged.color, merged.moments, merged.history_length]
+        expected = [*history[:2], shorten(history[2], gradient)]
+        recalled = [image.copy() for image in expected]
+        color, moments, length = kept
+        with np.errstate(divide="ignore", invalid="ignore"):
+            longest = np.float32(1) / np.float32(self.alpha["alpha"])
+            expected[2] = np.minimum(expected[2], longest - 1)
+            if later is not None:
+                joins = later.color, later.moments, np.minimum(later.history_length, longest - 1)
+                expected = yester.combine_histories(*expected, *joins)
+                color, moments, length = yester.combine_histories(*kept, *joins)
+            variance = yester.estimate_variance(moments, length, min_length=self.min_length, **alike)
+            if later is not None:
+                variance = variance * np.minimum(longest / length, np.float32(1))
+
+        usual, shown, prediction = self.iterations, None, None
+        bright = yester.exposure(color)
+        if self.chooses and shows:
+            enough = expected[2] >= 2
+            prediction = np.where(enough, luminance(expected[0]), np.float32(np.nan))
 
         def smooth(passes: int):
-            return yester.atrous(color, variance, iterations=passes, **self.filter, **alike)
+            known = {} if prediction is None else {"prediction": prediction}
+            return yester.atrous(color, variance, iterations=passes, **known, **self.filter, **alike)
 
-        usual, shown = self.iterations, None
         first, second = (smooth(min(passes, usual))[0] for passes in (1, 2))
-        if self.chooses:
+        if self.chooses and shows:
             series = [smooth(passes) for passes in range(min(usual + 1, 16) + 1)]
-            final, final_variance, shown = self.choose(series, sample, moved, confidence, yester.exposure(color))
+            final, final_variance, shown = self.choose(series, prediction, sample, moved, confidence, bright)
         else:
             final, final_variance = smooth(usual)
-        bright = yester.exposure(color)
-        self.history = [first if self.feedback else color, moments, length]
+            self.choice = None
+        self.history = [first if self.feedback and later is None else kept[0], *kept[1:]]
         if len(self.distances) > 0:
             self.mirrored = mirrored or SimpleNamespace(scores=None, tiles=None, age=0)
             self.mirrored.light = second
@@ -380,11 +412,18 @@ class SVGF:
                 self.mirrored.light = correct(self.mirrored.light, found)
         if frame.albedo is not None:
             final = yester.remodulate(final, frame.albedo, emission=frame.emission)
+        self.expects_replay = self.before is None or frame.replay is not None
+        self.before = frame
+        if not shows:
+            self.antialiased = None
+            names = "color", "moments", "history_length"
+            known = dict(zip(names, recalled, strict=True))
+            return SimpleNamespace(**known, confidence=confidence, rejection=rejection)
         if self.antialias:
             self.antialiased, _, _ = antialias(self.stage, self.antialiased, final, motion, frame.depth)
             final = self.antialiased[0]
-        self.expects_replay = self.before is None or frame.replay is not None
-        self.before = frame
+        if later is not None:
+            confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         return SimpleNamespace(
             color=blacken(final),
             variance=final_variance,
@@ -395,31 +434,19 @@ class SVGF:
             missing=int((~np.isfinite(sample).all(-1)).sum()),
         )
 
-    def choose(self, series: list, sample: NDArray, motion: NDArray, coverage: NDArray, bright: float) -> tuple:
+    def choose(self, series: list, prediction, sample, motion, coverage, bright: float) -> tuple:
         """Of images and variances after ever more passes, what each tile has chosen: both, and how many passes."""
         height, width = coverage.shape
         levels = np.full((height, width), self.iterations, np.float32)
-        chosen = None
-        if self.candidates is not None:
-            chosen, self.choice = yester.choice(
-                sample,
-                self.candidates,
-                motion,
-                coverage,
-                self.choice,
-                offset=PIXELS[self.number % 4],
-                exposure=bright,
-                usual=self.iterations,
-            )
+        if self.choice is not None:
+            chosen, self.choice = yester.choice(self.choice, motion, coverage, usual=self.iterations)
             filled = ~np.isfinite(series[0][0]).all(-1)
             levels = np.where(filled, levels, between_tiles(chosen, height, width))
-        self.number = 0 if self.candidates is None else self.number + 1
-        x, y = PIXELS[self.number % 4]
-        padded = [np.pad(image, ((0, 1), (0, 1), (0, 0)), constant_values=np.nan) for image, _ in series]
-        rows, columns = (2 * np.arange((side + 1) // 2) for side in (height, width))
-        self.candidates = np.concatenate([image[np.ix_(rows + y, columns + x)] for image in padded], -1)
+        candidates = np.dstack([prediction, *(predicted for _, _, predicted in series[1:])])
+        known = {"exposure": bright, "usual": self.iterations}
+        self.choice = yester.compare_candidates(sample, candidates, self.choice, **known)
         image, variance = np.zeros_like(sample), np.zeros_like(coverage)
-        for passes, (each, spread) in enumerate(series):
+        for passes, (each, spread, _) in enumerate(series):
             share = np.maximum(1 - np.abs(levels - np.float32(passes)), 0)
             begun = levels < passes
             mixed = np.where(begun[..., None], image, -0.0) + share[..., None] * each

@@ -17,15 +17,32 @@ def inputs(rng, height, width, holes=0.05):
 
 
 def check(color, variance, **named):
-    got, got_variance = yester.atrous(color, variance, **named)
-    want, want_variance, weights = reference.atrous(*tensor([color, variance]), margin=True, **tensor(named))
-    assert got.dtype == got_variance.dtype == np.float32
+    got = yester.atrous(color, variance, **named)
+    *want, weights = reference.atrous(*tensor([color, variance]), margin=True, **tensor(named))
+    assert all(image.dtype == np.float32 for image in got)
     # Where the pixel itself is missing, neighbours whose weights nearly vanish decide, and are cut to none at a bound.
     sure = weights.numpy() > 1e-12
     assert (~sure).sum() <= 1 + 0.05 * sure.size
-    assert_close("atrous", got, want, rtol=2e-5, where=sure)
-    assert_close("atrous variance", got_variance, want_variance, rtol=5e-5, where=sure)
-    return got, got_variance
+    names = ["", " variance", " prediction"][: len(got)]
+    for name, image, its, rtol in zip(names, got, want, (2e-5, 5e-5, 2e-5), strict=False):
+        assert_close(f"atrous{name}", image, its, rtol=rtol, where=sure)
+    assert len(got) == len(want)
+    return got
+
+
+def predictions(rng, color, *, holes=0.2):
+    """Of about the luminance of a colour, in some places far from it, black, negative or none."""
+    light = np.nan_to_num(luminance(color), nan=1, posinf=1, neginf=1)
+    kind = rng.choice(4, light.shape, p=[0.8, 0.1, 0.05, 0.05])
+    predicted = np.choose(kind, [light * rng.uniform(0.8, 1.2, light.shape), 9 * light, 0 * light, -light])
+    none = rng.random(light.shape) < holes
+    predicted[none] = rng.choice([np.nan, np.inf, -np.inf], int(none.sum()))
+    return predicted.astype(np.float32)
+
+
+def luminance(color):
+    with np.errstate(invalid="ignore"):
+        return color @ np.float32([0.2126, 0.7152, 0.0722])
 
 
 @settings(max_examples=200)
@@ -50,6 +67,130 @@ def test_reference(seed, size, buffers, **named):
 def test_sizes(height, width, buffers):
     rng = np.random.default_rng(width)
     check(*inputs(rng, height, width), iterations=3, **surface(rng, height, width, buffers))
+
+
+@settings(max_examples=150)
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    buffers=st.sets(st.sampled_from(["depth", "normal", "ids", "camera"])),
+    holes=st.sampled_from([0.0, 0.2, 0.9]),
+    missing=st.sampled_from([0.0, 0.05, 0.5]),
+    iterations=st.sampled_from([0, 1, 2, 5]),
+    radius=st.sampled_from([1, 2]),
+    sigma_luminance=st.sampled_from([0.5, 4.0, 100.0]),
+)
+def test_reference_of_predictions(seed, size, buffers, holes, missing, **named):
+    rng = np.random.default_rng(seed)
+    color, variance = inputs(rng, *size, holes=missing)
+    prediction = predictions(rng, color, holes=holes)
+    check(color, variance, prediction=prediction, **surface(rng, *size, buffers), **named)
+
+
+@pytest.mark.parametrize("radius", [1, 2])
+@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+def test_sizes_of_predictions(height, width, radius):
+    rng = np.random.default_rng(width)
+    color, variance = inputs(rng, height, width)
+    check(color, variance, prediction=predictions(rng, color), iterations=3, radius=radius)
+
+
+@pytest.mark.parametrize("radius", [1, 2])
+def test_a_prediction_of_its_own_luminance_changes_nothing(radius):
+    """Nor does one of nothing at all: of the first pass no bit, of later ones roundings."""
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 40, 50)
+    buffers, light = surface(rng, 40, 50, ["camera"]), luminance(color)
+    for iterations in (0, 1, 5):
+        named = {"iterations": iterations, "radius": radius, **buffers}
+        want, want_variance = yester.atrous(color, variance, **named)
+        got = yester.atrous(color, variance, prediction=np.full_like(variance, np.nan), **named)
+        if iterations < 2:
+            assert_same_bits(got[0], want)
+            assert_same_bits(got[1], want_variance)
+        for images in (got, yester.atrous(color, variance, prediction=light, **named)):
+            for image, its in zip(images, (want, want_variance, luminance(want)), strict=True):
+                np.testing.assert_allclose(image, its, rtol=2e-5)
+
+
+@pytest.mark.parametrize("radius", [1, 2])
+def test_weights_do_not_see_the_noise(radius):
+    """With a prediction everywhere the filter is linear in colour, and without one it is not."""
+    rng = np.random.default_rng(0)
+    one, other = (compare.colors(rng, 30, 40, holes=0) for _ in range(2))
+    variance = rng.exponential(0.5, (30, 40)).astype(np.float32)
+    for known in ({"prediction": predictions(rng, one, holes=0)}, {}):
+        whole, *parts = (
+            yester.atrous(color, variance, radius=radius, **known)[0] for color in (one + other, one, other)
+        )
+        assert np.allclose(whole, sum(parts), rtol=1e-5) == bool(known)
+
+
+def test_edges_of_the_prediction_stop():
+    """One that the colour's noise hides, where the colour has none of its own."""
+    rng = np.random.default_rng(0)
+    color = rng.exponential(1, (16, 32, 3)).astype(np.float32)
+    variance = np.full((16, 32), 0.01, np.float32)
+    prediction = np.where(np.arange(32) < 16, 1, 3) * np.ones((16, 1))
+    got, _, predicted = yester.atrous(color, variance, prediction=prediction)
+    np.testing.assert_allclose(predicted, prediction, rtol=2e-3)
+    for half in (np.s_[:, :16], np.s_[:, 16:]):
+        # As if there were no other half, and no luminance.
+        alone = np.ones_like(variance[half]), 1e6
+        smooth = yester.atrous(color[half], alone[0], sigma_luminance=alone[1])[0]
+        np.testing.assert_allclose(got[half], smooth, rtol=0.02)
+
+
+def test_predictions_scale_to_the_bit():
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 24, 33)
+    prediction = predictions(rng, color)
+    want = yester.atrous(color, variance, prediction=prediction)
+    for k in (-4, 3, 10):
+        scaled = yester.atrous(np.ldexp(color, k), np.ldexp(variance, 2 * k), prediction=np.ldexp(prediction, k))
+        for image, its, power in zip(scaled, want, (k, 2 * k, k), strict=True):
+            assert_same_bits(image, np.ldexp(its, power))
+
+
+def test_predictions_of_missing_pixels_are_not_used():
+    """Their luminance is their neighbours', as their colour is; NaN where there are none."""
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 20, 30, holes=0.3)
+    prediction = predictions(rng, color, holes=0.2)
+    missing = ~np.isfinite(color).all(-1)
+    want = yester.atrous(color, variance, prediction=prediction)
+    assert np.isfinite(want[2]).all()
+    for value in (np.nan, 1e9):
+        got = yester.atrous(color, variance, prediction=np.where(missing, np.float32(value), prediction))
+        for image, its in zip(got, want, strict=True):
+            assert_same_bits(image, its)
+    _, _, left = yester.atrous(np.full_like(color, np.nan), variance, prediction=prediction)
+    assert np.isnan(left).all()
+
+
+def test_three_parts_of_memory():
+    """With a prediction `out` has another part; each may be left out."""
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 9, 14)
+    prediction = predictions(rng, color)
+    wants = yester.atrous(color, variance, prediction=prediction)
+    out = tuple(np.empty_like(want) for want in wants)
+    for parts in (out, (None, None, out[2])):
+        got = yester.atrous(color, variance, prediction=prediction, out=parts)
+        for image, part, want in zip(got, parts, wants, strict=True):
+            assert part is None or image is part
+            assert_same_bits(image, want)
+    for parts, known in ((out[:2], {"prediction": prediction}), (out, {})):
+        with pytest.raises(ValueError, match=rf"^out: expected a tuple of {2 + len(known)}"):
+            yester.atrous(color, variance, **known, out=parts)
+
+
+@pytest.mark.parametrize("part", [np.s_[:-1], np.s_[:, :-1], np.s_[None]])
+def test_wrong_predictions(part):
+    rng = np.random.default_rng(0)
+    color, variance = inputs(rng, 9, 14)
+    with pytest.raises(ValueError, match=r"^prediction: expected"):
+        yester.atrous(color, variance, prediction=predictions(rng, color)[part])
 
 
 def naive(color, variance, depth, normal, ids, sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0):

@@ -1,6 +1,7 @@
-"""Sequences denoised from both sides: the average of two runs, in order, holding no more frames than it says."""
+"""Sequences denoised from both sides: two histories that join before the filter, or the average of two runs."""
 
 import copy
+import pickle
 import warnings
 from itertools import islice
 from types import SimpleNamespace
@@ -13,11 +14,21 @@ from compare import assert_close, assert_same_bits
 from yester import Frame
 
 NAMES = ("color", "variance", "choice", "history_length", "confidence", "rejection")
-PIPELINES = {
-    "svgf": yester.SVGF,
-    "textbook": lambda: yester.SVGF(choice=False, innovation=False, gradient=False, antialias=False),
+#: Those that join histories, beside their compositions of public kernels.
+JOINING = {
+    "svgf": (yester.SVGF, composed.SVGF, {}),
+    "textbook": (
+        yester.SVGF,
+        composed.SVGF,
+        {"choice": False, "innovation": False, "gradient": False, "reflections": (), "antialias": False},
+    ),
+    "feedback": (yester.SVGF, composed.SVGF, {"feedback": True, "alpha": 0.1, "fireflies": True}),
+    "half res": (yester.HalfRes, composed.HalfRes, {}),
+    "half res, choice": (yester.HalfRes, composed.HalfRes, {"choice": True, "antialias": False}),
+}
+#: The others' results are averaged.
+AVERAGED = {
     "bmfr": yester.BMFR,
-    "half res": yester.HalfRes,
     "taa": yester.TAA,
     "recirculation": yester.Recirculation,
     "upscaler": lambda: yester.Upscaler(1.5),
@@ -49,9 +60,9 @@ def same(got, want, names=NAMES):
             assert_same_bits(one, other)
 
 
-def backwards(given: list[Frame], pipeline) -> list:
-    """One chunk by hand: every frame with the motion to the one after it, from the last to the first."""
-    results, following = [], None
+def turned(given: list[Frame]) -> list[Frame]:
+    """Every frame as one of the reversed sequence, the last one first: with the motion to the one after it."""
+    frames, following = [], None
     for frame in reversed(given):
         motion = None
         if following is not None:
@@ -60,9 +71,26 @@ def backwards(given: list[Frame], pipeline) -> list:
             if motion is None:
                 motion = yester.invert_motion(following.motion, following.depth, still=there)
         buffers = without(frame, "motion", "replay").buffers()
-        results.append(pipeline.step(Frame(**buffers, motion=motion, camera=frame.camera, jitter=frame.jitter)))
+        frames.append(Frame(**buffers, motion=motion, camera=frame.camera, jitter=frame.jitter))
         following = frame
-    return results[::-1]
+    return frames
+
+
+def backwards(given: list[Frame], look) -> list:
+    """One chunk by hand: what a pipeline makes of it from the last frame, which knows no other, to the first."""
+    return [look(frame) for frame in turned(given)][::-1]
+
+
+def averaged(given: list[Frame], pipeline, *, motions: list[Frame] | None = None) -> list:
+    back = copy.copy(pipeline)
+    later = backwards(given, back.step) if motions is None else [back.step(frame) for frame in motions][::-1]
+    return [average(pipeline.step(frame), other) for frame, other in zip(given, later, strict=True)]
+
+
+def joined(given: list[Frame], forward, back) -> list:
+    """Of pipelines without output stage: each frame with the history that the later ones leave."""
+    *later, _ = backwards(given, back.recall)
+    return [forward.step(frame, later=other) for frame, other in zip(given, [*later, None], strict=True)]
 
 
 def average(one, other) -> SimpleNamespace:
@@ -83,40 +111,130 @@ def average(one, other) -> SimpleNamespace:
     )
 
 
-@pytest.mark.parametrize("name", PIPELINES)
+def pipelines() -> dict:
+    return {name: lambda make=make, named=named: make(**named) for name, (make, _, named) in JOINING.items()} | AVERAGED
+
+
+@pytest.mark.parametrize("name", pipelines())
 def test_zero_is_the_pipeline(name):
-    given, pipeline = frames(4), PIPELINES[name]()
-    for got, frame in zip(yester.denoise(given, PIPELINES[name](), 0), given, strict=True):
+    given, make = frames(4), pipelines()[name]
+    pipeline = make()
+    for got, frame in zip(yester.denoise(given, make(), 0), given, strict=True):
         same(got, pipeline.step(frame))
 
 
-@pytest.mark.parametrize("name", PIPELINES)
+@pytest.mark.parametrize("name", AVERAGED)
 def test_it_is_the_average_of_both_directions(name):
-    given, pipeline = frames(5), PIPELINES[name]()
-    later = backwards(given, copy.copy(pipeline))
-    for got, frame, other in zip(yester.denoise(given, PIPELINES[name]()), given, later, strict=True):
-        same(got, average(pipeline.step(frame), other))
+    given, make = frames(5), AVERAGED[name]
+    for got, want in zip(yester.denoise(given, make()), averaged(given, make()), strict=True):
+        same(got, want)
 
 
-def test_the_pipeline_is_svgf_and_goes_on():
+@pytest.mark.parametrize("name", JOINING)
+def test_histories_join_before_the_filter(name):
+    """To the bits of public kernels; then the output stage runs in both directions."""
+    make, compose, named = JOINING[name]
+    given, bare = frames(6), {**named, "antialias": False}
+    want = joined(given, compose(**bare), compose(**bare))
+    if named.get("antialias", True):
+        _, stage = make(**named).split()
+
+        def shown(number, frame):
+            names = "depth", "position", "motion"
+            return Frame(
+                want[number].color, **{each: getattr(frame, each) for each in names}, camera=given[number].camera
+            )
+
+        motions = [shown(5 - number, frame) for number, frame in enumerate(turned(given))]
+        finished = averaged([shown(*each) for each in enumerate(given)], stage, motions=motions)
+        for output, image in zip(want, finished, strict=True):
+            output.color = image.color
+    for got, its in zip(yester.denoise(given, make(**named)), want, strict=True):
+        same(got, its)
+
+
+@pytest.mark.parametrize("name", ["svgf", "half res"])
+def test_the_parts_of_a_pipeline_are_the_pipeline(name):
+    make, _, named = JOINING[name]
+    pipeline = make(**named)
+    denoiser, stage = pipeline.split()
+    assert repr(denoiser) == repr(make(**named, antialias=False))
+    assert denoiser.split()[1] is None
+    for frame in frames(4):
+        output, want = denoiser.step(frame), pipeline.step(frame)
+        names = "depth", "position", "motion"
+        part = Frame(output.color, **{each: getattr(frame, each) for each in names}, camera=frame.camera)
+        assert_same_bits(stage.step(part).color, want.color)
+
+
+def test_the_pipeline_is_svgf_and_stays_as_it_is():
     given = frames(3)
     pipeline, other = yester.SVGF(), yester.SVGF()
     for got, want in zip(yester.denoise(given), yester.denoise(given, pipeline), strict=True):
         same(got, want)
     for frame in given:
-        other.step(frame)
-    (following,) = frames(4)[3:]
-    same(pipeline.step(following), other.step(following))
+        same(pipeline.step(frame), other.step(frame))
+
+
+def test_recalling_goes_on_as_a_step_does():
+    """What history expects of a frame is what it would be merged with; and the next frame goes on from both alike."""
+    given = frames(5)
+    pipeline, other = (yester.SVGF(choice=False, antialias=False) for _ in range(2))
+    for frame in given:
+        expected, output = pipeline.recall(frame), other.step(frame)
+        assert_same_bits(expected.confidence, output.confidence)
+        assert_same_bits(expected.rejection, output.rejection)
+        assert expected.used == output.used
+    assert not np.isnan(expected.color).all()
+    assert expected.history_length.max() > 3
+    same(pipeline.step(given[4]), other.step(given[4]))
+
+
+def test_a_history_can_be_anybodys():
+    """Of the truth, worth a million samples, the result is the truth."""
+    frame = yester.Frame(np.random.default_rng(0).exponential(1, (20, 30, 3)).astype(np.float32))
+    truth = np.full((20, 30, 3), 0.5, np.float32)
+    moments = np.dstack([truth[..., 0], truth[..., 0] ** 2])
+    sure, nothing = np.ones((20, 30), np.float32), np.zeros((20, 30), np.uint8)
+    known = yester.History(truth, moments, 1e6 * sure, sure, nothing, used=["motion"])
+    assert known.used == ("motion",)
+    svgf = yester.SVGF(alpha=0.0, antialias=False)
+    output = svgf.step(frame, later=known)
+    np.testing.assert_allclose(output.color, truth, rtol=1e-5)
+    assert_same_bits(output.history_length, 1e6 * sure + 1)
+    # It is not handed on.
+    assert svgf.step(frame).history_length.max() == 2
+    for copied in (copy.copy(known), pickle.loads(pickle.dumps(known))):
+        assert_same_bits(copied.color, known.color)
+        assert copied.used == known.used
+
+
+def test_histories_of_another_shape_are_refused():
+    flat, color = np.ones((4, 5), np.float32), np.ones((4, 5, 3), np.float32)
+    given = {"color": color, "moments": color[..., :2], "history_length": flat, "confidence": flat}
+    given["rejection"] = flat.astype(np.uint8)
+    for name in given:
+        with pytest.raises(ValueError, match=rf"^{name}: expected"):
+            yester.History(**given | {name: given[name][:, :-1] if name != "color" else color[..., :2]})
+    with pytest.raises(ValueError, match=r"^rejection: expected whole numbers .* 0 to 255.* got 256"):
+        yester.History(**given | {"rejection": np.full((4, 5), 256)})
+    svgf, small = yester.SVGF(), yester.History(**given)
+    with pytest.raises(ValueError, match=r"^later: expected height 20 and width 30"):
+        svgf.step(yester.Frame(np.ones((20, 30, 3), np.float32)), later=small)
 
 
 def test_chunks_begin_behind_their_end():
     """With a lookahead of 1, five frames are worked on at a time, from the sixth to the first."""
-    given, pipeline = still(12), yester.SVGF()
-    later = []
+    given = still(12)
+    forward, named = composed.SVGF(antialias=False), {"antialias": False}
+    want = []
     for first in range(0, 12, 5):
-        later += backwards(given[first : first + 6], yester.SVGF())[: min(5, 12 - first)]
-    for got, frame, other in zip(yester.denoise(given, lookahead=1), given, later, strict=True):
-        same(got, average(pipeline.step(frame), other))
+        back, window = composed.SVGF(**named), given[first : first + 6]
+        *later, _ = backwards(window, back.recall)
+        chunk = zip(window[:5], [*later, None], strict=False)
+        want += [forward.step(frame, later=other) for frame, other in chunk]
+    for got, its in zip(yester.denoise(given, yester.SVGF(**named), 1), want, strict=True):
+        same(got, its)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 6, 7, 11, 12])
@@ -131,17 +249,32 @@ def test_any_number_of_frames(count):
 
     for number, output in enumerate(yester.denoise(source(), lookahead=1)):
         assert output.color.shape == given[number].color.shape
-        # No more are held than it says.
-        assert len(taken) <= (number // 5 + 1) * 5 + 1
+        # No more are held than it says: of two stages, each works on chunks of its own.
+        assert len(taken) <= (number // 5 + 2) * 5 + 2
     assert len(taken) == count
 
 
-def test_the_reversed_sequence_has_the_reversed_result():
-    given = still(6)
-    there = [output.color for output in yester.denoise(given)]
-    back = [output.color for output in yester.denoise(given[::-1])][::-1]
+@pytest.mark.parametrize("pipeline", [yester.SVGF, yester.HalfRes, yester.BMFR])
+def test_the_reversed_sequence_has_the_reversed_result(pipeline):
+    """Without what only one direction remembers: choice and innovation look at results, and reflections at light, that
+    both sides know, and hand what they find on in time's direction."""
+    given, named = still(6), {"innovation": False}
+    if pipeline is not yester.BMFR:
+        named |= {"choice": False, "reflections": ()}
+    there = [output.color for output in yester.denoise(given, pipeline(**named))]
+    back = [output.color for output in yester.denoise(given[::-1], pipeline(**named))][::-1]
     for one, other in zip(there, back, strict=True):
         assert_close("reversed", one, other, rtol=1e-5)
+
+
+def test_the_reversed_sequence_is_as_good():
+    """With everything on, the two differ by far less than the results from the truth."""
+    given = still(12)
+    truth = composed.supersampled(given[0].camera)
+    there = [output.color for output in yester.denoise(given)]
+    back = [output.color for output in yester.denoise(given[::-1])][::-1]
+    apart = np.mean([(one - other) ** 2 for one, other in zip(there, back, strict=True)])
+    assert apart < 0.1 * np.mean([(one - truth) ** 2 for one in there])
 
 
 def test_what_comes_into_view_is_known_from_later_on():

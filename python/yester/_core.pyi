@@ -25,6 +25,7 @@ __all__ = [
     "Accumulated",
     "Camera",
     "HalfRes",
+    "History",
     "Output",
     "Pipeline",
     "Recirculation",
@@ -39,6 +40,8 @@ __all__ = [
     "canonical",
     "choice",
     "clip_history",
+    "combine_histories",
+    "compare_candidates",
     "consistency",
     "demodulate",
     "dilate_motion",
@@ -160,6 +163,32 @@ class Pipeline:
     def __reduce__(self) -> tuple[Any, tuple[()]]: ...
 
 @final
+class History:
+    def __new__(
+        cls,
+        color: ArrayLike,
+        moments: ArrayLike,
+        history_length: ArrayLike,
+        confidence: ArrayLike,
+        rejection: ArrayLike,
+        *,
+        used: Sequence[str] = (),
+    ) -> Self: ...
+    @property
+    def color(self) -> _Floats: ...
+    @property
+    def moments(self) -> _Floats: ...
+    @property
+    def history_length(self) -> _Floats: ...
+    @property
+    def confidence(self) -> _Floats: ...
+    @property
+    def rejection(self) -> NDArray[np.uint8]: ...
+    @property
+    def used(self) -> tuple[str, ...]: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[NDArray[Any], ...], dict[str, Any]]: ...
+
+@final
 class SVGF(Pipeline):
     def __new__(
         cls,
@@ -186,7 +215,9 @@ class SVGF(Pipeline):
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
+    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output: ...
+    def recall(self, frame: Frame) -> History: ...
+    def split(self) -> tuple[SVGF, TAA | None]: ...
     def reset(self) -> None: ...
 
 @final
@@ -206,7 +237,9 @@ class HalfRes(Pipeline):
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
+    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output: ...
+    def recall(self, frame: Frame) -> History: ...
+    def split(self) -> tuple[HalfRes, TAA | None]: ...
     def reset(self) -> None: ...
     @staticmethod
     def offset(number: int) -> tuple[int, int]: ...
@@ -465,19 +498,35 @@ def innovation(
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
 def choice(
-    color: ArrayLike,
-    candidates: ArrayLike,
+    evidence: ArrayLike,
     motion: ArrayLike,
     coverage: ArrayLike,
-    evidence: ArrayLike | None = None,
     *,
-    offset: tuple[int, int] = (0, 0),
-    exposure: float = 1.0,
     usual: int = 0,
     strictness: float = 0.5,
     share: float = 0.1,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
+def compare_candidates(
+    color: ArrayLike,
+    candidates: ArrayLike,
+    evidence: ArrayLike | None = None,
+    *,
+    exposure: float = 1.0,
+    usual: int = 0,
+    out: _Floats | None = None,
+) -> _Floats: ...
+def combine_histories(
+    color: ArrayLike,
+    moments: ArrayLike,
+    history_length: ArrayLike,
+    other_color: ArrayLike,
+    other_moments: ArrayLike,
+    other_length: ArrayLike,
+    *,
+    gradient: ArrayLike | None = None,
+    out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats, _Floats]: ...
 def prediction_gain(
     candidate: ArrayLike,
     base: ArrayLike,
@@ -549,10 +598,12 @@ def estimate_variance(
     sigma_plane: float = 0.01,
     out: _Floats | None = None,
 ) -> _Floats: ...
+@overload
 def atrous(
     color: ArrayLike,
     variance: ArrayLike,
     *,
+    prediction: None = None,
     depth: ArrayLike | None = None,
     normal: ArrayLike | None = None,
     ids: ArrayLike | None = None,
@@ -565,6 +616,24 @@ def atrous(
     sigma_plane: float = 0.01,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]: ...
+@overload
+def atrous(
+    color: ArrayLike,
+    variance: ArrayLike,
+    *,
+    prediction: ArrayLike,
+    depth: ArrayLike | None = None,
+    normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    camera: Camera | None = None,
+    iterations: int = 5,
+    radius: int = 2,
+    sigma_luminance: float = 4.0,
+    sigma_normal: float = 128.0,
+    sigma_depth: float = 1.0,
+    sigma_plane: float = 0.01,
+    out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats, _Floats]: ...
 def regress(
     color: ArrayLike,
     *,

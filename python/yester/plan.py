@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 import os
@@ -18,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, Camera, Output
+from ._core import SVGF, TAA, Camera, History, Output
 from .frame import BUFFERS, Frame
 from .io.files import beside
 from .judge import estimate, sums
@@ -215,7 +216,7 @@ class Planned:
         self._svgf = SVGF(**plan.options)
         self._begun = False
 
-    def step(self, frame: Frame, out: Output | None = None) -> Output:
+    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
         """Denoise the next frame, as `SVGF.step` does.
 
         Raises
@@ -224,16 +225,32 @@ class Planned:
             If the frame has other buffers than those that the plan was made for; only a sequence's first frame may
             lack some. As in `SVGF.step`.
         """
+        output = self._svgf.step(self._planned(frame), out, later=later)
+        self._begun = True
+        return output
+
+    def recall(self, frame: Frame) -> History:
+        """What history expects of the next frame, as `SVGF.recall` tells; raises what `step` does."""
+        history = self._svgf.recall(self._planned(frame))
+        self._begun = True
+        return history
+
+    def split(self) -> tuple[Planned, TAA | None]:
+        """The pipeline without its output stage, and the stage, as of `SVGF.split`."""
+        denoiser = copy.copy(self)
+        denoiser._svgf, stage = self._svgf.split()
+        return denoiser, stage
+
+    def _planned(self, frame: Frame) -> Frame:
+        """The frame without the buffers that the plan leaves out."""
         given, planned = _buffers(frame), self.plan.buffers
         absent = [name for name in planned if name not in given] if self._begun else []
-        # Frames of a sequence that runs backwards have a motion, made of the cameras.
-        more = [name for name in given if name not in (*planned, "motion")]
+        # Frames between two others have motions that are made of the cameras.
+        more = [name for name in given if name not in (*planned, "motion", "motion_next")]
         if planned and (strange := [*absent, *more]):
             expected, got = ", ".join(planned), ", ".join(given)
             raise ValueError(f"frame: {strange[0]}: expected the buffers of the plan, {expected}, got {got}")
-        output = self._svgf.step(_lacking(frame, self.plan.without), out)
-        self._begun = True
-        return output
+        return _lacking(frame, self.plan.without)
 
     def reset(self) -> None:
         """Discard all history; the next frame starts a new sequence."""
@@ -241,7 +258,9 @@ class Planned:
         self._begun = False
 
     def __copy__(self) -> Planned:
-        return Planned(self.plan)
+        other = Planned(self.plan)
+        other._svgf = copy.copy(self._svgf)
+        return other
 
 
 def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:

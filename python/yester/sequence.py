@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from operator import index
-from typing import Protocol
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, Output, blend, invert_motion, motion_vectors
+from ._core import SVGF, History, Output, blend, invert_motion, motion_vectors
 from .frame import Frame
 
 __all__ = ["LOOKAHEAD", "denoise"]
@@ -31,12 +32,27 @@ class _Steps(Protocol):
     def step(self, frame: Frame, /) -> Output: ...
 
 
+@runtime_checkable
+class _Recalls(Protocol):
+    """A pipeline that joins histories before it filters."""
+
+    def step(self, frame: Frame, /, *, later: History | None = None) -> Output: ...
+
+    def recall(self, frame: Frame, /) -> History: ...
+
+    def split(self) -> tuple[_Recalls, _Steps | None]: ...
+
+
+_Pipeline = TypeVar("_Pipeline")
+_Result = TypeVar("_Result")
+
+
 def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: int = LOOKAHEAD) -> Iterator[Output]:
     """Denoise a sequence with the frames on both sides of each.
 
     A pipeline knows the frames before the current one. Here a copy of it also runs backwards, from later frames to
-    earlier ones, and the two results are averaged: what was hidden before is seen afterwards, a light that moves is
-    too late on one side and too early on the other, and noise and edges have twice as many samples.
+    earlier ones: what was hidden before is seen afterwards, a light that moves is too late on one side and too early on
+    the other, and noise and edges have twice as many samples.
 
     Parameters
     ----------
@@ -46,10 +62,10 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         next frame's `motion` where something else moves.
     pipeline : Pipeline, optional
         Anything with a `step` that takes frames in order, and of which `copy.copy` makes one without history; by
-        default ``SVGF()``. It goes on from the history it has, and afterwards has that of the last frame.
+        default ``SVGF()``. Copies of it work; it stays as it is.
     lookahead : int, default 3
         Later frames that every frame can use at least, until the sequence ends; 0 or more. With 0, the results have the
-        bits of `pipeline.step`.
+        bits of `step`.
 
     Yields
     ------
@@ -70,70 +86,48 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
 
     Notes
     -----
-    The weights of the two results are their history lengths, pixel by pixel. Something that has just come into view
-    therefore has most of its light from the frames in which it stays. A side without confidence anywhere, at an end of
-    the sequence or at a cut, does not count: its result is that of the frame alone, and a few bright pixels of it would
-    be most of the error.
+    `SVGF` and `HalfRes` join the histories of both sides before they filter, by their lengths, and the frame's sample
+    counts once (`SVGF.recall`, `combine_histories`). Their output stage then runs over the results in both directions.
+    Of other pipelines, and of the stage, the results of both directions are averaged, weighted by history length, pixel
+    by pixel: something that has just come into view has most of its light from the frames in which it stays. A side
+    without confidence anywhere, at an end of the sequence or at a cut, does not count.
 
-    At most ``6 * lookahead`` frames are held, and ``5 * lookahead`` results: the sequence is worked on in chunks of
-    ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames behind its end. A frame takes 2.2 to 2.5
-    times as long as a step.
+    The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
+    behind its end. At most ``6 * lookahead`` frames are held, and as many results, histories and, for the output stage,
+    colours with depth and motion.
     """
     ahead = index(lookahead)
     if ahead < 0:
         raise ValueError(f"lookahead: expected 0 or more frames, got {lookahead}")
-    if pipeline is None:
-        pipeline = SVGF()
+    pipeline = SVGF() if pipeline is None else copy.copy(pipeline)
     if ahead == 0:
-        return (pipeline.step(frame) for frame in frames)
-    return _both_sides(iter(frames), pipeline, ahead)
+        return map(pipeline.step, frames)
+    known = _knowing_next(frames)
+    if not isinstance(pipeline, _Recalls):
+        return _averaged(known, pipeline, ahead)
+    denoiser, stage = pipeline.split()
+    joined = _joined(known, denoiser, ahead)
+    return (output for _, output in joined) if stage is None else _finished(joined, stage, ahead)
 
 
-def _both_sides(source: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
-    chunk = _CHUNK * lookahead
-    window: list[Frame] = []
-    warned = False
-    while True:
-        for frame in islice(source, chunk + lookahead - len(window)):
-            if window and frame.shape != window[0].shape:
-                (height, width), (own, across) = window[0].shape, frame.shape
+def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """The frames with `motion_next`, if anything tells it; the last one without."""
+    warned, before = False, None
+    for frame in frames:
+        if before is not None:
+            if frame.shape != before.shape:
+                (height, width), (own, across) = before.shape, frame.shape
                 expected = f"height {height} and width {width}, as in earlier frames"
                 raise ValueError(f"frames: expected {expected}, got height {own} and width {across}")
-            window.append(frame)
-        ended = len(window) < chunk + lookahead
-        ready = len(window) if ended else chunk
-        results, known = _backwards(window, pipeline)
-        if not known and not warned:
-            warned = True
-            unknown = "frames without motion, and without cameras and depth or position to compute it from"
-            warnings.warn(f"frames: later frames are not used, as there are {unknown}", stacklevel=2)
-        del results[: len(window) - ready]
-        for frame in window[:ready]:
-            forward, backward = pipeline.step(frame), results.pop()
-            yield forward if backward is None else _average(forward, backward)
-        del window[:ready]
-        if ended:
-            return
-
-
-def _backwards(frames: list[Frame], pipeline: _Steps) -> tuple[list[Output | None], bool]:
-    """The results of the frames from the last to the first, None where later frames do not help; and whether the motion
-    to every next frame is known."""
-    results: list[Output | None] = []
-    back, following, known = None, None, True
-    for frame in reversed(frames):
-        motion = None if following is None else _motion_next(frame, following)
-        if following is None or motion is None:
-            known &= following is None
-            back = None
-            results.append(None)
-        else:
-            if back is None:
-                back = copy.copy(pipeline)
-                results[-1] = back.step(_turned(following, None))
-            results.append(back.step(_turned(frame, motion)))
-        following = frame
-    return results, known
+            motion = _motion_next(before, frame)
+            if motion is None and not warned:
+                warned = True
+                unknown = "frames without motion, and without cameras and depth or position to compute it from"
+                warnings.warn(f"frames: later frames are not used, as there are {unknown}", stacklevel=2)
+            yield _with(before, motion_next=motion)
+        before = frame
+    if before is not None:
+        yield _with(before, motion_next=None)
 
 
 def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
@@ -151,11 +145,90 @@ def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
     return invert_motion(motion, following.depth, still=still)
 
 
-def _turned(frame: Frame, motion: NDArray[np.float32] | None) -> Frame:
+def _with(frame: Frame, **changed: NDArray[np.float32] | None) -> Frame:
+    """The frame with other buffers, or without some."""
+    kept = {name: buffer for name, buffer in frame.buffers().items() if name not in changed}
+    return Frame(**kept, **changed, camera=frame.camera, jitter=frame.jitter)
+
+
+def _turned(frame: Frame) -> Frame:
     """The frame as one of the reversed sequence."""
-    left_out = ("motion", "motion_next", "replay")
-    buffers = {name: buffer for name, buffer in frame.buffers().items() if name not in left_out}
-    return Frame(**buffers, motion=motion, camera=frame.camera, jitter=frame.jitter)
+    return _with(frame, motion=frame.motion_next, motion_next=None, replay=None)
+
+
+def _chunks(frames: Iterator[Frame], lookahead: int) -> Iterator[tuple[list[Frame], int]]:
+    """Frames that are worked on together, and how many of them are to be shown: the others come again."""
+    chunk = _CHUNK * lookahead
+    window: list[Frame] = []
+    while True:
+        window.extend(islice(frames, chunk + lookahead - len(window)))
+        ended = len(window) < chunk + lookahead
+        yield window, len(window) if ended else chunk
+        del window[:chunk]
+        if ended:
+            return
+
+
+def _backwards(
+    frames: list[Frame], pipeline: _Pipeline, look: Callable[[_Pipeline, Frame], _Result]
+) -> list[_Result | None]:
+    """What the pipeline makes of the frames from the last to the first; None where later frames are not known."""
+    results: list[_Result | None] = []
+    back, following = None, None
+    for frame in reversed(frames):
+        if following is None or frame.motion_next is None:
+            back = None
+            results.append(None)
+        else:
+            if back is None:
+                back = copy.copy(pipeline)
+                look(back, _turned(_with(following, motion_next=None)))
+            results.append(look(back, _turned(frame)))
+        following = frame
+    return results
+
+
+def _joined(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iterator[tuple[Frame, Output]]:
+    """Each frame, and what it is with the histories of both sides."""
+    for window, ready in _chunks(frames, lookahead):
+        histories = _backwards(window, pipeline, lambda back, frame: back.recall(frame))
+        del histories[: len(window) - ready]
+        for frame in window[:ready]:
+            yield frame, pipeline.step(frame, later=histories.pop())
+
+
+def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
+    """The means of the results from both sides."""
+    for window, ready in _chunks(frames, lookahead):
+        results = _backwards(window, pipeline, lambda back, frame: back.step(frame))
+        del results[: len(window) - ready]
+        for frame in window[:ready]:
+            forward, backward = pipeline.step(frame), results.pop()
+            yield forward if backward is None else _average(forward, backward)
+
+
+def _finished(joined: Iterator[tuple[Frame, Output]], stage: _Steps, lookahead: int) -> Iterator[Output]:
+    """The outputs with the colours that the stage makes of them, from both sides."""
+    outputs: deque[Output] = deque()
+
+    def shown() -> Iterator[Frame]:
+        for frame, output in joined:
+            outputs.append(output)
+            names = "depth", "position", "motion", "motion_next"
+            yield Frame(output.color, **{name: getattr(frame, name) for name in names}, camera=frame.camera)
+
+    for finished in _averaged(shown(), stage, lookahead):
+        output = outputs.popleft()
+        yield Output(
+            finished.color,
+            output.history_length,
+            output.confidence,
+            output.rejection,
+            variance=output.variance,
+            choice=output.choice,
+            used=output.used,
+            missing=output.missing,
+        )
 
 
 def _average(forward: Output, backward: Output) -> Output:

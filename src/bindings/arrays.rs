@@ -164,22 +164,44 @@ impl Number for u32 {
         name: &str,
         kind: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
-        if !matches!(kind, "i" | "u") {
-            return Err(wrong_type(name, Self::NAME, array.getattr("dtype")?));
-        }
-        if array.getattr("size")?.extract::<usize>()? > 0 {
-            for extreme in ["min", "max"] {
-                let value: i128 = array
-                    .call_method0(extreme)?
-                    .call_method0("item")?
-                    .extract()?;
-                if u32::try_from(value).is_err() {
-                    return Err(Error::value(name, Self::NAME, value).into());
-                }
+        convert_whole::<Self>(array, name, kind, "uint32")
+    }
+}
+
+impl Number for u8 {
+    const NAME: &'static str = "whole numbers (any integer type, values of 0 to 255)";
+
+    fn convert<'py>(
+        array: &Bound<'py, PyAny>,
+        name: &str,
+        kind: &str,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        convert_whole::<Self>(array, name, kind, "uint8")
+    }
+}
+
+/// Converts an array of whole numbers, none of which may be out of the type's range.
+fn convert_whole<'py, T: Number + TryFrom<i128>>(
+    array: &Bound<'py, PyAny>,
+    name: &str,
+    kind: &str,
+    dtype: &str,
+) -> PyResult<Bound<'py, PyAny>> {
+    if !matches!(kind, "i" | "u") {
+        return Err(wrong_type(name, T::NAME, array.getattr("dtype")?));
+    }
+    if array.getattr("size")?.extract::<usize>()? > 0 {
+        for extreme in ["min", "max"] {
+            let value: i128 = array
+                .call_method0(extreme)?
+                .call_method0("item")?
+                .extract()?;
+            if T::try_from(value).is_err() {
+                return Err(Error::value(name, T::NAME, value).into());
             }
         }
-        as_contiguous(array, "uint32")
     }
+    as_contiguous(array, dtype)
 }
 
 /// An argument as a contiguous array of `T`: itself if it is one, otherwise one converted copy.

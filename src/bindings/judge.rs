@@ -9,7 +9,7 @@ use super::arrays::{
 use super::merge::AlphaArg;
 use super::validate::Bounds;
 use crate::error::{Error, whole};
-use crate::image::bands_of;
+use crate::image::{Records, bands_of};
 use crate::kernels::judge::{
     alternation, anti_lag, blend_factor, choice, exposure, gradient, innovation, neighborhood,
     prediction,
@@ -514,26 +514,17 @@ pub fn innovation_<'py>(
     Ok((correction.array()?, left.array()?))
 }
 
-/// Chooses the best of several predictions, tile by tile, by new samples that none of them has seen.
+/// Chooses the best of several predictions, tile by tile, by the evidence of earlier frames.
 ///
 /// Parameters
 /// ----------
-/// color : (H, W, 3) array_like of float
-///     The new, noisy samples. Missing pixels do not count.
-/// candidates : (⌈H/2⌉, ⌈W/2⌉, 3 K) array_like of float
-///     K predictions of the previous frame, at least 2, as channels; of each 2×2 pixels the one at `offset`. They are a
-///     series, such as the images after more and more passes of a filter.
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float
+///     The previous frame's, as `compare_candidates` returns it.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
-///     Motion in pixels; rounded to the nearest pixel.
+///     Motion in pixels. A tile's evidence comes from where its centre does.
 /// coverage : (H, W) array_like of float
-///     Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); other pixels do not count.
-/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float, optional
-///     The previous frame's result.
-/// offset : (int, int), default (0, 0)
-///     x and y of the stored pixel in its 2×2, 0 or 1. Should change from frame to frame.
-/// exposure : float, default 1.0
-///     `exposure` of the image; above 0. Errors of colours well below a sixteenth of it count as absolute, of brighter
-///     ones as relative.
+///     Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); tiles whose centre was not
+///     have no evidence.
 /// usual : int, default 0
 ///     The default candidate: it is chosen without evidence, and all others are compared with it.
 /// strictness : float, default 0.5
@@ -549,8 +540,94 @@ pub fn innovation_<'py>(
 ///     The candidate that each tile of 8×8 pixels should show: an integer from 0 to K - 1. To hide the tiles,
 ///     interpolate between their centres, and mix two candidates where the result is fractional.
 /// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
-///     For the next frame: the sums of the gains of the K - 1 steps, negative where a step reduces the error; then the
-///     sums of their squares; then the number of samples.
+///     The evidence where the tiles are in this frame, decayed: `compare_candidates` adds this frame's.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes, evidence of fewer than 2 candidates, or parameters out of range.
+///
+/// Notes
+/// -----
+/// A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
+/// `strictness` standard errors of the steps between it and the default one wins; with fewer than 16 samples in the
+/// average, the default candidate stays.
+#[pyfunction]
+#[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.1, out=None))]
+pub fn choice_<'py>(
+    py: Python<'py>,
+    evidence: &Bound<'py, PyAny>,
+    motion: &Bound<'py, PyAny>,
+    coverage: &Bound<'py, PyAny>,
+    usual: i64,
+    strictness: f32,
+    share: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+    let params = choice::Params { strictness, share };
+    params.check()?;
+    let (chosen, carried) = {
+        let motion = Input::<f32>::new(motion, "motion", MOTION)?;
+        let size = motion.size();
+        let coverage = Input::<f32>::new(coverage, "coverage", Channels::One)?;
+        let coverage = coverage.sized("coverage", size)?;
+        let tiles = choice::tiles(size);
+        let evidence = Input::<f32>::new(evidence, "evidence", Channels::Any)?;
+        let evidence = evidence.sized("evidence", tiles)?;
+        let numbers = evidence.data().pixels().channels;
+        if numbers < 3 || numbers.is_multiple_of(2) {
+            let got = format!("{numbers} channels");
+            return Err(Error::value("evidence", "3, 5, 7, … channels", got).into());
+        }
+        let last = numbers / 2;
+        let expected = format!("a candidate, 0 to {last}");
+        let usual = whole("usual", usual, &expected, |&n: &usize| n <= last)?;
+        let [first, second] = parts(out.as_ref())?;
+        let shapes = [tiles.height, tiles.width, numbers];
+        let out = (
+            Out::given(first, &shapes[..2])?,
+            Out::given(second, &shapes)?,
+        );
+        let mut chosen = Direct::new(py, out.0, &shapes[..2])?;
+        let mut carried = Direct::new(py, out.1, &shapes)?;
+        let images = [&evidence, &motion, &coverage].map(|input| input.data().pixels());
+        let (plane, records) = (chosen.data()?, carried.data()?);
+        detached(py, || {
+            let [evidence, motion, coverage] = images;
+            let coverage = coverage.plane();
+            let (best, rest) = choice::choice(evidence, motion, coverage, usual, params);
+            plane.copy_from_slice(best.plane(0));
+            records.copy_from_slice(rest.pixels().elements().0);
+        })?;
+        (chosen, carried)
+    };
+    Ok((chosen.array()?, carried.array()?))
+}
+
+/// Compares predictions with new samples that none of them has seen, tile by tile.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+///     The new, noisy samples. Missing pixels do not count.
+/// candidates : (H, W, K) array_like of float
+///     K predictions of the samples' luminance, at least 2. They are a series, such as the predictions that more and more
+///     passes of `atrous` return. Pixels where one is not finite do not count.
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float, optional
+///     That of earlier frames, as `choice` returns it.
+/// exposure : float, default 1.0
+///     `exposure` of the image; above 0. Errors of luminances well below a sixteenth of it count as absolute, of brighter
+///     ones as relative.
+/// usual : int, default 0
+///     The default candidate, relative to which errors are measured.
+/// out : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 array, optional
+///     Written and returned instead of a new array; it may be the evidence.
+///
+/// Returns
+/// -------
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
+///     With this frame's added: the sums of the gains of the K - 1 steps, negative where a step reduces the error; then
+///     the sums of their squares; then the number of samples.
 ///
 /// Raises
 /// ------
@@ -559,96 +636,60 @@ pub fn innovation_<'py>(
 ///
 /// Notes
 /// -----
-/// The gain of step k is the mean over channels of ``(a - b)(a + b - 2r)``. Candidates a and b and the sample r are
-/// taken relative to the default candidate: with m the mean of its channels, at least 0, each value v becomes ``(v - m)
-/// / (m + exposure / 16)``, and r is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of
-/// the difference of two squared errors (see `prediction_gain`). A tile's sums are averaged with those of its eight
-/// neighbours; with fewer than 16 samples in the average, the default candidate stays.
+/// The gain of step k is ``(a - b)(a + b - 2r)``. Candidates a and b and the sample's luminance r are taken relative to
+/// the default candidate: with m its luminance, at least 0, each value v becomes ``(v - m) / (m + exposure / 16)``, and r
+/// is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of the difference of two squared
+/// errors (see `prediction_gain`).
 #[pyfunction]
-#[pyo3(name = "choice", signature = (color, candidates, motion, coverage, evidence=None, *, offset=(0, 0), exposure=1.0,
-    usual=0, strictness=0.5, share=0.1, out=None))]
-#[pyo3(
-    text_signature = "(color, candidates, motion, coverage, evidence=None, *, offset=(0, 0), exposure=1.0, usual=0, \
-    strictness=0.5, share=0.1, out=None)"
-)]
-pub fn choice_<'py>(
+#[pyo3(signature = (color, candidates, evidence=None, *, exposure=1.0, usual=0, out=None))]
+pub fn compare_candidates<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
     candidates: &Bound<'py, PyAny>,
-    motion: &Bound<'py, PyAny>,
-    coverage: &Bound<'py, PyAny>,
     evidence: Option<&Bound<'py, PyAny>>,
-    offset: (i64, i64),
     exposure: f32,
     usual: i64,
-    strictness: f32,
-    share: f32,
     out: Option<Bound<'py, PyAny>>,
-) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
-    let params = choice::Params { strictness, share };
-    params.check()?;
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     exposure::check(exposure)?;
-    let side = |value| whole("offset", value, "0 or 1", |&n: &usize| n <= 1);
-    let offset = [side(offset.0)?, side(offset.1)?];
-    let (chosen, left) = {
+    let after = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let known = choice::known_size(size);
         let candidates = Input::<f32>::new(candidates, "candidates", Channels::Any)?;
-        let candidates = candidates.sized("candidates", known)?;
-        let numbers = candidates.data().pixels().channels;
-        if numbers < 6 || numbers % 3 != 0 {
-            let got = format!("{numbers} channels");
-            return Err(
-                Error::value("candidates", "3 channels for each, of at least 2", got).into(),
-            );
+        let candidates = candidates.sized("candidates", size)?;
+        let count = candidates.channels();
+        if count < 2 {
+            let got = format!("{count} channels");
+            return Err(Error::value("candidates", "a channel for each of at least 2", got).into());
         }
-        let count = numbers / 3;
         let expected = format!("a candidate, 0 to {}", count - 1);
         let usual = whole("usual", usual, &expected, |&n: &usize| n < count)?;
-        let motion = Input::<f32>::new(motion, "motion", MOTION)?.sized("motion", size)?;
-        let coverage = Input::<f32>::new(coverage, "coverage", Channels::One)?;
-        let coverage = coverage.sized("coverage", size)?;
-        let tiles = choice::tiles(size);
-        let numbers = choice::channels(count);
+        let (tiles, numbers) = (choice::tiles(size), choice::channels(count));
         let evidence = Input::<f32>::optional(evidence, "evidence", Channels::Any, tiles)?;
-        if let Some(evidence) = &evidence {
-            let got = evidence.data().pixels().channels;
-            if got != numbers {
-                let expected = format!("{numbers} channels, for {count} candidates");
-                return Err(Error::value("evidence", expected, format!("{got} channels")).into());
-            }
+        if let Some(evidence) = &evidence
+            && evidence.channels() != numbers
+        {
+            let expected = format!("{numbers} channels, for {count} candidates");
+            let got = format!("{} channels", evidence.channels());
+            return Err(Error::value("evidence", expected, got).into());
         }
-        let [first, second] = parts(out.as_ref())?;
-        let shapes = [tiles.height, tiles.width, numbers];
-        let out = (
-            Out::given(first, &shapes[..2])?,
-            Out::given(second, &shapes)?,
-        );
-        let mut chosen = Direct::new(py, out.0, &shapes[..2])?;
-        let mut left = Direct::new(py, out.1, &shapes)?;
-        let candidates = candidates.data().pixels();
-        let known = choice::Known {
-            candidates: (0..count)
-                .map(|k| candidates.part(3 * k..3 * k + 3))
-                .collect(),
-            offset,
-        };
+        let shape = [tiles.height, tiles.width, numbers];
+        let out = Out::given(out, &shape)?;
         let color = color.data().pixels();
-        let [motion, coverage] = [&motion, &coverage].map(|input| input.data().pixels());
+        let candidates = candidates.data();
         let evidence = evidence.as_ref().map(|evidence| evidence.data().pixels());
-        let (plane, records) = (chosen.data()?, left.data()?);
-        detached(py, || {
-            let coverage = coverage.plane();
-            let (best, rest) = choice::choice(
-                &color, known, motion, coverage, evidence, exposure, usual, params,
-            );
-            plane.copy_from_slice(best.plane(0));
-            records.copy_from_slice(rest.pixels().elements().0);
-        })?;
-        (chosen, left)
+        out.fill(py, &shape, |after| {
+            let candidates = candidates.planes();
+            let views: Vec<_> = (0..count).map(|k| candidates.view().channel(k)).collect();
+            let mut sums = match evidence {
+                Some(evidence) => evidence.to_records(),
+                None => Records::new(tiles, numbers),
+            };
+            choice::compare(&color, &views, exposure, usual, &mut sums);
+            after.copy_from_slice(sums.pixels().elements().0);
+        })?
     };
-    Ok((chosen.array()?, left.array()?))
+    after.array()
 }
 
 /// How much better one history predicts the new sample than another, measured without a reference.

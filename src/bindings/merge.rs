@@ -8,10 +8,10 @@ use super::arrays::{
 };
 use crate::error::Error;
 use crate::image::Size;
-use crate::kernels::merge::{accumulate, blend, resolve};
+use crate::kernels::merge::{accumulate, blend, combine, resolve};
 use crate::pixels::PixelsMut;
 
-const MOMENTS: Channels = Channels::Of(&[2]);
+pub const MOMENTS: Channels = Channels::Of(&[2]);
 
 /// Result of `accumulate`.
 ///
@@ -171,6 +171,104 @@ pub fn accumulate_<'py>(
         history_length: length.array()?.unbind(),
         missing,
     })
+}
+
+/// Colour, moments and length.
+type Images<'py> = (
+    Bound<'py, PyArrayDyn<f32>>,
+    Bound<'py, PyArrayDyn<f32>>,
+    Bound<'py, PyArrayDyn<f32>>,
+);
+
+/// Combines two independent histories of the same pixels, such as that of earlier frames and that of later ones.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) array_like of float
+/// moments : (H, W, 2) array_like of float
+///     Means of luminance and of its square.
+/// history_length : (H, W) array_like of float
+///     Samples in each pixel.
+/// other_color, other_moments, other_length
+///     The same of the second history.
+/// gradient : (H, W) array_like of float, optional
+///     Relative change of light in the second history, 0 to 1; NaN counts as 0. It counts as fewer samples there.
+/// out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
+///     Written and returned instead of new arrays; they may be inputs. A part may be None.
+///
+/// Returns
+/// -------
+/// color : (H, W, 3) float32
+/// moments : (H, W, 2) float32
+/// history_length : (H, W) float32
+///     The sum of both. Where no history has samples, colour and moments are NaN and the length is 0.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+///
+/// Notes
+/// -----
+/// Each is a mean over its samples, so the mean over all has the lengths for weights: ``c + N'/(N + N') (c' - c)``. A
+/// gradient g shortens the second history to ``N' (1 - g)**10``, as in `accumulate`.
+#[pyfunction]
+#[pyo3(signature = (color, moments, history_length, other_color, other_moments, other_length, *, gradient=None, out=None))]
+pub fn combine_histories<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    moments: &Bound<'py, PyAny>,
+    history_length: &Bound<'py, PyAny>,
+    other_color: &Bound<'py, PyAny>,
+    other_moments: &Bound<'py, PyAny>,
+    other_length: &Bound<'py, PyAny>,
+    gradient: Option<&Bound<'py, PyAny>>,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Images<'py>> {
+    let [color, moments, length] = {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let input =
+            |value, name, channels| Input::<f32>::new(value, name, channels)?.sized(name, size);
+        let first = [
+            color,
+            input(moments, "moments", MOMENTS)?,
+            input(history_length, "history_length", Channels::One)?,
+        ];
+        let second = [
+            input(other_color, "other_color", COLOR)?,
+            input(other_moments, "other_moments", MOMENTS)?,
+            input(other_length, "other_length", Channels::One)?,
+        ];
+        let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
+        let Size { height, width } = size;
+        let shapes: [&[usize]; 3] = [&[height, width, 3], &[height, width, 2], &[height, width]];
+        let [a, b, c] = parts(out.as_ref())?;
+        let out = (
+            Out::given(a, shapes[0])?,
+            Out::given(b, shapes[1])?,
+            Out::given(c, shapes[2])?,
+        );
+        let mut combined = [
+            Direct::new(py, out.0, shapes[0])?,
+            Direct::new(py, out.1, shapes[1])?,
+            Direct::new(py, out.2, shapes[2])?,
+        ];
+        let [colors, moments, lengths] = combined.each_mut().map(Direct::data);
+        let (colors, moments, lengths) = (colors?, moments?, lengths?);
+        let [first, second] =
+            [&first, &second].map(|inputs| inputs.each_ref().map(|input| input.data().pixels()));
+        let gradient = gradient.as_ref().map(|image| image.data().flat());
+        detached(py, || {
+            let outs = PixelsMut::bands(size, 3, colors)
+                .zip(PixelsMut::bands(size, 2, moments))
+                .zip(PixelsMut::bands(size, 1, lengths))
+                .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
+            combine::combine(first, second, gradient, outs);
+        })?;
+        combined
+    };
+    Ok((color.array()?, moments.array()?, length.array()?))
 }
 
 /// Jittered samples of several frames, reconstructed to one image.

@@ -39,11 +39,11 @@ mod _core {
     use super::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
     #[pymodule_export]
     use super::judge::{
-        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, exposure_, innovation_,
-        prediction_gain, temporal_gradient,
+        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, compare_candidates,
+        exposure_, innovation_, prediction_gain, temporal_gradient,
     };
     #[pymodule_export]
-    use super::merge::{Accumulated, accumulate_, blend_, resolve_};
+    use super::merge::{Accumulated, accumulate_, blend_, combine_histories, resolve_};
     #[pymodule_export]
     use super::pipelines::bmfr::BMFR;
     #[pymodule_export]
@@ -57,7 +57,7 @@ mod _core {
     #[pymodule_export]
     use super::pipelines::upscaler::Upscaler;
     #[pymodule_export]
-    use super::pipelines::{Output, Pipeline};
+    use super::pipelines::{History, Output, Pipeline};
     #[pymodule_export]
     use super::regress::regress_;
     #[pymodule_export]

@@ -2,6 +2,7 @@
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 use super::arrays::{
     COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, needs, parts,
@@ -178,6 +179,10 @@ pub fn estimate_variance_<'py>(
 ///     Linear. Pixels with NaN or infinity are missing: they have weight 0 and are filled from their neighbours.
 /// variance : (H, W) array_like of float
 ///     Variance of the luminance of `color`, as `estimate_variance` returns it; values that are not finite count as 0.
+/// prediction : (H, W) array_like of float, optional
+///     Luminance that history predicts, without the newest samples. Luminance differences are then its own instead of
+///     the colour's, so that weights do not depend on the samples' noise, and it is filtered by the same weights. NaN
+///     where nothing is predicted: the colour's luminance is used instead.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
 /// normal : (H, W, 3) array_like of float, optional
@@ -199,7 +204,7 @@ pub fn estimate_variance_<'py>(
 ///     Scale of depth differences, in multiples of the slope's own; above 0. Not used with `camera`.
 /// sigma_plane : float, default 0.01
 ///     Scale of plane distances, relative to depth; above 0. Used with `camera`.
-/// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
+/// out : tuple of (H, W, 3) and (H, W) float32 arrays, and with `prediction` another of (H, W), optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
 /// Returns
@@ -208,6 +213,8 @@ pub fn estimate_variance_<'py>(
 ///     Filtered; NaN for missing pixels without valid neighbours.
 /// variance : (H, W) float32
 ///     Variance of its luminance, assuming independent samples.
+/// prediction : (H, W) float32
+///     The filtered prediction, only if one was given. It has not seen the newest samples either (see `choice`).
 ///
 /// Raises
 /// ------
@@ -221,18 +228,20 @@ pub fn estimate_variance_<'py>(
 ///
 /// - en = sigma_normal · ½\|n - n'\|²,
 /// - ez = \|n·(X - X')\| / (sigma_plane Z) with `camera`, else \|Z - Z'\| / (sigma_depth \|∇Z·Δ\| + Z/1000),
-/// - el = \|l - l'\| / (sigma_luminance √(3×3 Gaussian of variance) + \|l\|/1000).
+/// - el = \|l - l'\| / (sigma_luminance √(3×3 Gaussian of variance) + \|l\|/1000), l being the luminance of the colour,
+///   or the prediction.
 ///
 /// Colour is Σwc/Σw and variance Σw²v/(Σw)². Dammertz et al. 2010, *Edge-Avoiding À-Trous Wavelet Transform for fast
 /// Global Illumination Filtering*; Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4.3.
 #[pyfunction]
-#[pyo3(signature = (color, variance, *, depth=None, normal=None, ids=None, camera=None, iterations=5, radius=2,
-    sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
+#[pyo3(signature = (color, variance, *, prediction=None, depth=None, normal=None, ids=None, camera=None, iterations=5,
+    radius=2, sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
 #[pyo3(name = "atrous")]
 pub fn atrous_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
     variance: &Bound<'py, PyAny>,
+    prediction: Option<&Bound<'py, PyAny>>,
     depth: Option<&Bound<'py, PyAny>>,
     normal: Option<&Bound<'py, PyAny>>,
     ids: Option<&Bound<'py, PyAny>>,
@@ -244,7 +253,7 @@ pub fn atrous_<'py>(
     sigma_depth: f32,
     sigma_plane: f32,
     out: Option<Bound<'py, PyAny>>,
-) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+) -> PyResult<Bound<'py, PyTuple>> {
     let sigmas = Sigmas {
         normal: sigma_normal,
         depth: sigma_depth,
@@ -257,33 +266,60 @@ pub fn atrous_<'py>(
         sigmas,
     };
     params.check()?;
-    let (color, variance) = {
+    let filtered = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let variance =
             Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
+        let prediction = Input::<f32>::optional(prediction, "prediction", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
-        let [first, second] = parts(out.as_ref())?;
-        let shapes = [color.shape(), variance.shape()];
-        let [first, second] = [
-            Out::given(first, shapes[0])?,
-            Out::given(second, shapes[1])?,
-        ];
-        let mut out = (
-            Direct::new(py, first, shapes[0])?,
-            Direct::new(py, second, shapes[1])?,
+        let (shape, flat) = (color.shape(), [size.height, size.width]);
+        let [first, second, third] = match prediction {
+            Some(_) => parts(out.as_ref())?,
+            None => {
+                let [first, second] = parts(out.as_ref())?;
+                [first, second, None]
+            }
+        };
+        let given = (
+            Out::given(first, shape)?,
+            Out::given(second, &flat)?,
+            Out::given(third, &flat)?,
         );
-        let (data, guide) = ([color.data(), variance.data()], guide.data());
+        let mut out = (
+            Direct::new(py, given.0, shape)?,
+            Direct::new(py, given.1, &flat)?,
+            (prediction.as_ref())
+                .map(|_| Direct::new(py, given.2, &flat))
+                .transpose()?,
+        );
+        let source = atrous::Source {
+            color: color.data().pixels(),
+            variance: variance.data().pixels(),
+            prediction: prediction.as_ref().map(|image| image.data().pixels()),
+        };
+        let guide = guide.data();
         let (filtered, filtered_variance) = (out.0.data()?, out.1.data()?);
+        let filtered_prediction = out.2.as_mut().map(Direct::data).transpose()?;
         detached(py, || {
-            let [color, variance] = data.map(Interleaved::pixels);
             let guide = guide.guide(size, params.reach());
             let filtered = PixelsMut::bands(size, 3, filtered);
-            atrous::atrous(color, variance, &guide, params, filtered, filtered_variance);
+            atrous::atrous(
+                source,
+                &guide,
+                params,
+                filtered,
+                filtered_variance,
+                filtered_prediction,
+            );
         })?;
         out
     };
-    Ok((color.array()?, variance.array()?))
+    let mut arrays = vec![filtered.0.array()?, filtered.1.array()?];
+    if let Some(prediction) = filtered.2 {
+        arrays.push(prediction.array()?);
+    }
+    PyTuple::new(py, arrays)
 }
 
 /// Firefly suppression: clamps samples far brighter than their surroundings and redistributes the excess.

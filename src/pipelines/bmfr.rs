@@ -236,9 +236,16 @@ impl<'a> Inputs<'a> {
             ))
         };
         let mut memory = memory;
-        let memory = memory.as_mut();
         recall(
-            params, memory, CHANNELS, frame, motion, sample, hold, output,
+            params,
+            memory.as_mut(),
+            CHANNELS,
+            frame,
+            motion,
+            sample,
+            hold,
+            output.confidence,
+            output.rejection,
         )
     }
 

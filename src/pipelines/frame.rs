@@ -12,6 +12,7 @@ use crate::image::{
 use crate::kernels::camera::motion::{Geometry, Transforms, is_still, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
+use crate::kernels::merge::accumulate::CHANNELS;
 use crate::memory::Scratch;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Settings, Simd};
@@ -276,7 +277,7 @@ pub struct Output<'a> {
 }
 
 impl Output<'_> {
-    fn check(&self, size: Size, extras: Extras) -> Result<()> {
+    pub(super) fn check(&self, size: Size, extras: Extras) -> Result<()> {
         size.check("output")?;
         for (name, given, wanted) in [
             ("variance", self.variance.is_some(), extras.variance),
@@ -363,6 +364,111 @@ impl Results {
             rejection: &mut self.rejection,
             choice: self.choice.as_deref_mut(),
         }
+    }
+}
+
+/// A history of a frame's pixels, each in the pixel's own place: an input of
+/// [`Svgf::step_between`](super::Svgf::step_between).
+#[derive(Clone, Copy, Debug)]
+pub struct History<'a> {
+    /// Light, 3 channels, demodulated if frames have albedo; NaN where there is none.
+    pub color: Pixels<'a>,
+    /// Means of the luminance of light and of its square.
+    pub moments: Pixels<'a>,
+    /// How many samples each pixel counts for.
+    pub length: Pixels<'a>,
+    /// As [`Output::confidence`].
+    pub confidence: View<'a>,
+    /// As [`Output::rejection`].
+    pub rejection: View<'a, u8>,
+}
+
+impl History<'_> {
+    pub(super) fn check(&self, size: Size) -> Result<()> {
+        let images = [
+            ("color", self.color, 3),
+            ("moments", self.moments, 2),
+            ("length", self.length, 1),
+            ("confidence", self.confidence.into(), 1),
+        ];
+        let shapes = images.map(|(name, image, wanted)| (name, image.size, image.channels, wanted));
+        let (rejection, channels) = (self.rejection.size, self.rejection.channels);
+        for (name, own, channels, wanted) in
+            shapes
+                .into_iter()
+                .chain([("rejection", rejection, channels, 1)])
+        {
+            if own != size {
+                return Err(Error::value(name, size, own));
+            }
+            if channels != wanted {
+                return Err(Error::value(name, format!("{wanted} channels"), channels));
+            }
+        }
+        Ok(())
+    }
+
+    /// Loads a run of colour, moments and length.
+    #[inline(always)]
+    pub(super) fn read(&self, run: Run, into: &mut [Row; CHANNELS]) {
+        let [r, g, b, first, second, length] = into.each_mut().map(Row::as_mut_slice);
+        self.color.read(run, [r, g, b]);
+        self.moments.read(run, [first, second]);
+        self.length.read(run, [length]);
+    }
+}
+
+/// Where [`Svgf::recall`](super::Svgf::recall) writes a history, interleaved.
+pub struct HistoryMut<'a> {
+    /// 3 elements for each pixel, as [`History::color`].
+    pub color: &'a mut [f32],
+    /// 2 elements for each pixel, as [`History::moments`].
+    pub moments: &'a mut [f32],
+    /// As [`History::length`].
+    pub length: &'a mut [f32],
+    /// As [`Output::confidence`].
+    pub confidence: &'a mut [f32],
+    /// As [`Output::rejection`].
+    pub rejection: &'a mut [u8],
+}
+
+/// The part of a [`HistoryMut`] that history fills.
+pub(super) struct Expectation<'a> {
+    pub color: &'a mut [f32],
+    pub moments: &'a mut [f32],
+    pub length: &'a mut [f32],
+}
+
+impl<'a> HistoryMut<'a> {
+    pub(super) fn check(&self, size: Size) -> Result<()> {
+        let pixels = size.pixels();
+        for (name, wanted, got) in [
+            ("color", 3 * pixels, self.color.len()),
+            ("moments", 2 * pixels, self.moments.len()),
+            ("length", pixels, self.length.len()),
+            ("confidence", pixels, self.confidence.len()),
+            ("rejection", pixels, self.rejection.len()),
+        ] {
+            check_length(name, wanted, got)?;
+        }
+        Ok(())
+    }
+
+    /// What history fills, confidence and rejection.
+    pub(super) fn parts(self) -> (Expectation<'a>, &'a mut [f32], &'a mut [u8]) {
+        let Self {
+            color,
+            moments,
+            length,
+            confidence,
+            rejection,
+        } = self;
+        let expectation = Expectation {
+            color,
+            moments,
+            length,
+        };
+        (expectation, confidence, rejection)
     }
 }
 
@@ -470,12 +576,24 @@ pub trait Pipeline: Steps {
     /// # Panics
     /// If an allocation fails, with [`OutOfMemory`](crate::OutOfMemory). A panic resets the pipeline, which stays usable.
     fn step(&mut self, frame: &Frame, output: Output) -> Result<(Summary, Option<Mistake>)> {
+        self.checked(frame, |pipeline, frame| {
+            output.check(pipeline.output_size(frame.color.size), pipeline.extras())?;
+            pipeline.next(frame, output)
+        })
+    }
+
+    #[doc(hidden)]
+    /// Runs a step on a frame that it has checked.
+    fn checked(
+        &mut self,
+        frame: &Frame,
+        next: impl FnOnce(&mut Self, &Frame) -> Result<Summary>,
+    ) -> Result<(Summary, Option<Mistake>)> {
         Settings::from_environment()?;
         let frame = &frame.checked()?;
-        output.check(self.output_size(frame.color.size), self.extras())?;
         // Images are in memory that earlier frames freed.
         let mut upkeep = std::mem::take(self.upkeep());
-        let next = AssertUnwindSafe(|| upkeep.scratch.install(|| self.next(frame, output)));
+        let next = AssertUnwindSafe(|| upkeep.scratch.install(|| next(self, frame)));
         let summary = catch_unwind(next).unwrap_or_else(|panic| {
             self.reset();
             resume_unwind(panic)

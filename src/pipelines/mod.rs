@@ -25,7 +25,7 @@ pub mod taa;
 pub mod upscaler;
 
 pub use bmfr::Bmfr;
-pub use frame::{Extras, Frame, Output, Pipeline, Results, Summary};
+pub use frame::{Extras, Frame, History, HistoryMut, Output, Pipeline, Results, Summary};
 pub use motion_check::Mistake;
 pub use recirculation::Recirculation;
 pub use svgf::Svgf;

@@ -2,7 +2,7 @@
 //!
 //!   (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
 
-use super::frame::{Frame, Motion, Output, SurfaceRecords, check_size};
+use super::frame::{Frame, Motion, SurfaceRecords, check_size};
 use super::reflections::{self, Own};
 use super::replay;
 use super::svgf::Params;
@@ -93,8 +93,8 @@ pub struct Recalled {
     pub reflections: Option<reflections::Won>,
 }
 
-/// Brings history to the current frame. `hold` suppresses fireflies, given the history's illumination. Writes the output's
-/// confidence and rejection.
+/// Brings history to the current frame. `hold` suppresses fireflies, given the history's illumination. Writes how much of
+/// each pixel's footprint was accepted, and the tests that the rest failed.
 pub fn recall(
     params: &Params,
     memory: Option<&mut Memory>,
@@ -103,11 +103,12 @@ pub fn recall(
     motion: &Motion,
     sample: &Image,
     hold: impl FnOnce(Option<Pixels>) -> Option<Image>,
-    output: &mut Output,
+    coverage: &mut [f32],
+    rejection: &mut [u8],
 ) -> Recalled {
     let Some(memory) = memory else {
-        output.confidence.fill(0.0);
-        output.rejection.fill(0);
+        coverage.fill(0.0);
+        rejection.fill(0);
         return Recalled {
             history: Image::new(frame.color.size, channels),
             held: hold(None),
@@ -125,8 +126,7 @@ pub fn recall(
 
     let mut planes = vec![memory.history.pixels()];
     planes.extend(replayed.as_ref().map(Image::pixels));
-    let coverage = &mut *output.confidence;
-    let values = reproject(&planes, motion, tests, BILINEAR, coverage, output.rejection);
+    let values = reproject(&planes, motion, tests, BILINEAR, coverage, rejection);
     let mut values = values.into_iter();
     let mut next = || values.next().expect("an image for each that is fetched");
     let mut history = next();

@@ -21,7 +21,7 @@ use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient;
 use crate::kernels::judge::innovation::{self, Innovation, innovation};
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::atrous::{self, atrous};
+use crate::kernels::smooth::atrous::{self, Source, atrous};
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Guide;
 use crate::math::larger;
@@ -130,14 +130,12 @@ fn blurred(image: &Image, variance: Pixels) -> Image {
     let mut mean = Image::blank(image.size, 3);
     let mut rest = Image::blank(image.size, 1);
     let out = mean.bands().map(PixelsMut::Planar);
-    atrous(
-        image.pixels(),
+    let source = Source {
+        color: image.pixels(),
         variance,
-        &guide,
-        params,
-        out,
-        rest.data_mut(),
-    );
+        prediction: None,
+    };
+    atrous(source, &guide, params, out, rest.data_mut(), None);
     mean
 }
 

@@ -1,22 +1,29 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
-//!     → (lend) → accumulate → (choice) → estimate variance → à-trous → (innovation) → remodulate → (antialias)
+//!     → (lend) → accumulate → (join later frames) → (choice) → estimate variance → à-trous → (innovation) → remodulate
+//!     → (antialias)
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
 mod finish;
 mod merge;
 mod passes;
+mod sides;
 
 use std::cell::OnceCell;
 
 use self::finish::finish;
-use self::merge::{merge, merge_at_once};
-use self::passes::{Chosen, choose, filter};
+use self::merge::{Merged, merge, merge_at_once};
+use self::passes::{choose, filter};
+use self::sides::{Joined, expect, join, join_reports};
 use super::correction::innovate;
-use super::frame::{Extras, Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names};
+use super::frame::{
+    Expectation, Extras, Frame, History, HistoryMut, Motion, Output, Pipeline, Steps, Summary,
+    Upkeep, names,
+};
 use super::illumination::{Illumination, illumination, texture};
+use super::motion_check::Mistake;
 use super::recall::Memory;
 use super::reflections;
 use super::taa::{self, Stage};
@@ -43,7 +50,8 @@ pub struct Params {
     pub variance: variance::Params,
     /// The filter.
     pub atrous: atrous::Params,
-    /// Whether the first pass of the filter, instead of its input, is the next frame's history.
+    /// Whether the first pass of the filter, instead of its input, is the next frame's history. Not in a step that joins later
+    /// frames: they have seen the next frame's samples.
     pub feedback: bool,
     /// Whether history must be of the same albedo, by the surface's threshold of luminance.
     pub same_albedo: bool,
@@ -175,10 +183,12 @@ impl Params {
         }
     }
 
-    /// Whether a step between reprojection and accumulation looks at what surrounds a pixel.
+    /// Whether a step between reprojection and accumulation looks at what surrounds a pixel, or one behind it at what was
+    /// expected.
     fn looks_around(&self) -> bool {
         let fills = self.fireflies.is_some() || self.lend.is_some();
-        self.gradient.is_some() || fills || !self.reflections.is_empty()
+        let asks = !self.reflections.is_empty() || self.choice.is_some();
+        self.gradient.is_some() || fills || asks
     }
 
     /// An error if a parameter is out of range.
@@ -205,7 +215,30 @@ struct State {
     memory: Memory,
     /// The innovation that was found and not corrected.
     evidence: Option<Records>,
-    chosen: Option<Chosen>,
+    /// What speaks for more or fewer passes.
+    choice: Option<Records>,
+}
+
+/// What a step is for.
+enum Task<'a> {
+    /// To show the frame, as the frames before it know it, and those after it if their history is given.
+    Show(Shown<'a>, Option<&'a History<'a>>),
+    /// To tell what history expects of the frame.
+    Recall(Expectation<'a>),
+}
+
+/// Where a step writes what it shows.
+struct Shown<'a> {
+    color: &'a mut [f32],
+    variance: &'a mut [f32],
+    choice: Option<&'a mut [f32]>,
+}
+
+/// Where a step writes what it saw of history.
+struct Seen<'a> {
+    history_length: &'a mut [f32],
+    confidence: &'a mut [f32],
+    rejection: &'a mut [u8],
 }
 
 /// Spatiotemporal variance-guided filtering.
@@ -217,6 +250,11 @@ pub struct Svgf {
 }
 
 impl Svgf {
+    /// The parameters.
+    pub fn params(&self) -> &Params {
+        &self.params
+    }
+
     /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
@@ -248,17 +286,81 @@ impl Steps for Svgf {
         self.antialias.iter_mut().for_each(Stage::reset);
     }
 
-    fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
+    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+        self.show(frame, None, output)
+    }
+}
+
+impl Svgf {
+    /// As [`Pipeline::step`], with the history that later frames have of the frame's pixels: a pipeline that runs backwards
+    /// [recalls](Self::recall) it. The two join before the filter, by their lengths.
+    ///
+    /// # Errors
+    /// As `step`, and if the history has another size.
+    pub fn step_between(
+        &mut self,
+        frame: &Frame,
+        later: &History,
+        output: Output,
+    ) -> Result<(Summary, Option<Mistake>)> {
+        self.checked(frame, |pipeline, frame| {
+            output.check(frame.color.size, pipeline.extras())?;
+            later.check(frame.color.size)?;
+            pipeline.show(frame, Some(later), output)
+        })
+    }
+
+    /// Goes on to the next frame as a step does, but instead of showing it writes what history expects of its pixels,
+    /// shortened where the light has changed. The frame's own sample is not in it.
+    ///
+    /// # Errors
+    /// As [`Pipeline::step`].
+    pub fn recall(
+        &mut self,
+        frame: &Frame,
+        expected: HistoryMut,
+    ) -> Result<(Summary, Option<Mistake>)> {
+        self.checked(frame, |pipeline, frame| {
+            expected.check(frame.color.size)?;
+            // It would go on from an image that is too old.
+            pipeline.antialias.iter_mut().for_each(Stage::reset);
+            let (expectation, confidence, rejection) = expected.parts();
+            let mut length = Image::blank(frame.color.size, 1);
+            let seen = Seen {
+                history_length: length.data_mut(),
+                confidence,
+                rejection,
+            };
+            pipeline.advance(frame, Task::Recall(expectation), seen)
+        })
+    }
+
+    fn show(&mut self, frame: &Frame, later: Option<&History>, output: Output) -> Result<Summary> {
+        let shown = Shown {
+            color: output.color,
+            variance: output.variance.expect("an estimate has room"),
+            choice: output.choice,
+        };
+        let seen = Seen {
+            history_length: output.history_length,
+            confidence: output.confidence,
+            rejection: output.rejection,
+        };
+        self.advance(frame, Task::Show(shown, later), seen)
+    }
+
+    fn advance(&mut self, frame: &Frame, task: Task, mut seen: Seen) -> Result<Summary> {
         (self.state.iter()).try_for_each(|state| state.memory.check(frame))?;
         let params = &self.params;
-        let (mut memory, evidence, chosen) = match self.state.take() {
-            Some(state) => (Some(state.memory), state.evidence, state.chosen),
+        let (mut memory, evidence, choice) = match self.state.take() {
+            Some(state) => (Some(state.memory), state.evidence, state.choice),
             None => (None, None, None),
         };
         let mut used = vec![];
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
         let motion = frame.motion(before, &mut used);
-        let sample = (params.looks_around()).then(|| illumination(frame.color, texture(frame)));
+        let asks = params.looks_around() || !matches!(task, Task::Show(_, None));
+        let sample = asks.then(|| illumination(frame.color, texture(frame)));
         let now = Current {
             params,
             frame,
@@ -269,32 +371,60 @@ impl Steps for Svgf {
         };
         let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
 
-        let mut merged = match &sample {
-            Some(sample) => merge(&now, sample, memory.as_mut(), &mut output),
-            None => merge_at_once(&now, memory.as_ref(), &mut output),
+        let Merged {
+            mut history,
+            missing,
+            recalled,
+        } = match &sample {
+            Some(sample) => merge(&now, sample, memory.as_mut(), &mut seen),
+            None => merge_at_once(&now, memory.as_ref(), &mut seen),
         };
         drop(memory);
-        let exposure = now.exposure(&merged.history);
-        let mut choosing = choose(&now, &merged, chosen, exposure, &mut output);
-        let mut passes = filter(&now, &mut merged.history, choosing.as_mut());
-        let (innovation, evidence) = now.innovate(&passes, evidence, exposure, &output).unzip();
+        let (joined, later, mut shown) = match task {
+            Task::Show(shown, later) => {
+                let joined = join(&now, recalled.as_ref(), &history, later, &mut seen);
+                (joined, later, Some(shown))
+            }
+            Task::Recall(into) => {
+                expect(recalled.as_ref(), now.size(), into);
+                (Joined::default(), None, None)
+            }
+        };
+        let reflections = recalled.and_then(|recalled| recalled.reflections);
+        let known = joined.history.as_ref();
+        let exposure = now.exposure(known.unwrap_or(&history));
+        let levels = shown.as_mut().and_then(|shown| shown.choice.take());
+        let mut choosing = choose(
+            &now,
+            joined.prediction,
+            reflections.as_ref(),
+            choice,
+            &seen,
+            levels,
+        );
+        if let Some(later) = later {
+            join_reports(later, &mut seen);
+        }
+        let mut passes = filter(&now, &mut history, known, choosing.as_mut());
+        let choice = choosing.map(|choosing| choosing.judge(&now, exposure));
+        let (innovation, evidence) = now.innovate(&passes, evidence, exposure, &seen).unzip();
         let mut light = passes.light.take();
-        used.extend(now.used(replays, merged.reflections.is_some()));
+        used.extend(now.used(replays, reflections.is_some()));
+        let antialias = self.antialias.as_mut().filter(|_| shown.is_some());
         finish(
             &now,
             passes,
             innovation.as_ref(),
-            &mut merged.history,
+            &mut history,
             light.as_mut(),
-            self.antialias.as_mut(),
-            output,
+            antialias,
+            shown,
         );
 
-        let chosen = choosing.map(|choosing| choosing.chosen);
-        let mut memory = Memory::new(frame, merged.history, params, !now.continues);
+        let mut memory = Memory::new(frame, history, params, !now.continues);
         memory.reflections = light.map(|light| reflections::Memory {
             light,
-            scores: match merged.reflections {
+            scores: match reflections {
                 Some(won) => won.scores,
                 None => reflections::Scores::new(frame.color.size, params.reflections.len()),
             },
@@ -302,12 +432,9 @@ impl Steps for Svgf {
         self.state = Some(State {
             memory,
             evidence,
-            chosen,
+            choice,
         });
-        Ok(Summary {
-            used,
-            missing: merged.missing,
-        })
+        Ok(Summary { used, missing })
     }
 }
 
@@ -360,10 +487,10 @@ impl Current<'_> {
         prediction: &impl Colors,
         evidence: Option<Records>,
         exposure: f32,
-        output: &Output,
+        seen: &Seen,
     ) -> Option<(Innovation, Records)> {
         let params = self.params.innovation.filter(|_| self.continues)?;
-        let length = View::new(self.size(), 1, output.history_length).into();
+        let length = View::new(self.size(), 1, seen.history_length).into();
         let (fresh, evidence) = (self.fresh(), evidence.as_ref());
         Some(innovate(
             params,

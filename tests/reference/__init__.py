@@ -11,7 +11,8 @@ from .atrous import atrous
 from .blend import blend
 from .blend_factor import blend_factor
 from .bmfr import BMFR
-from .choice import choice
+from .choice import choice, compare_candidates
+from .combine import combine_histories
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .dilate import dilate_motion
@@ -63,6 +64,8 @@ __all__ = [
     "blend_factor",
     "choice",
     "clip_history",
+    "combine_histories",
+    "compare_candidates",
     "consistency",
     "demodulate",
     "dilate_motion",

@@ -16,17 +16,27 @@ def _gaussian(image: Tensor) -> Tensor:
 
 
 def atrous(
-    color: Tensor, variance: Tensor, *, iterations=5, radius=2, sigma_luminance=4.0, margin=False, **similarity
+    color: Tensor,
+    variance: Tensor,
+    *,
+    prediction: Tensor | None = None,
+    iterations=5,
+    radius=2,
+    sigma_luminance=4.0,
+    margin=False,
+    **similarity,
 ) -> tuple[Tensor, ...]:
     """Smooth by ever wider, edge-stopping 5x5 or 3x3 passes with holes (à trous), carrying the variance along.
 
     w = h·exp(-[surface + |l - l'| / (sigma_luminance·√g + 1e-3·|l|)]), colour = Σwc / Σw, variance = Σw²v / (Σw)².
-    Source: Dammertz et al. 2010; Schied et al. 2017, section 4.4.
+    Source: Dammertz et al. 2010; Schied et al. 2017, section 4.4. l is the luminance of each pass's input, or a
+    prediction of it, which becomes Σwl / Σw.
 
     Parameters
     ----------
     color : (H, W, 3)
     variance : (H, W), of the luminance
+    prediction : (H, W), of the luminance; where it is not finite, that of the colour
     margin : also return the smallest sum of weights (H, W) of any pass
     **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
 
@@ -34,19 +44,22 @@ def atrous(
     -------
     color : (H, W, 3)
     variance : (H, W)
+    prediction : (H, W), only if one was given; NaN where the colour is
     """
     height, width = variance.shape
     alike = Similarity(color, **similarity)
     color = color.where(color.isfinite().all(-1, keepdim=True), torch.nan)  # (H, W, 3)
     variance = variance.where(variance.isfinite(), 0)  # (H, W)
+    light = luminance(color)  # (H, W), NaN where the colour is missing
+    if prediction is not None:
+        light = prediction.where(prediction.isfinite() & light.isfinite(), light)  # (H, W)
     least = torch.full_like(variance, torch.inf)  # (H, W)
     for i in range(iterations):
         step, kernel = 2**i, KERNELS[radius]
-        finite = color.isfinite().all(-1)  # (H, W)
-        clean = color.where(finite[..., None], 0)  # (H, W, 3)
-        light = luminance(clean)  # (H, W)
+        finite = light.isfinite()  # (H, W)
+        clean, light = color.where(finite[..., None], 0), light.where(finite, 0)  # (H, W, 3), (H, W)
         scale = sigma_luminance * _gaussian(variance).sqrt() + 1e-3 * light.abs() + 1e-30  # (H, W)
-        colors, variances, weights = torch.zeros_like(color), torch.zeros_like(variance), torch.zeros_like(variance)
+        colors, (variances, lights, weights) = torch.zeros_like(color), torch.zeros(3, height, width).to(color)
         for dy in range(-radius, radius + 1):
             for dx in range(-radius, radius + 1):
                 x, y = step * dx, step * dy
@@ -59,9 +72,14 @@ def atrous(
                 weight = weight.where(same & shift(finite, x, y, False) & (weight >= CUT), 0)  # (H, W)
                 colors += weight[..., None] * shift(clean, x, y, 0)  # (H, W, 3)
                 variances += weight * weight * shift(variance, x, y, 0)  # (H, W)
+                lights += weight * shift(light, x, y, 0)  # (H, W)
                 weights += weight  # (H, W)
         least = torch.where(weights > 0, least.minimum(weights), least)  # (H, W)
         color = torch.where(weights[..., None] > 0, colors / weights[..., None], torch.nan)  # (H, W, 3)
+        light = luminance(color)  # (H, W)
+        if prediction is not None:
+            light = torch.where(weights > 0, lights / weights, torch.nan)  # (H, W)
         variance = torch.where(weights > 0, variances / (weights * weights), 0)  # (H, W)
         variance = variance.where(variance >= 1e-30, 0)  # (H, W)
-    return (color, variance, least) if margin else (color, variance)
+    results = (color, variance) if prediction is None else (color, variance, light)
+    return (*results, least) if margin else results

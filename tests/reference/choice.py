@@ -3,6 +3,8 @@ import math
 import torch
 from torch import Tensor
 
+from .accumulate import luminance
+
 TILE = 8
 
 
@@ -10,26 +12,15 @@ def _tiles(size: tuple[int, int]) -> tuple[int, int]:
     return math.ceil(size[0] / TILE), math.ceil(size[1] / TILE)
 
 
-def relative(
-    color: Tensor, candidates: Tensor, motion: Tensor, coverage: Tensor, *, offset=(0, 0), exposure=1.0, usual=0
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Candidates (H, W, K, 3) and samples (H, W, 1, 3) relative to the usual candidate's mean, and where both are known
-    (H, W); 0 elsewhere."""
-    size = torch.tensor(color.shape[:2])
-    rows, columns = (torch.arange(count) for count in color.shape[:2])  # (H,), (W,)
-    grid = torch.stack(torch.meshgrid(rows, columns, indexing="ij"), -1)  # (H, W, 2), row and column
-    place = (grid + motion[..., :2].flip(-1) + 0.5).floor()  # (H, W, 2)
-    known = ((place >= 0) & (place < size)).all(-1)  # (H, W)
-    place = place.where(known[..., None], 0).long()  # (H, W, 2)
-    known &= (place % 2 == torch.tensor([offset[1], offset[0]])).all(-1) & (coverage > 0)  # (H, W)
-    row, column = (place // 2).unbind(-1)  # (H, W), (H, W)
-    fetched = candidates[row, column].unflatten(-1, (-1, 3))  # (H, W, K, 3)
-    known &= fetched.isfinite().all(-1).all(-1) & color.isfinite().all(-1)  # (H, W)
-    shown = known[..., None, None]  # (H, W, 1, 1)
-    fetched, sample = fetched.where(shown, 0), color[..., None, :].where(shown, 0)  # (H, W, K, 3), (H, W, 1, 3)
-    middle = fetched[..., usual, :].mean(-1).clamp(min=0)[..., None, None]  # (H, W, 1, 1)
-    unit = middle + max(exposure / 16, torch.finfo(torch.float32).tiny)  # (H, W, 1, 1)
-    return (fetched - middle) / unit, ((sample - middle) / unit).clamp(-8, 8), known
+def relative(color: Tensor, candidates: Tensor, *, exposure=1.0, usual=0) -> tuple[Tensor, Tensor, Tensor]:
+    """Candidates (H, W, K) and the samples' luminance (H, W, 1) relative to the usual candidate, and where all of them
+    are known (H, W); 0 elsewhere."""
+    known = color.isfinite().all(-1) & candidates.isfinite().all(-1)  # (H, W)
+    shown = known[..., None]  # (H, W, 1)
+    candidates, sample = candidates.where(shown, 0), luminance(color)[..., None].where(shown, 0)  # (H, W, K), (H, W, 1)
+    middle = candidates[..., usual, None].clamp(min=0)  # (H, W, 1)
+    unit = middle + max(exposure / 16, torch.finfo(torch.float32).tiny)  # (H, W, 1)
+    return (candidates - middle) / unit, ((sample - middle) / unit).clamp(-8, 8), known
 
 
 def together(image: Tensor) -> Tensor:
@@ -82,49 +73,48 @@ def costs(evidence: Tensor, usual: int, strictness: float) -> Tensor:
 
 
 def choice(
-    color: Tensor,
-    candidates: Tensor,
-    motion: Tensor,
-    coverage: Tensor,
-    evidence: Tensor | None = None,
-    *,
-    offset=(0, 0),
-    exposure=1.0,
-    usual=0,
-    strictness=0.5,
-    share=0.1,
+    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, share=0.1
 ) -> tuple[Tensor, Tensor]:
-    """Choose of a series of predictions, tile by tile, the one that predicted samples best which none of them has seen.
-
-    The squared error of b against that of a, by a sample y whose mean is the truth: (b - a)(b + a - 2y), linear in y.
+    """Choose of a series of predictions, tile by tile, the one that predicted the samples of earlier frames best.
 
     Parameters
     ----------
-    color : (H, W, 3)
-    candidates : (ceil(H / 2), ceil(W / 2), 3 K) of the frame before, of one pixel of each 2×2
+    evidence : (ceil(H / 8), ceil(W / 8), 2 K - 1) of the frame before: sums of gains, sums of their squares, number
     motion : (H, W, 2|3), pixels to the frame before
     coverage : (H, W), above 0 where the pixel has a history
-    evidence : (ceil(H / 8), ceil(W / 8), 2 K - 1) of the frame before: sums of gains, sums of their squares, number
-    offset : x and y of that pixel
-    exposure : of the image; a sixteenth of it counts as black
     usual : candidate that is chosen where nothing is known
     strictness : standard errors by which another must be better
     share : of the evidence that is forgotten
 
     Returns
     -------
-    choice (h, w), evidence (h, w, 2 K - 1)
+    choice (h, w), evidence (h, w, 2 K - 1) where the tiles are now
     """
-    fetched = color, candidates, motion, coverage
-    shown, sample, known = relative(*fetched, offset=offset, exposure=exposure, usual=usual)
-    before, after = shown[..., :-1, :], shown[..., 1:, :]  # (H, W, K - 1, 3) each
-    gains = ((after - before) * (after + before - 2 * sample)).mean(-1).where(known[..., None], 0)  # (H, W, K - 1)
+    carried = (1 - share) * _carry(evidence, motion, coverage)  # (h, w, 2 K - 1)
+    least, best = costs(carried, usual, strictness).min(-1)  # (h, w), (h, w)
+    return torch.where(least < 0, best, usual).to(evidence), carried
+
+
+def compare_candidates(
+    color: Tensor, candidates: Tensor, evidence: Tensor | None = None, *, exposure=1.0, usual=0
+) -> Tensor:
+    """Add to the evidence (h, w, 2 K - 1) what samples say of predictions, none of which has seen them.
+
+    The squared error of b less that of a, by a sample y whose mean is the truth: (b - a)(b + a - 2y), linear in y.
+
+    Parameters
+    ----------
+    color : (H, W, 3)
+    candidates : (H, W, K), of the luminance
+    evidence : (ceil(H / 8), ceil(W / 8), 2 K - 1) of earlier frames: sums of gains, sums of their squares, number
+    exposure : of the image; a sixteenth of it counts as black
+    usual : candidate that the others are relative to
+    """
+    shown, sample, known = relative(color, candidates, exposure=exposure, usual=usual)
+    before, after = shown[..., :-1], shown[..., 1:]  # (H, W, K - 1) each
+    gains = ((after - before) * (after + before - 2 * sample)).where(known[..., None], 0)  # (H, W, K - 1)
     seen = together(torch.cat([gains, gains**2, known[..., None].to(gains)], -1))  # (h, w, 2 K - 1)
-    if evidence is not None:
-        seen = seen + (1 - share) * _carry(evidence, motion, coverage)  # (h, w, 2 K - 1)
-    cost = costs(seen, usual, strictness)  # (h, w, K)
-    least, best = cost.min(-1)  # (h, w), (h, w)
-    return torch.where(least < 0, best, usual).to(color), seen
+    return seen if evidence is None else evidence + seen
 
 
 def levels(chosen: Tensor, size: tuple[int, int]) -> Tensor:
@@ -137,29 +127,35 @@ def levels(chosen: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 class Choosing:
-    """What remains of one frame for the next: candidates, evidence, and which pixel of each 2×2 is known."""
+    """What remains of one frame for the next: the evidence, None before the first."""
 
     def __init__(self, usual: int):
-        self.usual, self.candidates, self.evidence, self.age = usual, None, None, -1
+        self.usual, self.evidence = usual, None
 
-    @property
-    def offset(self) -> tuple[int, int]:
-        return ((1, 1), (1, 0), (0, 1), (0, 0))[self.age % 4]
+    def choose(
+        self,
+        series: list[tuple[Tensor, Tensor, Tensor]],
+        prediction: Tensor,
+        fresh: Tensor,
+        motion: Tensor,
+        coverage: Tensor,
+        exposure: float,
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Mixtures of images (H, W, 3) and of variances (H, W) after 0, 1, 2 … passes, and of how many (H, W).
 
-    def choose(self, series: list[Tensor], fresh: Tensor, motion: Tensor, coverage: Tensor, exposure: float):
-        """Mixtures (H, W, 4) of images with their variance after 0, 1, 2 … passes, and of how many (H, W)."""
+        The third of each in the series is the prediction (H, W) after so many passes, of which the first is not used:
+        it has the image's own luminance where nothing was predicted.
+        """
         size = coverage.shape
         passes = torch.full(size, float(self.usual)).to(fresh)  # (H, W)
-        if self.candidates is not None:
-            known = {"offset": self.offset, "exposure": exposure, "usual": self.usual}
-            chosen, self.evidence = choice(fresh, self.candidates, motion, coverage, self.evidence, **known)
-            present = series[0][..., :3].isfinite().all(-1)  # (H, W)
+        if self.evidence is not None:
+            chosen, self.evidence = choice(self.evidence, motion, coverage, usual=self.usual)
+            present = series[0][0].isfinite().all(-1)  # (H, W)
             passes = levels(chosen, size).where(present, self.usual)  # (H, W)
-        self.age += 1
-        x, y = self.offset
-        images = torch.cat([image[..., :3] for image in series], -1)  # (H, W, 3 K)
-        odd = (0, 0, 0, size[1] % 2, 0, size[0] % 2)
-        self.candidates = torch.nn.functional.pad(images, odd, value=torch.nan)[y::2, x::2]  # (h, w, 3 K)
-        stack = torch.stack(series)  # (K, H, W, 4)
+        candidates = torch.stack([prediction, *(predicted for _, _, predicted in series[1:])], -1)  # (H, W, K)
+        known = {"exposure": exposure, "usual": self.usual}
+        self.evidence = compare_candidates(fresh, candidates, self.evidence, **known)
+        stack = torch.stack([torch.cat([image, rest[..., None]], -1) for image, rest, _ in series])  # (K, H, W, 4)
         shares = (1 - (passes - torch.arange(len(series))[:, None, None]).abs()).clamp(min=0)[..., None]  # (K, H, W, 1)
-        return (shares * stack).where(shares > 0, 0).sum(0), passes
+        mixed = (shares * stack).where(shares > 0, 0).sum(0)  # (H, W, 4)
+        return mixed[..., :3], mixed[..., 3], passes

@@ -3,9 +3,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .accumulate import accumulate
+from .accumulate import accumulate, luminance
 from .atrous import atrous
 from .choice import Choosing
+from .combine import combine_histories
 from .consistency import consistency
 from .demodulate import demodulate, remodulate
 from .exposure import exposure
@@ -15,6 +16,9 @@ from .innovation import correct, innovation
 from .reproject import reproject
 from .taa import PRESETS, antialias, find_motion, tells_depth
 from .variance import estimate_variance
+
+#: Samples that a prediction needs.
+FEWEST = 2
 
 
 class Output(NamedTuple):
@@ -30,7 +34,8 @@ class Output(NamedTuple):
 class SVGF:
     """Spatiotemporal variance-guided filtering (Schied et al. 2017), composed of the references; without reflections.
 
-    Frames are anything with the attributes of `yester.Frame`, the buffers as tensors (H, W, C).
+    Frames are anything with the attributes of `yester.Frame`, the buffers as tensors (H, W, C); what later frames know,
+    with those of `yester.History`.
     """
 
     def __init__(
@@ -78,7 +83,7 @@ class SVGF:
         self.previous = self.antialiased = self.evidence = None
         self.choosing = Choosing(self.iterations)
 
-    def step(self, frame) -> Output:
+    def step(self, frame, later=None) -> Output:
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
         light = frame.color  # (H, W, 3)
         if frame.albedo is not None:
@@ -116,37 +121,56 @@ class SVGF:
         trust = confidence if self.by_confidence else None  # (H, W)
         merged = accumulate(light, *history, weight=weight, gradient=gradient, confidence=trust, **self.blend)
         color, moments, length, _ = merged  # (H, W, 3), (H, W, 2), (H, W)
+        kept, prediction = [color, moments, length], None
+        # Neither side counts for more than what accumulation leaves beside a new sample.
+        longest = 1 / self.blend["alpha"] if self.blend["alpha"] > 0 else torch.inf
+        expected = [*history[:2], self.shorten(history[2], gradient).clamp(max=longest - 1)]
+        if later is not None:
+            joins = later.color, later.moments, later.history_length.clamp(max=longest - 1)
+            expected = combine_histories(*expected, *joins)
+            color, moments, length = combine_histories(*kept, *joins)
+        if self.chooses:
+            prediction = luminance(expected[0]).where(expected[2] >= FEWEST, torch.nan)  # (H, W)
         variance = estimate_variance(moments, length, min_length=self.min_length, **similarity)  # (H, W)
+        if later is not None:
+            variance = variance * (longest / length).clamp(max=1)  # (H, W)
         bright, chosen = exposure(color), None
 
-        def filtered(passes: int) -> Tensor:
-            image, rest = atrous(color, variance, iterations=passes, **self.filter, **similarity)  # (H, W, 3), (H, W)
-            return torch.cat([image, rest[..., None]], -1)  # (H, W, 4)
+        def filtered(passes: int) -> tuple[Tensor, ...]:
+            named = {"prediction": prediction, "iterations": passes, **self.filter, **similarity}
+            return atrous(color, variance, **named)  # (H, W, 3), (H, W), and (H, W) if anything is predicted
 
         if self.chooses:
             series = [filtered(passes) for passes in range(min(self.iterations + 1, 16) + 1)]
-            smooth, chosen = self.choosing.choose(series, fresh, motion, confidence, bright)  # (H, W, 4), (H, W)
+            known = prediction, fresh, motion, confidence, bright
+            smooth, smooth_variance, chosen = self.choosing.choose(series, *known)  # (H, W, 3), (H, W), (H, W)
         else:
-            smooth = filtered(self.iterations)  # (H, W, 4)
-        smooth, smooth_variance = smooth[..., :3], smooth[..., 3]
-        if self.feedback and self.iterations > 0:
-            color = filtered(1)[..., :3]
+            smooth, smooth_variance = filtered(self.iterations)  # (H, W, 3), (H, W)
+        if self.feedback and self.iterations > 0 and later is None:
+            kept[0] = filtered(1)[0]
         found = self.find_innovation(fresh, smooth, length, motion, bright)  # (H, W, 3)
         if found is not None:
-            color, moments = correct(color, found, moments)  # (H, W, 3), (H, W, 2)
+            kept[:2] = correct(kept[0], found, kept[1])  # (H, W, 3), (H, W, 2)
             smooth, _ = correct(smooth, found)  # (H, W, 3)
-        self.history, self.previous = [color, moments, length], frame
+        self.history, self.previous = kept, frame
         if frame.albedo is not None:
             smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
         if self.antialias:
             self.antialiased, *_ = antialias(self.stage, self.antialiased, smooth, motion, frame.depth)
             smooth, _ = self.antialiased  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
+        if later is not None:
+            confidence = confidence.maximum(later.confidence)  # (H, W)
+            rejection = rejection & later.rejection.to(rejection)  # (H, W)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing, chosen)
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """What joins the history (H, W, 3), and how much of a sample it is (H, W): all as it comes."""
         return light, None
+
+    def shorten(self, length: Tensor, gradient: Tensor | None) -> Tensor:
+        """A history (H, W) whose light has changed counts as fewer samples."""
+        return length if gradient is None else length * (1 - gradient.nan_to_num(0).clamp(0, 1)) ** 10
 
     def find_innovation(
         self, fresh: Tensor, prediction: Tensor, length: Tensor, motion: Tensor, bright: float

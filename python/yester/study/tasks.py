@@ -162,6 +162,10 @@ _MOVED = _named("camera", "previous_camera", geometry="depth")
 _FETCH = _named("history", "motion")
 _TESTED = _named("history", "motion", *_TESTS)
 _MERGE = _named("color", "history", "history_moments", "history_length")
+_COMBINE = {
+    **_named("history_length", color="history", moments="history_moments"),
+    **_named(other_color="previous_color", other_moments="history_moments", other_length="history_length"),
+}
 _BLEND = _named("color", "history", alpha="confidence")
 _SPLAT = _named("camera", "previous_camera", color="previous_color", depth="previous_depth")
 _RECIRCULATE = {
@@ -243,12 +247,14 @@ TASKS = (
     Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
     Task("temporal_gradient", "temporal_gradient", _named("color", previous="history")),
     Task("innovation", "innovation", _named("color", "history_length", "motion", prediction="history")),
-    Task("choice, of 5", "choice", _named("color", "candidates", "motion", coverage="confidence"), {"usual": 3}),
+    Task("choice, of 5", "choice", _named("evidence", "motion", coverage="confidence"), {"usual": 3}),
+    Task("compare_candidates, 5", "compare_candidates", _named("color", "candidates", "evidence"), {"usual": 3}),
     Task("prediction_gain", "prediction_gain", _named("color", "ids", candidate="history", base="previous_color")),
     Task("blend_factor", "blend_factor", _named("confidence", "motion")),
     Task("blend", "blend", _BLEND),
     Task("accumulate", "accumulate", _MERGE),
     Task("accumulate, with gradient", "accumulate", {**_MERGE, "gradient": "confidence"}),
+    Task("combine_histories", "combine_histories", _COMBINE),
     Task("recirculate", "recirculate", _RECIRCULATE),
     Task("resolve, 2 samples", "resolve", {"samples": ["color", "history"]}, {"offsets": yester.jitter(2).tolist()}),
     Task("resample, twice the size", "resample", {"image": "color", "size": "doubled"}),
@@ -263,6 +269,7 @@ TASKS = (
     ),
     Task("atrous, 1 pass", "atrous", _SMOOTH, {"iterations": 1}, _WINDOWS, _AROUND + _pass(5)),
     Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}, (), _AROUND + 5 * _pass(5)),
+    Task("atrous, 5 passes, predicted", "atrous", {**_SMOOTH, "prediction": "predicted"}, {"iterations": 5}),
     Task("atrous, 5 passes of 3x3", "atrous", _SMOOTH, {"iterations": 5, "radius": 1}, (), _AROUND + 5 * _pass(3)),
     Task("reconstruct", "reconstruct", _named(*_SURFACE, "camera", color="traced")),
     Task(
@@ -363,9 +370,9 @@ def stage(folder: Path, width: int, height: int) -> None:
                 put("history", rows, hits.color * raycast.noise(rng, (*hits.depth.shape, 1), 0.2))
     images["traced"] = quarter(Frame(images["color"]), 0).color
     images["low"] = images["color"][::2, ::2]
-    candidates = [np.float32(1 - 0.02 * passes) * images["history"][::2, ::2] for passes in range(5)]
-    images["candidates"] = np.concatenate(candidates, -1)
     light = images["history"][..., 1]
+    images["predicted"] = light
+    images["candidates"] = np.stack([np.float32(1 - 0.02 * passes) * light for passes in range(5)], -1)
     images["history_moments"] = np.stack([light, 1.5 * light**2], -1)
     images["variance"] = 0.5 * light**2
     images["hit_distance"] = 0.5 * images["depth"]
@@ -376,6 +383,9 @@ def stage(folder: Path, width: int, height: int) -> None:
     images["confidence"] = rng.random(short.shape, np.float32)
     images["sparse"] = np.full_like(images["color"], np.nan)
     images["sparse"][1::4, 2::4] = images["color"][1::4, 2::4]
+    tiles = -(-height // 8), -(-width // 8)
+    steps = rng.normal(0, 1, (*tiles, 8))
+    images["evidence"] = np.dstack([steps[..., :4], steps[..., 4:] ** 2, np.full(tiles, 300)]).astype(np.float32)
     for name, image in images.items():
         np.save(folder / f"{name}.npy", image)
 

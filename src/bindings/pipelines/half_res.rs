@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, Output, Pipeline};
+use super::{FrameArgs, History, Output, Parts, Pipeline, split};
 use crate::error::whole;
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
@@ -125,6 +125,9 @@ impl HalfRes {
     /// out : Output, optional
     ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
     ///     second frame on, no image memory is then allocated.
+    /// later : History, optional
+    ///     What later frames know of this frame's pixels: `recall` of a pipeline that runs backwards. It joins the
+    ///     history before the filter, and the sample counts once. What goes on to the next frame is without it.
     ///
     /// Returns
     /// -------
@@ -134,15 +137,50 @@ impl HalfRes {
     /// Raises
     /// ------
     /// ValueError
-    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` does not fit.
-    #[pyo3(signature = (frame, out=None))]
+    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not fit.
+    #[pyo3(signature = (frame, out=None, *, later=None))]
     fn step<'py>(
         &mut self,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
+        later: Option<&Bound<'py, History>>,
     ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
+        FrameArgs::new(frame)?.step_between(py, out, later, &mut self.inner)
+    }
+
+    /// Goes on to the next frame as `step` does, but instead of showing it tells what history expects of its pixels.
+    ///
+    /// Parameters
+    /// ----------
+    /// frame : Frame
+    ///     As for `step`; of a reversed sequence, with the motion to the frame that follows it in time.
+    ///
+    /// Returns
+    /// -------
+    /// History
+    ///     Without the frame's own sample.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     As `step`.
+    fn recall<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<History> {
+        FrameArgs::new(frame)?.recall(py, &mut self.inner)
+    }
+
+    /// The pipeline without its output stage, and the stage: both without history. One after the other, they give the
+    /// results of the whole.
+    ///
+    /// Returns
+    /// -------
+    /// denoiser : Pipeline
+    ///     With the same parameters, but ``antialias=False``.
+    /// stage : TAA or None
+    ///     For the frames with the denoiser's colours; None without `antialias`.
+    fn split<'py>(slf: &Bound<'py, Self>) -> PyResult<Parts<'py>> {
+        let stage = slf.borrow().inner.params().antialias;
+        split(slf.as_super(), stage.as_ref())
     }
 
     /// Discards all history; the next frame starts a new sequence.

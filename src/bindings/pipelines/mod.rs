@@ -19,11 +19,12 @@ use crate::bindings::arrays::{
     COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, detached, wrong_type,
 };
 use crate::bindings::camera::Camera;
+use crate::bindings::merge::MOMENTS;
 use crate::error::Error;
 use crate::image::{Size, Value};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::validate::Surface;
-use crate::pipelines::{self, Extras};
+use crate::pipelines::{self, Extras, Pipeline as _, Svgf};
 
 /// Base class of pipelines, which process a sequence frame by frame.
 ///
@@ -306,6 +307,131 @@ impl Output {
     }
 }
 
+/// What history expects of a frame: light at the frame's own pixels, without the frame's sample.
+///
+/// `recall` of a pipeline that runs backwards returns that of later frames, and `step` takes it as `later`.
+///
+/// Parameters
+/// ----------
+/// color : (H, W, 3) float32
+///     Light: demodulated, if frames have albedo. NaN where nothing is known.
+/// moments : (H, W, 2) float32
+///     Means of its luminance and of the luminance's square.
+/// history_length : (H, W) float32
+///     How many samples it is worth: less than went into it where the light has changed.
+/// confidence : (H, W) float32
+///     As `Output.confidence`.
+/// rejection : (H, W) uint8
+///     As `Output.rejection`.
+/// used : tuple of str, default ()
+///     As `Output.used`.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+#[pyclass(frozen, get_all, module = "yester")]
+pub struct History {
+    color: Py<PyArrayDyn<f32>>,
+    moments: Py<PyArrayDyn<f32>>,
+    history_length: Py<PyArrayDyn<f32>>,
+    confidence: Py<PyArrayDyn<f32>>,
+    rejection: Py<PyArrayDyn<u8>>,
+    used: Py<PyTuple>,
+}
+
+#[pymethods]
+impl History {
+    #[new]
+    #[pyo3(signature = (color, moments, history_length, confidence, rejection, *, used=vec![]))]
+    #[pyo3(text_signature = "(color, moments, history_length, confidence, rejection, *, used=())")]
+    fn new(
+        py: Python<'_>,
+        color: &Bound<'_, PyAny>,
+        moments: &Bound<'_, PyAny>,
+        history_length: &Bound<'_, PyAny>,
+        confidence: &Bound<'_, PyAny>,
+        rejection: &Bound<'_, PyAny>,
+        used: Vec<String>,
+    ) -> PyResult<Self> {
+        let color = Input::<f32>::new(color, "color", COLOR)?;
+        let size = color.size();
+        let input = |value, name, channels| {
+            let input = Input::<f32>::new(value, name, channels)?.sized(name, size)?;
+            Ok::<_, PyErr>(input.array().unbind())
+        };
+        let rejection = Input::<u8>::new(rejection, "rejection", Channels::One)?;
+        Ok(Self {
+            color: color.array().unbind(),
+            moments: input(moments, "moments", MOMENTS)?,
+            history_length: input(history_length, "history_length", Channels::One)?,
+            confidence: input(confidence, "confidence", Channels::One)?,
+            rejection: rejection.sized("rejection", size)?.array().unbind(),
+            used: PyTuple::new(py, used)?.unbind(),
+        })
+    }
+
+    /// Supports pickling and copying; a shallow copy shares the arrays.
+    fn __getnewargs_ex__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyDict>)> {
+        let Self {
+            color,
+            moments,
+            history_length,
+            confidence,
+            rejection,
+            used,
+        } = self;
+        let args = (color, moments, history_length, confidence, rejection).into_pyobject(py)?;
+        let kwargs = PyDict::new(py);
+        kwargs.set_item("used", used)?;
+        Ok((args.into_any(), kwargs))
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let shape = self.color.bind(py).shape().to_vec();
+        format!("History({}x{})", shape[1], shape[0])
+    }
+}
+
+/// The arrays of a `History`, borrowed.
+struct HistoryArgs<'py> {
+    color: Input<'py>,
+    moments: Input<'py>,
+    length: Input<'py>,
+    confidence: Input<'py>,
+    rejection: Input<'py, u8>,
+}
+
+impl<'py> HistoryArgs<'py> {
+    fn new(later: &Bound<'py, History>, size: Size) -> PyResult<Self> {
+        let (py, history) = (later.py(), later.get());
+        let input = |array: &Py<PyArrayDyn<f32>>, channels| {
+            Input::<f32>::new(array.bind(py), "later", channels)?.sized("later", size)
+        };
+        let rejection = Input::<u8>::new(history.rejection.bind(py), "later", Channels::One)?;
+        Ok(Self {
+            color: input(&history.color, COLOR)?,
+            moments: input(&history.moments, MOMENTS)?,
+            length: input(&history.history_length, Channels::One)?,
+            confidence: input(&history.confidence, Channels::One)?,
+            rejection: rejection.sized("later", size)?,
+        })
+    }
+
+    fn history(&self) -> pipelines::History<'_> {
+        pipelines::History {
+            color: self.color.data().pixels(),
+            moments: self.moments.data().pixels(),
+            length: self.length.data().pixels(),
+            confidence: self.confidence.data().flat(),
+            rejection: self.rejection.data().flat(),
+        }
+    }
+}
+
 /// A preset's current name; the former one is deprecated and works for one more release.
 fn renamed<'a>(py: Python<'_>, preset: &'a str) -> PyResult<&'a str> {
     if preset != "seed" {
@@ -381,6 +507,68 @@ impl<'py> FrameArgs<'py> {
         let size = pipeline.output_size(self.size());
         let mut room = Room::new(py, out, size, pipeline.extras())?;
         let output = room.data()?;
+        let frame = self.frame();
+        let (summary, mistake) = detached(py, || pipeline.step(&frame, output))??;
+        // Release the frame's buffers first: `out` may alias them.
+        drop(self);
+        let output = room.output(py, summary)?;
+        warn(py, mistake)?;
+        Ok(output)
+    }
+
+    /// The same with the history of later frames.
+    fn step_between(
+        self,
+        py: Python<'py>,
+        out: Option<&Bound<'py, Output>>,
+        later: Option<&Bound<'py, History>>,
+        pipeline: &mut Svgf,
+    ) -> PyResult<Output> {
+        let Some(later) = later else {
+            return self.step(py, out, pipeline);
+        };
+        let size = self.size();
+        let later = HistoryArgs::new(later, size)?;
+        let mut room = Room::new(py, out, size, pipeline.extras())?;
+        let output = room.data()?;
+        let (frame, history) = (self.frame(), later.history());
+        let (summary, mistake) = detached(py, || pipeline.step_between(&frame, &history, output))??;
+        drop((self, later));
+        let output = room.output(py, summary)?;
+        warn(py, mistake)?;
+        Ok(output)
+    }
+
+    /// Runs `recall` on the frame without the interpreter's lock.
+    fn recall(self, py: Python<'py>, pipeline: &mut Svgf) -> PyResult<History> {
+        let Size { height, width } = self.size();
+        let shapes: [&[usize]; 3] = [&[height, width, 3], &[height, width, 2], &[height, width]];
+        let mut color = Direct::new(py, Out::fresh(), shapes[0])?;
+        let mut moments = Direct::new(py, Out::fresh(), shapes[1])?;
+        let mut length = Direct::new(py, Out::fresh(), shapes[2])?;
+        let mut confidence = Direct::new(py, Out::fresh(), shapes[2])?;
+        let mut rejection = Direct::<u8>::new(py, Out::fresh(), shapes[2])?;
+        let expected = pipelines::HistoryMut {
+            color: color.data()?,
+            moments: moments.data()?,
+            length: length.data()?,
+            confidence: confidence.data()?,
+            rejection: rejection.data()?,
+        };
+        let frame = self.frame();
+        let (summary, mistake) = detached(py, || pipeline.recall(&frame, expected))??;
+        warn(py, mistake)?;
+        Ok(History {
+            color: color.array()?.unbind(),
+            moments: moments.array()?.unbind(),
+            history_length: length.array()?.unbind(),
+            confidence: confidence.array()?.unbind(),
+            rejection: rejection.array()?.unbind(),
+            used: PyTuple::new(py, summary.used)?.unbind(),
+        })
+    }
+
+    fn frame(&self) -> pipelines::Frame<'_> {
         let buffer = |name| self.buffer(name).map(Interleaved::pixels);
         let surface = Surface {
             depth: buffer("depth"),
@@ -389,7 +577,7 @@ impl<'py> FrameArgs<'py> {
             object_normal: buffer("object_normal"),
             color: None,
         };
-        let frame = pipelines::Frame {
+        pipelines::Frame {
             color: buffer("color").expect("every frame has colour"),
             albedo: buffer("albedo"),
             emission: buffer("emission"),
@@ -401,17 +589,42 @@ impl<'py> FrameArgs<'py> {
             reactive: buffer("reactive"),
             camera: self.camera,
             jitter: self.jitter,
-        };
-        let (summary, mistake) = detached(py, || pipeline.step(&frame, output))??;
-        // Release the frame's buffers first: `out` may alias them.
-        drop(self);
-        let output = room.output(py, summary)?;
-        if let Some(mistake) = mistake {
-            let category = py.get_type::<PyUserWarning>();
-            PyErr::warn(py, &category, &CString::new(mistake.to_string())?, 1)?;
         }
-        Ok(output)
     }
+}
+
+/// A denoiser and its output stage, if it has one.
+type Parts<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
+
+/// The pipeline without its output stage, and the stage.
+fn split<'py>(
+    pipeline: &Bound<'py, Pipeline>,
+    stage: Option<&pipelines::taa::Params>,
+) -> PyResult<Parts<'py>> {
+    let py = pipeline.py();
+    let (args, given) = pipeline.get().call(py);
+    let named = given.copy()?;
+    named.set_item("antialias", false)?;
+    let denoiser = pipeline.get_type().call(args, Some(&named))?;
+    let Some(stage) = stage else {
+        return Ok((denoiser, None));
+    };
+    let changed = PyDict::new(py);
+    if stage.clip.gamma != pipelines::taa::Params::DENOISED.clip.gamma {
+        changed.set_item("gamma", stage.clip.gamma)?;
+    }
+    let class = py.get_type::<taa::TAA>();
+    let stage = class.call(("denoised",), Some(&changed))?;
+    Ok((denoiser, Some(stage)))
+}
+
+/// Says what seems wrong with the frame's motion.
+fn warn(py: Python<'_>, mistake: Option<pipelines::Mistake>) -> PyResult<()> {
+    let Some(mistake) = mistake else {
+        return Ok(());
+    };
+    let category = py.get_type::<PyUserWarning>();
+    PyErr::warn(py, &category, &CString::new(mistake.to_string())?, 1)
 }
 
 fn read<'py, T: Number>(

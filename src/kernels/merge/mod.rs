@@ -2,6 +2,7 @@
 
 pub mod accumulate;
 pub mod blend;
+pub mod combine;
 pub mod recirculate;
 pub mod resample;
 pub mod resolve;

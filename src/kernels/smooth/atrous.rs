@@ -12,7 +12,12 @@
 //! Missing pixels have weight 0 as taps; a missing centre is filled from its neighbours without regard to luminance,
 //! and stays NaN where it has none. All weights are one exp2, whose argument is collected row by row.
 //!
-//! Inputs: colour (3), variance (1) of its luminance, guide. Outputs: the same.
+//! **Prediction.** Weights that depend on a sample's noise keep some of it. With a prediction of the luminance that has
+//! not seen the newest samples, l is the prediction's, and the passes filter it along with the colour by the same
+//! weights. The results are predictions of the samples, too, by which [`crate::kernels::judge::choice`] compares the
+//! passes. Pixels without a prediction have their own luminance instead.
+//!
+//! Inputs: colour (3), variance (1) of its luminance, prediction (1), optional, guide. Outputs: the same.
 
 use std::ops::Range;
 
@@ -83,8 +88,8 @@ impl Params {
     }
 }
 
-/// Channels between passes: colour (0 to 2), luminance (3) and variance (4 or 5). Missing pixels and the padding are black
-/// with NaN for luminance, which makes their weight as taps zero.
+/// Channels between passes: colour (0 to 2), the luminance that is compared (3), and variance (4 or 5). Missing pixels
+/// and the padding are black with NaN for luminance, which makes their weight as taps zero.
 const LUMINANCE: usize = 3;
 /// Channels that a pass overwrites in place. Variance alternates between two (ping-pong), because its 3×3 blur reads rows
 /// of other jobs.
@@ -96,23 +101,40 @@ const LOG2_CUBIC: [f32; 3] = [0.0, -0.584_962_5, -2.584_962_5];
 /// log₂ of 1 and 1/2.
 const LOG2_LINEAR: [f32; 2] = [0.0, -1.0];
 
-/// Writes the filtered colour and variance.
+/// What is filtered.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// 3 channels.
+    pub color: Pixels<'a>,
+    /// Of its luminance.
+    pub variance: Pixels<'a>,
+    /// Of its luminance, without the newest samples; NaN where there is none.
+    pub prediction: Option<Pixels<'a>>,
+}
+
+/// Writes the filtered colour and variance, and the prediction if there is one.
 pub fn atrous<'a>(
-    color: Pixels,
-    variance: Pixels,
+    source: Source,
     guide: &Guide,
     params: Params,
     filtered: impl Iterator<Item = PixelsMut<'a>>,
     filtered_variance: &mut [f32],
+    filtered_prediction: Option<&mut [f32]>,
 ) {
-    let size = color.size;
-    let mut image = Filtered::new(guide.layout);
-    rows::run(&Load { color, variance }, size.height, image.bands());
+    let size = source.color.size;
+    let mut image = Filtered::new(guide.layout, source.prediction.is_some());
+    rows::run(&Load(source), size.height, image.bands());
     for iteration in 0..params.iterations {
         image.filter(guide, params, iteration, &(), std::iter::repeat(()));
     }
     let variances = bands_of(filtered_variance, size);
-    let outs = (filtered.zip(variances)).map(|(color, variance)| Outs { color, variance });
+    let predictions = filtered_prediction.map(|prediction| bands_of(prediction, size));
+    let outs = filtered.zip(variances).zip(rows::optional(predictions));
+    let outs = outs.map(|((color, variance), prediction)| Outs {
+        color,
+        variance,
+        prediction,
+    });
     rows::run(&Unload { image: &image }, size.height, outs);
 }
 
@@ -121,15 +143,18 @@ pub(crate) struct Filtered {
     image: Bordered,
     /// Channels of the current variance and of the next pass's.
     variances: [usize; 2],
+    /// Whether the luminance that is compared is a prediction's.
+    predicted: bool,
 }
 
 impl Filtered {
-    pub fn new(layout: Layout) -> Self {
+    pub fn new(layout: Layout, predicted: bool) -> Self {
         let mut beyond = [0.0; IN_PLACE + VARIANCES.len()];
         beyond[LUMINANCE] = f32::NAN;
         Self {
             image: Bordered::new(layout, beyond),
             variances: VARIANCES,
+            predicted,
         }
     }
 
@@ -151,13 +176,14 @@ impl Filtered {
         sink: &K,
         outs: impl Iterator<Item = K::Row>,
     ) {
-        let step = 1 << iteration;
+        let (step, predicted) = (1 << iteration, self.predicted);
         let (variance, jobs) = (self.image).in_place(step, params.radius, self.variances, outs);
         let pass = Pass {
             variance,
             guide,
             params,
             step,
+            predicted,
             sink,
         };
         rows::run_jobs(&pass, jobs);
@@ -198,7 +224,7 @@ impl FilteredRow<'_> {
         }
     }
 
-    /// Luminance, NaN where the image is missing.
+    /// The luminance that is compared, NaN where the image is missing.
     #[inline(always)]
     pub fn luminance(&self, run: Run) -> &[f32] {
         &self.channels[LUMINANCE][run.x..][..run.len]
@@ -221,10 +247,7 @@ impl Sink for () {
     fn take(&self, _: usize, _: FilteredRow, (): &mut ()) {}
 }
 
-struct Load<'a> {
-    color: Pixels<'a>,
-    variance: Pixels<'a>,
-}
+struct Load<'a>(Source<'a>);
 
 impl<'a> Kernel for Load<'a> {
     type Out = BorderedBand<'a>;
@@ -232,8 +255,8 @@ impl<'a> Kernel for Load<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BorderedBand<'a>) {
         for y in rows {
-            variance_of(&mut out, y).copy_from_slice(self.variance.row(y));
-            settle(self.color, y, &mut out);
+            variance_of(&mut out, y).copy_from_slice(self.0.variance.row(y));
+            settle(self.0.color, self.0.prediction, y, &mut out);
         }
     }
 }
@@ -254,9 +277,15 @@ pub(crate) fn variance_of<'b>(image: &'b mut BorderedBand, y: usize) -> &'b mut 
     image.row(VARIANCES[0], y)
 }
 
-/// Completes a row whose variance has been written: sanitises the variance and loads the colour.
+/// Completes a row whose variance has been written: sanitises the variance, and loads the colour and the luminance that is
+/// compared.
 #[inline(always)]
-pub(crate) fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
+pub(crate) fn settle(
+    color: Pixels,
+    prediction: Option<Pixels>,
+    y: usize,
+    image: &mut BorderedBand,
+) {
     for v in image.row(VARIANCES[0], y) {
         *v = if v.is_finite() { floored(*v) } else { 0.0 };
     }
@@ -265,6 +294,18 @@ pub(crate) fn settle(color: Pixels, y: usize, image: &mut BorderedBand) {
     for run in segments(y, color.size.width) {
         color.read(run, parts.each_mut().map(Row::as_mut_slice));
         load(run, parts.each_ref().map(|row| &row[..run.len]), image);
+        if let Some(prediction) = prediction {
+            let luminances = &mut image.row(LUMINANCE, y)[run.x..][..run.len];
+            let predicted = &prediction.row(y)[run.x..][..run.len];
+            for (l, &predicted) in luminances.iter_mut().zip(predicted) {
+                let usable = predicted.is_finite() & !l.is_nan();
+                *l = if usable {
+                    predicted.clamp(-MOST, MOST)
+                } else {
+                    *l
+                };
+            }
+        }
     }
 }
 
@@ -295,6 +336,7 @@ struct Unload<'a> {
 struct Outs<'a> {
     color: PixelsMut<'a>,
     variance: BandMut<'a>,
+    prediction: Option<BandMut<'a>>,
 }
 
 impl<'a> Kernel for Unload<'a> {
@@ -308,6 +350,9 @@ impl<'a> Kernel for Unload<'a> {
                 .row(0, y)
                 .copy_from_slice(self.image.row(y).variance);
             for run in segments(y, self.image.size().width) {
+                if let Some(prediction) = &mut out.prediction {
+                    prediction.put(run, self.image.row(y).luminance(run), 1);
+                }
                 self.image.colors(run, &mut values);
                 out.color.write(run, values.each_ref().map(Row::as_slice));
             }
@@ -320,6 +365,7 @@ struct Pass<'a, K> {
     guide: &'a Guide,
     params: Params,
     step: usize,
+    predicted: bool,
     sink: &'a K,
 }
 
@@ -331,18 +377,24 @@ where
 
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, _: Range<usize>, rows: Self::Out) {
-        match self.params.radius {
-            1 => self.filter::<S, 1>(simd, rows),
-            _ => self.filter::<S, 2>(simd, rows),
+        match (self.params.radius, self.predicted) {
+            (1, false) => self.filter::<S, 1, false>(simd, rows),
+            (1, true) => self.filter::<S, 1, true>(simd, rows),
+            (_, false) => self.filter::<S, 2, false>(simd, rows),
+            (_, true) => self.filter::<S, 2, true>(simd, rows),
         }
     }
 }
 
 impl<K: Sink> Pass<'_, K> {
     #[inline(always)]
-    fn filter<S: Simd, const RADIUS: usize>(&self, simd: S, rows: InPlace<IN_PLACE, K::Row>) {
+    fn filter<S: Simd, const RADIUS: usize, const PREDICTED: bool>(
+        &self,
+        simd: S,
+        rows: InPlace<IN_PLACE, K::Row>,
+    ) {
         let (layout, sink) = (self.guide.layout, self.sink);
-        let around = Around::<RADIUS> {
+        let around = Around::<RADIUS, PREDICTED> {
             layout,
             variance: self.variance,
             guide: self.guide.compare(&self.params.sigmas),
@@ -361,7 +413,7 @@ impl<K: Sink> Pass<'_, K> {
 }
 
 /// The inputs that a pass does not overwrite.
-struct Around<'a, const RADIUS: usize> {
+struct Around<'a, const RADIUS: usize, const PREDICTED: bool> {
     layout: Layout,
     variance: &'a [f32],
     guide: Comparison<'a>,
@@ -392,9 +444,11 @@ struct Sums<S: Simd> {
     weight: Lanes<S>,
     color: [Lanes<S>; 3],
     variance: Lanes<S>,
+    /// Of the luminance that is compared, if it is a prediction's.
+    luminance: Lanes<S>,
 }
 
-impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
+impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTED> {
     /// log₂ of the kernel's weight, by steps along one axis.
     const KERNEL: &'static [f32] = if RADIUS == 1 {
         &LOG2_LINEAR
@@ -464,6 +518,7 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
             weight: Lanes::all(simd, 1.0).or_all(known, 0.0),
             color: [r, g, b],
             variance: Lanes::load(simd, own.variance, at).or_all(known, 0.0),
+            luminance: l.or_all(known, 0.0),
         };
         let like = Like {
             center: own.guide.center(simd, x, y),
@@ -479,19 +534,19 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
             let [d, e] = exponents(simd, &like, own, &beside, Self::KERNEL);
             let [f, g, h] = exponents(simd, &like, below, &whole, Self::KERNEL);
             let [a, b, c, d, e, f, g, h] = exp2_weights([a, b, c, d, e, f, g, h]);
-            add(simd, at, above, &whole, [a, b, c], &mut sums);
-            add(simd, at, own, &beside, [d, e], &mut sums);
-            add(simd, at, below, &whole, [f, g, h], &mut sums);
+            add::<S, _, PREDICTED>(simd, at, above, &whole, [a, b, c], &mut sums);
+            add::<S, _, PREDICTED>(simd, at, own, &beside, [d, e], &mut sums);
+            add::<S, _, PREDICTED>(simd, at, below, &whole, [f, g, h], &mut sums);
         } else {
             let whole = TapColumns::new([-2, -1, 0, 1, 2], step, farthest);
             let beside = TapColumns::new([-2, -1, 1, 2], step, farthest);
             for line in lines {
                 if line.down == 0 {
                     let weights = exp2_weights(exponents(simd, &like, line, &beside, Self::KERNEL));
-                    add(simd, at, line, &beside, weights, &mut sums);
+                    add::<S, _, PREDICTED>(simd, at, line, &beside, weights, &mut sums);
                 } else {
                     let weights = exp2_weights(exponents(simd, &like, line, &whole, Self::KERNEL));
-                    add(simd, at, line, &whole, weights, &mut sums);
+                    add::<S, _, PREDICTED>(simd, at, line, &whole, weights, &mut sums);
                 }
             }
         }
@@ -503,7 +558,12 @@ impl<'a, const RADIUS: usize> Around<'a, RADIUS> {
         }
         let [r, g, b] = sums.color;
         let v = floored_all(sums.variance * share * share);
-        let l = luminances(r, g, b).or_all(some, f32::NAN);
+        let l = if PREDICTED {
+            sums.luminance * share
+        } else {
+            luminances(r, g, b)
+        };
+        let l = l.or_all(some, f32::NAN);
         ([r, g, b, l], v)
     }
 
@@ -605,7 +665,7 @@ fn exponents<S: Simd, const N: usize>(
 
 /// Adds a row of taps to the sums.
 #[inline(always)]
-fn add<S: Simd, const N: usize>(
+fn add<S: Simd, const N: usize, const PREDICTED: bool>(
     simd: S,
     at: usize,
     line: &Line,
@@ -629,6 +689,14 @@ fn add<S: Simd, const N: usize>(
         *g = *g + weight * tg[k];
         *b = *b + weight * tb[k];
         sums.variance = sums.variance + weight * weight * tv[k];
+    }
+    if PREDICTED {
+        let luminances = load(line.channels[LUMINANCE]);
+        for k in 0..N {
+            // NaN is a missing tap's, whose weight is 0.
+            let luminance = luminances[k].or_all(luminances[k].is_number(), 0.0);
+            sums.luminance = sums.luminance + weights[k] * luminance;
+        }
     }
 }
 

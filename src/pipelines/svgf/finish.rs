@@ -2,20 +2,21 @@
 
 use std::ops::Range;
 
-use super::Current;
 use super::passes::Passes;
+use super::{Current, Shown};
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, bands_of, segments};
 use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::{correct_history, correct_light};
-use crate::pipelines::frame::{Output, blacken_missing};
+use crate::pipelines::frame::blacken_missing;
 use crate::pipelines::illumination::texture;
 use crate::pipelines::taa::Stage;
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
-/// Writes colour and variance. History, and the light in which reflections are looked for, are corrected in place.
+/// Corrects history, and the light in which reflections are looked for, in place. Writes colour and variance, if anybody
+/// wants to see them.
 pub fn finish(
     now: &Current,
     passes: Passes,
@@ -23,9 +24,10 @@ pub fn finish(
     history: &mut Records,
     light: Option<&mut Records>,
     antialias: Option<&mut Stage>,
-    output: Output,
+    shown: Option<Shown>,
 ) {
     let size = now.size();
+    let (show, variance) = shown.map(|shown| (shown.color, shown.variance)).unzip();
     let kernel = Finish {
         passes: &passes,
         innovation,
@@ -34,12 +36,14 @@ pub fn finish(
         blacken: antialias.is_none(),
     };
     let mut aliased = (antialias.is_some()).then(|| Image::blank(size, 3));
-    let colors: Box<dyn Iterator<Item = _>> = match &mut aliased {
-        Some(image) => Box::new(image.bands().map(PixelsMut::Planar)),
-        None => Box::new(PixelsMut::bands(size, 3, output.color)),
+    let mut show = show;
+    let colors: Box<dyn Iterator<Item = _>> = match (&mut aliased, &mut show) {
+        (Some(image), _) => Box::new(image.bands().map(PixelsMut::Planar).map(Some)),
+        (None, Some(color)) => Box::new(PixelsMut::bands(size, 3, color).map(Some)),
+        (None, None) => Box::new(std::iter::repeat_with(|| None)),
     };
     let band = BAND * size.width;
-    let variances = bands_of(output.variance.expect("an estimate has room"), size);
+    let variances = rows::optional(variance.map(|variance| bands_of(variance, size)));
     let histories = history.data_mut().chunks_mut(band * accumulate::CHANNELS);
     let lights = rows::optional(light.map(|light| light.data_mut().chunks_mut(band * 3)));
     let outs = colors.zip(variances).zip(histories).zip(lights);
@@ -52,9 +56,9 @@ pub fn finish(
     rows::run(&kernel, size.height, outs);
     // The next images take its place.
     drop(passes);
-    if let Some((stage, color)) = antialias.zip(aliased) {
+    if let Some(((stage, color), show)) = antialias.zip(aliased).zip(show) {
         let depth = now.frame.surface.depth.map(Pixels::plane);
-        let out = PixelsMut::bands(size, 3, output.color);
+        let out = PixelsMut::bands(size, 3, show);
         stage.step(color.pixels(), now.motion.pixels(), depth, out, None);
     }
 }
@@ -69,8 +73,8 @@ struct Finish<'a> {
 
 /// A band of each output; history and light interleaved.
 struct Outs<'a> {
-    color: PixelsMut<'a>,
-    variance: BandMut<'a>,
+    color: Option<PixelsMut<'a>>,
+    variance: Option<BandMut<'a>>,
     history: &'a mut [f32],
     light: Option<&'a mut [f32]>,
 }
@@ -84,9 +88,9 @@ impl<'a> Kernel for Finish<'a> {
         let mut line = self.innovation.map(Innovation::line);
         let (top, width) = (rows.start, self.passes.size().width);
         for y in rows {
-            out.variance
-                .row(0, y)
-                .copy_from_slice(self.passes.variance(y));
+            if let Some(variance) = &mut out.variance {
+                variance.row(0, y).copy_from_slice(self.passes.variance(y));
+            }
             if let Some((innovation, line)) = self.innovation.zip(line.as_mut()) {
                 innovation.go_to(y, line);
             }
@@ -100,13 +104,16 @@ impl<'a> Kernel for Finish<'a> {
                     let first = (y - top) * width + run.x;
                     out.correct([first, run.len], &mut color, correction);
                 }
+                let Some(shown) = &mut out.color else {
+                    continue;
+                };
                 if let Some(texture) = &self.texture {
                     texture.modulate(Way::Back, run, &mut color);
                 }
                 if self.blacken {
                     color.iter_mut().for_each(|row| blacken_missing(row));
                 }
-                out.color.write(run, color.each_ref().map(Row::as_slice));
+                shown.write(run, color.each_ref().map(Row::as_slice));
             }
         }
     }

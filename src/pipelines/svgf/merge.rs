@@ -1,14 +1,12 @@
 //! What comes before the filter: a frame's illumination joins the history.
 
-use super::Current;
+use super::{Current, Seen};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, deinterleave};
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::merge::accumulate::{self, CHANNELS, History, Images, Samples, accumulate};
 use crate::kernels::smooth::lend;
-use crate::pipelines::frame::Output;
 use crate::pipelines::illumination::{texture, without_fireflies};
 use crate::pipelines::recall::{Memory, Recalled, recall};
-use crate::pipelines::reflections;
 use crate::pixels::{MotionLanes, PixelsMut, Row};
 
 /// The history with a frame's samples in it.
@@ -16,16 +14,16 @@ pub struct Merged {
     pub history: Records,
     /// Samples that were not finite.
     pub missing: usize,
-    pub reflections: Option<reflections::Won>,
+    /// What was known before; None where it was merged as it was fetched.
+    pub recalled: Option<Recalled>,
 }
 
-/// Brings history to the frame, image by image, and merges its illumination into it. Writes the output's length, confidence and
-/// rejection.
+/// Brings history to the frame, image by image, and merges its illumination into it.
 pub fn merge(
     now: &Current,
     sample: &Image,
     memory: Option<&mut Memory>,
-    output: &mut Output,
+    seen: &mut Seen,
 ) -> Merged {
     let Current {
         params,
@@ -39,40 +37,44 @@ pub fn merge(
         (params.fireflies)
             .map(|params| without_fireflies(sample, known, texture, now.guide(), params))
     };
-    let Recalled {
-        history: known,
-        held,
-        gradient,
-        reflections,
-    } = recall(
-        params, memory, CHANNELS, frame, motion, sample, hold, output,
+    let recalled = recall(
+        params,
+        memory,
+        CHANNELS,
+        frame,
+        motion,
+        sample,
+        hold,
+        seen.confidence,
+        seen.rejection,
     );
-    let color = held.as_ref().unwrap_or(sample);
+    let known = &recalled.history;
+    let color = recalled.held.as_ref().unwrap_or(sample);
     let lent =
         (params.lend).map(|params| lend::lend(color, known.channels(5..6), now.guide(), params));
     let samples = Samples {
         size,
         color: &lent.as_ref().map_or(color, |lent| &lent.color).pixels(),
         weight: lent.as_ref().map(|lent| lent.weight.view()),
-        gradient: gradient.as_ref().map(Image::view),
+        gradient: recalled.gradient.as_ref().map(Image::view),
     };
     let images = Images {
         parts: [0..3, 3..5, 5..6].map(|part| known.pixels().part(part)),
-        confidence: (params.by_confidence).then(|| View::new(size, 1, output.confidence)),
+        confidence: (params.by_confidence).then(|| View::new(size, 1, seen.confidence)),
     };
     let mut history = Records::blank(size, CHANNELS);
-    let outs = merged(&mut history, output.history_length);
+    let outs = merged(&mut history, seen.history_length);
     let nothing = std::iter::repeat(());
     let missing = accumulate(samples, &images, params.accumulate, outs, nothing);
     Merged {
         history,
         missing: lent.map_or(missing, |lent| lent.missing),
-        reflections,
+        recalled: Some(recalled),
     }
 }
 
 /// The same in one sweep, without images in between, where no step looks at what surrounds a pixel.
-pub fn merge_at_once(now: &Current, memory: Option<&Memory>, output: &mut Output) -> Merged {
+pub fn merge_at_once(now: &Current, memory: Option<&Memory>, seen: &mut Seen) -> Merged {
     let (params, size) = (now.params, now.size());
     let samples = Samples {
         size,
@@ -86,13 +88,13 @@ pub fn merge_at_once(now: &Current, memory: Option<&Memory>, output: &mut Output
         by_confidence: params.by_confidence,
     };
     let mut history = Records::blank(size, CHANNELS);
-    let outs = merged(&mut history, output.history_length);
-    let known = bands_of(output.confidence, size).zip(bands_of(output.rejection, size));
+    let outs = merged(&mut history, seen.history_length);
+    let known = bands_of(seen.confidence, size).zip(bands_of(seen.rejection, size));
     let missing = accumulate(samples, &along, params.accumulate, outs, known);
     Merged {
         history,
         missing,
-        reflections: None,
+        recalled: None,
     }
 }
 

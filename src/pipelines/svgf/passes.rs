@@ -1,32 +1,24 @@
 //! Variance and the passes of the filter, and what is kept of each pass while its rows are in cache:
 //!
 //! - the result, for which every tile has chosen a number of passes ([`crate::kernels::judge::choice`]);
-//! - the candidates among which the next frame chooses;
+//! - the filtered prediction, one of the candidates that this frame's samples judge;
 //! - the first pass as history, where the filter feeds back;
 //! - the second as light, where the next frame looks for reflections.
 
 use std::ops::Range;
 
-use super::Current;
-use super::merge::Merged;
+use super::{Current, Seen};
 use crate::bordered::BorderedBand;
 use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
-use crate::kernels::judge::choice::{self, CandidateRow, Candidates, Levels};
+use crate::kernels::judge::choice::{self, Levels};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::atrous::{self, Filtered, FilteredRow, Sink};
 use crate::kernels::smooth::variance::Estimate;
 use crate::lanes::LANES;
-use crate::math::larger;
-use crate::pipelines::frame::Output;
+use crate::math::{larger, smaller};
+use crate::pipelines::reflections;
 use crate::pixels::{Colors, Row, rows_of};
 use crate::rows::{self, BAND, Kernel, Simd};
-
-/// What the next frame's choice needs to know of this one.
-pub struct Chosen {
-    candidates: Candidates,
-    evidence: Option<Records>,
-    age: usize,
-}
 
 /// A frame's choice of how many passes each tile shows.
 pub struct Choosing<'a> {
@@ -34,46 +26,49 @@ pub struct Choosing<'a> {
     tiles: Option<Image>,
     /// The number of each pixel, interpolated between tiles; written with the unfiltered image.
     levels: &'a mut [f32],
-    /// What the next frame will need to know; the passes add the candidates.
-    pub chosen: Chosen,
+    /// The luminance that was expected, after ever more passes. They are added to the unfiltered one.
+    candidates: Vec<Image>,
+    evidence: Records,
 }
 
-/// Chooses by what the last frame's candidates predicted. They are looked for along the motion by which history was fetched:
-/// that of reflections where these were taken.
+/// Chooses by the evidence of earlier frames. It is looked for along the motion by which history was fetched: that of
+/// reflections where these were taken.
 pub fn choose<'a>(
     now: &Current,
-    merged: &Merged,
-    before: Option<Chosen>,
-    exposure: f32,
-    output: &mut Output<'a>,
+    prediction: Option<Image>,
+    reflections: Option<&reflections::Won>,
+    before: Option<Records>,
+    seen: &Seen,
+    levels: Option<&'a mut [f32]>,
 ) -> Option<Choosing<'a>> {
     let params = now.params.choice?;
-    let levels = output.choice.take()?;
-    let reflected = (merged.reflections.as_ref()).and_then(|won| won.motion.as_ref());
-    let age = before.as_ref().map_or(0, |before| before.age + 1);
-    let (tiles, evidence) = before
-        .map(|before| {
-            choice::choice(
-                &now.fresh(),
-                before.candidates.known(),
-                reflected.map_or(now.motion.pixels(), Image::pixels),
-                View::new(now.size(), 1, output.confidence),
-                before.evidence.as_ref().map(Records::pixels),
-                exposure,
-                now.params.atrous.iterations as usize,
-                params,
-            )
-        })
-        .unzip();
+    let usual = now.params.atrous.iterations as usize;
+    let reflected = reflections.and_then(|won| won.motion.as_ref());
+    let motion = reflected.map_or(now.motion.pixels(), Image::pixels);
+    let coverage = View::new(now.size(), 1, seen.confidence);
+    let chosen =
+        before.map(|before| choice::choice(before.pixels(), motion, coverage, usual, params));
+    let (tiles, carried) = chosen.unzip();
+    let candidates = now.params.passes() as usize + 1;
     Some(Choosing {
         tiles,
-        levels,
-        chosen: Chosen {
-            candidates: Candidates::none(age, now.size()),
-            evidence,
-            age,
-        },
+        levels: levels?,
+        candidates: vec![prediction?],
+        evidence: carried.unwrap_or_else(|| {
+            Records::new(choice::tiles(now.size()), choice::channels(candidates))
+        }),
     })
+}
+
+impl Choosing<'_> {
+    /// The evidence for the next frame: what the samples say of the candidates is added.
+    pub fn judge(mut self, now: &Current, exposure: f32) -> Records {
+        let candidates: Vec<_> = self.candidates.iter().map(Image::view).collect();
+        let usual = now.params.atrous.iterations as usize;
+        let evidence = &mut self.evidence;
+        choice::compare(&now.fresh(), &candidates, exposure, usual, evidence);
+        self.evidence
+    }
 }
 
 /// What the passes make of a history.
@@ -85,49 +80,59 @@ pub struct Passes {
     pub light: Option<Records>,
 }
 
-/// Estimates the history's variance and filters its colour; the first pass may become the history's colour.
-pub fn filter(now: &Current, history: &mut Records, mut choosing: Option<&mut Choosing>) -> Passes {
+/// Estimates the variance of a history and filters its colour. The first pass may become the colour of the history that
+/// goes on; `joined`, if there is one, is filtered instead of it, and has seen frames that the next frame must not know.
+pub fn filter(
+    now: &Current,
+    history: &mut Records,
+    joined: Option<&Records>,
+    mut choosing: Option<&mut Choosing>,
+) -> Passes {
     let (params, guide) = (now.params, now.guide());
     let (size, usual) = (now.size(), params.atrous.iterations);
-    let mut filtered = Filtered::new(guide.layout);
+    let mut filtered = Filtered::new(guide.layout, choosing.is_some());
     let mut shown = choosing.is_some().then(|| Image::blank(size, 4));
     let mut light = (!params.reflections.is_empty()).then(|| Records::blank(size, 3));
-    for pass in 0..=params.passes() {
+    let passes = if choosing.is_some() {
+        params.passes()
+    } else {
+        usual
+    };
+    for pass in 0..=passes {
         let mut shown = shown.as_mut().map(|shown| rows_of(shown).into_iter());
-        let (tiles, column, mut rows) = match &mut choosing {
-            Some(choosing) => {
-                let candidates = &mut choosing.chosen.candidates;
-                let column = candidates.column();
-                let rows = candidates.add().zip(choosing.levels.chunks_mut(size.width));
-                (choosing.tiles.as_ref(), column, Some(rows))
-            }
-            None => (None, 0, None),
-        };
+        let (mut candidate, mut tiles, mut levels, mut prediction) = (None, None, None, None);
+        if let Some(choosing) = &mut choosing {
+            candidate = (pass > 0).then(|| Image::blank(size, 1));
+            prediction = choosing.candidates.first();
+            tiles = choosing.tiles.as_ref();
+            levels = Some(choosing.levels.chunks_mut(size.width));
+        }
+        let mut candidates =
+            (candidate.as_mut()).map(|candidate| candidate.data_mut().chunks_mut(size.width));
         let keep = Keep {
             pass,
             usual,
             tiles: tiles.map(Levels),
-            column,
         };
         let light = light.as_mut().filter(|_| pass == usual.min(2));
         let mut light = light.map(|light| light.data_mut().chunks_mut(3 * size.width));
         let mut kept = |history| Kept {
-            choice: (rows.as_mut().and_then(Iterator::next))
+            choice: (levels.as_mut().and_then(Iterator::next))
                 .zip(shown.as_mut().and_then(Iterator::next))
-                .map(|((candidate, levels), image)| Shown {
-                    levels,
-                    image,
-                    candidate,
-                }),
+                .map(|(levels, image)| Shown { levels, image }),
+            candidate: candidates.as_mut().and_then(Iterator::next),
             history,
             light: light.as_mut().and_then(Iterator::next),
         };
         if pass == 0 {
-            let [color, moments, length] =
-                [0..3, 3..5, 5..6].map(|part| history.pixels().part(part));
+            let source = joined.unwrap_or(history).pixels();
+            let [color, moments, length] = [0..3, 3..5, 5..6].map(|part| source.part(part));
             let begin = Begin {
                 color,
+                length,
+                prediction: prediction.map(Image::pixels),
                 variance: Estimate::new(moments, length, guide, params.variance),
+                longest: joined.map(|_| 1.0 / params.accumulate.alpha),
                 keep,
             };
             let mut rest = size.height;
@@ -137,7 +142,7 @@ pub fn filter(now: &Current, history: &mut Records, mut choosing: Option<&mut Ch
                 (image, (0..count).map(|_| kept(None)).collect())
             });
             rows::run(&begin, size.height, outs);
-        } else if params.feedback && pass == usual.min(1) {
+        } else if params.feedback && pass == usual.min(1) && joined.is_none() {
             let row = size.width * accumulate::CHANNELS;
             let outs = history.data_mut().chunks_mut(row);
             let outs = outs.map(|row| kept(Some(row)));
@@ -145,6 +150,9 @@ pub fn filter(now: &Current, history: &mut Records, mut choosing: Option<&mut Ch
         } else {
             let outs = (0..size.height).map(|_| kept(None));
             filtered.filter(guide, params.atrous, pass - 1, &keep, outs);
+        }
+        if let Some((choosing, candidate)) = choosing.as_mut().zip(candidate) {
+            choosing.candidates.push(candidate);
         }
     }
     Passes {
@@ -157,7 +165,11 @@ pub fn filter(now: &Current, history: &mut Records, mut choosing: Option<&mut Ch
 /// Estimates the variance of a history, and makes its colour ready for the filter.
 struct Begin<'a> {
     color: Pixels<'a>,
+    length: Pixels<'a>,
+    prediction: Option<Pixels<'a>>,
     variance: Estimate<'a>,
+    /// Samples that one side's history counts for at most. Of both sides' mean over more, the variance is less.
+    longest: Option<f32>,
     keep: Keep<'a>,
 }
 
@@ -167,10 +179,20 @@ impl<'a> Kernel for Begin<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, simd: S, rows: Range<usize>, (mut image, mut kept): Self::Out) {
         let mut around = self.variance.around();
+        let mut lengths = [0.0; SEGMENT];
         for (y, kept) in rows.clone().zip(&mut kept) {
             let (first, variance) = (y == rows.start, atrous::variance_of(&mut image, y));
             self.variance.row(simd, y, first, &mut around, variance);
-            atrous::settle(self.color, y, &mut image);
+            if let Some(longest) = self.longest {
+                for run in segments(y, variance.len()) {
+                    self.length.load(run, 0, &mut lengths[..run.len]);
+                    let variances = variance[run.x..].iter_mut();
+                    for (variance, length) in variances.zip(&lengths[..run.len]) {
+                        *variance *= smaller(longest / length, 1.0);
+                    }
+                }
+            }
+            atrous::settle(self.color, self.prediction, y, &mut image);
             self.keep.take(y, atrous::ready(&mut image, y), kept);
         }
     }
@@ -181,13 +203,12 @@ struct Keep<'a> {
     pass: u32,
     usual: u32,
     tiles: Option<Levels<'a>>,
-    /// The column of each two whose candidates are stored.
-    column: usize,
 }
 
 /// A row of what is kept of a pass.
 struct Kept<'a> {
     choice: Option<Shown<'a>>,
+    candidate: Option<&'a mut [f32]>,
     history: Option<&'a mut [f32]>,
     light: Option<&'a mut [f32]>,
 }
@@ -196,7 +217,6 @@ struct Shown<'a> {
     /// Number of passes that each pixel shows, a fraction between tiles that differ. Written with the unfiltered image.
     levels: &'a mut [f32],
     image: [&'a mut [f32]; 4],
-    candidate: Option<CandidateRow<'a>>,
 }
 
 impl<'a> Sink for Keep<'a> {
@@ -213,9 +233,9 @@ impl<'a> Sink for Keep<'a> {
                     self.find_levels(run, &filtered, &mut shown.levels[run.x..][..run.len]);
                 }
                 shown.add(self.pass as f32, run, &color, filtered.variance);
-                if let Some(candidate) = &mut shown.candidate {
-                    choice::keep(self.column, run, &color, candidate);
-                }
+            }
+            if let Some(candidate) = &mut kept.candidate {
+                candidate[run.x..][..run.len].copy_from_slice(filtered.luminance(run));
             }
             if let Some(history) = &mut kept.history {
                 let history = history.as_chunks_mut::<{ accumulate::CHANNELS }>().0;

@@ -1,0 +1,99 @@
+//! Combination of two independent histories of the same pixels, such as that of earlier frames and that of later ones.
+//!
+//! Each is a mean over its samples, so the mean over all of them has the lengths for weights: with N and N′ samples,
+//!   N″ = N + N′,  w = N′/N″,  c ← c + w (c′ − c),  (m₁, m₂) ← m + w (m′ − m).
+//! Where a temporal gradient λ says that the light of the second one has changed, it counts as fewer samples, as in
+//! [`super::accumulate`]: N′ ← N′ (1 − λ)¹⁰. A history that is not finite has no samples; where neither has any, colour and
+//! moments are NaN and N″ = 0.
+//!
+//! Inputs: two histories: colour (3), moments (2), length (1); λ (1) in [0, 1], optional. Outputs: the history.
+
+use std::ops::Range;
+
+use super::accumulate::{CHANNELS, Part, load_shares, tenth_power};
+use crate::image::{Pixels, SEGMENT, View, segments};
+use crate::math::is_present;
+use crate::pixels::Row;
+use crate::rows::{self, Kernel, Simd};
+
+/// Combines two histories, each of colour, moments and length. λ is the second one's.
+pub fn combine<'a, const PARTS: usize>(
+    first: [Pixels<'a>; 3],
+    second: [Pixels<'a>; 3],
+    gradient: Option<View<'a>>,
+    combined: impl Iterator<Item = [Part<'a>; PARTS]>,
+) {
+    let kernel = Combine::<PARTS> {
+        first,
+        second,
+        gradient,
+    };
+    rows::run(&kernel, first[0].size.height, combined);
+}
+
+struct Combine<'a, const PARTS: usize> {
+    first: [Pixels<'a>; 3],
+    second: [Pixels<'a>; 3],
+    gradient: Option<View<'a>>,
+}
+
+impl<'a, const PARTS: usize> Kernel for Combine<'a, PARTS> {
+    type Out = [Part<'a>; PARTS];
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Self::Out) {
+        let [mut first, mut second] = [[[0.0; SEGMENT]; CHANNELS]; 2];
+        let mut changes = [0.0; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.first[0].size.width)) {
+            for (history, into) in [(self.first, &mut first), (self.second, &mut second)] {
+                let [r, g, b, m1, m2, n] = into.each_mut().map(Row::as_mut_slice);
+                history[0].read(run, [r, g, b]);
+                history[1].read(run, [m1, m2]);
+                history[2].read(run, [n]);
+            }
+            if let Some(gradient) = self.gradient {
+                load_shares(gradient, run, &mut changes);
+            }
+            shorten(&changes, &mut second);
+            combine_rows(&second, &mut first);
+            for (channels, part) in &mut out {
+                part.write(run, first[channels.clone()].iter().map(Row::as_slice));
+            }
+        }
+    }
+}
+
+/// Shortens a history where its light has changed.
+#[inline(always)]
+pub(crate) fn shorten(changes: &Row, history: &mut [Row; CHANNELS]) {
+    for (length, &change) in history[5].iter_mut().zip(changes) {
+        *length *= tenth_power(1.0 - change);
+    }
+}
+
+/// Adds the second history to the first.
+#[inline(always)]
+pub(crate) fn combine_rows(second: &[Row; CHANNELS], first: &mut [Row; CHANNELS]) {
+    for x in 0..SEGMENT {
+        let samples = |history: &[Row; CHANNELS]| {
+            let [r, g, b, m1, m2, n] = [0, 1, 2, 3, 4, 5].map(|c| history[c][x]);
+            let known = is_present([r, g, b]) & m1.is_finite() & m2.is_finite() & n.is_finite();
+            if known & (n > 0.0) { n } else { 0.0 }
+        };
+        let (mine, other) = (samples(first), samples(second));
+        let total = mine + other;
+        let share = other / total; // NaN if both are 0
+        for c in 0..5 {
+            let (a, b) = (first[c][x], second[c][x]);
+            let mixed = a + share * (b - a);
+            let alone = if mine > 0.0 { a } else { b };
+            let known = if (mine > 0.0) & (other > 0.0) {
+                mixed
+            } else {
+                alone
+            };
+            first[c][x] = if total > 0.0 { known } else { f32::NAN };
+        }
+        first[5][x] = total;
+    }
+}

@@ -1,0 +1,209 @@
+//! Both sides of time: what the frames before a frame expect of it, and those after it.
+//!
+//! A second run, backwards, leaves for every frame the history that its later frames make of its pixels. It joins the
+//! history of the earlier frames, before the filter, by the lengths of both, and the new sample counts once. What goes on
+//! to the next frame is the earlier frames' history alone: the next frame's own samples are in the later ones'.
+//!
+//! What is expected without the frame's sample is the prediction, whose luminance the filter compares
+//! ([`crate::kernels::smooth::atrous`]), and by which passes are chosen ([`crate::kernels::judge::choice`]).
+
+use std::ops::Range;
+
+use super::{Current, Seen};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
+use crate::kernels::merge::accumulate::{CHANNELS, load_shares};
+use crate::kernels::merge::combine::{combine_rows, shorten};
+use crate::math::{larger, luminance, smaller};
+use crate::pipelines::frame::{Expectation, History};
+use crate::pipelines::recall::Recalled;
+use crate::pixels::{PixelsMut, Row};
+use crate::rows::{self, Kernel, Simd};
+
+/// Samples that a prediction needs: of one alone, the filter would keep the noise.
+const FEWEST: f32 = 2.0;
+
+/// What the filter works on, beside the history of the frames before.
+#[derive(Default)]
+pub struct Joined {
+    /// The history of both sides, if there is one from later frames.
+    pub history: Option<Records>,
+    /// The luminance that both sides expect, NaN where they know too little; if passes are chosen.
+    pub prediction: Option<Image>,
+}
+
+/// Joins the later frames' history, and predicts. Writes the length of the joined history.
+pub fn join(
+    now: &Current,
+    recalled: Option<&Recalled>,
+    history: &Records,
+    later: Option<&History>,
+    seen: &mut Seen,
+) -> Joined {
+    let size = now.size();
+    let mut joined = later.map(|_| Records::blank(size, CHANNELS));
+    let chooses = now.params.choice.is_some();
+    let mut prediction = chooses.then(|| Image::blank(size, 1));
+    if later.is_none() && !chooses {
+        return Joined::default();
+    }
+    let kernel = Join {
+        size,
+        expected: recalled.map(Expected::new),
+        longest: 1.0 / now.params.accumulate.alpha - 1.0,
+        history: history.pixels(),
+        later,
+    };
+    let histories = (joined.as_mut()).map(|all| PixelsMut::bands(size, CHANNELS, all.data_mut()));
+    let outs = rows::optional(histories)
+        .zip(rows::optional(prediction.as_mut().map(Image::bands)))
+        .zip(bands_of(seen.history_length, size));
+    let outs = outs.map(|((history, prediction), length)| Outs {
+        history,
+        prediction,
+        length,
+    });
+    rows::run(&kernel, size.height, outs);
+    Joined {
+        history: joined,
+        prediction,
+    }
+}
+
+/// How sure the surer side is of its history, and the tests that failed on both.
+pub fn join_reports(later: &History, seen: &mut Seen) {
+    let size = later.confidence.size();
+    let outs = bands_of(seen.confidence, size).zip(bands_of(seen.rejection, size));
+    rows::run(later, size.height, outs);
+}
+
+impl<'a> Kernel for History<'a> {
+    type Out = (BandMut<'a>, BandMut<'a, u8>);
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut confidence, mut rejection): Self::Out) {
+        for y in rows {
+            for (own, &other) in confidence
+                .row(0, y)
+                .iter_mut()
+                .zip(self.confidence.row(0, y))
+            {
+                *own = larger(*own, other);
+            }
+            for (own, &other) in rejection.row(0, y).iter_mut().zip(self.rejection.row(0, y)) {
+                *own &= other;
+            }
+        }
+    }
+}
+
+/// Writes what history expects of a frame, shortened where the light has changed.
+pub fn expect(recalled: Option<&Recalled>, size: Size, into: Expectation) {
+    let recalled = recalled.expect("history is recalled as an image");
+    let outs = PixelsMut::bands(size, 3, into.color)
+        .zip(PixelsMut::bands(size, 2, into.moments))
+        .zip(PixelsMut::bands(size, 1, into.length));
+    let outs = outs.map(|((color, moments), length)| [color, moments, length]);
+    rows::run(&Expected::new(recalled), size.height, outs);
+}
+
+/// History at the pixels of a frame.
+struct Expected<'a> {
+    history: Pixels<'a>,
+    gradient: Option<View<'a>>,
+}
+
+impl<'a> Expected<'a> {
+    fn new(recalled: &'a Recalled) -> Self {
+        Self {
+            history: recalled.history.pixels(),
+            gradient: recalled.gradient.as_ref().map(Image::view),
+        }
+    }
+
+    #[inline(always)]
+    fn read(&self, run: Run, changes: &mut Row, into: &mut [Row; CHANNELS]) {
+        self.history
+            .read(run, into.each_mut().map(Row::as_mut_slice));
+        if let Some(gradient) = self.gradient {
+            load_shares(gradient, run, changes);
+            shorten(changes, into);
+        }
+    }
+}
+
+impl<'a> Kernel for Expected<'a> {
+    type Out = [PixelsMut<'a>; 3];
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Self::Out) {
+        let (mut history, mut changes) = ([[0.0; SEGMENT]; CHANNELS], [0.0; SEGMENT]);
+        for run in rows.flat_map(|y| segments(y, self.history.size.width)) {
+            self.read(run, &mut changes, &mut history);
+            for (part, out) in [0..3, 3..5, 5..6].into_iter().zip(&mut out) {
+                out.write(run, history[part].iter().map(Row::as_slice));
+            }
+        }
+    }
+}
+
+struct Join<'a> {
+    size: Size,
+    /// None where nothing is known of earlier frames.
+    expected: Option<Expected<'a>>,
+    /// Samples that a history counts for at most.
+    longest: f32,
+    history: Pixels<'a>,
+    later: Option<&'a History<'a>>,
+}
+
+/// No history counts for more samples than accumulation leaves it beside a new one.
+#[inline(always)]
+fn limit(longest: f32, history: &mut [Row; CHANNELS]) {
+    for length in &mut history[5] {
+        *length = smaller(*length, longest);
+    }
+}
+
+struct Outs<'a> {
+    history: Option<PixelsMut<'a>>,
+    prediction: Option<BandMut<'a>>,
+    length: BandMut<'a>,
+}
+
+impl<'a> Kernel for Join<'a> {
+    type Out = Outs<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Outs<'a>) {
+        let [mut expected, mut later, mut history] = [[[0.0; SEGMENT]; CHANNELS]; 3];
+        let mut changes = [0.0; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.size.width)) {
+            match &self.expected {
+                Some(known) => known.read(run, &mut changes, &mut expected),
+                None => expected[5].fill(0.0),
+            }
+            limit(self.longest, &mut expected);
+            if let Some(known) = self.later {
+                known.read(run, &mut later);
+                limit(self.longest, &mut later);
+                combine_rows(&later, &mut expected);
+            }
+            if let Some(out) = &mut out.prediction {
+                let [r, g, b, _, _, length] = &expected;
+                let mut predicted = [0.0; SEGMENT];
+                for x in 0..SEGMENT {
+                    let enough = length[x] >= FEWEST;
+                    let l = luminance(r[x], g[x], b[x]);
+                    predicted[x] = if enough { l } else { f32::NAN };
+                }
+                out.put(run, &predicted[..run.len], 1);
+            }
+            if let Some(joined) = &mut out.history {
+                (self.history).read(run, history.each_mut().map(Row::as_mut_slice));
+                combine_rows(&later, &mut history);
+                joined.write(run, history.iter().map(Row::as_slice));
+                out.length.put(run, &history[5][..run.len], 1);
+            }
+        }
+    }
+}
