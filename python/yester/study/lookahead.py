@@ -33,7 +33,7 @@ from .metrics import METRICS, Picture, relmse
 from .peers import peers
 from .points import Point
 from .recording import Recording, record
-from .sequences import GROUPS, NAMES
+from .sequences import GROUPS, LATE, NAMES
 from .tasks import Inputs
 
 __all__ = ["Cost", "Revealed", "Worth", "costs", "ends", "errors", "gains", "methods", "places", "revealed", "worth"]
@@ -249,9 +249,9 @@ def costs(lookaheads: Sequence[int] = (0, 2, 4, 8, 16), size: tuple[int, int] = 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m yester.study.lookahead", description=__doc__)
-    groups = f"names, {', '.join(GROUPS)}; by default, all"
+    groups = f"names, {', '.join(GROUPS)}; by default all, which is without the last group"
     parser.add_argument(
-        "--sequences", metavar="NAME", nargs="+", default=["all"], choices=[*GROUPS, *NAMES], help=groups
+        "--sequences", metavar="NAME", nargs="+", default=["all"], choices=[*GROUPS, *NAMES, *LATE], help=groups
     )
     parser.add_argument("--length", metavar="N", type=_count, default=20, help="frames; %(default)s")
     parser.add_argument("--size", metavar="WxH", type=_size, default=(128, 96), help="128x96")
