@@ -36,7 +36,7 @@ _REFERENCE_SEEDS = 100_000
 
 
 #: Sequences whose references need more samples than others.
-_HARD = ("many_lights", "switched_light", "naked_lamps", "caustics", "mist")
+_HARD = ("many_lights", "switched_light", "naked_lamps", "caustics", "mist", "opening_door", "neon_corridor")
 
 
 @dataclass(frozen=True)
