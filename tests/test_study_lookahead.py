@@ -136,11 +136,16 @@ def test_tables_by_hand():
         ["beginning", "2", "1.2000", "0.6000", "1.2000", "0.6000"],
         ["end", "9", "4.0000", "2.0000", "4.0000", "2.0000"],
     ]
-    _, calm, wild, mean = table(revealed(both))
+    _, calm, wild, mean, median = table(revealed(both))
     assert calm == ["calm", "25.00", "%", "0.2000", "0.5000", "0.1000", "0.5000"]
     assert wild == ["wild", "25.00", "%", "0.6000", "0.5000", "0.3000", "0.5000"]
     assert mean == ["mean", "25.00", "%", "0.4000", "0.5000", "0.2000", "0.5000"]
-    assert len(table(revealed([both[0], both[1]._replace(revealed={}, share=0.0)]))) == 3
+    assert median == ["median", *mean[1:]]
+    third = both[0]._replace(revealed={name: Revealed(9, 9) for name in both[0].revealed}, share=1.0)
+    *_, mean, median = table(revealed([*both, third]))
+    assert mean == ["mean", "50.00", "%", "3.2667", "3.3333", "3.1333", "3.3333"]
+    assert median == ["median", "25.00", "%", "0.6000", "0.5000", "0.3000", "0.5000"]
+    assert len(table(revealed([both[0], both[1]._replace(revealed={}, share=0.0)]))) == 4
     assert revealed([both[0]._replace(revealed={}, share=0.0)]) == "nothing comes into view"
 
 

@@ -199,7 +199,7 @@ def ends(found: Sequence[Worth]) -> str:
 
 def revealed(found: Sequence[Worth]) -> str:
     """Write the relMSE of pixels that have just come into view, and of their neighbours, for each sequence that has
-    such pixels, and as means over these."""
+    such pixels, and as means and medians over these."""
     some = [each for each in found if each.revealed]
     if not some:
         return "nothing comes into view"
@@ -210,8 +210,10 @@ def revealed(found: Sequence[Worth]) -> str:
         return [scene, f"{100 * share:.2f} %", *(f"{value:.4f}" for name in names for value in values[name])]
 
     rows += [line(each.points[0].scene, each.share, each.revealed) for each in some]
-    mean = {name: np.mean([each.revealed[name] for each in some], 0).tolist() for name in names}
-    rows.append(line("mean", float(np.mean([each.share for each in some])), mean))
+    # A few pixels beside a lamp can be most of a mean.
+    for title, middle in (("mean", np.mean), ("median", np.median)):
+        values = {name: middle([each.revealed[name] for each in some], 0).tolist() for name in names}
+        rows.append(line(title, float(middle([each.share for each in some])), values))
     return harm.aligned(rows)
 
 
