@@ -123,14 +123,14 @@ def test_memory_of_a_pipeline(tmp_path):
 def test_memory_is_what_is_left_of_growth(monkeypatch, inputs):
     (task,) = (task for task in TASKS if task.name == "TAA")
     known = iter([(100, 105), (120, 130), (140, 150), (150, 155), *[(151, 160)] * 8, (153, 170)])
-    monkeypatch.setattr(bench, "_resident", lambda: next(known))
+    monkeypatch.setattr(bench, "resident", lambda: next(known))
     made = 1e-6 * task.start(inputs).made
     assert bench._memory(task, inputs) == (pytest.approx(70 - made), 3)
 
     def refuse():
         raise FileNotFoundError
 
-    monkeypatch.setattr(bench, "_resident", refuse)
+    monkeypatch.setattr(bench, "resident", refuse)
     assert bench._memory(task, inputs) is None
 
 

@@ -234,8 +234,8 @@ def test_doors(tmp_path):
 def test_groups(tmp_path):
     """Each group of sequences by its name."""
     line = refused("chart", "--sequences", "unkind", "-o", tmp_path / "out")
-    assert all(f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "all"))
-    assert all(name in line for name in GROUPS["all"])
+    assert all(f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "late-held-out", "all"))
+    assert all(name in line for name in GROUPS["all"] + GROUPS["late-held-out"])
     options = argparse.Namespace(frames=[], sequences=["unkind-tuning", "cut", "grass"], cache=None)
     vars(options).update(size=(8, 6), length=1, reference_spp=1, doors=None)
     asked = []

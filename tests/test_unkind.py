@@ -6,18 +6,20 @@ import pytest
 from compare import assert_same_bits
 from test_scenes import ids, render
 from yester.io import read_exr
-from yester.study import recording, scenes, sequences, unkind, unseen
+from yester.study import held_out, recording, scenes, sequences, unkind, unseen
 from yester.study.recording import record
-from yester.study.sequences import GROUPS, NAMES
+from yester.study.sequences import GROUPS, LATE, NAMES
 
 
 def test_names():
     """Each sequence is in one group, and is found by its name."""
-    assert len(set(NAMES)) == len(NAMES) == sum(map(len, GROUPS.values())) - len(GROUPS["all"])
+    assert len({*NAMES, *LATE}) == len(NAMES) + len(LATE) == sum(map(len, GROUPS.values())) - len(GROUPS["all"])
     assert GROUPS["all"] == NAMES
+    assert GROUPS["late-held-out"] == LATE == held_out.NAMES
     assert NAMES[: len(scenes.SEQUENCES) + len(unkind.NAMES)] == scenes.SEQUENCES + unkind.NAMES
-    assert sorted(unkind.__all__) == sorted(["NAMES", *unkind.NAMES])
-    for name in NAMES:
+    for module in (unkind, held_out):
+        assert sorted(module.__all__) == sorted(["NAMES", *module.NAMES])
+    for name in NAMES + LATE:
         assert sequences.find(name).__name__ == name
     for name in ("cornell", "Sequence", "NAMES"):
         with pytest.raises(ValueError, match=f"name: expected one of cornell_box, .*, got '{name}'"):
@@ -30,17 +32,17 @@ def test_recordings_outlive_other_sequences(monkeypatch):
 
     def digests(changed):
         monkeypatch.setattr(inspect, "getsource", lambda module: source(module) + "#" * (module is changed))
-        return {name: recording._digest(sequences.find(name)) for name in ("cornell_box", "grass", "cut")}
+        return {name: recording._digest(sequences.find(name)) for name in ("cornell_box", "grass", "cut", "carousel")}
 
     before = digests(None)
-    for module, name in ((unkind, "grass"), (unseen, "cut")):
+    for module, name in ((unkind, "grass"), (unseen, "cut"), (held_out, "carousel")):
         after = digests(module)
         assert {n for n in before if before[n] != after[n]} == {name}
     for module in (scenes, recording.renderer):
         assert not set(digests(module).values()) & set(before.values())
 
 
-@pytest.mark.parametrize("name", NAMES[len(scenes.SEQUENCES) :])
+@pytest.mark.parametrize("name", [*NAMES[len(scenes.SEQUENCES) :], *LATE])
 def test_sequence(name):
     """It renders at about the exposure of a photograph, and is the same every time."""
     first, again = (sequences.find(name)(2, 24, 18) for _ in range(2))

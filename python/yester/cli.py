@@ -175,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
     chart.add_argument("--doors", metavar="DOOR", nargs="*", help=doors)
     chart.add_argument("--time-size", metavar="WxH", type=_size, default=(1280, 720), help="of timed frames; 1280x720")
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
-    groups = "names, tuning, held-out, unkind-tuning, unkind-held-out, or all (default)"
+    groups = "names, tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, or all without the last (default)"
     render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
     render("--length", metavar="N", type=_count, default=16, help="frames; %(default)s")
     render("--size", metavar="WxH", type=_size, default=(256, 192), help="256x192")
@@ -520,9 +520,9 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     if options.frames:
         return [open_recording(options.frames, options.references)]
     _need("study", "mitsuba")
-    from .study.sequences import GROUPS, NAMES
+    from .study.sequences import GROUPS, LATE, NAMES
 
-    asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES])
+    asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES, *LATE])
     if options.cache:
         _writable(options.cache)
     width, height = options.size

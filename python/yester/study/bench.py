@@ -51,7 +51,7 @@ from .report import save_figure
 from .tasks import TASKS, Call, Inputs, Task, stage
 from .timings import HD, OURS, Limits, Memory, Timing, draw, markdown, write_csv
 
-__all__ = ["CALM", "LEVELS", "PATIENCE", "chosen", "measure", "run", "settings", "staged"]
+__all__ = ["CALM", "LEVELS", "PATIENCE", "chosen", "measure", "resident", "run", "settings", "staged"]
 
 #: Instruction sets, each with all before it; neon stands alone.
 LEVELS = ("baseline", "avx2", "avx512")
@@ -404,19 +404,19 @@ def _memory(task: Task, images: Inputs) -> Memory | None:
     """The memory of a pipeline, if the system reports it."""
     frames = task.frames(images)
     try:
-        before, _ = _resident()
+        before, _ = resident()
     except OSError:
         return None
     call = task.start(images, frames)
     held = []
     for _ in range(_STEPS):
         call.run()
-        held.append(_resident())
+        held.append(resident())
     (settled, _), (end, most) = held[_SETTLED - 1], held[-1]
     return Memory(most - before - 1e-6 * call.made, end - settled)
 
 
-def _resident() -> tuple[float, float]:
+def resident() -> tuple[float, float]:
     """Current and peak resident memory of this process in MB (Linux only)."""
     lines = Path("/proc/self/status").read_text().splitlines()
     known = {name: text.split() for name, _, text in (line.partition(":") for line in lines)}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from .metrics import METRICS, Metric
 
-__all__ = ["EXCEPTIONS", "LIMITS", "amount", "gains", "harms", "table"]
+__all__ = ["EXCEPTIONS", "LIMITS", "aligned", "amount", "gains", "harms", "table"]
 
 #: By metric, the loss from which on a component or a buffer harms: in dB for metrics in dB, otherwise as a share of the
 #: value without it.
@@ -92,10 +92,15 @@ def table(rows: Mapping[str, Mapping[str, Mapping[str, float]]], ms: Mapping[str
         if ms is not None:
             cells.append(f"{ms[name]:.1f}")
         lines.append(cells)
-    first, *widths = (max(map(len, column)) for column in zip(*lines, strict=True))
+    return aligned(lines)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Write rows of cells as lines: the first column to the left, the others to the right."""
+    first, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
     return "\n".join(
         f"{name:<{first}}" + "".join(f"{cell:>{width + 2}}" for cell, width in zip(cells, widths, strict=True))
-        for name, *cells in lines
+        for name, *cells in rows
     )
 
 

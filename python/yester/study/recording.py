@@ -36,7 +36,7 @@ _REFERENCE_SEEDS = 100_000
 
 
 #: Sequences whose references need more samples than others.
-_HARD = ("many_lights", "switched_light", "naked_lamps", "caustics", "mist")
+_HARD = ("many_lights", "switched_light", "naked_lamps", "caustics", "mist", "opening_door", "neon_corridor")
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def record(
     Parameters
     ----------
     name : str
-        One of `sequences.NAMES`.
+        One of `sequences.NAMES` or `sequences.LATE`.
     cache : path-like, optional
         A folder, made if it does not exist. By default that of the environment variable ``YESTER_CACHE``, else
         ``yester`` in ``XDG_CACHE_HOME``, else ``~/.cache/yester``. Its contents depend on the versions of Mitsuba and

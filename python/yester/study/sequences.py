@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeAlias
 
-from . import scenes, unkind, unseen
+from . import held_out, scenes, unkind, unseen
 
-__all__ = ["GROUPS", "NAMES", "Make", "find"]
+__all__ = ["GROUPS", "LATE", "NAMES", "Make", "find"]
 
 #: Makes a sequence from the number of frames, and the width and height of the images.
 Make: TypeAlias = Callable[[int, int, int], scenes.Sequence]
@@ -21,12 +21,15 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 NAMES = tuple(name for group in GROUPS.values() for name in group)
 GROUPS["all"] = NAMES
+#: Sequences that are in no group but their own, so that nothing is chosen by them: for validation, once.
+LATE = held_out.NAMES
+GROUPS["late-held-out"] = LATE
 
 
 def find(name: str) -> Make:
     """Look a sequence up by its name; ValueError if there is none."""
-    for module in (scenes, unkind, unseen):
-        if name in NAMES and hasattr(module, name):
+    for module in (scenes, unkind, unseen, held_out):
+        if name in NAMES + LATE and hasattr(module, name):
             make: Make = getattr(module, name)
             return make
-    raise ValueError(f"name: expected one of {', '.join(NAMES)}, got {name!r}")
+    raise ValueError(f"name: expected one of {', '.join(NAMES + LATE)}, got {name!r}")

@@ -1,0 +1,220 @@
+"""The two-buffer estimate of error beside the judge by prediction: ``python -m yester.study.halves``.
+
+Each sequence is rendered twice with independent noise, as two half-buffers. Both are denoised with and without every
+component of `SVGF` that the ablation study switches, and each half judges the results of the other. The references tell
+how much worse the mean of both results is without the component: the ranks of both estimates are correlated with it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yester import Frame
+from yester.judge import _EPSILON, WEIGHTINGS, Predicted, _by_tile, _display, estimate, predictive_error
+
+from . import harm, judging
+from .ablation import ABLATIONS
+from .judging import Judged
+from .methods import recolored
+from .recording import Recording, record
+from .sequences import NAMES
+
+__all__ = ["judged", "two_buffer_error"]
+
+#: Seed of the second half, beyond those of the first one's frames.
+_OTHER = 1000
+#: The first frame that is judged, as in `judging`.
+_START = 2
+
+Images: TypeAlias = Sequence[ArrayLike]
+
+
+def two_buffer_error(
+    first: Sequence[Images],
+    second: Sequence[Images],
+    halves: Sequence[Sequence[Frame]],
+    *,
+    start: int = 0,
+    tile: int = 16,
+) -> dict[str, Predicted]:
+    """Estimate how much worse the mean of one method's results for two half-buffers is than another's, without a
+    reference.
+
+    With A and B the halves, F_A and F_B a method's results for them, and Var the variance of the halves' mean, the
+    squared error of the mean of F_A and F_B is the expectation of
+    ½ [(B - F_A)² + (A - F_B)²] - 2 Var - ¼ (F_B - F_A)². Between two methods, Var cancels.
+
+    Parameters
+    ----------
+    first, second : pair of sequences of (H, W, 3) array_like of float
+        The results of each method: for every frame of the one half, and of the other.
+    halves : pair of sequences of Frame
+        The frames of both halves, in order: the same views, with noise independent of each other, as
+        `render_sequence` renders with different seeds.
+    start : int, default 0
+        The first frame whose results are compared.
+    tile : int, default 16
+        Side of the tiles in pixels.
+
+    Returns
+    -------
+    dict of str to Predicted
+        By weight of the squared error, as `yester.study.predictive_error` has them. `change` is the mean squared
+        deviation of the second method's results from their mean.
+
+    Raises
+    ------
+    ValueError
+        If the halves or the results are not of one length, or no frame is left.
+
+    Notes
+    -----
+    A half is compared with results for the same frame: nothing is carried along motion, and edges and reflections count
+    like anything else. A weight depends only on results that have not seen the samples that it weighs.
+
+    References
+    ----------
+    Rousselle, Knaus and Zwicker, "Adaptive Rendering with Non-Local Means Filtering", 2012: two buffers of half the
+    samples each, one of which is filtered with weights from the other.
+    """
+    lengths = {len(each) for each in (*first, *second, *halves)}
+    if len(lengths) > 1 or not 0 <= start < len(halves[0]):
+        raise ValueError(f"halves: expected as many frames as results, more than {start}, got {sorted(lengths)}")
+    by_frame = []
+    for t in range(start, len(halves[0])):
+        a, b = ([half[t] for half in pair] for pair in (first, second))
+        by_frame.append(_compared(a, b, [half[t].color for half in halves], tile))
+    return estimate(np.array(by_frame))
+
+
+def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]]:
+    """Judge every component of `SVGF` on one sequence, by two buffers and by prediction.
+
+    Parameters
+    ----------
+    one, other : Recording
+        The same sequence with different seeds, and with references up to the last frame.
+
+    Returns
+    -------
+    two_buffer, predicted : list of Judged
+        One for each component. What is judged by two buffers is the mean of both results; by prediction, each of them:
+        differences are means over both halves, standard errors as if these were independent.
+    """
+    halves = judging._frames(one), judging._frames(other)
+    known = sorted(one.references)
+    true = {i: one.reference(i) for i in known}
+    clean = [[recolored(f, true[i]) if i in true else f for i, f in enumerate(half)] for half in halves]
+    parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
+    whole = [judging._images(parts[0].whole.run, half) for half in halves]
+    base = [judging._values(images, one) for images in (*whole, _mean(*whole))]
+    by_halves, by_prediction = [], []
+    for each in parts:
+        images = [judging._images(each.method.run, half) for half in halves]
+        values = [judging._values(some, one) for some in (*images, _mean(*images))]
+        *single, both = (harm.gains(*pair) for pair in zip(base, values, strict=True))
+        by_halves.append(
+            _judged(
+                *(one.name, each.component),
+                [two_buffer_error(images, whole, halves, start=_START)],
+                [_true_error(_mean(*images), _mean(*whole), true)],
+                [both],
+            )
+        )
+        pairs = [*zip(images, whole, halves, clean, strict=True)]
+        by_prediction.append(
+            _judged(
+                *(one.name, each.component),
+                [predictive_error(a, b, half, start=_START) for a, b, half, _ in pairs],
+                [predictive_error(a, b, shown, start=known[0] - 1) for a, b, _, shown in pairs],
+                single,
+            )
+        )
+    return by_halves, by_prediction
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="python -m yester.study.halves", description=__doc__)
+    parser.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
+    parser.add_argument("--sequences", metavar="NAME", nargs="+", default=NAMES, choices=NAMES, help="by default, all")
+    options = parser.parse_args(arguments)
+    shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
+    by_halves: list[Judged] = []
+    by_prediction: list[Judged] = []
+    for name in options.sequences:
+        found = judged(*(record(name, options.cache, **shape, seed=seed) for seed in (0, _OTHER)))
+        by_halves += found[0]
+        by_prediction += found[1]
+    for title, each in (("two buffers", by_halves), ("prediction", by_prediction)):
+        print(f"{title}\n{judging.correlations(each)}", end="\n\n")
+
+
+def _compared(first: Images, second: Images, samples: Sequence[NDArray[np.float32]], tile: int) -> NDArray[np.float64]:
+    """The sums of one frame that `estimate` needs, (2, 3, h, w)."""
+    known = np.asarray(np.isfinite(samples).all((0, -1)))
+    a, b, y = (np.where(known[..., None], np.asarray(images, np.float64), 0) for images in (first, second, samples))
+    # Each half beside the results for the other.
+    worse = ((a - b) * (a + b - 2 * y[::-1])).mean(-1)
+    means = 0.5 * (a + b).mean(-1)
+    apart = 0.25 * (((a[1] - a[0]) ** 2) - (b[1] - b[0]) ** 2).mean(-1)
+    deviation = 0.25 * ((b[1] - b[0]) ** 2).mean(-1)
+    result = []
+    for weighting in WEIGHTINGS:
+        weigh = _WEIGHTS[weighting]
+        together = weigh(means.mean(0))
+        difference = 0.5 * (weigh(means[0]) * worse[0] + weigh(means[1]) * worse[1]) - together * apart
+        result.append([_by_tile(image, tile) for image in (difference, known, together * deviation)])
+    return np.array(result)
+
+
+def _true_error(first: Images, second: Images, true: dict[int, NDArray[np.float32]]) -> dict[str, Predicted]:
+    """How much worse one method's results are than another's against references."""
+    # Equal halves leave nothing but the difference of both errors.
+    by_frame = [_compared([first[i]] * 2, [second[i]] * 2, [reference] * 2, 16) for i, reference in true.items()]
+    return estimate(np.array(by_frame))
+
+
+def _judged(
+    scene: str,
+    component: str,
+    said: Sequence[dict[str, Predicted]],
+    clean: Sequence[dict[str, Predicted]],
+    gained: Sequence[dict[str, float]],
+) -> Judged:
+    """Means over halves."""
+    return Judged(
+        scene,
+        component,
+        {w: float(np.mean([each[w].difference for each in said])) for w in WEIGHTINGS},
+        {w: float(np.sqrt(np.sum([each[w].error ** 2 for each in said])) / len(said)) for w in WEIGHTINGS},
+        {w: float(np.mean([each[w].difference for each in clean])) for w in WEIGHTINGS},
+        {key: float(np.mean([each[key] for each in gained])) for key in gained[0]},
+    )
+
+
+def _mean(one: Sequence[NDArray[np.float32]], other: Sequence[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
+    """The mean of the results for both halves."""
+    return [0.5 * (a + b) for a, b in zip(one, other, strict=True)]
+
+
+def _relative(mean: NDArray[np.float64]) -> NDArray[Any]:
+    return np.asarray(1 / (np.maximum(mean, 0) ** 2 + _EPSILON))
+
+
+def _on_display(mean: NDArray[np.float64]) -> NDArray[Any]:
+    return _display(np.maximum(mean, 0).astype(np.float32))
+
+
+#: The weights of squared errors at a mean of the results' channels.
+_WEIGHTS: dict[str, Callable[[NDArray[np.float64]], NDArray[Any]]] = dict(
+    zip(WEIGHTINGS, (_relative, _on_display), strict=True)
+)
+
+if __name__ == "__main__":
+    main()
