@@ -56,8 +56,9 @@
 //!   judge    consistency, disocclusion, thin_features,          history of another surface or light is refused,
 //!            exposure ► clip_history, alternation ► anti_lag,
 //!            temporal_gradient, prediction_gain ► blend_factor, or weighs less,
-//!            innovation, choice                                 or is corrected; the best of several wins
-//!   merge    resample ► accumulate, blend, recirculate, resolve new samples are accumulated
+//!            innovation, compare_candidates ► choice            or is corrected; the best of several wins
+//!   merge    resample ► accumulate, blend, recirculate, resolve new samples are accumulated,
+//!            combine_histories                                  and both sides of time put together
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      the remaining noise
 //!            estimate_variance ► atrous, regress,               is filtered in space,
 //!            morphological_aa, joint_bilateral_upsample,        and pixels without samples are filled

@@ -383,7 +383,7 @@ class SVGF:
         usual, shown, prediction = self.iterations, None, None
         bright = yester.exposure(color)
         if self.chooses and shows:
-            enough = expected[2] >= 2
+            enough = expected[2] >= 1.5
             prediction = np.where(enough, luminance(expected[0]), np.float32(np.nan))
 
         def smooth(passes: int):

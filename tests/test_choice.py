@@ -491,11 +491,11 @@ def test_the_first_frame_is_as_usual(iterations):
         svgf.reset()
 
 
-@pytest.mark.parametrize(("alpha", "first"), [(0.2, 3), (0.3, 3), (0.4, None)])
+@pytest.mark.parametrize(("alpha", "first"), [(0.2, 3), (0.3, 3), (0.45, None)])
 def test_two_samples_predict(alpha, first):
     """The third frame's samples are the first that are compared, so the fourth frame is the first that may choose.
 
-    A history that counts for less than two samples never predicts.
+    A history that counts for less than one and a half samples never predicts.
     """
     _, frames = halves(8)
     others = [not (out.choice == 3).all() for out in steps(frames, alpha=alpha)]

@@ -214,7 +214,8 @@ pub fn estimate_variance_<'py>(
 /// variance : (H, W) float32
 ///     Variance of its luminance, assuming independent samples.
 /// prediction : (H, W) float32
-///     The filtered prediction, only if one was given. It has not seen the newest samples either (see `choice`).
+///     The filtered prediction, only if one was given. Where a pixel has one, it has not seen the pixel's newest sample
+///     either (see `compare_candidates`); where it was NaN, it begins with the colour's luminance.
 ///
 /// Raises
 /// ------

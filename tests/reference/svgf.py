@@ -18,7 +18,7 @@ from .taa import PRESETS, antialias, find_motion, tells_depth
 from .variance import estimate_variance
 
 #: Samples that a prediction needs.
-FEWEST = 2
+FEWEST = 1.5
 
 
 class Output(NamedTuple):

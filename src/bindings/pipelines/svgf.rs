@@ -77,9 +77,10 @@ use crate::pipelines::{svgf, taa};
 ///     Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames
 ///     with a `hit_distance` use that distance alone. Needs cameras and depth.
 /// choice : bool, default True
-///     Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, that best
-///     predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and fine shadows
-///     keep their detail, and uniform surfaces are smoothed more.
+///     Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
+///     history best predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and
+///     fine shadows keep their detail, and uniform surfaces are smoothed more. The filter then compares the luminance
+///     that history predicts, where that is worth 1.5 samples, instead of the merged one.
 /// innovation : bool, default True
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
@@ -96,8 +97,9 @@ use crate::pipelines::{svgf, taa};
 /// Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
 /// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
 /// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
-/// `prediction_gain`, `accumulate`, `estimate_variance`, `atrous`, `choice` and `innovation` (with the `exposure` of
-/// the history), `remodulate`, and those of `TAA`. The correction by a replay is an `innovation` of history, too: its
+/// `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
+/// `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, and those of `TAA`. Of the
+/// history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its
 /// samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {

@@ -19,8 +19,9 @@ use crate::pipelines::recall::Recalled;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
-/// Samples that a prediction needs: of one alone, the filter would keep the noise.
-const FEWEST: f32 = 2.0;
+/// Samples that a prediction needs: of one alone, the filter would keep the noise. Not a whole number, so that rounding of
+/// resampled lengths does not decide.
+const FEWEST: f32 = 1.5;
 
 /// What the filter works on, beside the history of the frames before.
 #[derive(Default)]
@@ -160,7 +161,7 @@ struct Join<'a> {
 #[inline(always)]
 fn limit(longest: f32, history: &mut [Row; CHANNELS]) {
     for length in &mut history[5] {
-        *length = smaller(*length, longest);
+        *length = smaller(longest, *length); // NaN stays, and counts as none
     }
 }
 
