@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from operator import index
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,8 +147,8 @@ def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
 
 def _with(frame: Frame, **changed: NDArray[np.float32] | None) -> Frame:
     """The frame with other buffers, or without some."""
-    kept = {name: buffer for name, buffer in frame.buffers().items() if name not in changed}
-    return Frame(**kept, **changed, camera=frame.camera, jitter=frame.jitter)
+    buffers: dict[str, Any] = {**frame.buffers(), **changed}
+    return Frame(**buffers, camera=frame.camera, jitter=frame.jitter)
 
 
 def _turned(frame: Frame) -> Frame:
