@@ -383,8 +383,12 @@ class SVGF:
         usual, shown, prediction = self.iterations, None, None
         bright = yester.exposure(color)
         if self.chooses and shows:
-            enough = expected[2] >= 1.5
-            prediction = np.where(enough, luminance(expected[0]), np.float32(np.nan))
+            prediction, (first, second) = luminance(expected[0]), np.moveaxis(expected[1], -1, 0)
+            with np.errstate(invalid="ignore", over="ignore"):
+                deviation = np.sqrt(np.fmax(second - first * first, np.float32(0)))
+                most = np.float32(1.5) * deviation + np.float32(1e-3) * np.abs(prediction)
+                near = luminance(color) - prediction <= most
+            prediction = np.where((expected[2] >= 2.5) & near, prediction, np.float32(np.nan))
 
         def smooth(passes: int):
             known = {} if prediction is None else {"prediction": prediction}

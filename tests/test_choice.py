@@ -491,11 +491,11 @@ def test_the_first_frame_is_as_usual(iterations):
         svgf.reset()
 
 
-@pytest.mark.parametrize(("alpha", "first"), [(0.2, 3), (0.3, 3), (0.45, None)])
-def test_two_samples_predict(alpha, first):
-    """The third frame's samples are the first that are compared, so the fourth frame is the first that may choose.
+@pytest.mark.parametrize(("alpha", "first"), [(0.2, 4), (0.25, 4), (0.3, None)])
+def test_three_samples_predict(alpha, first):
+    """The fourth frame's samples are the first that are compared, so the fifth frame is the first that may choose.
 
-    A history that counts for less than one and a half samples never predicts.
+    A history that counts for less than two and a half samples never predicts.
     """
     _, frames = halves(8)
     others = [not (out.choice == 3).all() for out in steps(frames, alpha=alpha)]
@@ -555,12 +555,12 @@ def test_what_is_missing_is_filled_as_usual():
     svgf, mixed = yester.SVGF(), []
     for _ in range(8):
         color = still(waves(40, 56), rng).color.copy()
-        color[8:16, 8:24] = np.nan
+        color[8:24, 8:40] = np.nan
         out = svgf.step(yester.Frame(color))
         unseen = out.history_length == 0
         assert (out.choice[unseen] == 3).all()
         assert out.color[unseen].all(), "it is filled"
-        mixed.append((out.choice[8:16, 8:24][~unseen[8:16, 8:24]] < 2).any() and unseen.any())
+        mixed.append((out.choice[8:24, 8:40][~unseen[8:24, 8:40]] < 2).any() and unseen.any())
     assert any(mixed)
 
 

@@ -89,6 +89,8 @@ def test_order_changes_nothing_but_roundings(seed, size):
     """Which comes first, and which two of three are combined first; lengths add up."""
     rng = np.random.default_rng(seed)
     a, b, c = (history(rng, *size, holes=0.2) for _ in range(3))
+    for _, moments, _ in (a, b, c):  # of those that are not finite, the first ones stay
+        moments[~np.isfinite(moments)] = 1
     scale = sizes(a, b, c)
 
     def combine(first, second):
@@ -105,7 +107,7 @@ def test_order_changes_nothing_but_roundings(seed, size):
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 20), st.integers(1, 40)),
-    lacks=st.sampled_from(["samples", "length", "color", "moments"]),
+    lacks=st.sampled_from(["samples", "length", "color"]),
 )
 def test_an_empty_history_changes_no_bit(seed, size, lacks):
     """Whatever it is that makes it none; two of them are NaN, of no samples."""
@@ -118,13 +120,22 @@ def test_an_empty_history_changes_no_bit(seed, size, lacks):
             other[2][:] = rng.choice(np.float32([np.nan, np.inf]), size)
         case "color":
             other[0][..., rng.integers(3)] = rng.choice(np.float32([np.nan, np.inf, -np.inf]), size)
-        case "moments":
-            other[1][..., rng.integers(2)] = rng.choice(np.float32([np.nan, np.inf, -np.inf]), size)
-    known = np.isfinite(np.dstack(some)).all(-1) & (some[2] > 0)
+    known = np.isfinite(some[0]).all(-1) & np.isfinite(some[2]) & (some[2] > 0)
     nothing = empty(*size)
     for combined in (yester.combine_histories(*some, *other), yester.combine_histories(*other, *some)):
         for got, its, none in zip(combined, some, nothing, strict=True):
             assert_same_bits(got, np.where(known.reshape(known.shape + (1,) * (its.ndim - 2)), its, none))
+
+
+def test_moments_that_overflow():
+    """Colours are combined all the same; of means that are not finite, the first one's stays, or else the second's."""
+    color, length = np.ones((1, 2, 3), np.float32), np.ones((1, 2), np.float32)
+    good, bad = np.float32([[[1, 2], [1, 2]]]), np.float32([[[np.nan, np.inf], [np.inf, np.inf]]])
+    for moments, others, want in ((good, bad, good), (bad, good, good), (bad, bad, bad)):
+        mixed, left, total = yester.combine_histories(color, moments, length, 3 * color, others, length)
+        assert (mixed == 2).all()
+        assert (total == 2).all()
+        assert_same_bits(left, want)
 
 
 def test_a_whole_change_is_an_empty_history():

@@ -17,8 +17,8 @@ from .reproject import reproject
 from .taa import PRESETS, antialias, find_motion, tells_depth
 from .variance import estimate_variance
 
-#: Samples that a prediction needs.
-FEWEST = 1.5
+#: Samples that a prediction needs, and standard deviations by which the mean may lie above it.
+FEWEST, MOST = 2.5, 1.5
 
 
 class Output(NamedTuple):
@@ -130,7 +130,10 @@ class SVGF:
             expected = combine_histories(*expected, *joins)
             color, moments, length = combine_histories(*kept, *joins)
         if self.chooses:
-            prediction = luminance(expected[0]).where(expected[2] >= FEWEST, torch.nan)  # (H, W)
+            predicted, (first, second) = luminance(expected[0]), expected[1].unbind(-1)  # (H, W) each
+            most = MOST * (second - first * first).clamp(min=0).sqrt() + 1e-3 * predicted.abs()  # (H, W)
+            near = luminance(color) - predicted <= most  # (H, W)
+            prediction = predicted.where(near & (expected[2] >= FEWEST), torch.nan)  # (H, W)
         variance = estimate_variance(moments, length, min_length=self.min_length, **similarity)  # (H, W)
         if later is not None:
             variance = variance * (longest / length).clamp(max=1)  # (H, W)

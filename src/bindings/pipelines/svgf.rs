@@ -80,7 +80,7 @@ use crate::pipelines::{svgf, taa};
 ///     Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
 ///     history best predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and
 ///     fine shadows keep their detail, and uniform surfaces are smoothed more. The filter then compares the luminance
-///     that history predicts, where that is worth 1.5 samples, instead of the merged one.
+///     that history predicts, where that is worth 2.5 samples and the new one is no outlier, instead of the merged one.
 /// innovation : bool, default True
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.

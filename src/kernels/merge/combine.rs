@@ -3,8 +3,9 @@
 //! Each is a mean over its samples, so the mean over all of them has the lengths for weights: with N and N′ samples,
 //!   N″ = N + N′,  w = N′/N″,  c ← c + w (c′ − c),  (m₁, m₂) ← m + w (m′ − m).
 //! Where a temporal gradient λ says that the light of the second one has changed, it counts as fewer samples, as in
-//! [`super::accumulate`]: N′ ← N′ (1 − λ)¹⁰. A history that is not finite has no samples; where neither has any, colour and
-//! moments are NaN and N″ = 0.
+//! [`super::accumulate`]: N′ ← N′ (1 − λ)¹⁰. A history whose colour or length is not finite has no samples; where neither
+//! has any, colour and moments are NaN and N″ = 0. Moments overflow before colours do: where their mean is not finite, it is
+//! that of the first history, or of the second if the first one's is not finite either.
 //!
 //! Inputs: two histories: colour (3), moments (2), length (1); λ (1) in [0, 1], optional. Outputs: the history.
 
@@ -76,9 +77,9 @@ pub(crate) fn shorten(changes: &Row, history: &mut [Row; CHANNELS]) {
 pub(crate) fn combine_rows(second: &[Row; CHANNELS], first: &mut [Row; CHANNELS]) {
     for x in 0..SEGMENT {
         let samples = |history: &[Row; CHANNELS]| {
-            let [r, g, b, m1, m2, n] = [0, 1, 2, 3, 4, 5].map(|c| history[c][x]);
-            let known = is_present([r, g, b]) & m1.is_finite() & m2.is_finite() & n.is_finite();
-            if known & (n > 0.0) { n } else { 0.0 }
+            let [r, g, b, n] = [0, 1, 2, 5].map(|c| history[c][x]);
+            let known = is_present([r, g, b]) & n.is_finite() & (n > 0.0);
+            if known { n } else { 0.0 }
         };
         let (mine, other) = (samples(first), samples(second));
         let total = mine + other;
@@ -86,8 +87,10 @@ pub(crate) fn combine_rows(second: &[Row; CHANNELS], first: &mut [Row; CHANNELS]
         for c in 0..5 {
             let (a, b) = (first[c][x], second[c][x]);
             let mixed = a + share * (b - a);
-            let alone = if mine > 0.0 { a } else { b };
-            let known = if (mine > 0.0) & (other > 0.0) {
+            let both = (mine > 0.0) & (other > 0.0);
+            let mine = if both { a.is_finite() } else { mine > 0.0 };
+            let alone = if mine { a } else { b };
+            let known = if both & mixed.is_finite() {
                 mixed
             } else {
                 alone

@@ -19,9 +19,12 @@ use crate::pipelines::recall::Recalled;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
-/// Samples that a prediction needs: of one alone, the filter would keep the noise. Not a whole number, so that rounding of
-/// resampled lengths does not decide.
-const FEWEST: f32 = 1.5;
+/// Samples that a prediction needs: by the luminance of fewer, the filter would keep the noise. Not a whole number, so that
+/// rounding of resampled lengths does not decide.
+const FEWEST: f32 = 2.5;
+/// Standard deviations of samples by which the new one may lift the mean above the prediction. An outlier beyond keeps its
+/// own luminance, by which the filter leaves it alone: with the prediction's, it would be handed to its neighbours.
+const MOST: f32 = 1.5;
 
 /// What the filter works on, beside the history of the frames before.
 #[derive(Default)]
@@ -157,6 +160,23 @@ struct Join<'a> {
     later: Option<&'a History<'a>>,
 }
 
+/// The luminance that is expected; NaN where that is not worth enough samples, or the new one is an outlier.
+#[inline(always)]
+fn predict(expected: &[Row; CHANNELS], merged: &[Row; CHANNELS]) -> Row {
+    let of = |[r, g, b, ..]: &[Row; CHANNELS], x: usize| luminance(r[x], g[x], b[x]);
+    let [.., first, second, length] = expected;
+    let mut predicted = [0.0; SEGMENT];
+    for (x, predicted) in predicted.iter_mut().enumerate() {
+        let l = of(expected, x);
+        let deviation = larger(second[x] - first[x] * first[x], 0.0).sqrt();
+        // A thousandth, as in the filter, so that rounding does not decide where there is no noise.
+        let most = MOST * deviation + 1e-3 * l.abs();
+        let usable = (length[x] >= FEWEST) & (of(merged, x) - l <= most);
+        *predicted = if usable { l } else { f32::NAN };
+    }
+    predicted
+}
+
 /// No history counts for more samples than accumulation leaves it beside a new one.
 #[inline(always)]
 fn limit(longest: f32, history: &mut [Row; CHANNELS]) {
@@ -189,21 +209,14 @@ impl<'a> Kernel for Join<'a> {
                 limit(self.longest, &mut later);
                 combine_rows(&later, &mut expected);
             }
-            if let Some(out) = &mut out.prediction {
-                let [r, g, b, _, _, length] = &expected;
-                let mut predicted = [0.0; SEGMENT];
-                for x in 0..SEGMENT {
-                    let enough = length[x] >= FEWEST;
-                    let l = luminance(r[x], g[x], b[x]);
-                    predicted[x] = if enough { l } else { f32::NAN };
-                }
-                out.put(run, &predicted[..run.len], 1);
-            }
+            (self.history).read(run, history.each_mut().map(Row::as_mut_slice));
             if let Some(joined) = &mut out.history {
-                (self.history).read(run, history.each_mut().map(Row::as_mut_slice));
                 combine_rows(&later, &mut history);
                 joined.write(run, history.iter().map(Row::as_slice));
                 out.length.put(run, &history[5][..run.len], 1);
+            }
+            if let Some(out) = &mut out.prediction {
+                out.put(run, &predict(&expected, &history)[..run.len], 1);
             }
         }
     }
