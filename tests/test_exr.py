@@ -238,6 +238,26 @@ def test_mitsuba_without_depth(tmp_path, aovs, layer):
     np.testing.assert_array_equal(np.isnan(position), np.stack([miss] * 3, -1))
 
 
+@pytest.mark.parametrize("prefix", ["", "ViewLayer.", "Shot 3.Main."])
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+def test_vector_of_cycles(tmp_path, prefix, kind):
+    """A surface that went from (3, 5) over (10, 4) to (18, 2), rows counted from the top: y points up in the file."""
+    value = dict(zip("XYZW", (3 - 10, 4 - 5, 10 - 18, 2 - 4), strict=True))
+    vector = {f"{prefix}Vector.{name}": np.full((4, 6), value[name], kind) for name in "XYZW"}
+    store(tmp_path / "frame.exr", {}, rgb(4, 6) | vector)
+    frame = io.read_exr(tmp_path / "frame.exr")
+    assert_same_bits(frame.motion, np.broadcast_to(np.float32([-7, 1]), (4, 6, 2)))
+    assert_same_bits(frame.motion_next, np.broadcast_to(np.float32([8, -2]), (4, 6, 2)))
+    known = io.describe(tmp_path / "frame.exr")
+    assert not known.unrecognised
+    assert known.notes.keys() == {"motion", "motion_next"}
+    # Our own layers come first.
+    own = {f"motion.{name}": np.ones((4, 6), np.float32) for name in "XYZ"}
+    store(tmp_path / "own.exr", {}, rgb(4, 6) | vector | own)
+    assert (io.read_exr(tmp_path / "own.exr").motion == 1).all()
+    assert "motion" not in io.describe(tmp_path / "own.exr").notes
+
+
 def test_averaged_ids(tmp_path):
     """Above one sample per pixel Mitsuba averages ids: no object is made up where the mean is a fraction."""
     wrote, _ = mitsuba_file(tmp_path / "a.exr", spp=16)

@@ -2,7 +2,8 @@
 
 A channel's name is its layer and, behind the last dot, its component. Our own files name layers after the buffers.
 Mitsuba names components after the kind of value (a depth is ``T``, an index ``I``) and leaves the names of layers to
-the user, so that only common ones can be recognised.
+the user, so that only common ones can be recognised. Blender Cycles names both motions ``Vector``, behind the name of
+the view layer.
 """
 
 from __future__ import annotations
@@ -35,6 +36,13 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "position": ("pos", "p"),
 }
 
+#: Components of the pass ``Vector`` of Blender Cycles, and the signs that make them ours: it has previous minus current
+#: position, and then current minus next, in pixels with y up.
+_VECTOR: dict[str, tuple[tuple[str, int], ...]] = {
+    "motion": (("X", 1), ("Y", -1)),
+    "motion_next": (("Z", -1), ("W", 1)),
+}
+
 #: Consequences of a missing buffer. Buffers that few renderers write are not reported.
 COSTS: dict[str, str] = {
     "color": "nothing to denoise",
@@ -58,6 +66,8 @@ def find(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
         candidates = [channels]
         if buffer in ("motion", "motion_next"):
             candidates.append(channels[:2])
+            layers = sorted(name.removesuffix(".X") for name in names if f".{name}".endswith(".Vector.X"))
+            candidates += [tuple(f"{layer}.{component}" for component, _ in _VECTOR[buffer]) for layer in layers]
         for layer in _SYNONYMS.get(buffer, ()):
             candidates.append(tuple(f"{layer}.{component}" for component in components))
         if buffer == "depth":
@@ -68,6 +78,12 @@ def find(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
                 found[buffer] = candidate
                 break
     return found
+
+
+def signs(buffer: str, channels: Iterable[str]) -> list[int]:
+    """Factors by which the channels of a buffer become canonical."""
+    turned = {f".Vector.{component}": sign for component, sign in _VECTOR.get(buffer, ())}
+    return [next((sign for end, sign in turned.items() if f".{name}".endswith(end)), 1) for name in channels]
 
 
 def missing(found: Iterable[str], *, camera: bool) -> dict[str, str]:

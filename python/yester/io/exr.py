@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._core import Camera
 from ..frame import Frame
 from . import layout
-from .channels import CANONICAL, find, missing
+from .channels import CANONICAL, find, missing, signs
 from .files import beside
 from .stdout import kept_output
 
@@ -104,9 +104,10 @@ def read_exr(path: Source) -> Frame:
     Returns
     -------
     Frame
-        Whatever is recognised, made canonical. In files of Mitsuba, pixels where nothing was hit get depth +inf and
-        position NaN, and depth is converted from a distance along the ray where the header has a camera (exactly if
-        positions are there as well); without one it stays as it is.
+        Whatever is recognised, made canonical. The pass ``Vector`` of Blender Cycles becomes `motion` and
+        `motion_next`. In files of Mitsuba, pixels where nothing was hit get depth +inf and position NaN, and depth is
+        converted from a distance along the ray where the header has a camera (exactly if positions are there as well);
+        without one it stays as it is.
 
     Raises
     ------
@@ -147,6 +148,10 @@ def read_plate(path: Source) -> Plate:
     camera, jitter = _camera(path, header), _jitter(path, header)
     try:
         buffers = {buffer: np.stack([planes[name].pixels for name in names], -1) for buffer, names in found.items()}
+        for buffer in {"motion", "motion_next"} & buffers.keys():
+            factors = signs(buffer, found[buffer])
+            if min(factors) < 0:
+                buffers[buffer] = buffers[buffer] * np.array(factors, np.float32)
         for buffer in {"depth", "ids", "hit_distance", "reactive"} & buffers.keys():
             buffers[buffer] = buffers[buffer][..., 0]
         if "ids" in buffers:
@@ -360,7 +365,11 @@ def describe(path: Source) -> Description:
     found = find(planes)
     camera = _camera(path, header)
     known = {name for names in found.values() for name in names}
-    notes = {}
+    notes = {
+        buffer: "Vector pass of Blender Cycles: turned to y down"
+        for buffer in ("motion", "motion_next")
+        if min(signs(buffer, found.get(buffer, ())), default=1) < 0
+    }
     if _along_ray(found):
         how = "along the ray from the near plane"
         if camera is None:
