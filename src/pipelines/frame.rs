@@ -12,7 +12,7 @@ use crate::image::{
 use crate::kernels::camera::motion::{Geometry, Transforms, is_still, motion_vectors};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
-use crate::kernels::merge::accumulate::CHANNELS;
+use crate::kernels::merge::accumulate::{CHANNELS, load_history};
 use crate::memory::Scratch;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Settings, Simd};
@@ -411,10 +411,7 @@ impl History<'_> {
     /// Loads a run of colour, moments and length.
     #[inline(always)]
     pub(super) fn read(&self, run: Run, into: &mut [Row; CHANNELS]) {
-        let [r, g, b, first, second, length] = into.each_mut().map(Row::as_mut_slice);
-        self.color.read(run, [r, g, b]);
-        self.moments.read(run, [first, second]);
-        self.length.read(run, [length]);
+        load_history([self.color, self.moments, self.length], run, into);
     }
 }
 

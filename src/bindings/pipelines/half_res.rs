@@ -137,7 +137,8 @@ impl HalfRes {
     /// Raises
     /// ------
     /// ValueError
-    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not fit.
+    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not
+    ///     fit.
     #[pyo3(signature = (frame, out=None, *, later=None))]
     fn step<'py>(
         &mut self,

@@ -99,8 +99,8 @@ use crate::pipelines::{svgf, taa};
 /// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
 /// `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
 /// `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, and those of `TAA`. Of the
-/// history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its
-/// samples are the replayed ones' change, relative to the samples blurred by `atrous`.
+/// history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation`
+/// of history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {
     inner: svgf::Svgf,
@@ -207,7 +207,8 @@ impl SVGF {
     /// Raises
     /// ------
     /// ValueError
-    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not fit.
+    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not
+    ///     fit.
     #[pyo3(signature = (frame, out=None, *, later=None))]
     fn step<'py>(
         &mut self,

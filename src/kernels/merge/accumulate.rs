@@ -115,15 +115,24 @@ impl History for Images<'_> {
         confidence: &mut Row,
         (): &mut (),
     ) {
-        let [r, g, b, first, second, length] = history.each_mut().map(Row::as_mut_slice);
-        let [color, moments, lengths] = self.parts;
-        color.read(run, [r, g, b]);
-        moments.read(run, [first, second]);
-        lengths.read(run, [length]);
+        load_history(self.parts, run, history);
         if let Some(image) = self.confidence {
             load_shares(image, run, confidence);
         }
     }
+}
+
+/// Loads a run of a history's colour, moments and length.
+#[inline(always)]
+pub(crate) fn load_history(
+    [color, moments, lengths]: [Pixels; 3],
+    run: Run,
+    into: &mut [Row; CHANNELS],
+) {
+    let [r, g, b, first, second, length] = into.each_mut().map(Row::as_mut_slice);
+    color.read(run, [r, g, b]);
+    moments.read(run, [first, second]);
+    lengths.read(run, [length]);
 }
 
 /// New samples, and what is known of them.

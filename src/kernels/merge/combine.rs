@@ -11,7 +11,7 @@
 
 use std::ops::Range;
 
-use super::accumulate::{CHANNELS, Part, load_shares, tenth_power};
+use super::accumulate::{CHANNELS, Part, load_history, load_shares, tenth_power};
 use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::math::is_present;
 use crate::pixels::Row;
@@ -46,12 +46,8 @@ impl<'a, const PARTS: usize> Kernel for Combine<'a, PARTS> {
         let [mut first, mut second] = [[[0.0; SEGMENT]; CHANNELS]; 2];
         let mut changes = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.first[0].size.width)) {
-            for (history, into) in [(self.first, &mut first), (self.second, &mut second)] {
-                let [r, g, b, m1, m2, n] = into.each_mut().map(Row::as_mut_slice);
-                history[0].read(run, [r, g, b]);
-                history[1].read(run, [m1, m2]);
-                history[2].read(run, [n]);
-            }
+            load_history(self.first, run, &mut first);
+            load_history(self.second, run, &mut second);
             if let Some(gradient) = self.gradient {
                 load_shares(gradient, run, &mut changes);
             }
