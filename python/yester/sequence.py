@@ -18,7 +18,8 @@ from .frame import Frame
 
 __all__ = ["LOOKAHEAD", "denoise"]
 
-#: Later frames that are used unless told otherwise. With 2, a chunk's last frames have 1 to 2 % more error.
+#: Later frames that are used unless told otherwise. With 2, a chunk's last frames had 1 to 2 % more error when results
+#: were still averaged.
 LOOKAHEAD = 3
 
 #: Frames of a chunk for each frame of lookahead. The frames behind its end, whose results are not used, cost a fifth of
