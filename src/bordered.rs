@@ -18,13 +18,9 @@ pub struct Layout {
 impl Layout {
     /// A layout for taps up to `reach` pixels to the side.
     pub fn new(size: Size, reach: usize) -> Self {
-        // No tap farther than the width can lie inside. But kernels whose steps are compile-time constants read all taps and
-        // mask the outer ones, so that a narrow image still needs a halo of two vectors. Whole vectors keep rows aligned;
-        // one column at least holds the replicated edge.
-        let border = reach
-            .min(size.width.max(2 * LANES))
-            .max(1)
-            .next_multiple_of(LANES);
+        // No tap farther than the width can lie inside. Whole vectors keep rows aligned; one column at least holds the
+        // replicated edge.
+        let border = reach.min(size.width).max(1).next_multiple_of(LANES);
         Self {
             size,
             border,

@@ -29,7 +29,7 @@ use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
 use crate::lanes::{Lanes, TapColumns};
 use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
 use crate::pixels::{Colors, PixelsMut, Row};
-use crate::rows::{self, Kernel, Simd};
+use crate::rows::{self, Kernel, Outlined, Simd};
 
 /// Passes, and what stops them.
 #[derive(Clone, Copy, Debug)]
@@ -393,28 +393,22 @@ impl<K: Sink> Pass<'_, K> {
         simd: S,
         rows: InPlace<IN_PLACE, K::Row>,
     ) {
-        let (layout, sink) = (self.guide.layout, self.sink);
         let around = Around::<RADIUS, PREDICTED> {
-            layout,
+            layout: self.guide.layout,
+            step: self.step as isize,
             variance: self.variance,
             guide: self.guide.compare(&self.params.sigmas),
             sigma_luminance: self.params.sigma_luminance,
         };
-        // Constant steps let the compiler fold the addresses of taps; the padding holds them all.
-        match self.step {
-            1 => around.rows(simd, [1, isize::MAX], rows, sink),
-            2 => around.rows(simd, [2, isize::MAX], rows, sink),
-            4 => around.rows(simd, [4, isize::MAX], rows, sink),
-            8 => around.rows(simd, [8, isize::MAX], rows, sink),
-            16 => around.rows(simd, [16, isize::MAX], rows, sink),
-            step => around.rows(simd, [step as isize, layout.farthest()], rows, sink),
-        }
+        around.rows(simd, rows, self.sink);
     }
 }
 
 /// The inputs that a pass does not overwrite.
 struct Around<'a, const RADIUS: usize, const PREDICTED: bool> {
     layout: Layout,
+    /// Pixels between taps.
+    step: isize,
     variance: &'a [f32],
     guide: Comparison<'a>,
     sigma_luminance: f32,
@@ -448,6 +442,37 @@ struct Sums<S: Simd> {
     luminance: Lanes<S>,
 }
 
+/// The filtering of one row: a function of its own, which is compiled once for all sinks.
+struct FilterRow<'r, 'a, S, const RADIUS: usize, const PREDICTED: bool> {
+    around: &'r Around<'a, RADIUS, PREDICTED>,
+    simd: S,
+    y: usize,
+    /// Variance of the row above, of this one, and of the one below.
+    near: [&'r [f32]; 3],
+    lines: [Line<'r>; 5],
+    out: [&'r mut [f32]; IN_PLACE],
+    target: &'r mut [f32],
+}
+
+impl<S: Simd, const RADIUS: usize, const PREDICTED: bool> Outlined
+    for FilterRow<'_, '_, S, RADIUS, PREDICTED>
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn call(mut self) {
+        let width = self.around.layout.size.width;
+        for x in (0..width).step_by(Lanes::<S>::COUNT) {
+            let at = [x, self.y];
+            let ([r, g, b, l], v) = (self.around).filter(self.simd, at, &self.near, &self.lines);
+            for (row, lanes) in self.out.iter_mut().zip([r, g, b, l]) {
+                lanes.store(row, x);
+            }
+            v.store(self.target, x);
+        }
+    }
+}
+
 impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTED> {
     /// log₂ of the kernel's weight, by steps along one axis.
     const KERNEL: &'static [f32] = if RADIUS == 1 {
@@ -456,16 +481,10 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         &LOG2_CUBIC
     };
 
-    /// Filters the rows of a job. Taps are `step` apart and at most `farthest` pixels to the side.
+    /// Filters the rows of a job.
     #[inline(always)]
-    fn rows<S: Simd, K: Sink>(
-        &self,
-        simd: S,
-        [step, farthest]: [isize; 2],
-        mut rows: InPlace<IN_PLACE, K::Row>,
-        sink: &K,
-    ) {
-        let Size { width, height } = self.layout.size;
+    fn rows<S: Simd, K: Sink>(&self, simd: S, mut rows: InPlace<IN_PLACE, K::Row>, sink: &K) {
+        let height = self.layout.size.height;
         for row in 0..rows.len {
             let Step {
                 y,
@@ -474,7 +493,7 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
                 target,
                 extra,
             } = rows.step(row);
-            let lines = self.lines(y, step, &window);
+            let lines = self.lines(y, &window);
             // Rows outside the image repeat the first and the last one; columns are padded likewise.
             let cut = |y| self.layout.cut(self.variance, y);
             let near = [
@@ -482,13 +501,15 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
                 cut(y),
                 cut((y + 1).min(height - 1)),
             ];
-            for x in (0..width).step_by(Lanes::<S>::COUNT) {
-                let ([r, g, b, l], v) = self.filter(simd, [x, y], &near, &lines, [step, farthest]);
-                for (row, lanes) in out.iter_mut().zip([r, g, b, l]) {
-                    lanes.store(row, x);
-                }
-                v.store(target, x);
-            }
+            simd.vectorize(FilterRow {
+                around: self,
+                simd,
+                y,
+                near,
+                lines,
+                out: out.each_mut().map(|row| &mut **row),
+                target,
+            });
             let filtered = FilteredRow {
                 channels: out.map(|row| &*row),
                 variance: target,
@@ -506,9 +527,9 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         [x, y]: [usize; 2],
         near: &[&[f32]; 3],
         lines: &[Line; 5],
-        [step, farthest]: [isize; 2],
     ) -> ([Lanes<S>; IN_PLACE], Lanes<S>) {
         let at = self.layout.at(x, 0);
+        let (step, farthest) = (self.step, self.layout.farthest());
         let own = &lines[2];
         let [r, g, b, l] = Lanes::load_all(simd, own.channels, at);
         let known = l.is_number();
@@ -569,39 +590,27 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
 
     /// The five rows of taps around row y. With radius 1 the outer two are not read.
     #[inline(always)]
-    fn lines<'b>(&self, y: usize, step: isize, window: &[SourceRow<'b, IN_PLACE>]) -> [Line<'b>; 5]
+    fn lines<'b>(&self, y: usize, window: &[SourceRow<'b, IN_PLACE>]) -> [Line<'b>; 5]
     where
         'a: 'b,
     {
-        let own = self.line(y, 0, step, window);
-        let [above, below] = [
-            self.line(y, -1, step, window),
-            self.line(y, 1, step, window),
-        ];
+        let own = self.line(y, 0, window);
+        let [above, below] = [self.line(y, -1, window), self.line(y, 1, window)];
         if RADIUS == 1 {
             [own, above, own, below, own]
         } else {
-            let [first, last] = [
-                self.line(y, -2, step, window),
-                self.line(y, 2, step, window),
-            ];
+            let [first, last] = [self.line(y, -2, window), self.line(y, 2, window)];
             [first, above, own, below, last]
         }
     }
 
     /// The row of taps so many steps below. Outside the image some other row stands in, with weight zero.
     #[inline(always)]
-    fn line<'b>(
-        &self,
-        y: usize,
-        steps: isize,
-        step: isize,
-        window: &[SourceRow<'b, IN_PLACE>],
-    ) -> Line<'b>
+    fn line<'b>(&self, y: usize, steps: isize, window: &[SourceRow<'b, IN_PLACE>]) -> Line<'b>
     where
         'a: 'b,
     {
-        let down = steps * step;
+        let down = steps * self.step;
         let (row, own) = match window.iter().find(|row| row.down == down) {
             Some(row) => (row, Self::KERNEL[steps.unsigned_abs()]),
             None => (&window[0], f32::NEG_INFINITY),
