@@ -206,6 +206,16 @@ def naive(color, variance, depth, normal, ids, sigma_luminance=4.0, sigma_normal
                 sides.append(abs(depth[y + s * dy, x + s * dx] - depth[y, x]))
         return min(sides, default=0)
 
+    def rough(y, x):
+        total = 0
+        for dy, dx in (0, 1), (1, 0):
+            before, after = (y - dy, x - dx), (y + dy, x + dx)
+            inside = before[0] >= 0 and before[1] >= 0 and after[0] < height and after[1] < width
+            if inside and ids[before] == ids[y, x] == ids[after]:
+                left, right = normal[before] - normal[y, x], normal[after] - normal[y, x]
+                total += 0.5 * min((left**2).sum(), (right**2).sum(), ((left + right) ** 2).sum() / 3)
+        return total
+
     out, out_variance = np.zeros_like(color), np.zeros_like(variance)
     for y, x in np.ndindex(height, width):
         blur = 0
@@ -221,7 +231,7 @@ def naive(color, variance, depth, normal, ids, sigma_luminance=4.0, sigma_normal
             el = abs(light[y, x] - light[y1, x1]) / (sigma_luminance * blur**0.5 + 1e-3 * light[y, x])
             rise = abs(slope(y, x, 0, 1) * dx) + abs(slope(y, x, 1, 0) * dy)
             ez = abs(depth[y, x] - depth[y1, x1]) / (sigma_depth * rise + 1e-3 * depth[y, x])
-            en = sigma_normal * 0.5 * ((normal[y, x] - normal[y1, x1]) ** 2).sum()
+            en = sigma_normal * 0.5 * ((normal[y, x] - normal[y1, x1]) ** 2).sum() / (1 + sigma_normal * rough(y, x))
             w = k[abs(dx)] * k[abs(dy)] * np.exp(-el - ez - en)
             out[y, x] += w * color[y1, x1]
             out_variance[y, x] += w * w * variance[y1, x1]
@@ -271,6 +281,26 @@ def test_stays_between_the_smallest_and_the_largest():
     assert (got >= color.min((0, 1)) * (1 - 1e-6)).all()
     assert (got <= color.max((0, 1)) * (1 + 1e-6)).all()
     assert got.std() < 0.2 * color.std()
+
+
+def test_rough_normals_share_and_edges_do_not():
+    """Normals that change from pixel to pixel hardly stop the filter; a crease between flat sides stops it as ever."""
+    rng = np.random.default_rng(0)
+    color, variance = rng.exponential(1, (32, 32, 3)).astype(np.float32), np.full((32, 32), 1e6, np.float32)
+    flat = np.zeros((32, 32, 3), np.float32)
+    flat[..., 2] = 1
+    rough = flat + rng.normal(0, 0.2, flat.shape).astype(np.float32)
+    rough /= np.linalg.norm(rough, axis=-1, keepdims=True)
+    left = {
+        name: yester.atrous(color, variance, normal=normal)[0].std()
+        for name, normal in [("flat", flat), ("rough", rough)]
+    }
+    assert left["rough"] < 2 * left["flat"]
+    bent = flat.copy()
+    bent[:, 16:] = np.sqrt([0.2, 0, 0.8])
+    color[:, 16:] = 0
+    got, _ = yester.atrous(color, variance, normal=bent)
+    assert np.abs(got[:, 16:]).max() < 1e-3
 
 
 def test_edges_stop():

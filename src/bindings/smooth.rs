@@ -199,7 +199,7 @@ pub fn estimate_variance_<'py>(
 /// sigma_luminance : float, default 4.0
 ///     Scale of luminance differences, in standard deviations; above 0.
 /// sigma_normal : float, default 128.0
-///     Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal.
+///     Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
 /// sigma_depth : float, default 1.0
 ///     Scale of depth differences, in multiples of the slope's own; above 0. Not used with `camera`.
 /// sigma_plane : float, default 0.01
@@ -227,7 +227,9 @@ pub fn estimate_variance_<'py>(
 /// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
 /// zero between different ids or between surface and background, and
 ///
-/// - en = sigma_normal · ½\|n - n'\|²,
+/// - en = sigma_normal · ½\|n - n'\|² / (1 + sigma_normal · ρ), where the roughness ρ is how much normals change from
+///   pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. 2013):
+///   ½ Σ min(\|n₋ - n\|², \|n₊ - n\|², ⅓\|n₋ - 2n + n₊\|²) over both axes,
 /// - ez = \|n·(X - X')\| / (sigma_plane Z) with `camera`, else \|Z - Z'\| / (sigma_depth \|∇Z·Δ\| + Z/1000),
 /// - el = \|l - l'\| / (sigma_luminance √(3×3 Gaussian of variance) + \|l\|/1000), l being the luminance of the colour,
 ///   or the prediction.

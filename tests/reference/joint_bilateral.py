@@ -85,7 +85,8 @@ def joint_bilateral_upsample(
     def shown(full, low):
         return full[rows][:, columns] if low is None and full is not None else low
 
-    here = Similarity(color.new_zeros(height, width, 3), depth=depth, normal=normal, ids=ids)
+    guides = {"depth": depth, "normal": normal, "ids": ids, "sigma_normal": sigma_normal}
+    here = Similarity(color.new_zeros(height, width, 3), **guides)
     there = Similarity(color, depth=shown(depth, low_depth), normal=shown(normal, low_normal), ids=shown(ids, low_ids))
     if camera is not None:
         centres = pixel_centres(height, width, color)  # (H, W, 2)
@@ -113,7 +114,7 @@ def joint_bilateral_upsample(
             exponent = (dx * dx + dy * dy) / (2 * (sigma * scale) ** 2)  # (H, W)
             if normal is not None:
                 apart = (here.normal - tap(there.normal)).square().sum(-1)  # (H, W)
-                exponent = exponent + sigma_normal * 0.5 * apart  # (H, W)
+                exponent = exponent + here.sharpness * apart  # (H, W)
             if camera is not None:
                 far = (here.normal * (points - tap(sampled))).sum(-1).abs() / (sigma_plane * here.depth)  # (H, W)
                 exponent = exponent + far.where(here.surface, 0)  # (H, W)

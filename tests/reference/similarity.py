@@ -33,7 +33,8 @@ def _slope(z: Tensor, surface: Tensor, dim: int) -> Tensor:
 
 
 class Similarity:
-    """exp(-[sigma_normal·½|n - n'|² + ez]) between pixels of one class, 0 between classes and outside the image."""
+    """exp(-[sigma_normal·½|n - n'|² / (1 + sigma_normal·ρ) + ez]) between pixels of one class, 0 between classes and
+    outside the image."""
 
     def __init__(
         self,
@@ -60,6 +61,7 @@ class Similarity:
         if normal is not None:
             good = (normal.isfinite().all(-1) & self.surface)[..., None]  # (H, W, 1)
             self.normal = normal.where(good, 0)  # (H, W, 3)
+            self.sharpness = sigma_normal * 0.5 / (1 + sigma_normal * self._roughness())  # (H, W)
         if depth is not None:
             self.depth = depth.where(self.surface, 0)  # (H, W)
             if camera is not None:
@@ -68,6 +70,18 @@ class Similarity:
             else:
                 self.slope = [_slope(self.depth, self.surface, dim) for dim in (1, 0)]  # (H, W) along x, y
 
+    def _roughness(self) -> Tensor:
+        """How much normals change between pixels (H, W) but for edges and curvature: half the least of the squared
+        differences to either side, and a third of that of their sum, along both axes."""
+        rough = self.normal.new_zeros(self.kind.shape)  # (H, W)
+        for dx, dy in ((1, 0), (0, 1)):
+            sides = [shift(self.normal, sign * dx, sign * dy, 0) - self.normal for sign in (-1, 1)]  # 2 of (H, W, 3)
+            same = [shift(self.kind, sign * dx, sign * dy, OUTSIDE) == self.kind for sign in (-1, 1)]  # 2 of (H, W)
+            squares = [*(side.square().sum(-1) for side in sides), sum(sides).square().sum(-1) / 3]  # 3 of (H, W)
+            least = torch.stack(squares).amin(0)  # (H, W)
+            rough = rough + 0.5 * least.where(same[0] & same[1], 0)  # (H, W)
+        return rough
+
     def __call__(self, dx: int, dy: int, step: int = 1) -> tuple[Tensor, Tensor]:
         """The exponent (H, W) for taps at step·(dx, dy), and whether they count at all (H, W)."""
         x, y = step * dx, step * dy
@@ -75,7 +89,7 @@ class Similarity:
         exponent = self.none  # broadcasts to (H, W)
         if self.normal is not None:
             n = shift(self.normal, x, y, 0)  # (H, W, 3)
-            exponent = exponent + self.sigma_normal * 0.5 * (self.normal - n).square().sum(-1)  # (H, W)
+            exponent = exponent + self.sharpness * (self.normal - n).square().sum(-1)  # (H, W)
         if self.depth is not None:
             if self.point is not None:
                 between = self.point - shift(self.point, x, y, 0)  # (H, W, 3)

@@ -1,8 +1,12 @@
 //! What guides a spatial filter: weights between two pixels of one frame, from class, normal and depth.
 //!
 //! Every weight is one exponential, exp(−(normal + depth)), and zero between different classes:
-//! - **normal**: κ·½|n − n′|², which is κ(1 − n·n′) for unit vectors: the lobe that the customary (n·n′)^κ approaches
-//!   for large κ, and no difference between zero normals.
+//! - **normal**: κ·½|n − n′|² / (1 + κρ), where κ·½|n − n′|² is κ(1 − n·n′) for unit vectors: the lobe that the customary
+//!   (n·n′)^κ approaches for large κ, and no difference between zero normals. The roughness ρ is how much normals change
+//!   from pixel to pixel where that is neither an edge nor curvature, but bumps and noise, which would stop the filter at
+//!   every pixel: ½ Σ min(|n₋ − n|², |n₊ − n|², ⅓|n₋ − 2n + n₊|²) over both axes, n₋ and n₊ being the normals of the pixels
+//!   before and after, of the same class. Rousselle et al. 2013 (*Robust Denoising using Feature and Color Information*)
+//!   divide a feature's difference by its gradient likewise.
 //! - **depth**, by plane: |n·(X − X′)| / (σ·Z), the distance of the other point from this pixel's plane as a share of
 //!   depth; needs a camera and normals.
 //! - **depth**, by slope: |Z − Z′| / (σ·(|∂Z/∂x Δx| + |∂Z/∂y Δy|) + Z/1000), the difference as a multiple of what the
@@ -20,7 +24,7 @@ use crate::image::{Pixels, Run, Size};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::validate::Surface;
 use crate::lanes::{Classes, Lanes, Taps};
-use crate::math::{LOG2_E, is_present};
+use crate::math::{LOG2_E, is_present, smaller};
 use crate::rows::{self, Kernel, Simd};
 
 /// How far surfaces may differ before they stop a filter.
@@ -61,6 +65,8 @@ pub struct Guide {
     /// One number per surface class; the same everywhere if neither depth nor ids are known.
     class: Bordered<u32>,
     normal: Option<Bordered>,
+    /// How much normals change from pixel to pixel, if there are any.
+    roughness: Option<Bordered>,
     depth: Option<Depth>,
 }
 
@@ -83,6 +89,7 @@ impl Guide {
             layout,
             class: Bordered::new(layout, [0]),
             normal: normal.map(|_| Bordered::new(layout, [0.0; 3])),
+            roughness: None,
             depth: depth.map(|_| match rays.filter(|_| normal.is_some()) {
                 Some(rays) => Depth::Plane(Bordered::new(layout, [1.0]), rays),
                 None => Depth::Slope(Bordered::new(layout, [0.0; 3])),
@@ -102,6 +109,17 @@ impl Guide {
             });
         let kernel = Fill { depth, normal, ids };
         rows::run(&kernel, size.height, outs);
+        if let Some(normal) = &guide.normal {
+            let [class] = guide.class.planes();
+            let kernel = Roughness {
+                layout,
+                class,
+                normal: normal.planes(),
+            };
+            let mut roughness = Bordered::new(layout, [0.0]);
+            rows::run(&kernel, size.height, roughness.bands());
+            guide.roughness = Some(roughness);
+        }
         guide
     }
 
@@ -117,8 +135,15 @@ impl Guide {
             top: 0,
             len: class.len(),
             class,
-            normal: self.normal.as_ref().map(Bordered::planes),
-            normal_scale: LOG2_E * 0.5 * sigmas.normal,
+            normal: self
+                .normal
+                .as_ref()
+                .zip(self.roughness.as_ref())
+                .map(|(normal, roughness)| {
+                    let ([x, y, z], [roughness]) = (normal.planes(), roughness.planes());
+                    [x, y, z, roughness]
+                }),
+            sigma_normal: sigmas.normal,
             depth: match &self.depth {
                 Some(Depth::Plane(depth, rays)) => Depths::Plane(depth.planes(), *rays),
                 Some(Depth::Slope(slopes)) => Depths::Slope(slopes.planes()),
@@ -138,8 +163,9 @@ pub(crate) struct Comparison<'a> {
     top: usize,
     len: usize,
     class: &'a [u32],
-    normal: Option<[&'a [f32]; 3]>,
-    normal_scale: f32,
+    /// Normals, and their roughness.
+    normal: Option<[&'a [f32]; 4]>,
+    sigma_normal: f32,
     depth: Depths<'a>,
     plane_scale: f32,
     slope_unit: f32,
@@ -161,6 +187,8 @@ pub(crate) struct Center<S: Simd> {
     pub at: usize,
     class: Classes<S>,
     normal: [Lanes<S>; 3],
+    /// log₂e·κ/2 over 1 + κ times the roughness.
+    normal_scale: Lanes<S>,
     /// n·∂D/∂x, n·∂D/∂y, n·D and Z n·D, in units of the distance that counts as one.
     plane: [Lanes<S>; 4],
     /// Depth and its slopes.
@@ -176,10 +204,7 @@ impl Comparison<'_> {
             top: y,
             len: self.layout.stride(),
             class: self.layout.cut(self.class, y),
-            normal: match self.normal {
-                Some([nx, ny, nz]) => Some([cut(nx), cut(ny), cut(nz)]),
-                None => None,
-            },
+            normal: self.normal.map(|planes| planes.map(cut)),
             depth: match self.depth {
                 Depths::Plane([z], rays) => Depths::Plane([cut(z)], rays),
                 Depths::Slope([z, zx, zy]) => Depths::Slope([cut(z), cut(zx), cut(zy)]),
@@ -197,12 +222,16 @@ impl Comparison<'_> {
             at,
             class: Classes::load(simd, &self.class[..self.len], at),
             normal: [Lanes::all(simd, 0.0); 3],
+            normal_scale: Lanes::all(simd, 0.0),
             plane: [Lanes::all(simd, 0.0); 4],
             slope: [Lanes::all(simd, 0.0); 3],
         };
-        if let Some([nx, ny, nz]) = self.normal {
-            let normal = [&nx[..self.len], &ny[..self.len], &nz[..self.len]];
-            center.normal = Lanes::load_all(simd, normal, at);
+        if let Some(planes) = self.normal {
+            let planes = planes.map(|plane| &plane[..self.len]);
+            let [x, y, z, roughness] = Lanes::load_all(simd, planes, at);
+            center.normal = [x, y, z];
+            let sharpness = Lanes::all(simd, LOG2_E * 0.5 * self.sigma_normal);
+            center.normal_scale = sharpness / (roughness * self.sigma_normal + 1.0);
         }
         match self.depth {
             Depths::Plane([depth], rays) => {
@@ -235,7 +264,7 @@ impl Comparison<'_> {
         for k in 0..N {
             exponents[k] = Lanes::all(simd, own[k]);
         }
-        if let Some([nx, ny, nz]) = self.normal {
+        if let Some([nx, ny, nz, _]) = self.normal {
             let x = Lanes::load_taps(simd, &nx[..self.len], center.at, taps);
             let y = Lanes::load_taps(simd, &ny[..self.len], center.at, taps);
             let z = Lanes::load_taps(simd, &nz[..self.len], center.at, taps);
@@ -251,7 +280,7 @@ impl Comparison<'_> {
                 difference[k] = difference[k] + (hz - z[k]) * (hz - z[k]);
             }
             for k in 0..N {
-                exponents[k] = exponents[k] - difference[k] * self.normal_scale;
+                exponents[k] = exponents[k] - difference[k] * center.normal_scale;
             }
         }
         match self.depth {
@@ -363,6 +392,59 @@ fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
             // 0 is the background. The id 2³² − 1 would wrap around to it and is merged with id 0 instead.
             *class = if is_surface(z) { (*class).max(1) } else { 0 };
         }
+    }
+}
+
+struct Roughness<'a> {
+    layout: Layout,
+    class: &'a [u32],
+    normal: [&'a [f32]; 3],
+}
+
+impl<'a> Kernel for Roughness<'a> {
+    type Out = BorderedBand<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: BorderedBand<'a>) {
+        let Size { width, height } = self.layout.size;
+        let part = |x: isize, y: usize| {
+            let start = self.layout.at(0, y).wrapping_add_signed(x);
+            let class = &self.class[start..][..width];
+            (class, self.normal.map(|plane| &plane[start..][..width]))
+        };
+        for y in rows {
+            let (own, out) = (part(0, y), out.row(0, y));
+            out.fill(0.0);
+            add_roughness(part(-1, y), own, part(1, y), out);
+            if y > 0 && y + 1 < height {
+                add_roughness(part(0, y - 1), own, part(0, y + 1), out);
+            }
+        }
+    }
+}
+
+/// Part of a row: classes and normals.
+type Part<'a> = (&'a [u32], [&'a [f32]; 3]);
+
+/// Adds the roughness along one axis: half the square of the smaller difference to the pixels before and after, or of the
+/// bend between them if that is less, so that neither edges nor curvature count. Of independent noise, the bend has three
+/// times the square of a difference.
+#[inline(always)]
+fn add_roughness<'a>(before: Part<'a>, own: Part<'a>, after: Part<'a>, out: &mut [f32]) {
+    let len = out.len();
+    let [(ca, na), (c, n), (cb, nb)] =
+        [before, own, after].map(|(class, normal)| (&class[..len], normal.map(|row| &row[..len])));
+    for x in 0..len {
+        let [mut left, mut right, mut bend] = [0.0; 3];
+        for axis in 0..3 {
+            let (l, r) = (na[axis][x] - n[axis][x], nb[axis][x] - n[axis][x]);
+            left += l * l;
+            right += r * r;
+            bend += (l + r) * (l + r);
+        }
+        let least = smaller(smaller(left, right), bend * (1.0 / 3.0));
+        let same = (ca[x] == c[x]) & (cb[x] == c[x]);
+        out[x] += if same { 0.5 * least } else { 0.0 };
     }
 }
 
