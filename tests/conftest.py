@@ -1,7 +1,13 @@
+import os
+from pathlib import Path
+
 import compare
 import pytest
 import torch
 from hypothesis import HealthCheck, settings
+
+# For the commands that compare with the references, which the installed package does not have.
+os.environ["YESTER_REFERENCES"] = str(Path(__file__).parent)
 
 settings.register_profile(
     "yester", deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)

@@ -11,9 +11,10 @@ import pytest
 import yester
 from test_cli import refused, run
 from test_cli_study import files, interrupted, table, without
-from yester.study import bench, peers, rivals
-from yester.study.tasks import TASKS, Inputs, stage
-from yester.study.timings import OURS, Limits, Memory, Timing, draw, markdown, targets, write_csv
+from yester.study.compare import peers
+from yester.study.speed import bench, rivals
+from yester.study.speed.tasks import TASKS, Inputs, stage
+from yester.study.speed.timings import OURS, Limits, Memory, Timing, draw, markdown, targets, write_csv
 
 HD, UHD = (1920, 1080), (3840, 2160)
 LIMITS = Limits(20.0, 100.0)

@@ -11,7 +11,7 @@ import pytest
 import scene
 import yester
 from calls import arrays, calls
-from yester.study.methods import quarter
+from yester.study.compare.methods import quarter
 
 
 def digest() -> str:

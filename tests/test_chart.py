@@ -8,19 +8,20 @@ import numpy as np
 import pytest
 import yester
 from compare import assert_same_bits
+from yester import metrics
 from yester.io import read_exr, write_exr
 from yester.sequence import LOOKAHEAD
-from yester.study import ablation, harm, metrics
-from yester.study import chart as module
-from yester.study.ablation import ABLATIONS, Effect, ablate
-from yester.study.chart import SIZE, _flow, _shared, _turn, chart, measure, orders, times
-from yester.study.doors import DOORS, FULL
-from yester.study.methods import METHODS, PIPELINES, QUARTERS, Method, Result, pipeline, quarter
-from yester.study.peers import peers
-from yester.study.points import ALL
-from yester.study.recording import Recording, record
-from yester.study.report import draw
-from yester.study.sequences import NAMES
+from yester.study.compare import ablation, harm
+from yester.study.compare import chart as module
+from yester.study.compare.ablation import ABLATIONS, Effect, ablate
+from yester.study.compare.chart import SIZE, _flow, _shared, _turn, chart, measure, orders, times
+from yester.study.compare.doors import DOORS, FULL
+from yester.study.compare.methods import METHODS, PIPELINES, QUARTERS, Method, Result, pipeline, quarter
+from yester.study.compare.peers import peers
+from yester.study.compare.points import ALL
+from yester.study.compare.report import draw
+from yester.study.rendered.recording import Recording, record
+from yester.study.rendered.sequences import NAMES
 
 QUICK = ("psnr", "relmse", "temporal_error", "warped_error")
 LITTLE = (48, 32)

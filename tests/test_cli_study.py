@@ -17,12 +17,12 @@ from PIL import Image
 from test_cli import noise, refused, run
 from yester import cli
 from yester.io import read_exr, write_exr
-from yester.study.ablation import ABLATIONS
-from yester.study.doors import DOORS
-from yester.study.failures import SCENARIOS
-from yester.study.methods import METHODS, PIPELINES
-from yester.study.metrics import METRICS
-from yester.study.sequences import GROUPS
+from yester.metrics import METRICS
+from yester.study.compare.ablation import ABLATIONS
+from yester.study.compare.doors import DOORS
+from yester.study.compare.methods import METHODS, PIPELINES
+from yester.study.rendered.sequences import GROUPS
+from yester.study.synthetic.failures import SCENARIOS
 
 #: As on a machine where some modules are not installed.
 BARE = """
@@ -240,7 +240,7 @@ def test_groups(tmp_path):
     vars(options).update(size=(8, 6), length=1, reference_spp=1, doors=None)
     asked = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("yester.study.recording.record", lambda name, *_, **__: asked.append(name))
+        patch.setattr("yester.study.rendered.recording.record", lambda name, *_, **__: asked.append(name))
         list(cli._recordings(options))
     assert asked == [*GROUPS["unkind-tuning"], "cut"]
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from yester import Camera
 from yester.io import write_exr
-from yester.study import ablation, doors, harm, recording, scenes, sequences
-from yester.study.ablation import ABLATIONS
-from yester.study.recording import Recording
+from yester.study.compare import ablation, doors, harm
+from yester.study.compare.ablation import ABLATIONS
+from yester.study.rendered import recording, scenes, sequences
+from yester.study.rendered.recording import Recording
 
 #: The study's size and length; the frames and the size of the window; which of its frames have references.
 WIDTH, HEIGHT, FRAMES = 256, 192, 16

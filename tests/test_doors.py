@@ -5,10 +5,10 @@ import pytest
 import yester
 from compare import assert_same_bits
 from yester.io import read_exr
-from yester.study import doors, harm
-from yester.study.doors import DOORS, FULL, Worth, measure_doors, through
-from yester.study.methods import Method, Result
-from yester.study.recording import record
+from yester.study.compare import doors, harm
+from yester.study.compare.doors import DOORS, FULL, Worth, measure_doors, through
+from yester.study.compare.methods import Method, Result
+from yester.study.rendered.recording import record
 
 BY_NAME = {door.name: door for door in DOORS}
 #: By door, the buffers of a whole frame that are absent behind it.

@@ -1,4 +1,5 @@
 import pickle
+from dataclasses import replace
 
 import compare
 import numpy as np
@@ -84,6 +85,16 @@ def test_read_only():
         frame.color = None
     with pytest.raises(AttributeError):
         frame.other = 1
+
+
+def test_replace_makes_another_without_copies():
+    frame = yester.Frame(**buffers(), camera=camera(0, 6, 4), jitter=(0.25, -0.5))
+    other = replace(frame, depth=None)
+    assert other.depth is None
+    assert other.color is frame.color
+    assert (other.camera, other.jitter) == (frame.camera, frame.jitter)
+    with pytest.raises(ValueError, match="albedo"):
+        replace(frame, albedo=np.zeros((2, 2, 3), np.float32))
 
 
 def test_pickles():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from yester import Frame
-from yester.study import halves, judging
-from yester.study.halves import two_buffer_error
-from yester.study.recording import record
+from yester.study.compare import halves, judging
+from yester.study.compare.halves import two_buffer_error
+from yester.study.rendered.recording import record
 
 
 def blurred(image, share):

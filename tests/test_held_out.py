@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yester
 from test_scenes import ids, render
-from yester.study import held_out, scenes
+from yester.study.rendered import held_out, scenes
 
 
 def some(sequence, *moments):

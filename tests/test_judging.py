@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import yester
-from yester.study import judging
-from yester.study.recording import record
+from yester.study.compare import judging
+from yester.study.rendered.recording import record
 
 
 @pytest.fixture(scope="module")

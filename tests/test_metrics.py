@@ -5,8 +5,8 @@ import flip_evaluator
 import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
-from yester.study import metrics
-from yester.study.metrics import (
+from yester import metrics
+from yester.metrics import (
     METRICS,
     Picture,
     bias_variance,
@@ -612,5 +612,5 @@ def test_ssim_without_its_package_names_the_extra(monkeypatch):
 
 
 def test_import_needs_nothing_but_numpy():
-    code = "import sys, yester.study.metrics; print({'flip_evaluator', 'skimage', 'PIL'} & set(sys.modules))"
+    code = "import sys, yester.metrics; print({'flip_evaluator', 'skimage', 'PIL'} & set(sys.modules))"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "set()"

@@ -10,7 +10,7 @@ import yester
 from compare import assert_same_bits
 from yester.io import mitsuba as door
 from yester.io.mitsuba import render_sequence
-from yester.study.scenes import cornell_box
+from yester.study.rendered.scenes import cornell_box
 
 if mi.variant() is None:
     mi.set_variant("scalar_rgb")

@@ -6,9 +6,9 @@ import pytest
 import scene
 import yester
 from compare import assert_same_bits
-from yester.study import peers as module
-from yester.study.metrics import relmse
-from yester.study.peers import peers
+from yester.metrics import relmse
+from yester.study.compare import peers as module
+from yester.study.compare.peers import peers
 
 FOUND, MISSING = peers()
 

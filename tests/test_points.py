@@ -1,8 +1,8 @@
 import csv
 
 import pytest
-from yester.study.metrics import METRICS
-from yester.study.points import ALL, Point, means, pareto, table, write_csv
+from yester.metrics import METRICS
+from yester.study.compare.points import ALL, Point, means, pareto, table, write_csv
 
 
 def point(method="a", ms=1.0, scene="s", **values):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import yester
 from compare import assert_same_bits
-from yester.study import raycast
-from yester.study.raycast import Box, Light, Rectangle, Scene, Sphere, Thing, Wire, translate, turn
+from yester.study.synthetic import raycast
+from yester.study.synthetic.raycast import Box, Light, Rectangle, Scene, Sphere, Thing, Wire, translate, turn
 
 SHAPES = {
     "rectangle": (Rectangle(1.2, 0.8), lambda p: np.abs(p[2])),

@@ -11,7 +11,7 @@ from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
 from composed import sample, sequence
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from yester.study.metrics import psnr
+from yester.metrics import psnr
 
 IMAGES = ("color", "history_length", "confidence", "rejection")
 

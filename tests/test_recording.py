@@ -13,8 +13,8 @@ import yester
 from compare import assert_same_bits
 from yester.io import read_exr, write_exr
 from yester.io.mitsuba import render_sequence
-from yester.study import scenes
-from yester.study.recording import open_recording, record
+from yester.study.rendered import scenes
+from yester.study.rendered.recording import open_recording, record
 
 TINY = {"frames": 3, "width": 24, "height": 18, "reference_spp": 4}
 
@@ -119,7 +119,8 @@ def test_interrupted(tmp_path):
 
 def test_two_processes_at_once(tmp_path):
     record("cornell_box", tmp_path / "want", **TINY)
-    code = f"from yester.study.recording import record; record('cornell_box', {str(tmp_path / 'got')!r}, **{TINY})"
+    call = f"record('cornell_box', {str(tmp_path / 'got')!r}, **{TINY})"
+    code = f"from yester.study.rendered.recording import record; {call}"
     running = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
     assert [process.wait(timeout=120) for process in running] == [0, 0]
     assert files(tmp_path / "got") == files(tmp_path / "want")

@@ -15,11 +15,11 @@ import yester
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 from yester.io import write_exr
-from yester.study.methods import Result
-from yester.study.metrics import METRICS, flip_map, srgb
-from yester.study.points import ALL, Point, means, pareto
-from yester.study.recording import Recording
-from yester.study.report import draw, save_images, stored_images, write_figures, write_report
+from yester.metrics import METRICS, flip_map, srgb
+from yester.study.compare.methods import Result
+from yester.study.compare.points import ALL, Point, means, pareto
+from yester.study.compare.report import draw, save_images, stored_images, write_figures, write_report
+from yester.study.rendered.recording import Recording
 
 WIDTH, HEIGHT = 48, 36
 SCENES = ("room", "balls")

@@ -6,7 +6,7 @@ import pytest
 import yester
 from compare import assert_same_bits
 from yester.io.mitsuba import render_sequence
-from yester.study import scenes
+from yester.study.rendered import scenes
 
 NAMES = scenes.SEQUENCES
 

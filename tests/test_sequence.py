@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import yester
 from yester.io.mitsuba import render_sequence
-from yester.study.metrics import psnr, srgb
-from yester.study.scenes import cornell_box
+from yester.metrics import psnr, srgb
+from yester.study.rendered.scenes import cornell_box
 
 WIDTH, HEIGHT, FRAMES = 96, 72, 16
 # Accumulation and filter alone.

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from compare import assert_same_bits
 from PIL import Image
-from yester import Frame
-from yester.study import failures, stress
-from yester.study.failures import FAILURES, SCENARIOS
-from yester.study.methods import PIPELINES, Method, Result
+from yester.study.compare.methods import PIPELINES, Method, Result
+from yester.study.synthetic import failures, stress
+from yester.study.synthetic.failures import FAILURES, SCENARIOS
 
 NAMED = {scenario.name: scenario for scenario in SCENARIOS}
 FRAMES = 8
@@ -502,13 +501,6 @@ def test_bad_wishes(tmp_path, options, message):
     with pytest.raises(ValueError, match=message):
         stress.run(tmp_path / "new", **options)
     assert not (tmp_path / "new").exists()
-
-
-def test_frames_are_not_copied_needlessly():
-    frame = Frame(np.ones((2, 2, 3), np.float32), depth=np.ones((2, 2)))
-    other = failures.replaced(frame, depth=None)
-    assert other.color is frame.color
-    assert other.depth is None
 
 
 def test_the_former_name_of_a_method_serves_with_a_warning(tmp_path):

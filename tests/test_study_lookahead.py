@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from yester.study import lookahead
-from yester.study.chart import measure
-from yester.study.lookahead import Cost, Revealed, Worth, costs, ends, errors, gains, places, revealed, worth
-from yester.study.methods import PIPELINES, Result
-from yester.study.metrics import METRICS, Picture
-from yester.study.points import Point
-from yester.study.recording import record
+from yester.metrics import METRICS, Picture
+from yester.study.compare import lookahead
+from yester.study.compare.chart import measure
+from yester.study.compare.lookahead import Cost, Revealed, Worth, costs, ends, errors, gains, places, revealed, worth
+from yester.study.compare.methods import PIPELINES, Result
+from yester.study.compare.points import Point
+from yester.study.rendered.recording import record
 
 METHODS = [PIPELINES[0], next(method for method in PIPELINES if method.name == "SVGF, both sides")]
 SHAPE = {"frames": 6, "width": 48, "height": 36, "reference_spp": 16, "references": (0, 2, 3, 5)}

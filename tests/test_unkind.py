@@ -6,9 +6,9 @@ import pytest
 from compare import assert_same_bits
 from test_scenes import ids, render
 from yester.io import read_exr
-from yester.study import held_out, recording, scenes, sequences, unkind, unseen
-from yester.study.recording import record
-from yester.study.sequences import GROUPS, LATE, NAMES
+from yester.study.rendered import held_out, recording, scenes, sequences, unkind, unseen
+from yester.study.rendered.recording import record
+from yester.study.rendered.sequences import GROUPS, LATE, NAMES
 
 
 def test_names():

@@ -8,7 +8,7 @@ import reference
 import yester
 from compare import SIZES, assert_close, assert_same_bits, colors, motions, tensor
 from composed import sample, sequence, supersampled
-from yester.study import raycast
+from yester.study.synthetic import raycast
 
 NAMES = ("color", "depth", "motion", "position", "camera", "jitter", "reactive")
 OVERRIDES = [

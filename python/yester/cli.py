@@ -451,12 +451,12 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def _chart(options: argparse.Namespace) -> None:
-    _need("study", "OpenEXR", "PIL", "flip_evaluator", "matplotlib", "skimage", "tqdm")
-    from .study import ablation, doors, harm, points
-    from .study.chart import chart
-    from .study.methods import METHODS, current_name
-    from .study.metrics import METRICS
-    from .study.peers import peers
+    _need("study", "OpenEXR", "PIL", "flip_evaluator", "matplotlib", "platformdirs", "skimage", "tqdm")
+    from .metrics import METRICS
+    from .study.compare import ablation, doors, harm, points
+    from .study.compare.chart import chart
+    from .study.compare.methods import METHODS, current_name
+    from .study.compare.peers import peers
 
     if options.references and not options.frames:
         raise ValueError("--references: expected FRAMES that they belong to, got none")
@@ -515,12 +515,12 @@ def _chart(options: argparse.Namespace) -> None:
 
 def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     """The sequences to chart: the user's files, or rendered (and cached) ones, lazily."""
-    from .study.recording import open_recording, record
+    from .study.rendered.recording import open_recording, record
 
     if options.frames:
         return [open_recording(options.frames, options.references)]
     _need("study", "mitsuba")
-    from .study.sequences import GROUPS, LATE, NAMES
+    from .study.rendered.sequences import GROUPS, LATE, NAMES
 
     asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES, *LATE])
     if options.cache:
@@ -540,8 +540,8 @@ def _known(argument: str, given: list[str], known: Iterable[str]) -> list[str]:
 
 
 def _stress(options: argparse.Namespace) -> None:
-    _need("study", "PIL", "tqdm")
-    from .study import stress
+    _need("study", "PIL", "psutil", "tqdm")
+    from .study.synthetic import stress
 
     named = {"endurance": options.endurance, "quick": options.quick}
     print(stress.run(options.output, options.scenarios, options.methods, **named))
@@ -551,7 +551,7 @@ def _stress(options: argparse.Namespace) -> None:
 
 def _bench(options: argparse.Namespace) -> None:
     _need("study", "matplotlib", "tqdm")
-    from .study import bench
+    from .study.speed import bench
 
     settings = bench.settings(options.threads, options.simd)
     tasks = bench.chosen(options.only)

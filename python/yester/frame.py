@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,11 +16,13 @@ BUFFERS = (
 )
 
 
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class Frame:
     """The noisy colour of one frame and its auxiliary buffers.
 
     Every buffer but `color` is optional. float32 arrays in C order are kept as they are, without a copy; float16,
-    float64, strided arrays and CPU tensors are converted once. Frames are read-only.
+    float64, strided arrays and CPU tensors are converted once. Frames are read-only; ``dataclasses.replace(frame,
+    albedo=None)`` makes another.
 
     Parameters
     ----------
@@ -74,8 +78,6 @@ class Frame:
     from -1 to 1, or fractions of the image's sides from 0 to 1), they emit a `UserWarning` with the factor to multiply
     by.
     """
-
-    __slots__ = (*BUFFERS, "camera", "jitter")
 
     color: NDArray[np.float32]
     albedo: NDArray[np.float32] | None
@@ -141,12 +143,6 @@ class Frame:
         object.__setattr__(self, "camera", camera)
         object.__setattr__(self, "jitter", None if jitter is None else _offset(jitter))
 
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"{name}: a Frame is read-only; make a new one")
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return _restore, (self.buffers(), self.camera, self.jitter)
-
     def __repr__(self) -> str:
         names = [*self.buffers(), *(name for name in ("camera", "jitter") if getattr(self, name) is not None)]
         return f"Frame({self.width}x{self.height}: {', '.join(names)})"
@@ -174,10 +170,6 @@ class Frame:
 def present(frame: Frame) -> NDArray[np.float32]:
     """The colour of a frame with zeros for missing samples, for methods that do not accept NaN."""
     return np.where(np.isfinite(frame.color).all(-1, keepdims=True), frame.color, np.float32(0))
-
-
-def _restore(buffers: dict[str, ArrayLike], camera: Camera | None, jitter: ArrayLike | None) -> Frame:
-    return Frame(**buffers, camera=camera, jitter=jitter)
 
 
 def _offset(jitter: ArrayLike) -> tuple[float, float]:

@@ -18,9 +18,9 @@ from yester import Camera, Frame, denoise
 from yester.io import write_exr
 from yester.io.files import beside
 from yester.io.mitsuba import render_sequence
+from yester.metrics import flip_map, psnr, relmse, srgb
 
-from .metrics import flip_map, psnr, relmse, srgb
-from .scenes import cornell_box
+from .rendered.scenes import cornell_box
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

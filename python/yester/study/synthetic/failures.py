@@ -1,14 +1,14 @@
 """Known failures of temporal methods, as reported by users: scenarios with exact references.
 
-Each is a small scene of `yester.study.raycast` that provokes one failure, at 96×64 pixels. Frames are numbered from the
-event, if there is one: earlier frames are warm-up, later ones are measured. Continuous motion has constant speed.
+Each is a small scene of `raycast` that provokes one failure, at 96×64 pixels. Frames are numbered from the event, if
+there is one: earlier frames are warm-up, later ones are measured. Continuous motion has constant speed.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -39,7 +39,7 @@ from .raycast import (
     value_noise,
 )
 
-__all__ = ["FAILURES", "FRAMES", "HEIGHT", "SCENARIOS", "TRAIL", "WIDTH", "Scenario", "Shot", "replaced", "uncovered"]
+__all__ = ["FAILURES", "FRAMES", "HEIGHT", "SCENARIOS", "TRAIL", "WIDTH", "Scenario", "Shot", "uncovered"]
 
 Image: TypeAlias = NDArray[np.float32]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -135,8 +135,8 @@ class Scenario:
     stage : callable
         The scene of a frame by its number, which is 0 at the event and negative before.
     deviation, fireflies : float, default 0
-        Noise of the frames, as `yester.study.raycast.noise` has it. Without noise, samples are jittered, all alike and
-        known; with noise, they are spread over their pixels.
+        Noise of the frames, as `raycast.noise` has it. Without noise, samples are jittered, all alike and known; with
+        noise, they are spread over their pixels.
     former : "event" or "trail", optional
         The image of a ghost: the reference before the event, or that of `TRAIL` frames ago.
     watch : callable, optional
@@ -200,11 +200,6 @@ class Scenario:
                 continue
             former = {"trail": truths[0], "event": truths[-1], None: None} if truths else {}
             yield Shot(frame, image, former.get(self.former), watch)
-
-
-def replaced(frame: Frame, **changes: Any) -> Frame:
-    """A copy of the frame with some buffers replaced; None removes a buffer."""
-    return Frame(**{**frame.buffers(), "camera": frame.camera, "jitter": frame.jitter, **changes})
 
 
 def uncovered(scene: Scene, before: Scene) -> Mask:
@@ -389,7 +384,8 @@ def _fine_detail() -> Scene:
 
 
 def _without(*buffers: str) -> Callable[[Taken], Frame]:
-    return lambda taken: replaced(taken.frame, **dict.fromkeys(buffers))
+    absent: dict[str, Any] = dict.fromkeys(buffers)
+    return lambda taken: replace(taken.frame, **absent)
 
 
 def _some_missing(taken: Taken) -> Frame:
@@ -400,7 +396,7 @@ def _some_missing(taken: Taken) -> Frame:
     for value in (np.nan, np.inf):
         color[taken.rng.random(taken.frame.shape) < 0.01] = value
     color[20:32, 30:42] = -np.inf
-    return replaced(taken.frame, color=color)
+    return replace(taken.frame, color=color)
 
 
 def _moved(frame: Frame) -> Image:
@@ -411,12 +407,12 @@ def _moved(frame: Frame) -> Image:
 def _unannounced(taken: Taken) -> Frame:
     """A cut that is not marked as such."""
     frame = taken.frame
-    return replaced(frame, motion=np.zeros_like(_moved(frame))) if taken.now == 0 else frame
+    return replace(frame, motion=np.zeros_like(_moved(frame))) if taken.now == 0 else frame
 
 
 def _shaken(taken: Taken) -> Frame:
     """Motion between projections of jittered cameras."""
-    return replaced(taken.frame, motion=_moved(taken.frame) + np.array([*taken.shift, 0], np.float32))
+    return replace(taken.frame, motion=_moved(taken.frame) + np.array([*taken.shift, 0], np.float32))
 
 
 #: Relative deviations of the light of a sample: with the first, PSNR is about 16 dB.

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .metrics import METRICS, Metric
+from yester.metrics import METRICS, Metric
 
 __all__ = ["EXCEPTIONS", "LIMITS", "aligned", "amount", "gains", "harms", "table"]
 
@@ -14,7 +14,7 @@ __all__ = ["EXCEPTIONS", "LIMITS", "aligned", "amount", "gains", "harms", "table
 #: value without it.
 LIMITS = {"psnr": 0.1, "relmse": 0.02, "flip": 0.02, "temporal_error": 0.02}
 
-#: Why a component may harm a sequence, by the component, as `yester.study.ablation` names it, and the sequence. It
+#: Why a component may harm a sequence, by the component, as `ablation` names it, and the sequence. It
 #: holds only where the component gains `_WORTH` times as much in another metric of that sequence.
 EXCEPTIONS: dict[tuple[str, str], str] = {}
 

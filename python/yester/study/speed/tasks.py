@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 import yester
 from yester import Camera, Frame
 
-from . import raycast
-from .methods import quarter
-from .raycast import Light, Scene, Thing
+from ..compare.methods import quarter
+from ..synthetic import raycast
+from ..synthetic.raycast import Light, Scene, Thing
 
 __all__ = ["TASKS", "Call", "Inputs", "Task", "stage"]
 

@@ -21,15 +21,15 @@ from tqdm import tqdm
 
 from yester import Rejection
 from yester.io.files import beside
+from yester.metrics import METRICS, Metric, flip_map, metric, srgb
 
 from .methods import Result
-from .metrics import METRICS, Metric, flip_map, metric, srgb
 from .points import ALL, Point, pareto
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .recording import Recording
+    from ..rendered.recording import Recording
 
 __all__ = ["draw", "save_images", "stored_images", "write_figures", "write_report"]
 
@@ -272,7 +272,7 @@ def write_report(
                 raise ValueError(f"recordings: expected one named {point.scene}, got {', '.join(by_name) or 'none'}")
             stored.setdefault(point.scene, {})[point.method] = stored_images(point.images)
     by_scene = dict(sorted(by_scene.items(), key=lambda item: item[0] != ALL))
-    template = files("yester.study").joinpath("report.html").read_text("utf-8")
+    template = files(__package__).joinpath("report.html").read_text("utf-8")
     path.parent.mkdir(parents=True, exist_ok=True)
     with beside(path) as temporary:
         charts: dict[str, dict[str, str]] = {scene: {} for scene in by_scene}

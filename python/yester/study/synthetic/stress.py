@@ -1,6 +1,6 @@
 """Stress tests: methods on known failure cases, measured against exact references, with a verdict.
 
-`examine` runs the failures that users report (`yester.study.failures`), `strain` extreme numbers, sizes and buffers,
+`examine` runs the failures that users report (`failures`), `strain` extreme numbers, sizes and buffers,
 `endure` sequences of thousands of frames. All return a `Trial` for each method, with a verdict by `LIMITS`. `run` does
 everything and writes the results.
 """
@@ -12,22 +12,23 @@ import os
 import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import cycle, islice, pairwise
 from pathlib import Path
-from typing import Literal, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from yester import Camera, Frame
 from yester.io.files import beside
+from yester.metrics import Picture, edge_sharpness, flicker, ghost, lag, psnr, relmse, srgb
 
-from .failures import FAILURES, SCENARIOS, TRAIL, Scenario, Shot, replaced
-from .methods import PIPELINES, Method, Result, current_name
-from .metrics import Picture, edge_sharpness, flicker, ghost, lag, psnr, relmse, srgb
+from ..compare.methods import PIPELINES, Method, Result, current_name
+from .failures import FAILURES, SCENARIOS, TRAIL, Scenario, Shot
 from .raycast import Light, Rectangle, Scene, Sphere, Thing, checker, noise, shoot, translate, truth, turn, value_noise
 
 __all__ = ["INPUT", "LIMITS", "STRAINS", "Limit", "Report", "Strain", "Trial", "endure", "examine", "run", "strain"]
@@ -567,7 +568,7 @@ def _toured(tour: Sequence[tuple[Frame, Image]], count: int, seed: int) -> Itera
     for frame, _ in islice(cycle(tour), count):
         assert frame.emission is not None
         factors = noise(rng, (*frame.shape, 1), 0.5)
-        yield replaced(frame, color=(frame.color - frame.emission) * factors + frame.emission)
+        yield replace(frame, color=(frame.color - frame.emission) * factors + frame.emission)
 
 
 @cache
@@ -584,7 +585,7 @@ def _sized(width: int, height: int) -> Strain:
 
 def _radiance(scale: float) -> Strain:
     def frames() -> list[Frame]:
-        return [replaced(frame, color=frame.color * np.float32(scale)) for frame in _frames()]
+        return [replace(frame, color=frame.color * np.float32(scale)) for frame in _frames()]
 
     return Strain(f"radiance × {scale:g}", frames, _frames, scale)
 
@@ -595,10 +596,10 @@ def _length(scale: float) -> Strain:
     def scaled(frame: Frame) -> Frame:
         buffers = frame.buffers()
         units = {"depth": [scale], "position": [scale], "motion": [1, 1, scale]}
-        changed = {name: buffers[name] * np.array(unit, np.float32) for name, unit in units.items()}
+        changed: dict[str, Any] = {name: buffers[name] * np.array(unit, np.float32) for name, unit in units.items()}
         assert frame.camera is not None
         matrix = frame.camera.world_to_clip @ np.diag([1 / scale, 1 / scale, 1 / scale, 1])
-        return replaced(frame, **changed, camera=Camera(matrix, frame.width, frame.height))
+        return replace(frame, **changed, camera=Camera(matrix, frame.width, frame.height))
 
     return Strain(f"lengths × {scale:g}", lambda: [scaled(frame) for frame in _frames()], _frames)
 
@@ -613,7 +614,8 @@ def _changed(
         for i, frame in enumerate(made):
             if at in (i, None):
                 array = None if value is None else np.full_like(frame.buffers()[buffer], value)
-                made[i] = replaced(frame, **{buffer: array})
+                changes: dict[str, Any] = {buffer: array}
+                made[i] = replace(frame, **changes)
         return made
 
     return Strain(name, lambda: frames(value), _frames if at is not None else lambda: frames(like))
@@ -633,12 +635,8 @@ STRAINS: tuple[Strain, ...] = (
 
 
 def _resident() -> float:
-    """MiB of memory that this process holds; 0 where the system does not tell."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
-    except OSError:
-        return 0.0
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    """MiB of memory that this process holds."""
+    return float(psutil.Process().memory_info().rss) / 2**20
 
 
 # What is written.

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from platformdirs import user_cache_path
 from tqdm import tqdm
 
 from yester import Camera, Frame
@@ -102,8 +103,8 @@ def record(
         One of `sequences.NAMES` or `sequences.LATE`.
     cache : path-like, optional
         A folder, made if it does not exist. By default that of the environment variable ``YESTER_CACHE``, else
-        ``yester`` in ``XDG_CACHE_HOME``, else ``~/.cache/yester``. Its contents depend on the versions of Mitsuba and
-        of this package. Nothing is removed automatically; the folder may be deleted at any time.
+        the user's cache folder for yester (``~/.cache/yester`` on Linux). Its contents depend on the versions of
+        Mitsuba and of this package. Nothing is removed automatically; the folder may be deleted at any time.
     frames, width, height : int, default 16, 256, 192
         Length and size of the sequence.
     seed : int, default 0
@@ -221,9 +222,7 @@ def _pair(frames: list[Path], references: list[Path]) -> dict[int, Path]:
 
 
 def _cache() -> Path:
-    if chosen := os.environ.get("YESTER_CACHE"):
-        return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "yester"
+    return Path(os.environ.get("YESTER_CACHE") or user_cache_path("yester", appauthor=False))
 
 
 def _digest(make: sequences.Make) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
@@ -20,7 +21,7 @@ from yester.sequence import LOOKAHEAD
 
 from .methods import Method, Result, pipeline
 
-__all__ = ["imports", "peers", "references", "tensors"]
+__all__ = ["imports", "opencv", "peers", "references", "tensors"]
 
 Floats = NDArray[np.float32]
 
@@ -63,7 +64,7 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     if _checkout() and imports("torch"):
         found.append(_peer("SVGF, surfaces only, in torch", "SVGF in torch", _torch_svgf))
     else:
-        missing["SVGF in torch"] = "run from a checkout, with pip install 'yester[test]'"
+        missing["SVGF in torch"] = "set YESTER_REFERENCES to a checkout's tests, and pip install 'yester[test]'"
     return found, missing
 
 
@@ -87,12 +88,20 @@ def _oidn(quality: Literal["high", "balanced", "fast"]) -> Callable[[Frame], Flo
     return lambda frame: network.step(frame).color
 
 
+def opencv() -> Any:
+    """OpenCV, with as many threads as ours."""
+    import cv2
+
+    cv2.setNumThreads(settings()[0])
+    return cv2
+
+
 def _has_ximgproc() -> bool:
     return imports("cv2") and hasattr(import_module("cv2"), "ximgproc")
 
 
 def _non_local_means(h: float) -> Callable[[Frame], Floats]:
-    import cv2
+    cv2 = opencv()
 
     def step(frame: Frame) -> Floats:
         color = present(frame).clip(0)
@@ -105,20 +114,20 @@ def _non_local_means(h: float) -> Callable[[Frame], Floats]:
 
 
 def _joint_bilateral(radius: int) -> Callable[[Frame], Floats]:
-    import cv2
+    filter = opencv().ximgproc.jointBilateralFilter
 
     def smooth(light: Floats, guide: Floats) -> Floats:
-        clean = cv2.ximgproc.jointBilateralFilter(guide, light, 2 * radius + 1, 0.2, radius / 2)
+        clean = filter(guide, light, 2 * radius + 1, 0.2, radius / 2)
         return np.asarray(clean, np.float32)
 
     return _on_light(smooth)
 
 
 def _guided(radius: int) -> Callable[[Frame], Floats]:
-    import cv2
+    filter = opencv().ximgproc.guidedFilter
 
     def smooth(light: Floats, guide: Floats) -> Floats:
-        return np.asarray(cv2.ximgproc.guidedFilter(guide, light, radius, 1e-3), np.float32)
+        return np.asarray(filter(guide, light, radius, 1e-3), np.float32)
 
     return _on_light(smooth)
 
@@ -143,19 +152,17 @@ def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], F
 
 
 def _checkout() -> Path | None:
-    """The folder of the torch references: beside the package's sources, or below the current folder."""
-    for root in (Path(yester.__file__).parents[2], Path.cwd()):
-        folder = root / "tests"
-        if (folder / "reference" / "svgf.py").is_file():
-            return folder
-    return None
+    """The folder of the torch references: ``YESTER_REFERENCES``, or beside the package's sources."""
+    chosen = os.environ.get("YESTER_REFERENCES")
+    folder = Path(chosen) if chosen else Path(yester.__file__).parents[2] / "tests"
+    return folder if (folder / "reference" / "svgf.py").is_file() else None
 
 
 def references() -> ModuleType:
     """The kernels and pipelines written in torch, of a checkout: with as many threads as ours."""
     folder = _checkout()
     if folder is None:
-        raise ImportError("the torch references are not part of the package: run from a checkout")
+        raise ImportError("torch references: not part of the package; set YESTER_REFERENCES to a checkout's tests")
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
     import torch

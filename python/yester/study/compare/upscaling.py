@@ -1,4 +1,4 @@
-"""Upscaling against alternatives with the same number of samples: ``python -m yester.study.upscaling``.
+"""Upscaling against alternatives with the same number of samples: ``python -m yester.study.compare.upscaling``.
 
 Frames of half the size have four samples a pixel, all of them at one place of it, one output pixel wide; native frames
 have one sample a pixel. Both cost the same. References are of the output's size.
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from yester import SVGF, TAA, Camera, Frame, Upscaler, jitter, resample
 from yester.frame import present
 from yester.io import mitsuba as renderer
+from yester.metrics import flip, psnr, temporal_error
 
-from . import scenes
-from .metrics import flip, psnr, temporal_error
-from .recording import record
+from ..rendered import scenes
+from ..rendered.recording import record
 
 __all__ = ["METHODS", "SCALE", "Score", "denoised", "enlarge", "scores", "shrunk"]
 
@@ -183,7 +183,7 @@ def _times(repetitions: int = 7) -> dict[str, float]:
 
 def main() -> None:
     """Print a table for each sequence."""
-    parser = argparse.ArgumentParser(prog="python -m yester.study.upscaling", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m yester.study.compare.upscaling", description=__doc__)
     parser.add_argument("sequences", nargs="*", default=["thicket", "spinning_shapes", "glossy_plates"])
     parser.add_argument("--reference-spp", type=int, default=256)
     options = parser.parse_args()

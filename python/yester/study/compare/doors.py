@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from yester import Frame
 from yester.io import read_exr
 from yester.io.files import beside
+from yester.metrics import metric
 
+from ..rendered.recording import Recording
 from . import harm
 from .chart import measure
 from .methods import PIPELINES, Method, Result
-from .metrics import metric
-from .recording import Recording
 
 __all__ = ["DOORS", "FULL", "METHODS", "Door", "Worth", "harmful", "known_doors", "measure_doors", "table", "through"]
 
@@ -52,25 +52,21 @@ class Door:
     raw: bool = False
 
 
-def _changed(frame: Frame, **changes: Any) -> Frame:
-    """The frame with other buffers or another camera; None leaves one out."""
-    return Frame(**{**frame.buffers(), "camera": frame.camera, "jitter": frame.jitter, **changes})
-
-
 def _lacking(*names: str) -> Callable[[Frame, object], Frame]:
-    return lambda frame, _: _changed(frame, **dict.fromkeys(names))
+    absent: dict[str, Any] = dict.fromkeys(names)
+    return lambda frame, _: replace(frame, **absent)
 
 
 def _only(*names: str) -> Callable[[Frame, object], Frame]:
-    return lambda frame, _: _changed(Frame(frame.color), **{name: getattr(frame, name) for name in names})
+    return lambda frame, _: replace(Frame(frame.color), **{name: getattr(frame, name) for name in names})
 
 
 def _flat_motion(frame: Frame, _: object, **changes: Any) -> Frame:
-    return _changed(frame, motion=None if frame.motion is None else frame.motion[..., :2], **changes)
+    return replace(frame, motion=None if frame.motion is None else frame.motion[..., :2], **changes)
 
 
 def _raw_albedo(frame: Frame, raw: NDArray[np.float32] | None, **changes: Any) -> Frame:
-    return _changed(frame, albedo=raw, **changes)
+    return replace(frame, albedo=raw, **changes)
 
 
 def _misses(frame: Frame, _: object, *, depth: float) -> Frame:
@@ -80,7 +76,7 @@ def _misses(frame: Frame, _: object, *, depth: float) -> Frame:
         coded["depth"] = np.where(np.isfinite(frame.depth), frame.depth, np.float32(depth))
     if frame.position is not None:
         coded["position"] = np.where(np.isfinite(frame.position), frame.position, np.float32(0))
-    return _changed(frame, **coded)
+    return replace(frame, **coded)
 
 
 #: All of them, the full one first.
@@ -197,7 +193,7 @@ def measure_doors(
     doors : sequence of Door, default DOORS
         The full one is always among them.
     metrics : iterable of str
-        Keys of `yester.study.metrics.METRICS`.
+        Keys of `yester.metrics.METRICS`.
 
     Returns
     -------

@@ -13,7 +13,7 @@ import numpy as np
 
 from yester.io.files import beside
 
-from .report import COLORS, GRID, INK, PAPER
+from ..compare.report import COLORS, GRID, INK, PAPER
 from .rivals import REFERENCE
 from .tasks import TASKS
 

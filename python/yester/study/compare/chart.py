@@ -20,14 +20,14 @@ from yester import Frame, _core, consistency
 from yester.frame import present
 from yester.io.files import beside
 from yester.judge import known_motion, surface_tests
+from yester.metrics import METRICS, Metric, Picture, metric
 
-from .bench import CALM, PATIENCE, staged
+from ..rendered.recording import Recording
+from ..speed.bench import CALM, PATIENCE, staged
+from ..speed.tasks import Inputs
 from .methods import Method, Result
-from .metrics import METRICS, Metric, Picture, metric
 from .points import Point, means, write_csv
-from .recording import Recording
 from .report import save_images, write_figures, write_report
-from .tasks import Inputs
 
 __all__ = ["SIZE", "chart", "measure", "orders", "times"]
 

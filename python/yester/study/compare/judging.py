@@ -1,4 +1,4 @@
-"""How right the judge is, and what plans are worth, against references: ``python -m yester.study.judging``.
+"""How right the judge is, and what plans are worth, against references: ``python -m yester.study.compare.judging``.
 
 For every component of `SVGF` that the ablation study switches and every sequence, `predictive_error` tells from the
 noisy frames how much worse the result is without, and the references tell how much it is: their ranks are correlated.
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,13 +20,13 @@ from numpy.typing import NDArray
 import yester
 from yester import SVGF, Frame, Plan
 from yester.judge import predictive_error
+from yester.metrics import METRICS, Picture
 
+from ..rendered.recording import Recording, record
+from ..rendered.sequences import NAMES
 from . import harm
 from .ablation import ABLATIONS
-from .methods import Run, recolored
-from .metrics import METRICS, Picture
-from .recording import Recording, record
-from .sequences import NAMES
+from .methods import Run
 
 __all__ = ["Judged", "Worth", "correlations", "judged", "worth"]
 
@@ -79,7 +80,7 @@ def judged(recording: Recording) -> list[Judged]:
     """Judge every component of `SVGF` on one sequence with references."""
     frames = _frames(recording)
     known = sorted(recording.references)
-    clean = [frame if i not in known else recolored(frame, recording.reference(i)) for i, frame in enumerate(frames)]
+    clean = [replace(frame, color=recording.reference(i)) if i in known else frame for i, frame in enumerate(frames)]
     parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
     whole = _images(parts[0].whole.run, frames)
     base = _values(whole, recording)
@@ -147,7 +148,7 @@ def worth(recording: Recording) -> Worth:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(prog="python -m yester.study.judging", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m yester.study.compare.judging", description=__doc__)
     parser.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
     parser.add_argument("--sequences", metavar="NAME", nargs="+", default=NAMES, choices=NAMES, help="by default, all")
     options = parser.parse_args(arguments)

@@ -6,7 +6,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any, NamedTuple, TypeAlias
 
@@ -27,7 +27,6 @@ __all__ = [
     "on_part",
     "pipeline",
     "quarter",
-    "recolored",
 ]
 
 
@@ -96,7 +95,7 @@ def quarter(frame: Frame, number: int) -> Frame:
     x, y = HalfRes.offset(number)
     color = np.full_like(frame.color, np.nan)
     color[y::2, x::2] = frame.color[y::2, x::2]
-    return recolored(frame, color)
+    return replace(frame, color=color)
 
 
 def _copied(frame: Frame, number: int) -> Frame:
@@ -104,12 +103,7 @@ def _copied(frame: Frame, number: int) -> Frame:
     x, y = HalfRes.offset(number)
     height, width = frame.shape
     rows, columns = (np.minimum(np.arange(n) // 2 * 2 + d, n - 1) for n, d in ((height, y), (width, x)))
-    return recolored(frame, frame.color[np.ix_(rows, columns)])
-
-
-def recolored(frame: Frame, color: NDArray[np.float32]) -> Frame:
-    """The frame with another colour."""
-    return Frame(**frame.buffers() | {"color": color}, camera=frame.camera, jitter=frame.jitter)
+    return replace(frame, color=frame.color[np.ix_(rows, columns)])
 
 
 def on_part(part: Callable[[Frame, int], Frame], run: Run) -> Run:

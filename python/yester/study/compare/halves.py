@@ -1,4 +1,4 @@
-"""The two-buffer estimate of error beside the judge by prediction: ``python -m yester.study.halves``.
+"""The two-buffer estimate of error beside the judge by prediction: ``python -m yester.study.compare.halves``.
 
 Each sequence is rendered twice with independent noise, as two half-buffers. Both are denoised with and without every
 component of `SVGF` that the ablation study switches, and each half judges the results of the other. The references tell
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -18,12 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from yester import Frame
 from yester.judge import _EPSILON, WEIGHTINGS, Predicted, _by_tile, _display, estimate, predictive_error
 
+from ..rendered.recording import Recording, record
+from ..rendered.sequences import NAMES
 from . import harm, judging
 from .ablation import ABLATIONS
 from .judging import Judged
-from .methods import recolored
-from .recording import Recording, record
-from .sequences import NAMES
 
 __all__ = ["judged", "two_buffer_error"]
 
@@ -110,7 +110,7 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
     halves = judging._frames(one), judging._frames(other)
     known = sorted(one.references)
     true = {i: one.reference(i) for i in known}
-    clean = [[recolored(f, true[i]) if i in true else f for i, f in enumerate(half)] for half in halves]
+    clean = [[replace(f, color=true[i]) if i in true else f for i, f in enumerate(half)] for half in halves]
     parts = [each for each in ABLATIONS if each.whole.name == "SVGF" and not each.added]
     whole = [judging._images(parts[0].whole.run, half) for half in halves]
     base = [judging._values(images, one) for images in (*whole, _mean(*whole))]
@@ -140,7 +140,7 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(prog="python -m yester.study.halves", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m yester.study.compare.halves", description=__doc__)
     parser.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
     parser.add_argument("--sequences", metavar="NAME", nargs="+", default=NAMES, choices=NAMES, help="by default, all")
     options = parser.parse_args(arguments)

@@ -14,15 +14,15 @@ import numpy as np
 
 from yester import BMFR, SVGF, TAA, Frame, HalfRes, Recirculation
 from yester.io.files import beside
+from yester.metrics import metric
 from yester.sequence import LOOKAHEAD
 
+from ..rendered.recording import Recording
 from . import harm
 from .chart import SIZE, measure, times
 from .doors import DOORS, FULL, Door, known_doors, through
 from .methods import Method, Result, Run, on_part, pipeline, quarter
-from .metrics import metric
 from .points import ALL, Point
-from .recording import Recording
 
 __all__ = ["ABLATIONS", "Ablation", "Effect", "ablate", "harmful", "table"]
 
@@ -57,12 +57,8 @@ class Ablation:
 
 def _without(*names: str, **options: Any) -> Run:
     """SVGF on frames that lack some buffers."""
-
-    def bare(frame: Frame, _: int) -> Frame:
-        kept = {name: array for name, array in frame.buffers().items() if name not in names}
-        return Frame(**kept, camera=frame.camera, jitter=frame.jitter)
-
-    return on_part(bare, pipeline(SVGF, **options))
+    absent: dict[str, Any] = dict.fromkeys(names)
+    return on_part(lambda frame, _: replace(frame, **absent), pipeline(SVGF, **options))
 
 
 def _antialiased(**options: Any) -> Run:
@@ -196,7 +192,7 @@ class Effect:
         By metric, the improvement of the result with the component over that without, as `harm.gains` returns it.
         Negative where it harms.
     ms : float
-        Cost per frame, as `yester.study.chart.times` measures it, whatever the door.
+        Cost per frame, as `yester.study.compare.chart.times` measures it, whatever the door.
     door : str, default FULL
         Name of the door through which the frames came.
     default : bool, default True
@@ -243,7 +239,7 @@ def ablate(
     folder : Path
         Made if it does not exist.
     metrics : iterable of str
-        Keys of `yester.study.metrics.METRICS`.
+        Keys of `yester.metrics.METRICS`.
     doors : sequence of Door, default the full one
         Doors through which the frames come. With poor ones, only components that are on by default are switched, and
         not those of pipelines that need all buffers. Doors that need raw albedo are skipped for recordings without.

@@ -45,9 +45,9 @@ import yester
 from yester import _core
 from yester.io.files import beside
 
+from ..compare.peers import imports
+from ..compare.report import save_figure
 from . import rivals
-from .peers import imports
-from .report import save_figure
 from .tasks import TASKS, Call, Inputs, Task, stage
 from .timings import HD, OURS, Limits, Memory, Timing, draw, markdown, write_csv
 
@@ -417,7 +417,7 @@ def _memory(task: Task, images: Inputs) -> Memory | None:
 
 
 def resident() -> tuple[float, float]:
-    """Current and peak resident memory of this process in MB (Linux only)."""
+    """Current and peak resident memory of this process in MB (Linux only: psutil does not tell the peak)."""
     lines = Path("/proc/self/status").read_text().splitlines()
     known = {name: text.split() for name, _, text in (line.partition(":") for line in lines)}
     now, most = (1.024e-3 * int(known[name][0]) for name in ("VmRSS", "VmHWM"))

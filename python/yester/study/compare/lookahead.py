@@ -1,4 +1,4 @@
-"""What later frames are worth, and what they cost: ``python -m yester.study.lookahead``.
+"""What later frames are worth, and what they cost: ``python -m yester.study.compare.lookahead``.
 
 For each sequence, `SVGF` alone, `SVGF` on both sides and, where it is installed, Open Image Denoise on each frame by
 itself: errors, and the time of a frame. Then means over the sequences: of the errors at the beginning, in the middle
@@ -24,17 +24,17 @@ from numpy.typing import NDArray
 
 from yester import SVGF, Frame, denoise
 from yester.cli import _count, _size, _whole
+from yester.metrics import METRICS, Picture, relmse
 
+from ..rendered.recording import Recording, record
+from ..rendered.sequences import GROUPS, LATE, NAMES
+from ..speed.bench import CALM, resident, staged
+from ..speed.tasks import Inputs
 from . import harm, points
-from .bench import CALM, resident, staged
 from .chart import orders, times
 from .methods import PIPELINES, Method, Result, pipeline
-from .metrics import METRICS, Picture, relmse
 from .peers import peers
 from .points import Point
-from .recording import Recording, record
-from .sequences import GROUPS, LATE, NAMES
-from .tasks import Inputs
 
 __all__ = ["Cost", "Revealed", "Worth", "costs", "ends", "errors", "gains", "methods", "places", "revealed", "worth"]
 
@@ -230,7 +230,7 @@ def costs(lookaheads: Sequence[int] = (0, 2, 4, 8, 16), size: tuple[int, int] = 
     Returns
     -------
     list of Cost
-        Times as `yester.study.chart.times` measures them; memory in a process of its own for each.
+        Times as `yester.study.compare.chart.times` measures them; memory in a process of its own for each.
 
     Raises
     ------
@@ -250,7 +250,7 @@ def costs(lookaheads: Sequence[int] = (0, 2, 4, 8, 16), size: tuple[int, int] = 
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(prog="python -m yester.study.lookahead", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m yester.study.compare.lookahead", description=__doc__)
     groups = f"names, {', '.join(GROUPS)}; by default all, which is without the last group"
     parser.add_argument(
         "--sequences", metavar="NAME", nargs="+", default=["all"], choices=[*GROUPS, *NAMES, *LATE], help=groups

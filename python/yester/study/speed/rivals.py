@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from itertools import cycle
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from yester._core import settings
 from yester.frame import present
 from yester.oidn import Network
 
-from .peers import imports, peers, references, tensors
+from ..compare.peers import imports, opencv, peers, references, tensors
 from .tasks import Call, Inputs, Task
 
 __all__ = ["REFERENCE", "RIVALS", "Rival", "library", "missing", "start"]
@@ -77,7 +77,7 @@ def start(name: str, task: Task, inputs: Inputs) -> Call:
 
 
 def _remap(filter: str, inputs: Inputs) -> Callable[[], object]:
-    cv2 = _cv2()
+    cv2 = opencv()
     places = _places(inputs)
     x, y = (np.ascontiguousarray(places[..., i]) for i in (0, 1))
     history = inputs["history"]
@@ -85,7 +85,7 @@ def _remap(filter: str, inputs: Inputs) -> Callable[[], object]:
 
 
 def _moments(inputs: Inputs) -> Callable[[], object]:
-    cv2, color = _cv2(), inputs["color"]
+    cv2, color = opencv(), inputs["color"]
     mean, square = np.empty_like(color), np.empty_like(color)
 
     def run() -> None:
@@ -96,7 +96,7 @@ def _moments(inputs: Inputs) -> Callable[[], object]:
 
 
 def _range(inputs: Inputs) -> Callable[[], object]:
-    cv2, color, window = _cv2(), inputs["color"], np.ones((3, 3), np.uint8)
+    cv2, color, window = opencv(), inputs["color"], np.ones((3, 3), np.uint8)
     low, high = np.empty_like(color), np.empty_like(color)
 
     def run() -> None:
@@ -108,19 +108,12 @@ def _range(inputs: Inputs) -> Callable[[], object]:
 
 def _joint_bilateral(inputs: Inputs) -> Callable[[], object]:
     color = inputs["color"]
-    return partial(_cv2().ximgproc.jointBilateralFilter, inputs["normal"], color, 5, 0.2, 1.0, np.empty_like(color))
+    return partial(opencv().ximgproc.jointBilateralFilter, inputs["normal"], color, 5, 0.2, 1.0, np.empty_like(color))
 
 
 def _guided(inputs: Inputs) -> Callable[[], object]:
     color = inputs["color"]
-    return partial(_cv2().ximgproc.guidedFilter, inputs["normal"], color, 2, 1e-3, np.empty_like(color))
-
-
-def _cv2() -> Any:
-    import cv2
-
-    cv2.setNumThreads(settings()[0])
-    return cv2
+    return partial(opencv().ximgproc.guidedFilter, inputs["normal"], color, 2, 1e-3, np.empty_like(color))
 
 
 def _grid_sample(filter: str, inputs: Inputs) -> Callable[[], object]:

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from yester.io.files import beside
-
-from .metrics import METRICS, Metric
+from yester.metrics import METRICS, Metric
 
 __all__ = ["ALL", "Point", "means", "pareto", "table", "write_csv"]
 

@@ -1,0 +1,1 @@
+"""Methods, components and buffers, measured against references and drawn."""

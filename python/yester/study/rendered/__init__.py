@@ -1,0 +1,1 @@
+"""Sequences that Mitsuba renders, and their recordings on disk."""

@@ -1,0 +1,1 @@
+"""Benchmarks of kernels and pipelines beside other libraries and the limits of the machine."""
