@@ -419,6 +419,27 @@ def test_effects(recording, tmp_path):
     assert len((tmp_path / "ablation.csv").read_text().splitlines()) == 7
 
 
+def test_variants_are_averaged(recording, tmp_path):
+    """Values are means over the variants, gains too, with the standard error of their mean."""
+    known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
+    part = replace(
+        recording, frames=recording.frames[1:], references={i - 1: p for i, p in recording.references.items()}
+    )
+    methods = [known["clip"].whole, known["clip"].method]
+    alone = [
+        measure(one, methods, tmp_path / str(i), metrics=["psnr"], images=0) for i, one in enumerate((recording, part))
+    ]
+    both = replace(recording, variants=(part,))
+    points = measure(both, methods, tmp_path / "both", metrics=["psnr"], images=0)
+    for point, one, other in zip(points, *alone, strict=True):
+        assert point.runs == (one.values, other.values)
+        assert point.values["psnr"] == pytest.approx((one.values["psnr"] + other.values["psnr"]) / 2)
+    (effect,) = ablate([both], tmp_path, metrics=["psnr"], ablations=[known["clip"]], size=LITTLE)
+    gains = [whole.values["psnr"] - without.values["psnr"] for _, whole, without in alone]
+    assert effect.gains["psnr"] == pytest.approx(sum(gains) / 2)
+    assert effect.errors["psnr"] == pytest.approx(abs(gains[0] - gains[1]) / 2)
+
+
 @pytest.mark.parametrize("channels", [0, 2, 3])
 @pytest.mark.parametrize("names", [(), ("depth",), ("position",), ("depth", "normal"), ("normal", "ids")])
 @pytest.mark.parametrize("cameras", [False, True])
@@ -473,8 +494,8 @@ def test_effects_through_doors(recording, tmp_path):
     assert effects[-1].gains["psnr"] == pytest.approx(np.mean(values[0]) - np.mean(values[1]))
     assert effects[-1].case == "cornell_box, no normals"
     rows = (tmp_path / "ablation.csv").read_text().splitlines()
-    assert rows[0] == "scene,pipeline,component,added,ms,psnr,door"
-    assert [row.split(",")[-1] for row in rows[1:]] == [FULL, FULL, FULL, "no normals"]
+    assert rows[0] == "scene,pipeline,component,added,ms,psnr,door,psnr_error"
+    assert [row.split(",")[-2] for row in rows[1:]] == [FULL, FULL, FULL, "no normals"]
 
 
 def test_harmful_components(monkeypatch):
@@ -494,6 +515,9 @@ def test_harmful_components(monkeypatch):
     assert ablation.harmful([replace(worse, **other) for other in ({"added": True}, {"default": False})]) == []
     assert ablation.harmful([replace(worse, scene=ALL)]) == []
     assert len(ablation.harmful([worse], {"flip": 0.04})) == 1
+    assert ablation.harmful([replace(worse, errors={"flip": 0.026, "relmse": 0.01})]) == [
+        "SVGF - clip, grass: relmse -2.1 %"
+    ]
     assert ablation.harmful([worse], {"flip": 0.06}) == []
     good = replace(worse, gains=worse.gains | {"psnr": 1.3})
     assert "made good" in ablation.harmful([good])[0]

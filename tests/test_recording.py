@@ -89,6 +89,18 @@ def test_other_recordings_are_other_files(tmp_path):
     assert record("cornell_box", tmp_path, **{**base, "references": []}).references == {}
 
 
+def test_variants(tmp_path):
+    """The same sequence with other noise in every frame, and the same references."""
+    whole = record("cornell_box", tmp_path, **TINY, variants=2)
+    assert [one.name for one in whole.variants] == ["cornell_box"] * 2
+    assert all(one.references == whole.references and one.variants == () for one in whole.variants)
+    frames = [one.frame(i) for one in (whole, *whole.variants) for i in range(len(whole.frames))]
+    assert len({frame.color.tobytes() for frame in frames}) == len(frames)
+    assert len({frame.camera.world_to_clip.tobytes() for frame in frames}) == len(whole.frames)
+    with pytest.raises(ValueError, match="variants: expected at least 0, got -1"):
+        record("cornell_box", tmp_path, **TINY, variants=-1)
+
+
 def test_interrupted(tmp_path):
     """By Ctrl-C after the first file: what is there is whole, and another call makes the rest, all with the same bits.
 

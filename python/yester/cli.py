@@ -180,6 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     render("--length", metavar="N", type=_count, default=16, help="frames; %(default)s")
     render("--size", metavar="WxH", type=_size, default=(256, 192), help="256x192")
     render("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
+    render("--seeds", metavar="N", type=_count, default=1, help="times each is rendered with other noise (default: 1)")
     render("--cache", metavar="DIR", type=Path, help="folder for rendered frames; by default, in the user's cache")
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
@@ -527,6 +528,7 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
         _writable(options.cache)
     width, height = options.size
     shape = {"frames": options.length, "width": width, "height": height, "reference_spp": options.reference_spp}
+    shape["variants"] = options.seeds - 1
     shape["raw_albedo"] = options.doors is not None
     names = dict.fromkeys(name for one in asked for name in GROUPS.get(one, (one,)))
     return (record(name, options.cache, **shape) for name in names)

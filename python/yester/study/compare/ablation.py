@@ -6,7 +6,7 @@ import csv
 import inspect
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -189,14 +189,16 @@ class Effect:
     added : bool
         True if the component is off by default.
     gains : dict of str to float
-        By metric, the improvement of the result with the component over that without, as `harm.gains` returns it.
-        Negative where it harms.
+        By metric, the improvement of the result with the component over that without, as `harm.gains` returns it,
+        averaged over the recording's variants. Negative where it harms.
     ms : float
         Cost per frame, as `yester.study.compare.chart.times` measures it, whatever the door.
     door : str, default FULL
         Name of the door through which the frames came.
     default : bool, default True
         True if the pipeline has default parameters.
+    errors : dict of str to float, default {}
+        By metric, the standard error of the gain, if the recording has variants.
     """
 
     scene: str
@@ -207,6 +209,7 @@ class Effect:
     ms: float
     door: str = FULL
     default: bool = True
+    errors: dict[str, float] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -277,10 +280,10 @@ def ablate(
         effects += [_mean([e for e in effects if _key(e) == key]) for key in dict.fromkeys(map(_key, effects))]
     with beside(folder / "ablation.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["scene", "pipeline", "component", "added", "ms", *keys, "door"])
+        writer.writerow(["scene", "pipeline", "component", "added", "ms", *keys, "door", *(f"{k}_error" for k in keys)])
         for e in effects:
-            row = [e.scene, e.pipeline, e.component, int(e.added), e.ms, *(e.gains.get(k, "") for k in keys), e.door]
-            writer.writerow(row)
+            gains, errors = ([known.get(key, "") for key in keys] for known in (e.gains, e.errors))
+            writer.writerow([e.scene, e.pipeline, e.component, int(e.added), e.ms, *gains, e.door, *errors])
     return effects
 
 
@@ -310,14 +313,15 @@ def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS
     -------
     list of str
         One for each component and case, worst loss by its limit first. Not those that `harm.EXCEPTIONS` has, if the
-        component gains enough there in another metric.
+        component gains enough there in another metric; nor losses of less than two standard errors.
     """
     found = []
     for e in effects:
         if e.scene == ALL or e.added or not e.default:
             continue
-        bad = harm.harms(e.gains, limits)
-        left = harm.harms(e.gains, limits, excused=True)
+        sure = {key: gain for key, gain in e.gains.items() if gain > 0 or -gain >= 2 * e.errors.get(key, 0.0)}
+        bad = harm.harms(sure, limits)
+        left = harm.harms(sure, limits, excused=True)
         if bad and (left or (e.name, e.scene) not in harm.EXCEPTIONS):
             losses = ", ".join(f"{key} {harm.amount(key, e.gains[key])}" for key in bad)
             gained = "" if left else " (made good in another metric, but no listed exception)"
@@ -333,15 +337,18 @@ def _effect(ablation: Ablation, points: dict[str, Point], door: str, spent: dict
     whole, switched = points[ablation.whole.name], points[ablation.method.name]
     having, lacking = (switched, whole) if ablation.added else (whole, switched)
     more = spent[ablation.method.name] - spent[ablation.whole.name]
+    gains = [harm.gains(*both) for both in zip(having.runs, lacking.runs, strict=True)]
+    spread = {key: float(np.std([each[key] for each in gains], ddof=1)) for key in gains[0]} if len(gains) > 1 else {}
     return Effect(
         whole.scene,
         ablation.whole.name,
         ablation.component,
         ablation.added,
-        harm.gains(having.values, lacking.values),
+        {key: float(np.mean([each[key] for each in gains])) for key in gains[0]},
         more if ablation.added else -more,
         door,
         ablation.whole.default,
+        {key: deviation / math.sqrt(len(gains)) for key, deviation in spread.items()},
     )
 
 
@@ -353,4 +360,5 @@ def _mean(effects: Sequence[Effect]) -> Effect:
         scene=ALL,
         gains={key: float(np.mean([effect.gains[key] for effect in effects])) for key in keys},
         ms=float(np.mean([effect.ms for effect in effects])),
+        errors={},
     )

@@ -106,7 +106,8 @@ def measure(
     """Run all methods on one sequence, and measure the results. Their times are those of `times`.
 
     Frames with a reference are measured; without any, those of the second half, by metrics that need no reference.
-    Results are cached in the folder and reused if methods and files are the same.
+    If the recording has variants, values are means over all of them. Results are cached in the folder and reused if
+    methods and files are the same.
 
     Parameters
     ----------
@@ -133,6 +134,16 @@ def measure(
     """
     chosen = [metric(key) for key in metrics]
     place = folder / recording.name
+    found = [_measure(recording, methods, place, chosen, images)]
+    for number, variant in enumerate(recording.variants, 1):
+        found.append(_measure(variant, methods, place / f"variant-{number}", chosen, 0))
+    return [_pooled(same) for same in zip(*found, strict=True)]
+
+
+def _measure(
+    recording: Recording, methods: Sequence[Method], place: Path, chosen: Sequence[Metric], images: int
+) -> list[Point]:
+    """Measure a recording without its variants."""
     known = place / "points.json"
     methods = [_INPUT, *methods]
     asked = _identity(recording, methods, chosen, images)
@@ -187,6 +198,13 @@ def measure(
     with beside(known) as temporary:
         temporary.write_text(text)
     return points
+
+
+def _pooled(same: Sequence[Point]) -> Point:
+    """One method on a recording and its variants."""
+    first = same[0]
+    values = {key: float(np.mean([point.values[key] for point in same])) for key in first.values}
+    return replace(first, values=values, runs=tuple(point.values for point in same))
 
 
 def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE) -> dict[str, list[float]]:

@@ -35,12 +35,14 @@ class Point:
     ms_range : (float, float)
         The quartiles.
     values : dict of str to float
-        By key of `METRICS`: means over the frames that have what the metric needs. Metrics that no frame has it for are
-        absent.
+        By key of `METRICS`: means over the frames that have what the metric needs, and over the recording's variants.
+        Metrics that no frame has it for are absent.
     images : Path or None
         The folder with the images of this point.
     size : (int, int) or None
         Width and height of the frames that were timed; not those of the sequence. None if not measured.
+    runs : tuple of dict of str to float
+        The values of the recording and of each of its variants.
     """
 
     scene: str
@@ -53,6 +55,7 @@ class Point:
     values: dict[str, float]
     images: Path | None = None
     size: tuple[int, int] | None = None
+    runs: tuple[dict[str, float], ...] = ()
 
 
 def means(points: Sequence[Point]) -> list[Point]:
@@ -67,7 +70,7 @@ def means(points: Sequence[Point]) -> list[Point]:
     Returns
     -------
     list of Point
-        With the scene `ALL` and without images. Metrics and times are plain means.
+        With the scene `ALL`, without images and runs. Metrics and times are plain means.
     """
     scenes = {point.scene for point in points}
     by_method: dict[str, list[Point]] = {}
@@ -86,6 +89,7 @@ def means(points: Sequence[Point]) -> list[Point]:
                 ms_range=tuple(np.mean([point.ms_range for point in same], axis=0).tolist()),
                 values={name: float(np.mean([point.values[name] for point in same])) for name in common},
                 images=None,
+                runs=(),
             )
         )
     return result

@@ -54,12 +54,15 @@ class Recording:
         By index of the frame, the EXR file of its reference. May be empty.
     raw_albedo : dict of int to Path
         By index of the frame, the EXR file whose colour is the renderer's raw albedo. Empty unless requested.
+    variants : tuple of Recording
+        The same sequence with other noise, each with the same references.
     """
 
     name: str
     frames: list[Path]
     references: dict[int, Path]
     raw_albedo: dict[int, Path] = field(default_factory=dict)
+    variants: tuple[Recording, ...] = ()
 
     def frame(self, index: int) -> Frame:
         """Read a noisy frame."""
@@ -87,6 +90,7 @@ def record(
     width: int = 256,
     height: int = 192,
     seed: int = 0,
+    variants: int = 0,
     references: Iterable[int] | None = None,
     reference_spp: int | None = None,
     raw_albedo: bool = False,
@@ -109,6 +113,8 @@ def record(
         Length and size of the sequence.
     seed : int, default 0
         Seed of the noise: frame i has ``seed + i``. References do not depend on it.
+    variants : int, default 0
+        How often to render the noisy frames again, with other seeds: no two frames of all these have the same.
     references : iterable of int, optional
         Frames that get a reference: by default the second half, after temporal methods have warmed up. Temporal metrics
         need consecutive frames.
@@ -138,8 +144,11 @@ def record(
     for what, value in dict(frames=frames, width=width, height=height, reference_spp=reference_spp).items():
         if value < 1:
             raise ValueError(f"{what}: expected at least 1, got {value}")
-    if not 0 <= seed <= _REFERENCE_SEEDS - frames:
-        raise ValueError(f"seed: expected 0 to {_REFERENCE_SEEDS - frames}, got {seed}")
+    if variants < 0:
+        raise ValueError(f"variants: expected at least 0, got {variants}")
+    last = _REFERENCE_SEEDS - (variants + 1) * frames
+    if not 0 <= seed <= last:
+        raise ValueError(f"seed: expected 0 to {last}, got {seed}")
     chosen = sorted({index(i) for i in (range(frames // 2, frames) if references is None else references)})
     if chosen and not 0 <= chosen[0] <= chosen[-1] < frames:
         raise ValueError(f"references: expected frames from 0 to {frames - 1}, got {chosen}")
@@ -152,7 +161,11 @@ def record(
     _fill(noisy, f"{name}, frames", lambda part: _noisy(sequence, part, seed))
     _fill(clean, f"{name}, references", lambda part: _clean(sequence, part, reference_spp))
     _fill(raw, f"{name}, albedo", lambda part: _raw_albedo(sequence, part, seed))
-    return Recording(name, [*noisy.values()], clean, raw)
+    again: dict[str, Any] = {"frames": frames, "width": width, "height": height, "reference_spp": reference_spp}
+    again |= {"references": chosen, "raw_albedo": raw_albedo}
+    seeds = range(seed + frames, seed + (variants + 1) * frames, frames)
+    others = tuple(record(name, cache, seed=other, **again) for other in seeds)
+    return Recording(name, [*noisy.values()], clean, raw, others)
 
 
 def open_recording(
