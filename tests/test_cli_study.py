@@ -189,7 +189,7 @@ def test_ablation(own, tmp_path, bare):
         assert len(judged) == 1 + len(defaults.intersection(bad))
     assert written == str(tmp_path / "ablation.csv")
     rows = table(tmp_path / "ablation.csv")
-    assert list(rows[0])[4:] == ["ms", *keys, "door"]
+    assert list(rows[0])[4:] == ["ms", *keys, "door", *(f"{key}_error" for key in keys)]
     assert [row["component"] for row in rows] == [each.component for each in ABLATIONS]
     assert all(row[key] for row in rows for key in keys)
     assert {path.name for path in tmp_path.iterdir()} == {"ablation", "ablation.csv"}
@@ -237,7 +237,7 @@ def test_groups(tmp_path):
     assert all(f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "late-held-out", "all"))
     assert all(name in line for name in GROUPS["all"] + GROUPS["late-held-out"])
     options = argparse.Namespace(frames=[], sequences=["unkind-tuning", "cut", "grass"], cache=None)
-    vars(options).update(size=(8, 6), length=1, reference_spp=1, doors=None)
+    vars(options).update(size=(8, 6), length=1, reference_spp=1, seeds=1, doors=None)
     asked = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("yester.study.rendered.recording.record", lambda name, *_, **__: asked.append(name))
