@@ -58,7 +58,9 @@ def test_errors_are_those_of_the_chart(recordings, found, tmp_path, number):
     for point, other in zip(found[number].points, charted, strict=True):
         assert point.values == pytest.approx(other.values)
         assert 0 < point.ms_range[0] <= point.ms <= point.ms_range[1]
-        assert replace(point, ms=0, ms_range=(0, 0), values={}, size=None) == replace(other, values={}, images=None, runs=())
+        assert replace(point, ms=0, ms_range=(0, 0), values={}, size=None) == replace(
+            other, values={}, images=None, runs=()
+        )
     both = found[number].frames["SVGF, both sides"]
     assert [*both] == [0, 2, 3, 5]
     assert [i for i in both if "temporal_error" in both[i]] == [3]
