@@ -1,0 +1,463 @@
+"""The tables of README and documentation, written from measurements: `measure` takes them, `write` puts them in.
+
+In a page, ``<!-- table: NAME -->`` and ``<!-- end: NAME -->`` enclose one of `TABLES`. What stands between them is
+replaced. Measurements are files in a folder, each written by the command in `RUNS` of its name.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+
+from yester.io.files import beside
+
+from .compare import harm
+from .compare.ablation import Effect, harmful
+from .compare.doors import FULL
+from .compare.points import ALL
+from .rendered.sequences import GROUPS, LATE, NAMES
+
+__all__ = ["RUNS", "TABLES", "Source", "main", "measure", "write"]
+
+#: The frames by which accuracy is judged: small, so that all sequences take minutes; three realisations of the noise.
+_FRAMES = "--sequences all late-held-out --size 128x96 --length 12 --reference-spp 256 --seeds 3"
+
+
+class Source(NamedTuple):
+    """Where a measurement comes from.
+
+    Attributes
+    ----------
+    command : str
+        Arguments of ``python -m``.
+    made : str
+        The file that it writes into the folder given by ``-o``; empty if it prints the result.
+    """
+
+    command: str
+    made: str
+
+
+#: By the name of their file, without ending, in the folder of measurements.
+RUNS = {
+    "accuracy": Source(f"yester chart {_FRAMES} --metrics psnr relmse flip temporal_error", "points.csv"),
+    "ablation": Source(f"yester chart --ablate {_FRAMES}", "ablation.csv"),
+    "doors": Source(f"yester chart --doors {_FRAMES} --methods SVGF --no-peers", "doors.csv"),
+    "oracle": Source("yester.study.compare.oracle", ""),
+    "plans": Source("yester.study.compare.judging", ""),
+    "later_frames": Source(
+        "yester.study.compare.lookahead --sequences all late-held-out --size 128x96 --references 8 9 10 11", ""
+    ),
+    "stress": Source("yester stress --endurance 2000", "stress.csv"),
+    "speed": Source("yester bench --sizes 1920x1080 --threads 2 1 --simd avx512", "bench.csv"),
+}
+
+#: What users choose between, as the tables call it, and the chart.
+_METHODS = {
+    "**SVGF, both sides** (`yester denoise`)": "SVGF, both sides",
+    "**SVGF**": "SVGF",
+    "BMFR": "BMFR",
+    "TAA": "TAA best",
+    "Open Image Denoise, fast": "OIDN fast",
+    "Open Image Denoise, high": "OIDN high",
+    "Open Image Denoise, high, between temporal stages": "temporal OIDN high",
+    "the same, both sides": "temporal OIDN high, both sides",
+    "OpenCV, joint bilateral filter": "joint bilateral, 8 px",
+    "OpenCV, guided filter": "guided filter, 4 px",
+    "OpenCV, non-local means": "non-local means, h 0.2",
+    "noisy input": "noisy input",
+}
+#: Pipelines: name, the benchmark's task, what frames must have, what it is for, where it fails.
+_PIPELINES = (
+    (
+        "SVGF",
+        "SVGF",
+        "nothing; better with every buffer",
+        "path-traced sequences",
+        "mirrors blur; noisy moving shadows lag",
+    ),
+    ("HalfRes", "HalfRes", "depth, normals", "one pixel of each 2×2 traced", "highlights that few samples hit"),
+    ("BMFR", "BMFR", "normals, depth or position", "diffuse light, few samples", "reflections, edges of shadows"),
+    ("OIDN", "OIDN, temporal", "albedo, normals", "stills; with `temporal=True`, sequences", "time; history that lags"),
+    ("TAA", "TAA", "motion", "frames without noise", "noise: it darkens and flickers"),
+    ("Upscaler", "Upscaler, 2", "jitter, motion", "frames of half the size", "noise; what is thinner than a pixel"),
+    ("Recirculation", "Recirculation, of all", "camera, depth", "a few traced pixels a frame", "light that changes"),
+)
+_LABELS = {"psnr": "PSNR, dB", "relmse": "relMSE", "flip": "FLIP", "temporal_error": "temporal error"}
+_BETTER = {"psnr": max, "relmse": min, "flip": min, "temporal_error": min}
+
+Row = dict[str, str]
+
+
+def methods(folder: Path) -> str:
+    """Means over all sequences of what users choose between, with the time of a frame."""
+    points = {row["method"]: row for row in _rows(folder / "accuracy.csv") if row["scene"] == ALL}
+    rows = []
+    for label, name in _METHODS.items():
+        if point := points.get(name):
+            time = "" if float(point["ms"]) == 0 else f"{float(point['ms']):.0f}"
+            rows.append([label, time, *(_value(key, float(point[key])) for key in _LABELS)])
+    timed = next(row["timed"] for row in points.values() if row["timed"])
+    return _table(["", f"ms at {timed.replace('x', '×')}", *_LABELS.values()], _best(rows, 2))
+
+
+def variants(folder: Path) -> str:
+    """Means over all sequences of every method and parameter."""
+    points = [row for row in _rows(folder / "accuracy.csv") if row["scene"] == ALL]
+    rows = [
+        [row["method"], f"{float(row['ms']):.0f}", *(_value(key, float(row[key])) for key in _LABELS)]
+        for row in points
+        if row["timed"]
+    ]
+    return _table(["", "ms", *_LABELS.values()], _best(rows, 2))
+
+
+def groups(folder: Path) -> str:
+    """Means over each group of sequences."""
+    rows = []
+    for group, scenes in GROUPS.items():
+        if group != ALL:
+            for label in ("SVGF, both sides", "SVGF", "OIDN high"):
+                rows.append(
+                    [f"`{group}`" if label == "SVGF, both sides" else "", label, *_means(folder, label, scenes)]
+                )
+    return _table(["sequences", "", *_LABELS.values()], rows)
+
+
+def sequences(folder: Path) -> str:
+    """Every sequence: PSNR, relMSE, FLIP and temporal error of three methods."""
+    names = ("SVGF, both sides", "SVGF", "OIDN high")
+    rows = []
+    for scene in (*NAMES, *LATE):
+        cells = [_means(folder, name, [scene]) for name in names]
+        best = [_BETTER[key](row[i] for row in cells) for i, key in enumerate(_LABELS)]
+        marked = [[f"**{c}**" if c == b else c for c, b in zip(row, best, strict=True)] for row in cells]
+        rows.append([f"`{scene}`", *(" / ".join(row) for row in marked)])
+    return _table([" / ".join(_LABELS.values()), *names], rows)
+
+
+def ablation(folder: Path) -> str:
+    """What components of SVGF give: mean gain, worst case and cost."""
+    found: dict[str, dict[str, Row]] = {}
+    for row in _rows(folder / "ablation.csv"):
+        if row["scene"] != ALL and row["door"] == FULL and row["pipeline"] == "SVGF":
+            found.setdefault(_component(row), {})[row["scene"]] = row
+    rows = []
+    for name, cases in found.items():
+        cells = []
+        for key in _LABELS:
+            gained = {scene: float(row[key]) for scene, row in cases.items()}
+            worst = min(gained, key=lambda scene: gained[scene])
+            mean, least = (_amount(key, value) for value in (float(np.mean([*gained.values()])), gained[worst]))
+            cells.append(f"{mean} ({least}, `{worst}`)")
+        cells.append(f"{float(next(iter(cases.values()))['ms']):.0f}")
+        rows.append([name, *cells])
+    return _table(["", *_LABELS.values(), "ms at 1280×720"], rows)
+
+
+def harms(folder: Path) -> str:
+    """Where components that are on by default do harm, beyond the rule and two standard errors."""
+    effects = [
+        Effect(
+            row["scene"],
+            row["pipeline"],
+            row["component"],
+            row["added"] == "1",
+            {key: float(row[key]) for key in _LABELS},
+            0.0,
+            row["door"],
+            errors={key: float(row[f"{key}_error"]) for key in _LABELS if row[f"{key}_error"]},
+        )
+        for row in _rows(folder / "ablation.csv")
+        if row["pipeline"] == "SVGF" and row["scene"] != ALL
+    ]
+    by_component: dict[str, list[str]] = {}
+    for line in harmful(effects):
+        name, _, case = line.partition(", ")
+        scene, _, losses = case.partition(": ")
+        by_component.setdefault(name.removeprefix("SVGF - "), []).append(f"`{scene}` ({losses})")
+    order = sorted(by_component)
+    return _table(["component", "sequences"], [[name, "; ".join(by_component[name])] for name in order])
+
+
+def doors(folder: Path) -> str:
+    """What SVGF loses through poor doors: mean over sequences, and the worst PSNR."""
+    values: dict[str, dict[str, dict[str, float]]] = {}
+    for row in _rows(folder / "doors.csv"):
+        if row["method"] == "SVGF":
+            values.setdefault(row["door"], {})[row["scene"]] = {key: float(row[key]) for key in _LABELS}
+    rows = []
+    for door, scenes in values.items():
+        if door != FULL:
+            gained = {scene: harm.gains(one, values[FULL][scene]) for scene, one in scenes.items()}
+            worst = min(gained, key=lambda scene: gained[scene]["psnr"])
+            means = [_amount(key, float(np.mean([one[key] for one in gained.values()]))) for key in _LABELS]
+            rows.append([door, *means, f"{_amount('psnr', gained[worst]['psnr'])}, `{worst}`"])
+    return _table(["", *_LABELS.values(), "worst"], rows)
+
+
+def stress(folder: Path) -> str:
+    """How many cases hold, degrade and fail, by method."""
+    found: dict[str, dict[str, list[str]]] = {}
+    for row in _rows(folder / "stress.csv"):
+        if row["verdict"]:
+            found.setdefault(row["method"], {}).setdefault(row["part"], []).append(row["verdict"])
+    parts = list(dict.fromkeys(part for each in found.values() for part in each))
+    rows = []
+    for method, each in found.items():
+        counts = [[each.get(part, []).count(verdict) for verdict in _VERDICTS] for part in parts]
+        rows.append([method, *(" / ".join(map(str, count)) if any(count) else "–" for count in counts)])
+    return _table([" / ".join(_VERDICTS), *parts], rows)
+
+
+def failures(folder: Path) -> str:
+    """The cases in which SVGF, or SVGF on both sides, fails."""
+    wanted = ("SVGF", "SVGF, both sides")
+    cases: dict[str, dict[str, Row]] = {}
+    for row in _rows(folder / "stress.csv"):
+        if row["method"] in wanted and row["part"] != "endurance":
+            cases.setdefault(row["case"], {})[row["method"]] = row
+    rows = []
+    for case, known in cases.items():
+        if any(row["verdict"] == "fails" for row in known.values()):
+            cells = [known.get(name) for name in wanted]
+            rows.append([case, *("–" if row is None else _verdict(row) for row in cells)])
+    return _table(["", *wanted], rows)
+
+
+def speed(folder: Path) -> str:
+    """Pipelines: milliseconds at 1080p with two threads and one, memory, and their rivals."""
+    return _times(folder, lambda row: row["held_mb"] != "" or row["task"] in _pipelines(folder))
+
+
+def pipelines(folder: Path) -> str:
+    """Which pipeline is for what, with its time."""
+    spent = {
+        row["task"]: float(row["ms"]) for row in _rows(folder / "speed.csv") if row["simd"] and row["threads"] == "2"
+    }
+    rows = [[f"`{name}`", needs, good, f"{spent[task]:.0f}", bad] for name, task, needs, good, bad in _PIPELINES]
+    return _table(["", "needs", "for", "ms at 1080p", "fails"], rows)
+
+
+def kernels(folder: Path) -> str:
+    """Kernels: milliseconds at 1080p with two threads and one, and their rivals."""
+    return _times(folder, lambda row: row["task"] not in _pipelines(folder))
+
+
+def machine(folder: Path) -> str:
+    """The limits of the machine that all times come from."""
+    rows = {}
+    for row in _rows(folder / "speed.csv"):
+        if row["copy_gb_per_s"]:
+            limits = f"{float(row['copy_gb_per_s']):.1f}", f"{float(row['giga_multiply_adds_per_s']):.0f}"
+            rows[f"{row['threads']} thread{'s' * (row['threads'] != '1')}, {row['simd']}"] = limits
+    return _table(["", "copies, GB/s", "multiply-adds, 10⁹/s"], [[name, *limits] for name, limits in rows.items()])
+
+
+def _text(name: str) -> Callable[[Path], str]:
+    return lambda folder: f"```\n{(folder / f'{name}.txt').read_text('utf-8').strip()}\n```"
+
+
+def _command(name: str) -> Callable[[Path], str]:
+    command = RUNS[name].command
+    return lambda _: f"```sh\n{command if command.startswith('yester ') else f'python -m {command}'}\n```"
+
+
+#: By name, what writes it from the folder of measurements.
+TABLES: dict[str, Callable[[Path], str]] = {
+    **{
+        table.__name__: table
+        for table in (
+            *(methods, variants, groups, sequences, ablation, harms, doors),
+            *(stress, failures, speed, pipelines, kernels, machine),
+        )
+    },
+    **{name: _text(name) for name, source in RUNS.items() if not source.made},
+    **{f"command {name}": _command(name) for name in RUNS},
+}
+
+_VERDICTS = ("holds", "degrades", "fails")
+
+
+def measure(names: Iterable[str], folder: Path) -> None:
+    """Take measurements anew.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Keys of `RUNS`.
+    folder : Path
+        For their files; made if it does not exist.
+
+    Raises
+    ------
+    subprocess.CalledProcessError
+        If a command fails.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        source = RUNS[name]
+        command = [sys.executable, "-m", *source.command.split()]
+        with TemporaryDirectory() as made:
+            if source.made:
+                subprocess.run([*command, "-o", made], check=True)
+                shutil.copy(Path(made, source.made), folder / f"{name}{Path(source.made).suffix}")
+            else:
+                done = subprocess.run(command, check=True, stdout=subprocess.PIPE, encoding="utf-8")
+                (folder / f"{name}.txt").write_text(done.stdout, "utf-8")
+
+
+def write(pages: Iterable[Path], folder: Path, *, check: bool = False) -> list[Path]:
+    """Put tables into pages.
+
+    Parameters
+    ----------
+    pages : iterable of Path
+        Markdown files.
+    folder : Path
+        The measurements. Tables whose measurement is not there stay as they are.
+    check : bool, default False
+        Change nothing.
+
+    Returns
+    -------
+    list of Path
+        The pages that differ from what they should be.
+
+    Raises
+    ------
+    ValueError
+        If a table is unknown, or its end is missing.
+    """
+    different = []
+    for page in pages:
+        old = page.read_text("utf-8")
+        new = _filled(old, page, folder)
+        if new != old:
+            different.append(page)
+            if not check:
+                with beside(page) as temporary:
+                    temporary.write_text(new, "utf-8")
+    return different
+
+
+def _filled(text: str, page: Path, folder: Path) -> str:
+    def fill(match: re.Match[str]) -> str:
+        name = match["name"]
+        if name not in TABLES:
+            raise ValueError(f"{page}: table: expected one of {', '.join(TABLES)}, got {name}")
+        try:
+            table = TABLES[name](folder)
+        except FileNotFoundError:
+            return match[0]
+        return f"<!-- table: {name} -->\n{table}\n<!-- end: {name} -->"
+
+    pattern = r"<!-- table: (?P<name>.+?) -->\n(?:.*\n)*?<!-- end: (?P=name) -->"
+    new, filled = re.subn(pattern, fill, text)
+    if filled != text.count("<!-- table: "):
+        raise ValueError(f"{page}: expected an end for each table")
+    return new
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit status is 1 if ``write --check`` finds differences."""
+    parser = argparse.ArgumentParser(prog="python -m yester.study.pages", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    take = commands.add_parser("measure", help="take measurements anew; hours for all of them")
+    take.add_argument("names", metavar="NAME", nargs="*", default=[*RUNS], help=", ".join(RUNS))
+    put = commands.add_parser("write", help="put tables into pages")
+    put.add_argument("pages", metavar="PAGE", nargs="+", type=Path)
+    put.add_argument("--check", action="store_true", help="change nothing; fail if a page would change")
+    for each in (take, put):
+        each.add_argument("--data", metavar="DIR", type=Path, default=Path("docs/results/data"), help="%(default)s")
+    options = parser.parse_args(arguments)
+    if options.command == "measure":
+        if unknown := [name for name in options.names if name not in RUNS]:
+            parser.error(f"NAME: expected some of {', '.join(RUNS)}, got {unknown[0]}")
+        measure(options.names, options.data)
+        return 0
+    different = write(options.pages, options.data, check=options.check)
+    for page in different:
+        print(f"{page}: {'differs from its measurements' if options.check else 'written'}")
+    return int(options.check and bool(different))
+
+
+def _rows(path: Path) -> list[Row]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _means(folder: Path, method: str, scenes: Sequence[str]) -> list[str]:
+    rows = [row for row in _rows(folder / "accuracy.csv") if row["method"] == method and row["scene"] in scenes]
+    return [_value(key, float(np.mean([float(row[key]) for row in rows]))) for key in _LABELS]
+
+
+def _times(folder: Path, wanted: Callable[[Mapping[str, str]], bool]) -> str:
+    rows = [row for row in _rows(folder / "speed.csv") if wanted(row)]
+    most = max(int(row["threads"]) for row in rows)
+    single = {(row["task"], row["contender"]): row for row in rows if row["threads"] == "1"}
+    ours = {row["task"]: row for row in rows if row["simd"] and int(row["threads"]) == most}
+    lines = []
+    for row in rows:
+        if int(row["threads"]) == most:
+            key = row["task"], row["contender"]
+            ms, own = float(row["ms"]), float(ours[row["task"]]["ms"])
+            name = row["task"] if row["simd"] else f"— {row['contender']}"
+            one = f"{float(single[key]['ms']):.1f}" if key in single else ""
+            held = f"{float(row['held_mb']):.0f}" if row["held_mb"] else ""
+            lines.append([name, f"{ms:.1f}", one, "" if row["simd"] else f"{ms / own:.2f}", held])
+    head = [f"1920×1080, {most} threads", "ms", "ms, 1 thread", "in times of ours", "memory, MB"]
+    kept = [i for i in range(5) if i < 4 or any(line[4] for line in lines)]
+    return _table([head[i] for i in kept], [[line[i] for i in kept] for line in lines])
+
+
+def _pipelines(folder: Path) -> set[str]:
+    from .speed.tasks import TASKS
+
+    return {task.name for task in TASKS if task.pipeline}
+
+
+def _verdict(row: Row) -> str:
+    return f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]
+
+
+def _component(row: Row) -> str:
+    return f"{'+' if row['added'] == '1' else '−'} {row['component']}"
+
+
+def _value(key: str, value: float) -> str:
+    return f"{value:.2f}" if key == "psnr" else f"{value:.4f}"
+
+
+def _amount(key: str, gain: float) -> str:
+    return harm.amount(key, gain).replace("-", "−")
+
+
+def _best(rows: Sequence[Sequence[str]], first: int) -> list[list[str]]:
+    """Print the best value of each metric in bold; `first` is the first metric's column."""
+    result = [[*row] for row in rows]
+    for column, better in enumerate(_BETTER.values(), first):
+        best = better(float(row[column]) for row in rows)
+        for row in result:
+            if float(row[column]) == best:
+                row[column] = f"**{row[column]}**"
+    return result
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    rule = ["---", *["--:"] * (len(head) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
