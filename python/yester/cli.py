@@ -160,6 +160,27 @@ def _parser() -> argparse.ArgumentParser:
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
     upscale.add_argument("--denoise", action="store_true", help="denoise with SVGF first")
 
+    ready = command(_prepare, "prepare", "prepare a training set from rendered sequences")
+    about = "folders of EXR sequences, which may lie in folders, and Noisebase stores"
+    ready.add_argument("inputs", metavar="IN", nargs="+", type=Path, help=about)
+    ready.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="absent or empty")
+    about = "images of each frame, such as color history validity difference variance denoised demodulated reference"
+    about += "; by default, all that the first sequence allows"
+    ready.add_argument("--buffers", metavar="NAME", nargs="+", help=about)
+    ready.add_argument(
+        "--sizes", metavar="SIZE", nargs="+", choices=("full", "half"), default=["full"], help="full, half"
+    )
+    ready.add_argument("--crop", metavar="WxH", type=_size, help="cut windows of this size from each sequence")
+    ready.add_argument("--crops", metavar="N", type=_count, default=1, help="windows per sequence; %(default)s")
+    ready.add_argument("--seed", metavar="N", type=int, default=0, help="of the windows' places; %(default)s")
+    ready.add_argument("--half", action="store_true", help="store colours, normals and validity as float16")
+    ready.add_argument("--format", choices=("zarr", "exr"), default="zarr", help="%(default)s")
+    about = "folder with the same EXR files without noise, for reference"
+    ready.add_argument("--references", metavar="DIR", type=Path, help=about)
+    ready.add_argument("--jobs", metavar="N", type=_count, help="processes; by default, one per core")
+    ready.add_argument("--scheduler", metavar="ADDRESS", help="let the workers of this Dask scheduler do it")
+    ready.add_argument("--resume", action="store_true", help="go on where an earlier run stopped")
+
     info = command(_info, "info", "list the buffers of an EXR file, and the missing ones with the consequences")
     info.add_argument("file", metavar="FILE", type=Path)
 
@@ -340,6 +361,20 @@ def _upscale(options: argparse.Namespace) -> None:
         return notes
 
     _convert(options, "upscale", run, result, look)
+
+
+def _prepare(options: argparse.Namespace) -> None:
+    _need("data", *(("zarr",) if options.format == "zarr" else ("OpenEXR",)), "tqdm")
+    from .prepare import prepare
+
+    names = "buffers", "sizes", "crop", "crops", "seed", "half", "format", "references", "jobs", "scheduler", "resume"
+    done = prepare(options.inputs, options.output, **{name: getattr(options, name) for name in names})
+    for message in (message for messages in done.set_aside.values() for message in messages):
+        print(f"set aside: {message}", file=sys.stderr)
+    print(f"{done.folder}: {len(done.sequences)} sequences, {done.frames} frames")
+    if done.set_aside:
+        few = ", ".join(done.set_aside)
+        raise ValueError(f"{len(done.set_aside)} sequences could not be prepared: {few}; --resume tries them again")
 
 
 def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]:
