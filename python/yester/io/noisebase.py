@@ -23,7 +23,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import Camera
+from .._core import Camera, motion_vectors
 from ..frame import Frame
 
 __all__ = ["Layout", "decode_color", "layout", "read_noisebase"]
@@ -73,7 +73,7 @@ def decode_color(color: NDArray[np.uint8], exposure: NDArray[np.float32]) -> NDA
     low, high = np.asarray(exposure, np.float32)
     # There are only 256 exponents.
     scales = np.exp(low + np.arange(1, 257, dtype=np.float32) / 256 * (high - low)) / np.float32(255)
-    return color[:3] * scales[color[3]][None]
+    return np.asarray(color[:3] * scales[color[3]][None], np.float32)
 
 
 def layout(path: str | os.PathLike[str]) -> Layout:
@@ -156,8 +156,9 @@ def _opened(path: Path) -> Iterator[Any]:
         raise FileNotFoundError(f"{path}: no such file")
     try:
         store = zarr.storage.ZipStore(path, mode="r")
+        group = zarr.open_group(store, mode="r")  # a store that cannot be opened cannot be closed, either
         try:
-            yield zarr.open_group(store, mode="r")
+            yield group
         finally:
             store.close()
     except ValueError as error:
@@ -190,7 +191,7 @@ def _frame(
     color = image(decode_color(of("color"), of("exposure")).mean(-1))
     albedo = image(of("diffuse").astype(np.float32).mean(-1))
     normal, position, moved = (image(of(name, 0)) for name in ("normal", "position", "motion"))
-    hit = normal.any(-1) & np.isfinite(position).all(-1)
+    hit = np.asarray(normal.any(-1) & np.isfinite(position).all(-1))
     camera = _camera(path, position, hit, of("view_proj_mat"), of("crop_offset"), known)
     position[~hit] = np.nan
     pixels, depth = camera.project(position)
@@ -198,7 +199,7 @@ def _frame(
     if before is not None:
         former, former_depth = before.project(position + moved)
         motion[..., :2], motion[..., 2] = former - pixels, former_depth - depth
-        motion[~hit] = 0
+        motion[~hit] = motion_vectors(np.full(hit.shape, np.inf, np.float32), camera, before)[~hit]
     frame = Frame(
         color,
         albedo=albedo,
@@ -219,7 +220,7 @@ def _camera(
     to_clip = np.asarray(matrix, np.float64).T  # for column vectors
     top, left = (int(value) for value in offset)
     points = position[hit].astype(np.float64)
-    rows, columns = (index[hit] + 0.5 for index in np.indices(hit.shape))
+    rows, columns = np.stack(np.nonzero(hit)) + 0.5
     clip = np.concatenate([points, np.ones_like(points[:, :1])], 1) @ to_clip.T
     with np.errstate(divide="ignore", invalid="ignore"):
         x, y = (clip[:, :2] / clip[:, 3:]).T

@@ -90,7 +90,7 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
     - ``variance`` is that of a sample's luminance, over the frames until this one (`estimate_variance`).
     - ``denoised`` is what ``SVGF()`` makes of this frame and the earlier ones.
     - ``demodulated`` is c divided by the albedo, as `demodulate` does.
-    - ``motion`` is computed from the cameras where frames have none; 0 in the first frame.
+    - ``motion`` is computed from the cameras where frames have none; 0 where it is unknown, and in the first frame.
     """
     wanted = set(wanted)
     denoiser = SVGF() if "denoised" in wanted else None
@@ -106,8 +106,10 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
         seen = np.isfinite(frame.color).all(-1)
         images["color"] = present(frame)
         if "motion" in wanted:
-            still = np.zeros((*frame.shape, 2), np.float32)
-            images["motion"] = still if before is None or motion is None else np.ascontiguousarray(motion[..., :2])
+            given = frame.motion if motion is None else motion
+            images["motion"] = np.zeros((*frame.shape, 2), np.float32)
+            if before is not None and given is not None:
+                np.copyto(images["motion"], given[..., :2], where=np.isfinite(given[..., :2]))
         if "demodulated" in wanted and frame.albedo is not None:
             images["demodulated"] = demodulate(images["color"], frame.albedo, emission=frame.emission)
         if wanted & _TEMPORAL:

@@ -9,15 +9,17 @@ import multiprocessing
 import os
 import platform
 import shutil
+import signal
 import threading
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
+from glob import escape
 from importlib import metadata
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Literal
 from uuid import uuid4
 
@@ -35,6 +37,8 @@ __all__ = ["Parameters", "Prepared", "prepare"]
 _WRITERS: dict[str, type[Writer]] = {"zarr": ZarrStore, "exr": EXRFiles}
 #: Times that a sequence is tried while the process that works on it dies.
 _ATTEMPTS = 3
+#: Seconds to wait for a scheduler.
+_PATIENCE = 10
 _MANIFEST = "manifest.json"
 
 _Path = str | os.PathLike[str]
@@ -243,13 +247,18 @@ def prepare(
     done = {task.source.name: task.known.frames for task in tasks if _finished(folder / task.source.name)}
     waiting = [task for task in tasks if task.source.name not in done]
     _space(folder, sum(parameters.bytes(task.known) for task in waiting))
-    for result in _run(waiting, folder, jobs, scheduler, done=sum(done.values())):
-        if result.failed:
-            raise OSError(*result.failed)
-        if result.damaged:
-            aside[result.name] = result.damaged
-        else:
-            done[result.name] = result.frames
+    results = _run(waiting, jobs, scheduler, done=sum(done.values()))
+    try:
+        with closing(results):
+            for result in results:
+                if result.failed:
+                    raise OSError(*result.failed)
+                if result.damaged:
+                    aside[result.name] = result.damaged
+                else:
+                    done[result.name] = result.frames
+    finally:
+        _clear(folder)
     names = [task.source.name for task in tasks if task.source.name in done]
     _end(folder, parameters, names, aside)
     return Prepared(folder, tuple(names), sum(done.values()), dict(sorted(aside.items())))
@@ -301,8 +310,9 @@ def _begin(folder: Path, parameters: Parameters) -> None:
         raise ValueError(f"{folder}: nothing to resume: it has no {_MANIFEST}, but other files")
     else:
         _write(path, {**about, "complete": False})
-    for item in folder.glob(".*.tmp"):
-        shutil.rmtree(item, ignore_errors=True) if item.is_dir() else item.unlink(missing_ok=True)
+    _clear(folder)
+    for item in folder.glob(f".{_MANIFEST}.*.tmp"):
+        item.unlink(missing_ok=True)
 
 
 def _end(folder: Path, parameters: Parameters, names: list[str], aside: dict[str, tuple[str, ...]]) -> None:
@@ -368,6 +378,12 @@ def _flat(name: str) -> str:
     return name.replace("/", "+")
 
 
+def _clear(folder: Path, name: str | None = None) -> None:
+    """Remove what is half-written: of one sequence, or of all."""
+    for item in folder.glob(f".{'*' if name is None else escape(_flat(name))}.*.tmp"):
+        shutil.rmtree(item, ignore_errors=True)
+
+
 def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> None:
     source, known, parameters = task.source, task.known, task.parameters
     groups = [*parameters.groups(source.name, known)]
@@ -431,7 +447,7 @@ def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> None:
 # Many sequences
 
 
-def _run(tasks: list[_Task], folder: Path, jobs: int | None, scheduler: str | None, *, done: int) -> Iterator[_Done]:
+def _run(tasks: list[_Task], jobs: int | None, scheduler: str | None, *, done: int) -> Generator[_Done, None, None]:
     """Run the tasks, and show progress in frames."""
     from tqdm import tqdm
 
@@ -446,7 +462,7 @@ def _run(tasks: list[_Task], folder: Path, jobs: int | None, scheduler: str | No
                 yield _work(task, progress.update)
             return
         frames = {task.source.name: task.known.frames for task in tasks}
-        results = _on_cluster(tasks, scheduler) if scheduler else _in_processes(tasks, folder, jobs, cores)
+        results = _on_cluster(tasks, scheduler) if scheduler else _in_processes(tasks, jobs, cores)
         with closing(results):
             for result in results:
                 progress.update(frames[result.name])
@@ -457,34 +473,55 @@ def _lost(name: str) -> _Done:
     return _Done(name, damaged=(f"{name}: the process that worked on it died {_ATTEMPTS} times",))
 
 
-def _in_processes(tasks: list[_Task], folder: Path, jobs: int, cores: int) -> Iterator[_Done]:
-    waiting = {task.source.name: task for task in tasks}
-    attempts: Counter[str] = Counter()
+def _in_processes(tasks: list[_Task], jobs: int, cores: int) -> Generator[_Done, None, None]:
     context = multiprocessing.get_context("spawn")
-    while waiting:
-        pool = ProcessPoolExecutor(jobs, context, _start, (max(1, cores // jobs),))
-        futures = {pool.submit(_work, task): name for name, task in waiting.items()}
+    others = multiprocessing.active_children()
+    stopped = threading.Event()
+    free: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
+
+    # One pool per process, as a process that dies takes its pool's other tasks with it.
+    def start() -> None:
+        free.put(ProcessPoolExecutor(1, context, _start, (max(1, cores // jobs),)))
+
+    def attempt(task: _Task) -> _Done:
+        name = task.source.name
+        for _ in range(_ATTEMPTS):
+            pool = free.get()
+            try:
+                result = pool.submit(_work, task).result()
+            except BrokenProcessPool:
+                start()
+                _clear(task.folder, name)
+                if stopped.is_set():
+                    break
+            else:
+                free.put(pool)
+                return result
+        return _lost(name)
+
+    with ThreadPoolExecutor(jobs) as threads:
+        for _ in range(jobs):
+            start()
+        futures = [threads.submit(attempt, task) for task in tasks]
         try:
             for future in as_completed(futures):
-                result = future.result()
-                del waiting[result.name]
-                yield result
-        except BrokenProcessPool:
-            # Those that were worked on have left something; if none has, no process gets as far as that.
-            left = [*folder.glob(".*.tmp")]
-            attempts.update([item.name[1:].rsplit(".", 2)[0] for item in left] or map(_flat, waiting))
-            for item in left:
-                shutil.rmtree(item, ignore_errors=True)
-            for name in [name for name in waiting if attempts[_flat(name)] >= _ATTEMPTS]:
-                del waiting[name]
-                yield _lost(name)
-        finally:
-            pool.shutdown(cancel_futures=True)
+                yield future.result()
+        except BaseException:
+            stopped.set()
+            threads.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                if child not in others:
+                    child.terminate()
+            raise
+    while not free.empty():
+        free.get().shutdown()
 
 
 def _start(threads: int) -> None:
     """Begin a process: with its share of the cores, and no longer than the one that started it."""
     os.environ.setdefault("YESTER_THREADS", str(threads))
+    # An interrupt is seen to by the one that started it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
     def watch() -> None:
@@ -495,7 +532,7 @@ def _start(threads: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _on_cluster(tasks: list[_Task], address: str) -> Iterator[_Done]:
+def _on_cluster(tasks: list[_Task], address: str) -> Generator[_Done, None, None]:
     try:
         from distributed import Client
         from distributed import as_completed as completed
@@ -503,7 +540,7 @@ def _on_cluster(tasks: list[_Task], address: str) -> Iterator[_Done]:
     except ImportError as error:
         raise ImportError("a scheduler needs dask and distributed: pip install 'yester[data]'") from error
     try:
-        client = Client(address, timeout=10, set_as_default=False)
+        client = Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise OSError(f"{address}: no Dask scheduler can be reached: {error}") from None
     with client:
