@@ -552,7 +552,7 @@ def _on_cluster(tasks: list[_Task], address: str) -> Generator[_Done, None, None
             ): task
             for task in tasks
         }
-        for future in completed(futures):
+        for future in completed(futures, loop=client.loop):
             task = futures[future]
             try:
                 result = future.result()
