@@ -160,6 +160,16 @@ def _parser() -> argparse.ArgumentParser:
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
     upscale.add_argument("--denoise", action="store_true", help="denoise with SVGF first")
 
+    screen = command(_picture, "picture", "turn EXR frames into PNG files or an animation")
+    screen.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+    about = "folder for PNG files of the same names; for one file, also a name that ends in .png; an animation, if the "
+    about += "name ends in .webp or .mp4"
+    screen.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=about)
+    screen.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="%(default)s")
+    about = "tone curve: clip (default), reinhard or aces"
+    screen.add_argument("--curve", choices=("clip", "reinhard", "aces"), default="clip", help=about)
+    screen.add_argument("--fps", type=float, default=24.0, help="of animations; %(default)s")
+
     ready = command(_prepare, "prepare", "prepare a training set from rendered sequences")
     about = "folders of EXR sequences, which may lie in folders, and Noisebase stores"
     ready.add_argument("inputs", metavar="IN", nargs="+", type=Path, help=about)
@@ -363,6 +373,29 @@ def _upscale(options: argparse.Namespace) -> None:
     _convert(options, "upscale", run, result, look)
 
 
+def _picture(options: argparse.Namespace) -> None:
+    _need("picture", "OpenEXR", "PIL", "tqdm")
+    from tqdm import tqdm
+
+    from .io import read_exr, sequence_paths
+    from .io.ahead import ahead
+    from .io.pictures import write_animation, write_png
+
+    paths = sequence_paths(options.inputs)
+    look = {"exposure": options.exposure, "curve": options.curve}
+    film = options.output.suffix.lower() in (".webp", ".mp4")
+    targets = [] if film else _targets(paths, options.output, ".png")
+    for folder in {options.output.parent} if film else {target.parent for target in targets}:
+        _writable(folder)
+    read = ahead(read_exr(path).color for path in paths)
+    with closing(read), tqdm(read, "picture", len(paths), unit="frame", disable=None) as images:
+        if film:
+            write_animation(options.output, images, fps=options.fps, **look)
+            return
+        for target, image in zip(targets, images, strict=True):
+            write_png(target, image, **look)
+
+
 def _prepare(options: argparse.Namespace) -> None:
     _need("data", *(("zarr",) if options.format == "zarr" else ("OpenEXR",)), "tqdm")
     from .prepare import prepare
@@ -454,10 +487,10 @@ def _convert(
     print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
 
 
-def _targets(paths: list[Path], output: Path) -> list[Path]:
+def _targets(paths: list[Path], output: Path, suffix: str = ".exr") -> list[Path]:
     """The output path of each input: in a folder under its own name, or, for a single file, the given name."""
-    if output.suffix.lower() != ".exr" or output.is_dir():
-        return [output / path.name for path in paths]
+    if output.suffix.lower() != suffix or output.is_dir():
+        return [output / (path.name if suffix == ".exr" else f"{path.stem}{suffix}") for path in paths]
     if len(paths) > 1:
         raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got the name of one")
     return [output]
