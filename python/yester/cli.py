@@ -170,6 +170,18 @@ def _parser() -> argparse.ArgumentParser:
     screen.add_argument("--curve", choices=("clip", "reinhard", "aces"), default="clip", help=about)
     screen.add_argument("--fps", type=float, default=24.0, help="of animations; %(default)s")
 
+    versus = command(
+        _compare, "compare", "write a page that compares the frames of two or three folders, with exposure"
+    )
+    for name, about in (("a", "EXR frames: a folder or a file"), ("b", "the same, otherwise denoised")):
+        versus.add_argument(name, metavar=name.upper(), type=Path, help=about)
+    versus.add_argument("reference", metavar="REFERENCE", nargs="?", type=Path, help="the same without noise")
+    about = "%(default)s"
+    versus.add_argument("-o", "--output", metavar="FILE", type=Path, default=Path("yester-compare.html"), help=about)
+    versus.add_argument("--frames", metavar="N", type=_count, default=8, help="evenly spread; %(default)s")
+    versus.add_argument("--half", action="store_true", help="round to float16: a smaller page")
+    versus.add_argument("--open", action="store_true", help="open it in a browser")
+
     ready = command(_prepare, "prepare", "prepare a training set from rendered sequences")
     about = "folders of EXR sequences, which may lie in folders, and Noisebase stores"
     ready.add_argument("inputs", metavar="IN", nargs="+", type=Path, help=about)
@@ -394,6 +406,21 @@ def _picture(options: argparse.Namespace) -> None:
             return
         for target, image in zip(targets, images, strict=True):
             write_png(target, image, **look)
+
+
+def _compare(options: argparse.Namespace) -> None:
+    _need("exr", "OpenEXR", "tqdm")
+    from .study.compare.viewer import names_of, write_comparison
+
+    _writable(options.output.parent)
+    paths = [path for path in (options.a, options.b, options.reference) if path is not None]
+    sources = dict(zip(names_of(paths), paths, strict=True))
+    write_comparison(options.output, sources, frames=options.frames, half=options.half)
+    print(options.output)
+    if options.open:
+        import webbrowser
+
+        webbrowser.open(options.output.resolve().as_uri())
 
 
 def _prepare(options: argparse.Namespace) -> None:
