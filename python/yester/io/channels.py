@@ -15,7 +15,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from itertools import takewhile
+from itertools import chain, takewhile
 from typing import Any
 
 #: The channels of each buffer in our files. The last ones of motion are optional.
@@ -144,8 +144,8 @@ class Convention:
     averaged: bool = False
 
 
+_NO_METHOD = "which no method uses"
 _NO_VARIANCE = "a variance or error estimate, which no method uses"
-_NO_DERIVATIVES = "derivatives, which no method uses"
 
 OURS = Convention(
     "yester",
@@ -212,9 +212,25 @@ _CYCLES = Convention(
         Layer("emission", ("Environment.RGB", "Env.RGB")),
     ),
     unused={
-        "Debug Sample Count.X": "a number of samples, which no method uses",
-        "Denoising Roughness.X": "a roughness, which no method uses",
-        "Denoising Specular Albedo.RGB": "a specular albedo, which no method uses",
+        **dict.fromkeys(
+            (
+                *(f"{part}{kind}.RGB" for part in ("Diff", "Gloss", "Trans") for kind in ("Dir", "Ind")),
+                *(
+                    f"{part} {kind}.RGB"
+                    for part in ("Diffuse", "Glossy", "Transmission")
+                    for kind in ("Direct", "Indirect")
+                ),
+                *("VolumeDir.RGB", "VolumeInd.RGB", "Volume Direct.RGB", "Volume Indirect.RGB"),
+            ),
+            "a part of the light: methods take the sum",
+        ),
+        **dict.fromkeys(
+            ("GlossCol.RGB", "TransCol.RGB", "Glossy Color.RGB", "Transmission Color.RGB"),
+            "a part of the reflectance",
+        ),
+        **dict.fromkeys(("Debug Sample Count.X", "Sample Count.X"), "a number of samples, which no method uses"),
+        **dict.fromkeys(("AO.RGB", "Ambient Occlusion.RGB", "Shadow.RGB", "Shadow Catcher.RGB"), _NO_METHOD),
+        **dict.fromkeys(("Mist.Z", "UV.UVA", "Denoising Roughness.X", "Denoising Specular Albedo.RGB"), _NO_METHOD),
     },
     averaged=True,
 )
@@ -234,7 +250,8 @@ _PBRT = Convention(
     unused={
         "Variance.RGB": _NO_VARIANCE,
         "RelativeVariance.RGB": _NO_VARIANCE,
-        "dzdx,dzdy": _NO_DERIVATIVES,
+        "dzdx,dzdy": "derivatives, which no method uses",
+        "u,v": "texture coordinates, which no method uses",
     },
 )
 
@@ -456,9 +473,18 @@ def recognise(
             unused |= dict.fromkeys(where.channels, "a cryptomatte in half floats, which cannot hold its ids")
         elif where:
             found[layer.buffer] = where
-    used = {name for one in found.values() for name in (*one.channels, *one.plus, *one.target)}
     for name, why in chosen.unused.items():
-        unused |= {channel: why for channel in layers.find(name, prefix) or () if channel not in used}
+        unused |= dict.fromkeys(layers.find(name, prefix) or (), why)
+    for layer in (layer for convention in (*order, _cryptomattes(header)) for layer in convention.layers):
+        why = f"another {layer.buffer.replace('_', ' ')}, which is not needed"
+        for channel in chain.from_iterable(layers.find(name, prefix) or () for name in layer.names):
+            unused.setdefault(channel, why)
+    for channel in layers.alpha(found.get("color")):
+        unused[channel] = "alpha: kept as it is"
+    used = {name for one in found.values() for name in (*one.channels, *one.plus, *one.target)}
+    unused = {channel: why for channel, why in unused.items() if channel not in used}
+    if found.get("position") and any(name in half for name in found["position"].channels):
+        remarks.append("positions are half floats: true to 1/2000 of their size, and so is motion computed from them")
     for convention, (score, _) in zip(CONVENTIONS, evidence, strict=True):
         if score and convention is not chosen:
             remarks.append(f"layers of {convention.renderer} are there as well, and not used")
@@ -540,6 +566,12 @@ class _Layers:
             return next(filter(None, (self._of(own, components) for own in sorted(self.known))), None)
         prefixes = [prefix] if exact or not layer else [prefix, ""] if prefix else ["", *self.prefixes(name)]
         return next(filter(None, (self._ranks(_joined(one, layer), components) for one in prefixes)), None)
+
+    def alpha(self, color: Found | None) -> list[str]:
+        """The alpha of the layers of colour."""
+        channels = {*color.channels, *color.target} if color else set()
+        layers = [known for known in self.known.values() if channels & {*known.values()}]
+        return [channel for known in layers for name, channel in known.items() if name.upper() == "A"]
 
     def _ranks(self, layer: str, components: tuple[str, ...]) -> tuple[str, ...] | None:
         if "##" not in layer:

@@ -189,7 +189,7 @@ def _to_world(buffers: dict[str, Array], forms: Mapping[str, Form], view: View |
 
 def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, space: str) -> Array:
     """Depth along the camera axis, +inf where nothing was hit."""
-    depth, form = buffers["depth"], forms["depth"]
+    depth, form = buffers["depth"].astype(np.float32, copy=False), forms["depth"]
     miss = {"zero": depth == 0, "far": ~(depth < _FAR), "inf": np.zeros_like(depth, bool)}[form.miss]
     position = buffers.get("position")
     from_position = form.kind == "distance" or form.space == "either"

@@ -495,11 +495,13 @@ def _look(path: Path, mapping: Mapped | None, view: str | None) -> _Contents:
             f"{path}: view: expected {' or '.join(views) or 'none, as the file has no views'}, got {view!r}"
         )
     chosen = view or ("left" if "left" in views else next(iter(views), ""))
+    # Parts that are of a view say so themselves.
+    default = str(next(iter(headers[0].get("multiView", ())), chosen))
     parts = [i for i, header in enumerate(headers) if str(header.get("view", chosen)) in (chosen, "")] or [0]
-    main = _main(headers, parts, views, chosen) if len(headers) > 1 else 0
+    main = _main(headers, parts, views, default, chosen) if len(headers) > 1 else 0
     places = _places(headers, [main, *(i for i in parts if i != main)], main)
     others = [i for i in range(len(headers)) if i not in parts]
-    bare = _viewless({name: name for name in places}, views, chosen)
+    bare = _viewless(places, views, default, chosen)
     half = {name for name, (part, own) in places.items() if own in halved[part]}
     attributes = {name: value for i in reversed(range(len(headers))) for name, value in headers[i].items()}
     known = recognise(bare, attributes, half)
@@ -517,11 +519,11 @@ def _views(headers: list[dict[str, Any]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*named, *(str(header["view"]) for header in headers if header.get("view"))]))
 
 
-def _main(headers: list[dict[str, Any]], parts: list[int], views: tuple[str, ...], view: str) -> int:
+def _main(headers: list[dict[str, Any]], parts: list[int], views: tuple[str, ...], default: str, view: str) -> int:
     """The part that has the colour: by the names of layers and parts, or else the first with components R, G and B."""
     places = _places(headers, parts)
     attributes = {name: value for i in reversed(parts) for name, value in headers[i].items()}
-    known = recognise(_viewless({name: name for name in places}, views, view), attributes)
+    known = recognise(_viewless(places, views, default, view), attributes)
     if "color" in known.buffers:
         return places[known.buffers["color"].target[0]][0]
     coloured = [i for i in parts if "color" in recognise(_names(headers[i])).buffers]
@@ -551,19 +553,17 @@ def _places(headers: list[dict[str, Any]], parts: list[int], main: int | None = 
     return places
 
 
-def _viewless(names: dict[str, str], views: tuple[str, ...], view: str) -> dict[str, str]:
+def _viewless(names: Iterable[str], views: tuple[str, ...], default: str, view: str) -> dict[str, str]:
     """Channels of a view, and those of none, by their names without that of the view.
 
     The view's name is that of the innermost layer ("Storing Multi-View Images in OpenEXR Files", openexr.com).
-    Components without a layer belong to the default view, which is the first one.
+    Components without a layer belong to the default view.
     """
-    if not views:
-        return names
     bare = {}
     for channel in names:
         layer, _, component = channel.rpartition(".")
         outer, _, inner = layer.rpartition(".")
-        own = inner if inner in views else views[0] if not layer else ""
+        own = inner if inner in views else "" if layer else default
         if own in ("", view):
             kept = outer if inner in views else layer
             bare[channel] = f"{kept}.{component}" if kept else component
@@ -574,8 +574,8 @@ def _frame(contents: _Contents, parts: dict[int, Any]) -> Frame:
     """The frame that the pixels of a file make."""
     path, known = contents.path, contents.known
     if "color" not in known.buffers:
-        expected = "expected channels R, G and B, or a layer that is known (see yester info), or a mapping"
-        raise ValueError(f"{path}: no colour: {expected}, got {', '.join(contents.places) or 'none'}")
+        got = ", ".join(contents.places) or "none"
+        raise ValueError(f"{path}: no colour: expected channels R, G and B, got {got} (a mapping can name others)")
 
     def pixels(channel: str) -> NDArray[Any]:
         part, name = contents.places[channel]
