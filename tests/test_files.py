@@ -327,7 +327,7 @@ def test_plan_and_chart_take_mappings(tmp_path, capsys):
     assert "no colour" in capsys.readouterr().err
     run("plan", tmp_path / "in", "--map", mapping)
     assert "motion" in capsys.readouterr().out
-    given = "--metrics", "warped", "--methods", "TAA", "--no-peers", "--time-size", "32x24"
+    given = "--metrics", "warped_error", "--methods", "TAA", "--no-peers", "--time-size", "32x24"
     run("chart", tmp_path / "in", "--map", mapping, "-o", tmp_path / "chart", *given)
     assert (tmp_path / "chart" / "points.csv").exists()
     run("chart", "-o", tmp_path / "chart", "--map", mapping, code=2)
