@@ -28,6 +28,7 @@ PATIENCE, MEMORY = 20.0, 4 << 30
 COMMAND = (sys.executable, __file__)
 INTERESTING = (0, 1, -1, 2, 3, 7, 255, 256, 65535, 2**24, 2**30, 2**31 - 1, -(2**31), -(2**31) + 1, 0x7F800000)
 TYPES = (b"box2i", b"float", b"int", b"string", b"chlist", b"m44f", b"v2d", b"preview", b"timecode", b"stringvector")
+LAYERS = {"Combined": "RGBA", "Depth": "Z", "Vector": "XYZW", "Normal": "XYZ", "CryptoObject00": "rgba"}
 COMPRESSIONS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB", "HTJ2K256", "HTJ2K32")
 
 
@@ -64,6 +65,18 @@ def samples() -> dict[str, bytes]:
         parts = [OpenEXR.Part(header | more, planes(18, 20), "beauty")]
         parts += [OpenEXR.Part(dict(header), planes(18, 20, names=["depth.Z"]), "depth")]
         keep("parts", parts=parts)
+        # Parts that are not needed are not decoded.
+        parts.insert(1, OpenEXR.Part(dict(header), planes(18, 20, names=["other.A", "other.B"]), "other"))
+        keep("more parts", parts=parts)
+        crypto = {f"cryptomatte/abcdef0/{name}": "ViewLayer.CryptoObject" for name in ("name", "manifest")}
+        layers = {f"ViewLayer.{name}.{c}": planes(18, 20, names=c)[c] for name, of in LAYERS.items() for c in of}
+        views = {f"ViewLayer.Combined.right.{c}": planes(18, 20, names=c)[c] for c in "RGB"}
+        marks = {"BlenderMultiChannel": "Blender V2.55.1 and newer", "multiView": ["left", "right"]}
+        keep("cycles", header | crypto | marks, layers | views)
+        matrices = {"worldToCamera": camera.world_to_camera, "worldToNDC": camera.world_to_clip}
+        matrices = {name: np.asarray(matrix, np.float32) for name, matrix in matrices.items()}
+        geometry = {f"{name}.{c}": planes(18, 20, np.float16, c)[c] for name in ("P", "Ns") for c in "XYZ"}
+        keep("pbrt", header | matrices | {"renderTimeSeconds": 1.0}, planes(18, 20, np.float16) | geometry)
         deep = np.empty((3, 4), object)
         for place in np.ndindex(3, 4):
             deep[place] = np.ones(1 + place[0], np.float32)

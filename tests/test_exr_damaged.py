@@ -128,6 +128,18 @@ DAMAGES = {
 }
 
 
+def the_same_chunk(data):
+    """All offsets of the first part are that of its largest chunk: a copy of them would be larger than the file."""
+    _, table = layout.headers(bytes(data))
+    places = [struct.unpack_from("<Q", data, table + 8 * i)[0] for i in range(2)]
+    largest = max(places, key=lambda place: struct.unpack_from("<i", data, place + 8)[0])
+    for i in range(2):
+        struct.pack_into("<Q", data, table + 8 * i, largest)
+
+
+DAMAGES["offsets of one chunk"] = ("more parts", the_same_chunk, ".")
+
+
 @pytest.mark.parametrize("name", DAMAGES)
 def test_damaged(tmp_path, name):
     sample, damage, complaint = DAMAGES[name]

@@ -99,7 +99,7 @@ def headers(data: bytes | mmap.mmap) -> tuple[list[dict[str, Attribute]], int]:
 def subset(path: Path, keep: Collection[int]) -> bytes:
     """A file with some of the parts of another one that `check` has passed, which has several.
 
-    OpenEXR's Python module reads files as a whole; chunks are copied as they are stored.
+    OpenEXR's Python module reads files as a whole; chunks are copied as they are stored. ValueError if they overlap.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         parts, at = headers(data)
@@ -115,6 +115,8 @@ def subset(path: Path, keep: Collection[int]) -> bytes:
                     chunks.append(struct.pack("<i", len(kept)) + data[chunk + 4 : chunk + head + 4 + size])
                 kept.append(data[ends[number - 1] if number else 8 : ends[number]])
             at += 8 * count
+            if sum(map(len, chunks)) > len(data):
+                raise ValueError("chunks overlap")
         front = [data[:8], *kept, b"\0"]
     places = accumulate(map(len, chunks), initial=sum(map(len, front)) + 8 * len(chunks))
     table = b"".join(struct.pack("<Q", place) for place, _ in zip(places, chunks, strict=False))
