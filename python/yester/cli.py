@@ -553,7 +553,7 @@ def _info(options: argparse.Namespace) -> None:
     for remark in known.remarks:
         print(f"note: {remark}")
     for name, channels in known.channels.items():
-        print(f"  {name:<{width}} {' '.join(channels)}")
+        print(f"  {name:<{width}} {_grouped(channels, sort=False)}")
         if name in known.notes:
             print(f"  {'':<{width}} {known.notes[name]}")
     if known.camera:
@@ -577,22 +577,19 @@ def _info(options: argparse.Namespace) -> None:
             print(f"  {name:<{width}} {cost}")
 
 
-def _grouped(channels: Iterable[str]) -> str:
-    """Channels by layer: ``N.XYZ`` for N.X, N.Y and N.Z."""
+def _grouped(channels: Iterable[str], *, sort: bool = True) -> str:
+    """Channels by layer: ``N.XYZ`` for N.X, N.Y and N.Z, in the usual order of components or in that given."""
     layers: dict[str, list[str]] = {}
     for channel in channels:
         layer, _, component = channel.rpartition(".")
         layers.setdefault(layer, []).append(component)
     bare = layers.pop("", [])
-    grouped = (f"{layer}.{_ordered(own)}" for layer, own in layers.items())
-    return " ".join([*bare, *grouped])
-
-
-def _ordered(components: list[str]) -> str:
-    """Components as one word if they are letters, in the usual order."""
-    if any(len(component) != 1 for component in components):
-        return ",".join(components)
-    return "".join(sorted(components, key=lambda letter: "RGBAXYZWUV".find(letter.upper())))
+    shown = list(bare)
+    for layer, components in layers.items():
+        if sort:
+            components.sort(key=lambda component: "RGBAXYZWUV".find(component.upper()))
+        shown.append(f"{layer}.{('' if all(len(one) == 1 for one in components) else ',').join(components)}")
+    return " ".join(shown)
 
 
 def _chart(options: argparse.Namespace) -> None:

@@ -484,7 +484,7 @@ def recognise(
     used = {name for one in found.values() for name in (*one.channels, *one.plus, *one.target)}
     unused = {channel: why for channel, why in unused.items() if channel not in used}
     if found.get("position") and any(name in half for name in found["position"].channels):
-        remarks.append("positions are half floats: true to 1/2000 of their size, and so is motion computed from them")
+        remarks.append("positions are half floats, true to 1/2000 of their size")
     for convention, (score, _) in zip(CONVENTIONS, evidence, strict=True):
         if score and convention is not chosen:
             remarks.append(f"layers of {convention.renderer} are there as well, and not used")
