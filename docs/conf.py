@@ -1,4 +1,4 @@
-"""Configuration of the documentation. ``python -m sphinx -n -W --keep-going docs OUT`` builds it, without network access."""
+"""Configuration of the documentation. ``python -m sphinx -n -W --keep-going docs OUT`` builds it, without a network."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ exclude_patterns = ["results/data"]
 # In docstrings, single backticks are links where there is something to link to, as numpydoc has them.
 default_role = "autolink"
 autodoc_typehints = "none"
+nitpick_ignore_regex = [("py:class", r"(numpy|collections\.abc)\..*")]  # in aliases of types
 numpydoc_class_members_toctree = False
 numpydoc_show_inherited_class_members = False
 
@@ -68,12 +69,16 @@ def _write(path: Path, content: bytes) -> None:
         path.write_bytes(content)
 
 
-def _first_image(notebook: dict[str, Any]) -> bytes | None:
+def _first_image(notebook: dict[str, Any]) -> tuple[str, bytes]:
+    """Suffix and contents of the first picture in a notebook's outputs."""
     for cell in notebook["cells"]:
         for output in cell.get("outputs", []):
-            if image := output.get("data", {}).get("image/png"):
-                return base64.b64decode(image)
-    return None
+            data = output.get("data", {})
+            if "image/svg+xml" in data:
+                return ".svg", "".join(data["image/svg+xml"]).encode()
+            for kind in {"image/png", "image/jpeg"} & data.keys():
+                return f".{kind.removeprefix('image/')}", base64.b64decode(data[kind])
+    raise ValueError("expected a notebook with a picture, got none")
 
 
 def _copy() -> None:
@@ -83,8 +88,8 @@ def _copy() -> None:
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
         text = path.read_text("utf-8")
         _write(HERE / "notebooks" / path.name, _linked(text, "notebooks/").encode())
-        if (image := _first_image(json.loads(text))) is not None:
-            _write(HERE / "notebooks" / "thumbnails" / f"{path.stem}.png", image)
+        suffix, image = _first_image(json.loads(text))
+        _write(HERE / "notebooks" / "thumbnails" / f"{path.stem}{suffix}", image)
 
 
 class LinkedNames(SphinxPostTransform):
@@ -101,7 +106,7 @@ class LinkedNames(SphinxPostTransform):
             inside = literal.parent
             while inside is not None and not isinstance(inside, nodes.reference | addnodes.pending_xref):
                 inside = inside.parent
-            if target is None or inside is not None or not name.isidentifier() and "." not in name:
+            if target is None or inside is not None:
                 continue
             link = addnodes.pending_xref(
                 "", refdomain="py", reftype="obj", reftarget=target, refdoc=self.env.docname, refwarn=True
@@ -110,7 +115,20 @@ class LinkedNames(SphinxPostTransform):
             link += literal
 
 
+def _found(app: Sphinx, env: Any, node: addnodes.pending_xref, content: nodes.Node) -> nodes.Node | None:
+    """What is in backticks in a docstring: a name in `yester`, an attribute of a class, or no link at all."""
+    if node.get("reftype") != "obj":
+        return None
+    python, name = env.get_domain("py"), node["reftarget"]
+    for target in (name, name.rpartition(".")[0]):
+        if f"yester.{target}" in python.objects:
+            target = f"yester.{target}"
+            return python.resolve_xref(env, node["refdoc"], app.builder, "obj", target, node, content)
+    return content
+
+
 def setup(app: Sphinx) -> None:
-    """Prepare the pages, and register the transform."""
+    """Prepare the pages, and register what makes links."""
     _copy()
     app.add_post_transform(LinkedNames)
+    app.connect("missing-reference", _found)

@@ -151,7 +151,7 @@ def relmse(image: Image, reference: Image) -> float:
 
 
 def smape(image: Image, reference: Image) -> float:
-    """Symmetric mean absolute percentage error: the mean of |a - r| / (|a| + |r| + 0.001) over pixels and channels.
+    """Symmetric mean absolute percentage error: the mean of ``|a - r| / (|a| + |r| + 0.001)`` over pixels and channels.
 
     Parameters
     ----------
