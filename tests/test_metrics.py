@@ -9,7 +9,6 @@ from yester import metrics
 from yester.metrics import (
     METRICS,
     Picture,
-    bias_variance,
     edge_sharpness,
     flicker,
     flip,
@@ -458,41 +457,6 @@ def test_lag_names_what_is_wrong():
         lag([0.5, np.nan])
 
 
-def test_bias_and_variance_make_the_error(pair):
-    """Whatever the runs: their sum is the mean relMSE."""
-    rng = np.random.default_rng(12)
-    images = pair[0] + rng.gamma(0.5, 0.3, (5, *pair[0].shape))
-    split = bias_variance(images, pair[1])
-    assert split.bias + split.variance == pytest.approx(np.mean([relmse(image, pair[1]) for image in images]))
-    assert bias_variance(iter(images), pair[1]) == split
-
-
-@pytest.mark.parametrize("runs", [2, 6])
-@pytest.mark.parametrize("offset", [0, 0.1])
-def test_bias_and_variance_are_estimated_without_bias(runs, offset):
-    """Noise of 0.2 on a grey of 0.5; the denominator is 0.26."""
-    reference = np.full((150, 150, 3), 0.5)
-    images = np.random.default_rng(runs).normal(0.5 + offset, 0.2, (runs, *reference.shape))
-    bias, variance = bias_variance(images, reference)
-    assert bias == pytest.approx(offset**2 / 0.26, abs=0.003)
-    assert variance == pytest.approx(0.04 / 0.26, rel=0.03)
-
-
-def test_bias_of_runs_without_noise(pair):
-    assert bias_variance([pair[0]] * 3, pair[1]) == (pytest.approx(relmse(*pair)), 0)
-    assert bias_variance([pair[1]] * 3, pair[1]) == (0, 0)
-
-
-def test_bias_variance_names_what_is_wrong(pair):
-    image, reference = pair
-    with pytest.raises(ValueError, match=r"^images: expected at least 2, got 1"):
-        bias_variance([image], reference)
-    with pytest.raises(ValueError, match=r"^images\[1\]: expected the shape of reference, \(37, 53, 3\), got"):
-        bias_variance([image, image[1:]], reference)
-    with pytest.raises(ValueError, match=r"^reference: expected shape \(H, W, 3\), got \(53, 3\)"):
-        bias_variance([image, image], reference[0])
-
-
 def test_registry_is_of_this_module():
     for key, one in METRICS.items():
         assert one.key == key
@@ -545,7 +509,6 @@ def test_pictures_of_sequences(pair):
     mask = np.random.default_rng(0).random(pair[0].shape[:2]) < 0.5
     assert flicker(pictures, mask) == flicker(images, mask)
     assert ghost(*pictures, mask) == ghost(*images, mask)
-    assert bias_variance(pictures, pictures[1]) == bias_variance(images, images[1])
 
 
 def test_picture_is_checked_and_encoded_once(pair):
@@ -570,7 +533,6 @@ def test_nothing_is_written_to(pair):
             one.measure(*images[: 2 if one.needs == "reference" else 4])
     ghost(*images[:3])
     flicker(images)
-    bias_variance(images, images[1])
     for image, copy in zip(images, kept, strict=True):
         np.testing.assert_array_equal(image, copy)
 

@@ -85,6 +85,12 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         Once, if frames have no `motion`, and no cameras with depth or position: their results are those of the earlier
         frames alone.
 
+    See Also
+    --------
+    SVGF : The default pipeline.
+    invert_motion : Motion to the next frame.
+    combine_histories : Joins the histories of both sides.
+
     Notes
     -----
     `SVGF` and `HalfRes` join the histories of both sides before they filter, by their lengths, and the frame's sample
@@ -96,6 +102,18 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
     behind its end. At most ``6 * lookahead`` frames are held, and as many results, histories and, for the output stage,
     colours with depth and motion.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=16, height=16)
+    >>> depth = np.full((16, 16), 2.0)
+    >>> frames = [yester.Frame(rng.gamma(1, 0.5, (16, 16, 3)), depth=depth, camera=camera) for _ in range(6)]
+    >>> outputs = [*yester.denoise(frames)]
+    >>> len(outputs)
+    6
+    >>> bool(outputs[0].color.std() < frames[0].color.std() / 4)
+    True
     """
     ahead = index(lookahead)
     if ahead < 0:
