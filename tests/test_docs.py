@@ -126,7 +126,7 @@ def test_links(path):
 
 def test_readme_leads_to_the_documentation():
     found = {named(file.resolve()) for _, file, _ in links(ROOT / "README.md")}
-    assert found >= {"docs", "docs/guides", "docs/conventions.md", "docs/results/accuracy.md", "CHANGELOG.md"}
+    assert found >= {"docs/index.md", "docs/guides", "docs/conventions.md", "docs/results/accuracy.md", "CHANGELOG.md"}
 
 
 def test_files_of_blender(tmp_path, monkeypatch):
