@@ -129,20 +129,71 @@ def test_readme_leads_to_the_documentation():
     assert found >= {"docs/index.md", "docs/guides", "docs/conventions.md", "docs/results/accuracy.md", "CHANGELOG.md"}
 
 
-def test_files_of_blender(tmp_path, monkeypatch):
-    """The conversion that the conventions give, on a file as Cycles writes it."""
-    rng = np.random.default_rng(0)
-    names = [f"Combined.{c}" for c in "RGBA"] + [f"Denoising Albedo.{c}" for c in "RGB"]
-    names += [f"Normal.{c}" for c in "XYZ"] + [f"Vector.{c}" for c in "XYZW"] + ["Depth.Z"]
-    planes = {f"ViewLayer.{name}": rng.random((4, 6)).astype(np.float32) for name in names}
-    planes["ViewLayer.Depth.Z"][0, 0] = 1e10
+def rows(path, heading):
+    """The cells of the first table after a heading."""
+    text = path.read_text("utf-8").partition(f"\n{heading}\n")[2]
+    table = re.search(r"^\|.*\n\|[-|]+\n((?:\|.*\n)+)", text, re.M)
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table[1].splitlines()]
+
+
+def write_planes(path, names, rng):
+    """An EXR file of single channels: their values, by name."""
+    planes = {name: rng.random((4, 6)).astype(np.float32) for name in names}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, dict(planes)).write(str(tmp_path / "frame.exr"))
+    OpenEXR.File(header, dict(planes)).write(str(path))
+    return planes
+
+
+COMPONENTS = {"albedo": "RGB", "normal": "XYZ", "depth": "T", "position": "XYZ", "ids": "I"}
+
+
+def test_layers_of_mitsuba(tmp_path):
+    """Files are recognised as the conventions say."""
+    found = rows(DOCS / "conventions.md", "### Mitsuba 3")
+    assert {buffer.strip("`") for buffer, *_ in found} == COMPONENTS.keys()
+    for buffer, layers, _ in found:
+        buffer = buffer.strip("`")
+        for layer in re.findall(r"`([\w.]+)`", layers):
+            if layer != ".T":
+                names = [f"{layer}.{component}" for component in COMPONENTS[buffer]]
+                write_planes(tmp_path / "frame.exr", [*"RGB", *names], np.random.default_rng(0))
+                assert list(yester.io.describe(tmp_path / "frame.exr").channels[buffer]) == names
+
+
+def test_channels_of_buffers(tmp_path):
+    """A frame with every buffer is written to the channels that the conventions name, and no buffer is left out."""
+    ones = {name: np.ones((4, 6, 3)) for name in ("color", "albedo", "normal", "position", "emission", "object_normal")}
+    ones |= {name: np.ones((4, 6, 3)) for name in ("replay", "motion", "motion_next")}
+    ones |= {name: np.ones((4, 6)) for name in ("depth", "hit_distance", "reactive")}
+    frame = yester.Frame(**ones, ids=np.ones((4, 6), np.uint32))
+    yester.io.write_exr(tmp_path / "frame.exr", frame)
+    said = {}
+    for name, _, _, channels in rows(DOCS / "conventions.md", "## Buffers"):
+        if "attribute" not in channels:
+            layer, _, components = channels.strip("`").rpartition(".")
+            said[name.strip("`")] = tuple(f"{layer}.{one}" if layer else one for one in re.split("[ /]", components))
+    assert said == yester.io.describe(tmp_path / "frame.exr").channels
+
+
+def test_files_of_blender(tmp_path, monkeypatch):
+    """The conversion that the conventions give, on a file as Cycles writes it, of which `Vector` alone is recognised."""
+    passes = {"Combined": "RGBA", "Denoising Albedo": "RGB", "Normal": "XYZ", "Vector": "XYZW", "Depth": "Z"}
+    names = [f"ViewLayer.{name}.{component}" for name, components in passes.items() for component in components]
+    planes = write_planes(tmp_path / "frame.exr", names, np.random.default_rng(0))
     monkeypatch.chdir(tmp_path)
     frame = run(DOCS / "conventions.md")["read_blender"]("frame.exr")
     assert set(frame.buffers()) == {"color", "albedo", "normal", "depth", "motion", "motion_next"}
-    assert frame.depth[0, 0] == np.inf
-    assert np.isfinite(frame.depth.ravel()[1:]).all()
+    assert (frame.depth == planes["ViewLayer.Depth.Z"]).all()
     assert (frame.motion[..., 1] == -planes["ViewLayer.Vector.Y"]).all()
     assert (frame.motion_next[..., 0] == -planes["ViewLayer.Vector.Z"]).all()
     assert (frame.color[..., 2] == planes["ViewLayer.Combined.B"]).all()
+    assert yester.io.describe("frame.exr").channels.keys() == {"motion", "motion_next"}
+    with pytest.raises(ValueError, match="no colour"):
+        yester.io.read_exr("frame.exr")
+
+
+def test_files_of_pbrt(tmp_path):
+    """The conventions say that their colour alone is recognised."""
+    names = [f"{name}.{component}" for name in ("P", "N", "Ns") for component in "XYZ"]
+    write_planes(tmp_path / "frame.exr", [*"RGB", "Albedo.R", "Albedo.G", "Albedo.B", *names], np.random.default_rng(0))
+    assert yester.io.describe(tmp_path / "frame.exr").channels.keys() == {"color"}
