@@ -176,7 +176,7 @@ def test_channels_of_buffers(tmp_path):
 
 
 def test_files_of_blender(tmp_path, monkeypatch):
-    """The conversion that the conventions give, on a file as Cycles writes it, of which `Vector` alone is recognised."""
+    """The conversion that the conventions give, on a file of Cycles, of which `Vector` alone is recognised."""
     passes = {"Combined": "RGBA", "Denoising Albedo": "RGB", "Normal": "XYZ", "Vector": "XYZW", "Depth": "Z"}
     names = [f"ViewLayer.{name}.{component}" for name, components in passes.items() for component in components]
     planes = write_planes(tmp_path / "frame.exr", names, np.random.default_rng(0))
