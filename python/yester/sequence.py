@@ -68,11 +68,11 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         Later frames that every frame can use at least, until the sequence ends; 0 or more. With 0, the results have the
         bits of `step`.
 
-    Yields
-    ------
-    Output
-        One for each frame. `history_length` counts the samples of both sides; `confidence` is the larger one;
-        `rejection` has the tests that failed on both sides; `missing` is that of the frame.
+    Returns
+    -------
+    iterator of Output
+        One for each frame, made as it is asked for. `history_length` counts the samples of both sides; `confidence` is
+        the larger one; `rejection` has the tests that failed on both sides; `missing` is that of the frame.
 
     Raises
     ------

@@ -328,9 +328,9 @@ def read_sequence(source: Source | Iterable[Source]) -> Iterator[Frame]:
     source : path-like or iterable of path-like
         As for `sequence_paths`, which is asked at once.
 
-    Yields
-    ------
-    Frame
+    Returns
+    -------
+    iterator of Frame
         Only one is in memory at a time.
 
     Raises
