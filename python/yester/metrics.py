@@ -364,7 +364,7 @@ def flip_map(image: Image, reference: Image) -> NDArray[np.float32]:
     >>> metrics.flip_map(reference, reference).shape
     (16, 16)
     """
-    # The evaluator ends the whole process on input that it does not like: nothing unchecked may reach it.
+    # On invalid input, the evaluator would exit the whole process.
     image, reference = _alike(image=image, reference=reference)
     try:
         import flip_evaluator
@@ -521,7 +521,7 @@ def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLik
     # Coverage is a sum of rounded weights: a whole footprint may have a little less than 1.
     seen = seen & (coverage > 0.999)
     if not seen.any():
-        raise ValueError("valid: no valid pixel has a place inside the previous image")
+        raise ValueError("valid: expected a pixel whose previous position is inside the image, got none")
     # In float32 like the fetched image, so that a static image has no difference.
     error = image.srgb.astype(np.float32) - fetched
     return float(np.sqrt(np.mean(error**2, dtype=np.float64, where=seen[..., np.newaxis])))
@@ -610,7 +610,7 @@ def ghost(image: Image, reference: Image, former: Image, mask: ArrayLike | None 
     event[~seen] = 0
     strength = np.vdot(event, event)
     if strength == 0:
-        raise ValueError("former: looks like the reference, there is nothing that could linger")
+        raise ValueError("former: expected an image other than the reference, got an equal one")
     return float(np.vdot(image.srgb - reference.srgb, event) / strength)
 
 
@@ -698,7 +698,7 @@ def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float
     edges = strength >= np.partition(strength, -count, axis=None)[-count]
     total = np.sum(strength[edges])
     if total == 0:
-        raise ValueError("reference: is of one luminance all over, it has no edges")
+        raise ValueError("reference: expected edges, got the same luminance everywhere")
     return float(np.sum(_slopes(image)[:, edges] * slopes[:, edges]) / total)
 
 
@@ -812,7 +812,7 @@ def _mask(name: str, mask: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
     if array.shape != shape:
         raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
     if not array.any():
-        raise ValueError(f"{name}: no pixel is chosen")
+        raise ValueError(f"{name}: expected at least one true pixel, got none")
     return array
 
 

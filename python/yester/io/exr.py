@@ -541,7 +541,7 @@ def _merge(parts: list[Any]) -> tuple[Any, dict[str, Any]]:
     planes: dict[str, Any] = {}
     for part in (main, *(part for part in parts if part is not main)):
         if np.array_equal(part.header["dataWindow"], main.header["dataWindow"]):
-            # With the header alone there are no pixels, and no channels but those it lists.
+            # If only the header was read, part.channels is empty.
             for channel in part.channels.values() or part.header["channels"]:
                 name = channel.name if channel.name not in planes else f"{part.name()}.{channel.name}"
                 planes[name] = channel
