@@ -13,12 +13,12 @@ from .frame import Frame
 
 __all__ = ["WEIGHTINGS", "Predicted", "estimate", "known_motion", "predictive_error", "sums", "surface_tests"]
 
-#: The units of errors: relative to brightness, as `relmse` has them, and as on a display, as `psnr` has them.
+#: Weightings of squared errors: relative to brightness, as in `relmse`, and in display space, as in `psnr`.
 WEIGHTINGS = ("relative", "display")
 
 #: ε of the relative error, as in `relmse`.
 _EPSILON = 0.01
-#: Coverage of history from which a pixel counts: all of the taps.
+#: Coverage above which a pixel is compared: all taps are valid, up to rounding.
 _WHOLE = 0.99
 
 
@@ -126,7 +126,7 @@ def sums(
         if len(each) != len(frames):
             raise ValueError(f"frames: expected as many as results, got {len(each)} results and {len(frames)} frames")
     if not 0 <= start < len(frames) - 1:
-        raise ValueError(f"frames: expected at least two from the start, got {len(frames)} and a start at {start}")
+        raise ValueError(f"frames: expected at least two from `start` on, got {len(frames)} and start {start}")
     by_frame = [
         _compared([first[t] for first in firsts], second[t : t + 2], frames[t : t + 2], tile)
         for t in range(start, len(frames) - 1)
@@ -166,7 +166,7 @@ def surface_tests(before: Frame, frame: Frame, motion: NDArray[np.float32]) -> d
     pairs = {name: (getattr(frame, name), getattr(before, name)) for name in ("depth", "normal", "ids")}
     known = {name: pair for name, pair in pairs.items() if pair[0] is not None and pair[1] is not None}
     tests = {name: pair[0] for name, pair in known.items()} | {f"previous_{n}": pair[1] for n, pair in known.items()}
-    # The plane test wants all of these; without it depths are compared.
+    # The plane test needs all of these; otherwise depths are compared.
     by_plane = known.keys() >= {"depth", "normal"} and motion.shape[-1] == 3
     return {**tests, "previous_camera": before.camera if by_plane else None}
 
@@ -178,7 +178,7 @@ def _compared(
     before, frame = frames
     motion = known_motion(before, frame)
     if motion is None:
-        # In place, as the pipelines do.
+        # Fetch in place, as the pipelines do.
         motion = np.zeros((*frame.shape, 2), np.float32)
     tests = surface_tests(before, frame, motion)
     images = [np.asarray(image, np.float32) for image in (second[0], *firsts)]

@@ -73,7 +73,7 @@ class OIDN(Pipeline):
         super().__init__(quality, temporal=temporal, fireflies=fireflies, innovation=innovation)
         self._network = Network(quality)
         if fireflies and not temporal:
-            raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")
+            raise ValueError("fireflies: expected False without temporal, as the network itself removes them, got True")
         history = SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False, fireflies=fireflies)
         self._stages = (history, TAA("denoised")) if temporal else None
         self._corrects = innovation
@@ -186,7 +186,7 @@ class Network:
         self._device = pyoidn.Device()
         self._device.set_int("numThreads", settings()[0])
         self._device.commit()
-        # The device holds gigabytes and must be released explicitly.
+        # The device holds gigabytes and is not freed unless released.
         self._release = [finalize(self, self._device.release)]
         self._images: dict[str, NDArray[np.float32]] = {}
         self._filter: Any = None

@@ -328,9 +328,9 @@ def read_sequence(source: Source | Iterable[Source]) -> Iterator[Frame]:
     source : path-like or iterable of path-like
         As for `sequence_paths`, which is asked at once.
 
-    Yields
-    ------
-    Frame
+    Returns
+    -------
+    iterator of Frame
         Only one is in memory at a time.
 
     Raises
@@ -541,7 +541,7 @@ def _merge(parts: list[Any]) -> tuple[Any, dict[str, Any]]:
     planes: dict[str, Any] = {}
     for part in (main, *(part for part in parts if part is not main)):
         if np.array_equal(part.header["dataWindow"], main.header["dataWindow"]):
-            # With the header alone there are no pixels, and no channels but those it lists.
+            # If only the header was read, part.channels is empty.
             for channel in part.channels.values() or part.header["channels"]:
                 name = channel.name if channel.name not in planes else f"{part.name()}.{channel.name}"
                 planes[name] = channel
