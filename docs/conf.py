@@ -48,7 +48,7 @@ html_theme = "furo"
 html_title = f"Yester {release}"
 html_show_copyright = False
 html_static_path = ["_static"]
-html_css_files = ["tables.css"]
+html_css_files = ["yester.css"]
 html_theme_options = {
     "source_repository": REPOSITORY,
     "source_branch": "main",
