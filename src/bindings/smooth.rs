@@ -103,7 +103,7 @@ impl GuideData<'_> {
 ///     of resampled lengths does not decide.
 /// radius : int, default 3
 ///     The spatial window reaches so many pixels to each side, 0 to 16.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -120,7 +120,7 @@ impl GuideData<'_> {
 ///
 /// See Also
 /// --------
-/// accumulate : Makes the moments.
+/// accumulate : Returns the moments.
 /// atrous : Takes the variance.
 ///
 /// Notes
@@ -244,9 +244,9 @@ pub fn estimate_variance_<'py>(
 ///
 /// See Also
 /// --------
-/// estimate_variance : Makes the variance.
-/// accumulate : Makes the colour.
-/// SVGF : The pipeline.
+/// estimate_variance : Estimates the variance.
+/// accumulate : Returns accumulated colour.
+/// SVGF : The pipeline that filters every frame.
 ///
 /// Notes
 /// -----
@@ -391,7 +391,7 @@ pub fn atrous_<'py>(
 ///     Radius of the window in pixels, 1 to 16.
 /// redistribute : bool, default True
 ///     Spread the excess over the window's pixels of the same surface, so that the image does not darken.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
@@ -410,7 +410,7 @@ pub fn atrous_<'py>(
 ///
 /// See Also
 /// --------
-/// SVGF : Has it as the option `fireflies`.
+/// SVGF : Suppresses fireflies with the option `fireflies`.
 /// clip_history : Clips history instead of samples.
 ///
 /// Notes
@@ -511,7 +511,7 @@ pub fn suppress_fireflies_<'py>(
 ///     Histories shorter than this are fixed; at least 0.
 /// stride : float, default 14.0
 ///     Distance between taps in pixels at history length 0, 1 to 64; at length N it is stride/(1 + N), at least 1.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -528,7 +528,7 @@ pub fn suppress_fireflies_<'py>(
 ///
 /// See Also
 /// --------
-/// accumulate : Makes colour and length.
+/// accumulate : Returns accumulated colour and history length.
 /// estimate_variance : Widens the filter where history is short.
 ///
 /// Notes
@@ -648,7 +648,7 @@ fn modulate<'py>(
 ///
 /// See Also
 /// --------
-/// remodulate : The inverse.
+/// remodulate : Multiplies by albedo again.
 ///
 /// Notes
 /// -----
@@ -710,7 +710,7 @@ pub fn demodulate_<'py>(
 ///
 /// See Also
 /// --------
-/// demodulate : The inverse.
+/// demodulate : Divides by albedo.
 ///
 /// Examples
 /// --------
