@@ -176,17 +176,17 @@ def test_targets():
     known = {target.name: target for target in targets(timings) if target.measured is not None}
     found = {name: (pytest.approx(target.measured), target.met) for name, target in known.items()}
     assert found == {
-        "reproject, bilinear: time, in times of OpenCV remap, linear": (1, True),
-        "reproject, catmull-rom: time, in times of OpenCV remap, cubic": (1, False),
-        "atrous, 1 pass with its guide: share of the limit (memory binds)": (0.5, True),
-        "atrous, a further pass: share of the limit": (5.368 / 12, True),
-        "SVGF, 5 passes: how many times faster than OIDN fast": (12, True),
-        "SVGF, 5 passes: how many times faster than torch reference": (38, False),
-        "SVGF, 5 passes: one thread's time, in times of two": (1.8, False),
-        "SVGF, 5 passes: a pixel's time at 4K, in times of 1080p": (1.1, True),
+        "reproject, bilinear: time relative to OpenCV remap, linear": (1, True),
+        "reproject, catmull-rom: time relative to OpenCV remap, cubic": (1, False),
+        "atrous, 1 pass with its guide: fraction of the limit (memory binds)": (0.5, True),
+        "atrous, a further pass: fraction of the limit": (5.368 / 12, True),
+        "SVGF, 5 passes: speed relative to OIDN fast": (12, True),
+        "SVGF, 5 passes: speed relative to torch reference": (38, False),
+        "SVGF, 5 passes: time of one thread relative to two": (1.8, False),
+        "SVGF, 5 passes: time per pixel at 4K relative to 1080p": (1.1, True),
         "SVGF, 5 passes: state and scratch, MB": (149, True),
         "SVGF, as published but 3x3: state and scratch, MB": (151, False),
-        "SVGF, 5 passes: their growth from frame to frame, MB": (0.75, False),
+        "SVGF, 5 passes: growth of state and scratch, MB": (0.75, False),
     }
     assert all(target.met is None for target in targets([timings[0]]))
 
@@ -209,10 +209,10 @@ def test_page_and_tables(tmp_path):
     assert ["TAA", "6.00", "6.00 to 6.00", "2.89", "", "", "", ""] in rows
     assert ["TAA", "7.00", "7.00 to 7.00", "0.84", "", "", ""] in rows
     assert ["TAA", "34.6", "0.0"] in rows
-    assert ["TAA: a pixel's time at 4K, in times of 1080p", "≤ 1.15", "0.29", "met"] in rows
-    assert ["SVGF: a pixel's time at 4K, in times of 1080p", "≤ 1.15", "not measured", ""] in rows
+    assert ["TAA: time per pixel at 4K relative to 1080p", "≤ 1.15", "0.29", "met"] in rows
+    assert ["SVGF: time per pixel at 4K relative to 1080p", "≤ 1.15", "not measured", ""] in rows
     assert "of a machine" in page
-    assert page.endswith("Not here: OpenCV: buy it\n")
+    assert page.endswith("Not measured: OpenCV: buy it\n")
     write_csv(timings, tmp_path)
     first, *_, last = table(tmp_path / "bench.csv")[:5]
     assert (first["task"], first["contender"], first["width"], first["runs"], first["limit"]) == (
@@ -231,8 +231,8 @@ def test_page_and_tables(tmp_path):
 
 
 def test_what_the_system_does_not_tell_is_named():
-    assert "Not here: memory" in markdown([timing("TAA", OURS, 6.0)], about="")
-    assert "Not here: memory" not in markdown([timing("exposure", OURS, 6.0)], about="")
+    assert "Not measured: memory" in markdown([timing("TAA", OURS, 6.0)], about="")
+    assert "Not measured: memory" not in markdown([timing("exposure", OURS, 6.0)], about="")
     assert "targets" not in markdown([timing("exposure", OURS, 6.0)], about="")
 
 
@@ -342,14 +342,14 @@ def test_bench(tmp_path):
 def test_missing_rivals_are_named(tmp_path):
     arguments = ("bench", *LITTLE, "--simd", "baseline", "--only", "reproject, b", "TAA, 5", "-o", tmp_path)
     result = without("cv2,pyoidn", *arguments)
-    named = [line.split(": ")[1] for line in result.stdout.splitlines() if line.startswith("Not here")]
+    named = [line.split(": ")[1] for line in result.stdout.splitlines() if line.startswith("Not measured")]
     assert named == ["Open Image Denoise", "OpenCV with ximgproc"]
     rows = table(tmp_path / "bench.csv")
     assert {row["contender"] for row in rows} == {OURS, "torch grid_sample, bilinear", "torch reference"}
     assert {row["simd"] for row in rows} == {"baseline", ""}
     result = run("bench", *LITTLE, "--only", "demodulate", "-o", tmp_path, "--no-rivals")
     assert {row["contender"] for row in table(tmp_path / "bench.csv")} == {OURS}
-    assert "Not here" not in result.stdout
+    assert "Not measured" not in result.stdout
 
 
 def test_refuses_before_work_starts(tmp_path):

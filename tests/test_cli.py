@@ -102,7 +102,7 @@ def test_demo_touches_nothing_of_others(tmp_path, name):
     (tmp_path / "notes.txt").write_text("mine as well")
     there = sorted(tmp_path.rglob("*"))
     line = refused("demo", "-o", tmp_path, "--frames", 1, "--size", "16x12")
-    assert f"{tmp_path / Path(name).parts[0]}: exists already" in line
+    assert f"{tmp_path / Path(name).parts[0]}: already exists" in line
     assert sorted(tmp_path.rglob("*")) == there
     assert mine.read_text() == "mine"
 

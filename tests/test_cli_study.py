@@ -37,7 +37,7 @@ sys.exit(main(sys.argv[1:]))
 TIMED = ("--time-size", "64x48")
 LITTLE = ("--length", 4, "--size", "32x24", "--reference-spp", 4, *TIMED)
 QUICK = ("--metrics", "psnr", "warped_error", "--methods", "SVGF, 6", "TAA best", "--no-peers", *TIMED)
-ALONE = "no references: speed, and steadiness along motion alone, are measured"
+ALONE = "no references: only speed and the change along motion are measured"
 
 
 def without(modules, *arguments, code=0):
@@ -261,7 +261,7 @@ def test_missing_peers_are_named(own, tmp_path, modules, absent, there):
     methods = ("--methods", "TAA textbook, alpha 0.1", *there)
     result = without(modules, *arguments, *methods)
     lines = result.stderr.splitlines()
-    assert [line.split(": ")[:2] for line in lines] == [["not here", name] for name in absent]
+    assert [line.split(": ")[:2] for line in lines] == [["not installed", name] for name in absent]
     assert all("pip install 'yester[" in line for line in lines)
     assert [row["method"] for row in table(tmp_path / "points.csv")][1:] == list(methods[1:])
 

@@ -12,6 +12,7 @@ from compare import assert_same_bits
 from hypothesis import given
 from hypothesis import strategies as st
 from yester import io
+from yester.io import mitsuba as door
 
 COMMON = ("albedo", "normal", "depth", "motion", "ids", "position", "emission")
 BUFFERS = (*COMMON, "object_normal", "replay", "hit_distance")
@@ -216,7 +217,7 @@ def test_mitsuba_depth(tmp_path, aovs, tolerance):
     """With a camera in the header, a distance along the ray becomes that along the axis."""
     path = tmp_path / "a.exr"
     wrote, sensor = mitsuba_file(path, aovs="truth:position," + aovs)
-    camera = yester.Camera.from_mitsuba(sensor)
+    camera = door.camera(sensor)
     io.write_exr(tmp_path / "camera.exr", yester.Frame(np.zeros((24, 32, 3)), camera=camera))
     attributes = OpenEXR.File(str(tmp_path / "camera.exr"), header_only=True).header()
     header = {name: attributes[name] for name in ("worldToCamera", "worldToNDC")}

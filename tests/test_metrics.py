@@ -9,7 +9,6 @@ from yester import metrics
 from yester.metrics import (
     METRICS,
     Picture,
-    bias_variance,
     edge_sharpness,
     flicker,
     flip,
@@ -192,7 +191,7 @@ def test_edge_sharpness_names_a_share_out_of_range(share, pair):
 
 def test_edge_sharpness_needs_edges():
     image = np.ones((3, 3, 3))
-    with pytest.raises(ValueError, match=r"^reference: is of one luminance all over"):
+    with pytest.raises(ValueError, match=r"^reference: expected edges, got the same luminance"):
         edge_sharpness(image, image)
     with pytest.raises(ValueError, match=r"^image: edges need at least 3×3 pixels, got shape \(2, 3, 3\)"):
         edge_sharpness(image[:2], image[:2])
@@ -338,9 +337,9 @@ def test_warped_error_names_what_is_wrong(pair):
         warped_error(image, before, motion, np.ones(shape))
     with pytest.raises(ValueError, match=r"^valid: expected shape \(37, 53\), got \(53, 37\)"):
         warped_error(image, before, motion, np.ones(shape[::-1], bool))
-    with pytest.raises(ValueError, match=r"^valid: no pixel is chosen"):
+    with pytest.raises(ValueError, match=r"^valid: expected at least one true pixel"):
         warped_error(image, before, motion, np.zeros(shape, bool))
-    with pytest.raises(ValueError, match=r"^valid: no valid pixel has a place inside the previous image"):
+    with pytest.raises(ValueError, match=r"^valid: expected a pixel whose previous position"):
         warped_error(image, before, motion + 100)
 
 
@@ -382,7 +381,7 @@ def test_flicker_names_what_is_wrong(pair):
         flicker([image, other], np.ones(image.shape, bool))
     with pytest.raises(TypeError, match=r"^mask: expected bool, got uint8"):
         flicker([image, other], np.ones(image.shape[:2], np.uint8))
-    with pytest.raises(ValueError, match=r"^mask: no pixel is chosen"):
+    with pytest.raises(ValueError, match=r"^mask: expected at least one true pixel"):
         flicker([image, other], np.zeros(image.shape[:2], bool))
 
 
@@ -427,9 +426,9 @@ def test_ghost_is_blind_to_noise_and_grey(event):
 
 def test_ghost_needs_an_event(event, pair):
     truth, former = (linear(x) for x in event)
-    with pytest.raises(ValueError, match=r"^former: looks like the reference"):
+    with pytest.raises(ValueError, match=r"^former: expected an image other than the reference"):
         ghost(truth, truth, truth)
-    with pytest.raises(ValueError, match=r"^former: looks like the reference"):
+    with pytest.raises(ValueError, match=r"^former: expected an image other than the reference"):
         ghost(truth, truth, former, np.arange(40)[:, np.newaxis] >= np.full(40, 20))
     with pytest.raises(ValueError, match=r"^former: expected the shape of reference, \(40, 40, 3\), got \(37, 53, 3\)"):
         ghost(truth, truth, pair[0])
@@ -456,41 +455,6 @@ def test_lag_names_what_is_wrong():
         lag(0.5)
     with pytest.raises(ValueError, match=r"^ghosts: 1 of 2 values are not finite"):
         lag([0.5, np.nan])
-
-
-def test_bias_and_variance_make_the_error(pair):
-    """For any runs, their sum is the mean relMSE."""
-    rng = np.random.default_rng(12)
-    images = pair[0] + rng.gamma(0.5, 0.3, (5, *pair[0].shape))
-    split = bias_variance(images, pair[1])
-    assert split.bias + split.variance == pytest.approx(np.mean([relmse(image, pair[1]) for image in images]))
-    assert bias_variance(iter(images), pair[1]) == split
-
-
-@pytest.mark.parametrize("runs", [2, 6])
-@pytest.mark.parametrize("offset", [0, 0.1])
-def test_bias_and_variance_are_estimated_without_bias(runs, offset):
-    """Noise of 0.2 on a grey of 0.5; the denominator is 0.26."""
-    reference = np.full((150, 150, 3), 0.5)
-    images = np.random.default_rng(runs).normal(0.5 + offset, 0.2, (runs, *reference.shape))
-    bias, variance = bias_variance(images, reference)
-    assert bias == pytest.approx(offset**2 / 0.26, abs=0.003)
-    assert variance == pytest.approx(0.04 / 0.26, rel=0.03)
-
-
-def test_bias_of_runs_without_noise(pair):
-    assert bias_variance([pair[0]] * 3, pair[1]) == (pytest.approx(relmse(*pair)), 0)
-    assert bias_variance([pair[1]] * 3, pair[1]) == (0, 0)
-
-
-def test_bias_variance_names_what_is_wrong(pair):
-    image, reference = pair
-    with pytest.raises(ValueError, match=r"^images: expected at least 2, got 1"):
-        bias_variance([image], reference)
-    with pytest.raises(ValueError, match=r"^images\[1\]: expected the shape of reference, \(37, 53, 3\), got"):
-        bias_variance([image, image[1:]], reference)
-    with pytest.raises(ValueError, match=r"^reference: expected shape \(H, W, 3\), got \(53, 3\)"):
-        bias_variance([image, image], reference[0])
 
 
 def test_registry_is_of_this_module():
@@ -545,7 +509,6 @@ def test_pictures_of_sequences(pair):
     mask = np.random.default_rng(0).random(pair[0].shape[:2]) < 0.5
     assert flicker(pictures, mask) == flicker(images, mask)
     assert ghost(*pictures, mask) == ghost(*images, mask)
-    assert bias_variance(pictures, pictures[1]) == bias_variance(images, images[1])
 
 
 def test_picture_is_checked_and_encoded_once(pair):
@@ -570,7 +533,6 @@ def test_nothing_is_written_to(pair):
             one.measure(*images[: 2 if one.needs == "reference" else 4])
     ghost(*images[:3])
     flicker(images)
-    bias_variance(images, images[1])
     for image, copy in zip(images, kept, strict=True):
         np.testing.assert_array_equal(image, copy)
 

@@ -107,7 +107,7 @@ def test_bad_input_of_the_judge(moving):
     images = [frame.color for frame in moving]
     with pytest.raises(ValueError, match="frames: expected as many as results, got 7 results and 8 frames"):
         predictive_error(images[:7], images, moving)
-    with pytest.raises(ValueError, match="frames: expected at least two from the start, got 8 and a start at 7"):
+    with pytest.raises(ValueError, match="frames: expected at least two from `start` on, got 8 and start 7"):
         predictive_error(images, images, moving, start=7)
     with pytest.raises(ValueError, match="tile: expected at least 1, got 0"):
         predictive_error(images, images, moving, tile=0)

@@ -256,7 +256,7 @@ def test_one_file_to_one_file(tmp_path, capsys):
     for command in ("denoise", "upscale"):
         run(command, one, two, "-o", tmp_path / "out.exr", code=2)
         said = capsys.readouterr().err
-        assert said == f"yester: error: -o {tmp_path / 'out.exr'}: expected a folder for 2 files, got the name of one\n"
+        assert said == f"yester: error: -o {tmp_path / 'out.exr'}: expected a folder for 2 files, got a file name\n"
         run(command, one, "-o", one, code=2)
         assert "overwrite this input" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == there

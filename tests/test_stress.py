@@ -295,7 +295,7 @@ def test_one_that_loses_a_frame():
         NAMED["cut"], [Method("ahead", "ahead", read_ahead), Method("short", "short", shortened)], frames=FRAMES
     )
     assert ahead.values["lost"] == 0
-    assert (short.verdict, short.reason) == ("fails", "ValueError: expected an image for each frame, got 1 less")
+    assert (short.verdict, short.reason) == ("fails", "ValueError: expected an image for each frame, got 1 fewer")
 
 
 @pytest.mark.parametrize(
@@ -490,8 +490,8 @@ def test_run_of_all_parts(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"scenarios": ["cuts"]}, "scenarios: unknown 'cuts'; there are .*'cut'"),
-        ({"methods": ["SVGF", "NRD"]}, "methods: unknown 'NRD'; there are 'SVGF'"),
+        ({"scenarios": ["cuts"]}, "scenarios: expected some of .*'cut'.*, got 'cuts'"),
+        ({"methods": ["SVGF", "NRD"]}, "methods: expected some of 'SVGF'.*, got 'NRD'"),
         ({"frames": 1}, "frames: expected at least 2, got 1"),
         ({"endurance": 50}, "endurance: expected 0 or at least 100, got 50"),
     ],

@@ -151,7 +151,7 @@ def test_tables_by_hand():
     assert mean == ["mean", "50.00", "%", "3.2667", "3.3333", "3.1333", "3.3333"]
     assert median == ["median", "25.00", "%", "0.6000", "0.5000", "0.3000", "0.5000"]
     assert len(table(revealed([both[0], both[1]._replace(revealed={}, share=0.0)]))) == 4
-    assert revealed([both[0]._replace(revealed={}, share=0.0)]) == "nothing comes into view"
+    assert revealed([both[0]._replace(revealed={}, share=0.0)]) == "no disoccluded pixels"
 
 
 def test_frames_that_not_all_sequences_have():
