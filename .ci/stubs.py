@@ -76,7 +76,7 @@ def main() -> None:
     source = STUB.read_text(encoding="utf-8")
     new = documented(source, _core)
     if check and new != source:
-        sys.exit(f"{STUB}: other docstrings than the binary's: run python .ci/stubs.py")
+        sys.exit(f"{STUB}: docstrings differ from those of the binary: run python .ci/stubs.py")
     if not check:
         STUB.write_text(new, encoding="utf-8")
 

@@ -50,7 +50,7 @@ PUBLIC = EXPORTED | {
     if inspect.isclass(owner)
     for name, thing in attributes(owner)
 }
-FUNCTIONS = [name for name, thing in PUBLIC.items() if inspect.isroutine(thing)]
+FUNCTIONS = [name for name, thing in PUBLIC.items() if callable(thing) and not inspect.isclass(thing)]
 EXAMPLES = {
     name: inspect.getdoc(thing) for name, thing in (MODULES | PUBLIC).items() if ">>> " in (inspect.getdoc(thing) or "")
 }

@@ -748,7 +748,7 @@ METRICS = {
 
 
 def metric(key: str) -> Metric:
-    """Look up one of `METRICS`.
+    """Look up one of ``METRICS``.
 
     Parameters
     ----------

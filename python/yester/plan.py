@@ -70,7 +70,7 @@ class Stage(NamedTuple):
     loss : float
         How much worse the result is without it: the mean squared error that it saves, relative to the mean squared
         change of the result from frame to frame, which is about a fifth of its relMSE. Of the two weightings of
-        `yester.study.predictive_error`, the one with the higher bound. Negative where the result is better without.
+        ``yester.study.predictive_error``, the one with the higher bound. Negative where the result is better without.
     error : float
         Standard error of `loss`.
     ms : float
@@ -340,11 +340,11 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     """Find out what a sequence needs from its first frames: which stages of `SVGF`, and which buffers.
 
     `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge the
-    results (`yester.study.predictive_error`), at two standard errors. Reflections and the third pass of the filter are
-    left out if the loss is below 5 % of the result's change from frame to frame, about 1 % of its relMSE. The choice of
-    passes, the second pass and buffers are left out only if the result is better without: by 5 % of that change, and
-    for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient and
-    innovation are judged but always used: they are there for changes that the first frames may not show. The
+    results (``yester.study.predictive_error``), at two standard errors. Reflections and the third pass of the filter
+    are left out if the loss is below 5 % of the result's change from frame to frame, about 1 % of its relMSE. The
+    choice of passes, the second pass and buffers are left out only if the result is better without: by 5 % of that
+    change, and for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient
+    and innovation are judged but always used: they are there for changes that the first frames may not show. The
     combination is judged once more. Without evidence, everything is used.
 
     If camera and scene stand still and the light is constant, all samples are averaged (``alpha=0``), unless that is
@@ -360,7 +360,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     Returns
     -------
     Plan
-        The default, with a `UserWarning` and `Plan.reason`, if nothing can be judged: fewer than five frames, no depth,
+        The default, with a `UserWarning` and a ``reason``, if nothing can be judged: fewer than five frames, no depth,
         normals or ids, no finite samples, or nothing that changes from frame to frame, as in black or constant images.
 
     Raises

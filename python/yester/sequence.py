@@ -62,7 +62,7 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         next frame is computed: by the cameras, if these and depth or position are known, and by `invert_motion` of the
         next frame's `motion` where something else moves.
     pipeline : Pipeline, optional
-        Anything with a `step` that takes frames in order, and of which `copy.copy` makes one without history; by
+        Anything with a `step` that takes frames in order, and of which ``copy.copy`` makes one without history; by
         default ``SVGF()``. Copies of it work; it stays as it is.
     lookahead : int, default 3
         Later frames that every frame can use at least, until the sequence ends; 0 or more. With 0, the results have the

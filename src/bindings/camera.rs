@@ -143,7 +143,7 @@ impl Camera {
         rows(py, &self.inner.world_to_clip)
     }
 
-    /// Rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR headers): (4, 4) float64.
+    /// Rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR files): (4, 4) float64.
     #[getter]
     fn world_to_camera<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         rows(py, &self.inner.world_to_camera())

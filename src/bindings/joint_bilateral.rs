@@ -33,7 +33,7 @@ use crate::kernels::smooth::joint_bilateral::{
 ///     Radius of the window in pixels, 1 to 16.
 /// sigma : float, default 1.0
 ///     Standard deviation of the spatial weight, in pixels; above 0.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -145,7 +145,7 @@ pub fn reconstruct_<'py>(
 ///     Radius of the window in multiples of `scale` pixels, 1 to 16.
 /// sigma : float, default 1.0
 ///     Standard deviation of the spatial weight, in multiples of `scale` pixels; above 0.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array.

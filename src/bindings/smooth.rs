@@ -103,7 +103,7 @@ impl GuideData<'_> {
 ///     of resampled lengths does not decide.
 /// radius : int, default 3
 ///     The spatial window reaches so many pixels to each side, 0 to 16.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -391,7 +391,7 @@ pub fn atrous_<'py>(
 ///     Radius of the window in pixels, 1 to 16.
 /// redistribute : bool, default True
 ///     Spread the excess over the window's pixels of the same surface, so that the image does not darken.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
@@ -511,7 +511,7 @@ pub fn suppress_fireflies_<'py>(
 ///     Histories shorter than this are fixed; at least 0.
 /// stride : float, default 14.0
 ///     Distance between taps in pixels at history length 0, 1 to 64; at length N it is stride/(1 + N), at least 1.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.

@@ -29,7 +29,7 @@ use crate::pipelines::{bmfr, svgf, taa};
 ///     Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
-/// relative_depth, plane_distance, normal_angle : float or (float, float)
+/// relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
 ///     As in `SVGF`.
 /// by_confidence : bool, default False
 ///     Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.

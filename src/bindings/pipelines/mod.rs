@@ -127,17 +127,17 @@ impl Pipeline {
 /// ----------
 /// color : (H, W, 3) float32
 ///     Linear; finite everywhere.
-/// variance : (H, W) float32, optional
-///     Estimated variance of the filtered luminance, before remodulation; None from pipelines without an estimate.
-/// choice : (H, W) float32, optional
-///     Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
-///     choice.
 /// history_length : (H, W) float32
 ///     Samples that went into each pixel, up to 1/alpha.
 /// confidence : (H, W) float32
 ///     Accepted fraction of the history's footprint, 0 to 1; 0 where history was rejected (disocclusion).
 /// rejection : (H, W) uint8
 ///     Bits of `Rejection`: the tests that taps of the footprint failed (one pixel for filter "nearest", else 2×2).
+/// variance : (H, W) float32, optional
+///     Estimated variance of the filtered luminance, before remodulation; None from pipelines without an estimate.
+/// choice : (H, W) float32, optional
+///     Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
+///     choice.
 /// used : tuple of str, default ()
 ///     The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
 ///     "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",

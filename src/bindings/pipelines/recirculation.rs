@@ -31,7 +31,7 @@ use crate::pipelines::recirculation;
 ///     "best" has 0.
 /// history : {"splat", "fetch"}, optional
 ///     Scatter history to where it appears now, or fetch it along the motion of the new samples. "best" has "splat".
-/// blur, share, fade, limit : optional
+/// blur, share, fade, limit : float or (float, float), optional
 ///     As in `recirculate`. "best" has its defaults. With "splat", history stays free of the blur.
 /// tolerance : float, optional
 ///     As in `splat`; also the largest difference of a sample's depth, relative to it, from that of history at its

@@ -35,9 +35,9 @@ use crate::pipelines::taa;
 ///     Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
 /// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
 ///     As in `reproject`.
-/// box, gamma, window, space, response : optional
+/// box, gamma, window, space, response : str or float, optional
 ///     As in `clip_history`.
-/// weighting, flicker : optional
+/// weighting, flicker : str or float, optional
 ///     As in `blend`.
 /// relative_depth, plane_distance, normal_angle : float or (float, float), optional
 ///     Tests that history must pass, with thresholds as in `reproject`; by default none. With `plane_distance`, frames
@@ -191,7 +191,7 @@ impl TAA {
         Ok(Pipeline::made(Self { inner }))
     }
 
-    /// Antialias the next frame of the sequence.
+    /// Apply antialiasing to the next frame of the sequence.
     ///
     /// Parameters
     /// ----------
