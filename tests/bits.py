@@ -1,15 +1,15 @@
 """The bits of all kernels and pipelines, which are the same on every machine: `python tests/bits.py > tests/bits.txt`.
 
-A line has a name, the hash of what goes in and the hash of what comes out, of images of less than a vector to more than a
-band of rows. What goes in is made by numpy, whose functions differ in the last bits from machine to machine: it is
-rounded to multiples of 2⁻¹².
+Each line has a name, the hash of the inputs and the hash of the results, for images from less than a vector to more
+than a band of rows. Inputs are rounded to multiples of 2⁻¹², as numpy's functions differ in their last bits between
+machines.
 """
 
 import hashlib
 from dataclasses import replace
 
+import flight
 import numpy as np
-import scene
 import yester
 from calls import arrays, calls
 from yester.study.compare.methods import quarter
@@ -19,7 +19,7 @@ GRID = 2.0**12
 
 
 def rounded(value):
-    """Arrays of floats and cameras within containers, rounded; the rest as it is."""
+    """Round float arrays and cameras within containers; other values are unchanged."""
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
         with np.errstate(invalid="ignore"):
             return (np.rint(value.astype(np.float64) * GRID) / GRID + 0.0).astype(value.dtype)  # + 0: no -0
@@ -40,7 +40,7 @@ def numbers(value) -> bytes:
         return b"".join(numbers(item) for item in value.values())
     if isinstance(value, list | tuple):
         return b"".join(map(numbers, value))
-    # The payload of NaN is no bit of the result.
+    # The payload of NaN does not count.
     return np.where(np.isnan(value), np.nan, value).tobytes() if isinstance(value, np.ndarray) else b""
 
 
@@ -73,8 +73,8 @@ def digest() -> str:
     rng = np.random.default_rng(0)
     before = None
     for number in range(4):
-        shot = scene.shoot(number, 171, 97)
-        buffers = rounded({"color": scene.noisy(shot, rng), **shot.buffers()})
+        shot = replace(flight.shoot(number, 171, 97), motion=None)
+        buffers = rounded({**shot.buffers(), "color": flight.noisy(shot, rng), "camera": shot.camera})
         buffers["color"][number, 5:9] = np.nan
         frame = yester.Frame(**buffers, replay=before, jitter=(0.25, -0.125))
         before = frame.color * np.float32(0.5)
