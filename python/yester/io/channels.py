@@ -18,7 +18,7 @@ from difflib import get_close_matches
 from itertools import chain, takewhile
 from typing import Any
 
-#: The channels of each buffer in our files. The last ones of motion are optional.
+#: The channels of each buffer in this package's files. Those for the change of depth (``motion.Z``) are optional.
 CANONICAL: dict[str, tuple[str, ...]] = {
     "color": ("R", "G", "B"),
     "albedo": ("albedo.R", "albedo.G", "albedo.B"),
