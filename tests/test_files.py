@@ -240,7 +240,7 @@ def test_every_renderer_is_denoised(tmp_path, name):
     given = {"arnold": ["--map", "motion=motionvector.R,motionvector.G"]}
     given["renderman"] = ["--map", "motion=backward.r,backward.g", "--map", "motion_next=-forward.r,-forward.g"]
     run("denoise", tmp_path / "in", "-o", tmp_path / "out", *given.get(name, ()))
-    shot = layouts.scene.shoot(3, layouts.WIDTH, layouts.HEIGHT)
+    shot = layouts.flight.shoot(3, layouts.WIDTH, layouts.HEIGHT)
     hit = shot.ids > 0
     mapping = {"color": ["ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"]}
     clean = io.read_exr(tmp_path / "out" / "frame.3.exr", mapping=mapping if name == "cycles" else None).color

@@ -173,7 +173,7 @@ def test_motion_from_pbrt(tmp_path):
             views.append(io.read_exr(tmp_path / f"{index}.exr"))
         motion = yester.motion_vectors(views[1].position, views[1].camera, views[0].camera)[..., :2]
         shot = layouts.frame(3)
-        still = hit(shot) & (shot.ids != layouts.scene.MOVER)
+        still = hit(shot) & (shot.ids != layouts.flight.MOVER)
         assert np.abs(shot.motion[still]).max() > 1
         np.testing.assert_allclose(motion[still], shot.motion[still], atol=tolerance)
 
