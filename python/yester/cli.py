@@ -8,9 +8,10 @@ import tempfile
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager, nullcontext
 from copy import copy
 from functools import partial
+from glob import escape
 from importlib.util import find_spec
 from itertools import chain, islice, pairwise
 from pathlib import Path
@@ -54,7 +55,7 @@ _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation")),
 }
 
-# Commands import their slow dependencies themselves.
+# Each command imports its slow dependencies itself, so that the others start quickly.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,14 +69,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0; 2 for invalid input, after one line on stderr; 130 if interrupted.
+        Exit status: 0; 1 if damaged files were left out; 2 for invalid input, after one line on stderr; 130 if
+        interrupted.
     """
     try:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
             warnings.filterwarnings("once", "frames: later frames are not used")
             warnings.showwarning = _warned
-            options.run(options)
+            return int(options.run(options) or 0)
     except KeyboardInterrupt:
         print("yester: interrupted", file=sys.stderr)
         return 130
@@ -83,7 +85,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _failed(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else error)
     except (ImportError, ValueError) as error:
         return _failed(error)
-    return 0
 
 
 def _warned(message: Warning | str, *_: object, **__: object) -> None:
@@ -97,7 +98,7 @@ def _failed(error: object) -> int:
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        raise SystemExit(_failed(f"{message} ({self.prog} --help tells more)"))
+        raise SystemExit(_failed(f"{message} (see {self.prog} --help)"))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -112,23 +113,46 @@ def _parser() -> argparse.ArgumentParser:
         result.set_defaults(run=run)
         return result
 
-    demo = command(_demo, "demo", "render a short noisy sequence with Mitsuba, denoise it and measure the result")
-    demo.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-demo"), help="%(default)s")
-    demo.add_argument("--frames", metavar="N", type=_count, default=24, help="%(default)s")
-    demo.add_argument("--size", metavar="WxH", type=_size, default=(320, 240), help="320x240")
+    def channels(command: argparse.ArgumentParser) -> None:
+        about = "what channels are: BUFFER=CHANNEL,..., BUFFER.PROPERTY=VALUE or a TOML file; may be repeated"
+        command.add_argument("--map", metavar="MAP", action="append", default=[], help=about)
+        command.add_argument("--view", metavar="NAME", help="of a stereo file; by default left, or the first one")
 
-    out = "folder for the same names; for one file, also a name that ends in .exr"
+    def files(command: argparse.ArgumentParser) -> None:
+        command.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+        about = "output folder; files keep their names. For a single input, also a file name that ends in .exr"
+        command.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=about)
+        about = "write float16, or float32; by default, as the colour that is replaced"
+        command.add_argument("--half", action=argparse.BooleanOptionalAction, help=about)
+        about = (
+            "of the OpenEXR library, such as zip, piz or dwaa; by default that of the input if it is lossless, else zip"
+        )
+        command.add_argument("--compression", metavar="NAME", help=about)
+        there = command.add_mutually_exclusive_group()
+        about = "go on where a run with the same inputs and options has stopped; the bytes are those of a whole run"
+        there.add_argument("--resume", action="store_true", help=about)
+        there.add_argument("--overwrite", action="store_true", help="replace files that exist")
+        about = "leave damaged files out, name them, and treat them as missing frames"
+        command.add_argument("--keep-going", action="store_true", help=about)
+        channels(command)
+
+    output = "output folder (default: %(default)s)"
+    demo = command(_demo, "demo", "render a short noisy sequence with Mitsuba, denoise it and measure the result")
+    demo.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-demo"), help=output)
+    demo.add_argument("--frames", metavar="N", type=_count, default=24, help="number of frames (default: %(default)s)")
+    demo.add_argument(
+        "--size", metavar="WxH", type=_size, default=(320, 240), help="size of the frames (default: 320x240)"
+    )
+
     clean = command(_denoise, "denoise", "denoise a sequence of EXR frames")
-    clean.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-    clean.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
-    clean.add_argument("--half", action="store_true", help="write float16")
+    files(clean)
     methods = ("auto", *_METHODS)
-    about = "one of %(choices)s; svgf by default. auto: svgf without what a shot's first frames show to be superfluous"
+    about = "one of %(choices)s (default: svgf). auto: svgf without the stages and buffers that a shot does not need"
     clean.add_argument("--method", choices=methods, help=about)
-    clean.add_argument("--plan", metavar="FILE", type=Path, help="instead of a method, a plan of yester plan")
-    about = "later frames that each frame can use at least; 0: none, as in real time; %(default)s, but 0 for oidn"
+    clean.add_argument("--plan", metavar="FILE", type=Path, help="a plan written by yester plan, instead of a method")
+    about = "fewest later frames that each frame can use; 0 for none, as in real time (default: %(default)s; oidn: 0)"
     clean.add_argument("--lookahead", metavar="N", type=_whole, default=LOOKAHEAD, help=about)
-    options = clean.add_argument_group("method options", "for defaults and more parameters, see the classes")
+    options = clean.add_argument_group("method options", "defaults and further parameters: see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:
         of = ", ".join(method for method, (_, names) in _METHODS.items() if _argument(name) in names)
@@ -141,7 +165,7 @@ def _parser() -> argparse.ArgumentParser:
     option("--fireflies", "redistribute samples far brighter than their surroundings", action="store_true")
     about = "choose the number of passes per tile by how well it predicts new samples; on by default, except in halfres"
     option("--choice", about, action=argparse.BooleanOptionalAction)
-    about = "correct the result by the error that new samples show; on by default, except in taa"
+    about = "add the error that new samples show to the result; on by default, except in taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
     option("--preset", "best, denoised, textbook, karis or filament")
     option("--block", "side of the blocks in pixels, 4 to 256", type=int)
@@ -151,11 +175,10 @@ def _parser() -> argparse.ArgumentParser:
     plan = command(_plan, "plan", "find out which stages of svgf and which buffers a sequence needs")
     plan.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     plan.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plan, for yester denoise --plan")
+    channels(plan)
 
     upscale = command(_upscale, "upscale", "temporally upscale a sequence of jittered EXR frames")
-    upscale.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-    upscale.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
-    upscale.add_argument("--half", action="store_true", help="write float16")
+    files(upscale)
     upscale.add_argument("--scale", type=float, default=2.0, help="ratio of sizes along each side, 1 to 4; %(default)s")
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
     upscale.add_argument("--denoise", action="store_true", help="denoise with SVGF first")
@@ -203,45 +226,51 @@ def _parser() -> argparse.ArgumentParser:
     ready.add_argument("--scheduler", metavar="ADDRESS", help="let the workers of this Dask scheduler do it")
     ready.add_argument("--resume", action="store_true", help="go on where an earlier run stopped")
 
-    info = command(_info, "info", "list the buffers of an EXR file, and the missing ones with the consequences")
+    info = command(_info, "info", "list the buffers of an EXR file, and the consequences of each missing one")
     info.add_argument("file", metavar="FILE", type=Path)
+    channels(info)
 
     chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
     chart.add_argument("frames", metavar="FRAMES", nargs="*", help="noisy EXR files: a folder, files or a pattern")
-    chart.add_argument("--references", metavar="REF", nargs="+", help="the same without noise: files of the same names")
-    chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help="%(default)s")
-    chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="by default, all")
-    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of names; by default, all")
+    channels(chart)
+    chart.add_argument("--references", metavar="REF", nargs="+", help="noise-free files of the same names")
+    chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help=output)
+    chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="metrics; by default, all")
+    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of methods' names; by default, all")
     chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
     chart.add_argument("--ablate", action="store_true", help="ablation: switch off each component in turn")
-    doors = "degrade or drop buffers instead, in these ways (by default all); also with --ablate"
+    doors = "measure the loss from dropped or degraded buffers, in these ways (by default all); also with --ablate"
     chart.add_argument("--doors", metavar="DOOR", nargs="*", help=doors)
-    chart.add_argument("--time-size", metavar="WxH", type=_size, default=(1280, 720), help="of timed frames; 1280x720")
+    chart.add_argument(
+        "--time-size", metavar="WxH", type=_size, default=(1280, 720), help="size of timed frames; 1280x720"
+    )
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
-    groups = "names, tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, or all without the last (default)"
+    groups = "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out; default: all but the last"
     render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
-    render("--length", metavar="N", type=_count, default=16, help="frames; %(default)s")
-    render("--size", metavar="WxH", type=_size, default=(256, 192), help="256x192")
-    render("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
-    render("--seeds", metavar="N", type=_count, default=1, help="times each is rendered with other noise (default: 1)")
-    render("--cache", metavar="DIR", type=Path, help="folder for rendered frames; by default, in the user's cache")
+    render("--length", metavar="N", type=_count, default=16, help="number of frames; %(default)s")
+    render("--size", metavar="WxH", type=_size, default=(256, 192), help="size of the frames; 256x192")
+    render("--reference-spp", metavar="N", type=_count, help="samples per pixel of references; by default, 256 or 512")
+    render("--seeds", metavar="N", type=_count, default=1, help="number of realisations of the noise; %(default)s")
+    render("--cache", metavar="DIR", type=Path, help="folder for rendered frames; by default in the user's cache")
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
-    stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help="%(default)s")
-    stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="by default, all")
-    stress.add_argument("--methods", metavar="NAME", nargs="+", help="by default, all pipelines and presets")
+    stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help=output)
+    stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="scenarios; by default, all")
+    stress.add_argument("--methods", metavar="NAME", nargs="+", help="methods; by default, all pipelines and presets")
     stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
-    stress.add_argument("--quick", action="store_true", help="16 frames of each scenario, and nothing else")
+    stress.add_argument("--quick", action="store_true", help="16 frames of each scenario; no strains, no long runs")
 
-    bench = command(_bench, "bench", "time every kernel and pipeline, beside other libraries and the machine's limits")
-    bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help="%(default)s")
+    bench = command(_bench, "bench", "time every kernel and pipeline, other libraries and the machine's limits")
+    bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help=output)
     sizes = [(256, 256), (1920, 1080), (3840, 2160)]
     shown = " ".join(f"{width}x{height}" for width, height in sizes)
-    bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=shown)
-    bench.add_argument("--threads", metavar="N", type=_count, nargs="+", help="by default, one and all")
-    bench.add_argument("--simd", metavar="LEVEL", nargs="+", help="with the most threads; by default, all levels here")
-    bench.add_argument("--repetitions", metavar="N", type=_count, default=7, help="runs of each, at most; %(default)s")
-    bench.add_argument("--only", metavar="TASK", nargs="+", help="beginnings of names; by default, all")
+    bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=f"sizes of images; {shown}")
+    bench.add_argument(
+        "--threads", metavar="N", type=_count, nargs="+", help="numbers of threads; by default, one and all"
+    )
+    bench.add_argument("--simd", metavar="LEVEL", nargs="+", help="SIMD levels, with the most threads; by default, all")
+    bench.add_argument("--repetitions", metavar="N", type=_count, default=7, help="maximum number of runs; %(default)s")
+    bench.add_argument("--only", metavar="TASK", nargs="+", help="prefixes of tasks' names; by default, all")
     bench.add_argument("--no-rivals", action="store_true", help="leave out torch, OpenCV and Open Image Denoise")
     return parser
 
@@ -296,7 +325,7 @@ def _pipeline(options: argparse.Namespace) -> Any:
     return Plan.load(options.plan).pipeline() if options.plan else make(**given)
 
 
-def _denoise(options: argparse.Namespace) -> None:
+def _denoise(options: argparse.Namespace) -> int:
     _need("exr", "OpenEXR", "tqdm")
     from tqdm import tqdm
 
@@ -304,17 +333,17 @@ def _denoise(options: argparse.Namespace) -> None:
         raise ValueError(f"--plan: expected no --method beside it, got {options.method}")
     options.method = options.method or "svgf"
     pipeline = _pipeline(options)
-    # A single image has no use for later ones.
+    # Without temporal stages, later frames change nothing.
     lookahead = 0 if options.method == "oidn" else options.lookahead
 
     def look(files: list[Description]) -> list[str]:
         for known in files if options.method == "recirculation" else ():
             if not known.camera or not known.channels.keys() & {"depth", "position"}:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
-        if options.method == "oidn":  # which has no history
+        if options.method == "oidn":  # has no history, so that only albedo and normals matter
             return _missing(files, ("albedo", "normal"))
         in_place = _in_place(files)
-        if in_place:  # later frames cannot follow motion either
+        if in_place:  # without motion, history of later frames cannot be fetched either
             nonlocal lookahead
             lookahead = 0
         return [*in_place, *_missing(files)]
@@ -329,7 +358,7 @@ def _denoise(options: argparse.Namespace) -> None:
         return _noted(denoise(frames, method, lookahead), used)
 
     # The header's camera and jitter stay as they are.
-    _convert(options, "denoise", run, lambda output, _: Frame(output.color), look)
+    return _convert(options, "denoise", run, lambda output, _: Frame(output.color), look)
 
 
 def _plan(options: argparse.Namespace) -> None:
@@ -337,11 +366,12 @@ def _plan(options: argparse.Namespace) -> None:
     from .io import read_exr, sequence_paths
     from .io.shots import breaks
 
+    reading = _reading(options)
     if options.output:
         _writable(options.output.parent)
     paths = sequence_paths(options.inputs)
     end, *_ = [*breaks(paths), len(paths)]
-    found = _planned(map(read_exr, paths[:end]))
+    found = _planned(read_exr(path, **reading) for path in paths[:end])
     if options.output:
         found.save(options.output)
     print(found)
@@ -349,15 +379,15 @@ def _plan(options: argparse.Namespace) -> None:
 
 def _planned(frames: Iterable[Frame]) -> Plan:
     with warnings.catch_warnings():
-        # It is in the plan as well.
+        # The plan itself gives the reason.
         warnings.filterwarnings("ignore", "plan:", UserWarning)
         return plan(frames)
 
 
-def _upscale(options: argparse.Namespace) -> None:
+def _upscale(options: argparse.Namespace) -> int:
     _need("exr", "OpenEXR", "tqdm")
     upscaler = Upscaler(options.scale, sharpness=options.sharpness)
-    # Without antialiasing, which would average out the jitter that the upscaler needs.
+    # No antialiasing: it would average out the jitter that the upscaler needs.
     denoiser = SVGF(antialias=False)
 
     def denoised(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Frame]:
@@ -382,7 +412,7 @@ def _upscale(options: argparse.Namespace) -> None:
             notes += [f"only colour is upscaled; left out: {' '.join(dropped)}"]
         return notes
 
-    _convert(options, "upscale", run, result, look)
+    return _convert(options, "upscale", run, result, look)
 
 
 def _picture(options: argparse.Namespace) -> None:
@@ -423,7 +453,7 @@ def _compare(options: argparse.Namespace) -> None:
         webbrowser.open(options.output.resolve().as_uri())
 
 
-def _prepare(options: argparse.Namespace) -> None:
+def _prepare(options: argparse.Namespace) -> int:
     _need("data", *(("zarr",) if options.format == "zarr" else ("OpenEXR",)), "tqdm")
     from .prepare import prepare
 
@@ -434,11 +464,12 @@ def _prepare(options: argparse.Namespace) -> None:
     print(f"{done.folder}: {len(done.sequences)} sequences, {done.frames} frames")
     if done.set_aside:
         few = ", ".join(done.set_aside)
-        raise ValueError(f"{len(done.set_aside)} sequences could not be prepared: {few}; --resume tries them again")
+        print(f"{len(done.set_aside)} sequences were set aside: {few}; --resume tries them again", file=sys.stderr)
+    return int(bool(done.set_aside))
 
 
 def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]:
-    """Pass outputs on, and note the buffers that they used."""
+    """Yield the outputs unchanged, and add the buffers that they used to `used`."""
     for output in outputs:
         used.update(dict.fromkeys(output.used))
         yield output
@@ -447,7 +478,7 @@ def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]
 def _layers(known: Description) -> list[str]:
     """The channels of a file other than its colour."""
     recognised = [name for buffer, names in known.channels.items() if buffer != "color" for name in names]
-    return [*recognised, *known.unrecognised]
+    return [*recognised, *known.unused, *known.unrecognised]
 
 
 def _in_place(files: list[Description]) -> list[str]:
@@ -460,9 +491,16 @@ def _in_place(files: list[Description]) -> list[str]:
 
 
 def _missing(files: list[Description], names: Iterable[str] | None = None) -> list[str]:
-    """A line for each buffer that some file lacks, with the cost of its absence; optionally only for some names."""
+    """A line for each buffer that some file lacks, with the consequence; with `names`, for these buffers only."""
     costs = {name: cost for known in files for name, cost in known.missing.items()}
     return [f"missing: {name}: {cost}" for name, cost in costs.items() if names is None or name in names]
+
+
+def _reading(options: argparse.Namespace) -> dict[str, Any]:
+    """How files are read: the arguments of `read_exr`."""
+    from .io.mapping import parse
+
+    return {"mapping": parse(options.map), "view": options.view}
 
 
 def _convert(
@@ -471,47 +509,129 @@ def _convert(
     run: Callable[[Iterator[Frame], dict[str, None]], Iterator[Output]],
     result: Callable[[Output, Frame], Frame],
     look: Callable[[list[Description]], list[str]],
-) -> None:
+) -> int:
     """Run a method on the frames of each shot, from input files to output files of the same names."""
     from tqdm import tqdm
 
-    from .io import Plate, read_plate, sequence_paths, write_exr
+    from .io import COMPRESSIONS, Plate, read_plate, sequence_paths, write_exr
     from .io.ahead import ahead
     from .io.shots import breaks
 
+    if options.compression not in (None, *COMPRESSIONS):
+        raise ValueError(f"--compression: expected one of {', '.join(COMPRESSIONS)}, got {options.compression}")
+    reading = _reading(options)
     paths = sequence_paths(options.inputs)
+    files, damaged = _check(paths, _targets(paths, options.output), reading, keep_going=options.keep_going)
+    paths = [known.path for known in files]
     targets = _targets(paths, options.output)
-    files = _check(paths, targets)
     anew = breaks(paths)
-    notes = look(files)
+    shots = [range(*ends) for ends in pairwise([0, *sorted(anew), len(paths)])]
+    there = {i for i, target in enumerate(targets) if target.is_file()}
+    if there and not options.resume and not options.overwrite:
+        first = targets[min(there)]
+        more = f" and {len(there) - 1} more" if len(there) > 1 else ""
+        raise ValueError(f"{first}{more}: exists already: --resume goes on where a run stopped, --overwrite replaces")
+    if options.resume:
+        # History begins with a shot: those that lack a frame are computed from there.
+        shots = [shot for shot in shots if not there.issuperset(shot)]
+    else:
+        there = set()
+    notes = [*_recognised(files), *look(files)]
     for folder in {target.parent for target in targets}:
         _writable(folder)
-    for note in [*notes, *(f"warning: {about}" for about in anew.values())]:
+    for note in [*damaged, *notes, *(f"warning: {about}" for about in anew.values())]:
         print(note, file=sys.stderr)
     used: dict[str, None] = {}
+    todo = [i for shot in shots for i in shot]
+    if options.resume:
+        print(f"resumed: {len(there)} of {len(paths)} frames are there", file=sys.stderr)
+        _remove_unfinished(targets)
 
-    def results(plates: Iterator[Plate]) -> Iterator[tuple[Frame, Plate | None]]:
-        for first, end in pairwise([0, *sorted(anew), len(paths)]):
-            held: deque[tuple[Frame, Plate | None]] = deque()
+    def load(index: int) -> Plate | OSError | ValueError:
+        try:
+            return read_plate(paths[index], **reading)
+        except (OSError, ValueError) as error:
+            if not options.keep_going:
+                raise
+            return error
 
-            def frames(count: int, held: deque[tuple[Frame, Plate | None]] = held) -> Iterator[Frame]:
-                for plate in islice(plates, count):
-                    # Where many frames wait, only their buffers are kept: the other layers are read once more.
-                    held.append((plate.frame, None if held else plate))
-                    yield plate.frame
+    def results(plates: Iterator[Plate | OSError | ValueError]) -> Iterator[tuple[int, Frame, Plate | None]]:
+        for shot in shots:
+            coming = iter(shot)
+            for index in coming:  # once, unless a frame is damaged: history begins anew behind it
+                held: deque[tuple[int, Frame, Plate | None]] = deque()
 
-            for output in run(frames(end - first), used):
-                frame, plate = held.popleft()
-                yield result(output, frame), plate
+                def frames(index: int, coming: Iterator[int] = coming, held: Any = held) -> Iterator[Frame]:
+                    for number in chain([index], coming):
+                        plate = next(plates)
+                        if not isinstance(plate, Plate):
+                            damaged.append(f"damaged, left out: {plate}")
+                            tqdm.write(damaged[-1], file=sys.stderr)
+                            return
+                        # To save memory, only the first waiting frame keeps its other layers; the rest are read again.
+                        held.append((number, plate.frame, None if held else plate))
+                        yield plate.frame
+
+                some = frames(index)
+                for first in some:
+                    for output in run(chain([first], some), used):
+                        number, frame, plate = held.popleft()
+                        yield number, result(output, frame), plate
 
     # Reading, denoising and writing overlap, each in its own thread; OpenEXR and step() release the interpreter's lock.
     # Writing stays in the main thread, which receives interrupts.
-    read = ahead(read_plate(path) for path in paths)
+    read = ahead(map(load, todo))
     made = ahead(results(read))
-    with closing(read), closing(made), tqdm(made, what, len(paths), unit="frame", disable=None) as frames:
-        for path, target, (frame, plate) in zip(paths, targets, frames, strict=True):
-            write_exr(target, frame, half=options.half, like=plate or read_plate(path))
-    print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
+    writing = {"half": options.half, "compression": options.compression}
+    unsure = {min(kept) for shot in shots if (kept := there.intersection(shot))}
+    with closing(read), closing(made), tqdm(made, what, len(todo), unit="frame", disable=None) as frames:
+        for index, frame, plate in frames:
+            path, target = paths[index], targets[index]
+            if index in there and index not in unsure:
+                continue
+            with _compared(target) if index in unsure else nullcontext(target) as at:
+                write_exr(at, frame, **writing, like=plate or read_plate(path, **reading))
+    if todo:
+        print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
+    return int(bool(damaged))
+
+
+@contextmanager
+def _compared(target: Path) -> Iterator[Path]:
+    """Where to write a file that was there once more; raises if it is another one: then its run was another one."""
+    with tempfile.TemporaryDirectory() as folder:
+        again = Path(folder) / target.name
+        yield again
+        if again.read_bytes() != target.read_bytes():
+            raise ValueError(f"{target}: is of a run with other inputs or options: remove it, or use --overwrite")
+
+
+def _remove_unfinished(targets: list[Path]) -> None:
+    """Remove the temporary files that a killed run has left."""
+    for target in targets:
+        for path in target.parent.glob(f".{escape(target.name)}.*.tmp"):
+            path.unlink(missing_ok=True)
+
+
+def _recognised(files: list[Description]) -> list[str]:
+    """Lines on the renderers of files, and on choices among their layers; each once."""
+    lines = {}
+    for known in files:
+        if known.renderer:
+            lines.setdefault(f"recognised: {known.renderer}, by {known.evidence}", known)
+        for remark in known.remarks:
+            lines.setdefault(f"note: {remark}", known)
+        if known.views:
+            others = ", ".join(view for view in known.views if view != known.view)
+            lines.setdefault(f"note: view {known.view} is used, not {others}; --view chooses", known)
+        for name, why in known.unused.items():
+            if "map it" in why and "motion" not in known.channels:
+                lines.setdefault(f"note: {name.rpartition('.')[0] or name}: not used: {why}", known)
+    renderers = {known.renderer: known.path for known in reversed(files)}
+    if len(renderers) > 1:
+        of = "; ".join(f"{path} is by {name or 'an unknown one'}" for name, path in renderers.items())
+        lines[f"warning: files of several renderers: {of}"] = files[0]
+    return list(lines)
 
 
 def _targets(paths: list[Path], output: Path, suffix: str = ".exr") -> list[Path]:
@@ -519,7 +639,7 @@ def _targets(paths: list[Path], output: Path, suffix: str = ".exr") -> list[Path
     if output.suffix.lower() != suffix or output.is_dir():
         return [output / (path.name if suffix == ".exr" else f"{path.stem}{suffix}") for path in paths]
     if len(paths) > 1:
-        raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got the name of one")
+        raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got a file name")
     return [output]
 
 
@@ -527,23 +647,52 @@ def _info(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR")
     from .io import describe
 
-    known = describe(options.file)
+    known = describe(options.file, **_reading(options))
     width = max(map(len, [*known.channels, *known.missing, "camera"]))
     print(f"{known.path}: {known.width} x {known.height}")
+    print(f"recognised: {known.renderer or 'no renderer'}{f', by {known.evidence}' if known.renderer else ''}")
+    if known.views:
+        print(f"views: {', '.join(known.views)}; {known.view} is used, --view chooses")
+    for remark in known.remarks:
+        print(f"note: {remark}")
     for name, channels in known.channels.items():
-        print(f"  {name:<{width}} {' '.join(channels)}")
+        print(f"  {name:<{width}} {_grouped(channels, sort=False)}")
         if name in known.notes:
             print(f"  {'':<{width}} {known.notes[name]}")
     if known.camera:
         print(f"  {'camera':<{width}} at {_vector(known.camera.position)}, looks along {_vector(known.camera.forward)}")
     if known.jitter:
         print(f"  {'jitter':<{width}} ({known.jitter[0]:g}, {known.jitter[1]:g}) pixels")
+    if known.unused:
+        print("not used:")
+        reasons: dict[str, list[str]] = {}
+        for channel, why in known.unused.items():
+            reasons.setdefault(why, []).append(channel)
+        for why, several in reasons.items():
+            print(f"  {_grouped(several)}: {why}")
     if known.unrecognised:
-        print(f"not recognised: {' '.join(known.unrecognised)}")
+        print(f"not recognised: {_grouped(known.unrecognised)}")
+        for layer, guess in known.guesses.items():
+            print(f"  {layer} may be {guess.partition('=')[0]}: --map '{guess}'")
     if known.missing:
         print("missing:")
         for name, cost in known.missing.items():
             print(f"  {name:<{width}} {cost}")
+
+
+def _grouped(channels: Iterable[str], *, sort: bool = True) -> str:
+    """Channels by layer: ``N.XYZ`` for N.X, N.Y and N.Z, in the usual order of components or in that given."""
+    layers: dict[str, list[str]] = {}
+    for channel in channels:
+        layer, _, component = channel.rpartition(".")
+        layers.setdefault(layer, []).append(component)
+    bare = layers.pop("", [])
+    shown = list(bare)
+    for layer, components in layers.items():
+        if sort:
+            components.sort(key=lambda component: "RGBAXYZWUV".find(component.upper()))
+        shown.append(f"{layer}.{('' if all(len(one) == 1 for one in components) else ',').join(components)}")
+    return " ".join(shown)
 
 
 def _chart(options: argparse.Namespace) -> None:
@@ -555,15 +704,16 @@ def _chart(options: argparse.Namespace) -> None:
     from .study.compare.peers import peers
 
     if options.references and not options.frames:
-        raise ValueError("--references: expected FRAMES that they belong to, got none")
+        raise ValueError("--references: expected FRAMES as well, got none")
     if options.ablate and options.methods:
-        raise ValueError("--methods: expected none with --ablate, which has its own")
+        raise ValueError("--methods: expected none with --ablate, which chooses the methods itself")
     metrics = options.metrics and _known("--metrics", options.metrics, METRICS)
     bare = options.frames and not options.references
     if bare:
         metrics = [key for key in metrics or METRICS if METRICS[key].needs == "none"]
         if not metrics:
-            raise ValueError(f"--metrics: expected some that do without --references, got {', '.join(options.metrics)}")
+            got = ", ".join(options.metrics)
+            raise ValueError(f"--metrics: expected metrics without a reference, or --references, got {got}")
     entered = [*doors.DOORS[: 1 if options.doors is None else None]]
     if options.doors:
         names = _known("--doors", options.doors, [door.name for door in doors.DOORS])
@@ -573,15 +723,15 @@ def _chart(options: argparse.Namespace) -> None:
     wanted = tuple(current_name(name) for name in options.methods or ())
     for one in wanted:
         if not any(m.name.startswith(one) for m in every):
-            known = "; ".join([*(m.name for m in every), *(f"(not here) {name}" for name in absent)])
-            raise ValueError(f"--methods: expected beginnings of {known}, got {one}")
+            known = "; ".join([*(m.name for m in every), *(f"(not installed) {name}" for name in absent)])
+            raise ValueError(f"--methods: expected prefixes of {known}, got {one}")
     methods = [m for m in every if not wanted or m.name.startswith(wanted)]
     given = _recordings(options)
     folder = _writable(options.output)
     for name, remedy in absent.items():
-        print(f"not here: {name}: {remedy}", file=sys.stderr)
+        print(f"not installed: {name}: {remedy}", file=sys.stderr)
     if bare:
-        print("no references: speed, and steadiness along motion alone, are measured", file=sys.stderr)
+        print("no references: only speed and the change along motion are measured", file=sys.stderr)
     recordings = list(given)
     few = metrics or [*harm.LIMITS]
 
@@ -614,9 +764,11 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     from .study.rendered.recording import open_recording, record
 
     if options.frames:
-        return [open_recording(options.frames, options.references)]
+        return [open_recording(options.frames, options.references, **_reading(options))]
+    if options.map or options.view:
+        raise ValueError("--map, --view: expected FRAMES that they are about, got none")
     _need("study", "mitsuba")
-    from .study.rendered.sequences import GROUPS, LATE, NAMES
+    from .study.rendered.sequences import GROUPS, LATE, NAMES, expand
 
     asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES, *LATE])
     if options.cache:
@@ -625,8 +777,7 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     shape = {"frames": options.length, "width": width, "height": height, "reference_spp": options.reference_spp}
     shape["variants"] = options.seeds - 1
     shape["raw_albedo"] = options.doors is not None
-    names = dict.fromkeys(name for one in asked for name in GROUPS.get(one, (one,)))
-    return (record(name, options.cache, **shape) for name in names)
+    return (record(name, options.cache, **shape) for name in expand(asked))
 
 
 def _known(argument: str, given: list[str], known: Iterable[str]) -> list[str]:
@@ -669,31 +820,48 @@ def _need(extra: str, *modules: str) -> None:
         raise ImportError(f"{', '.join(absent)} not installed: pip install 'yester[{extra}]'")
 
 
-def _check(paths: list[Path], targets: list[Path]) -> list[Description]:
-    """Check the headers for problems that would stop the work half-way."""
+def _check(
+    paths: list[Path], targets: list[Path], reading: dict[str, Any], *, keep_going: bool
+) -> tuple[list[Description], list[str]]:
+    """Check the headers for problems that would stop the work half-way; a line for each damaged file that is left out.
+
+    Without `keep_going`, damaged files are an error, which names all of them.
+    """
     from .io import describe
 
     files: list[Description] = []
+    damaged: list[OSError | ValueError] = []
     seen: dict[str, Path] = {}
     for path, target in zip(paths, targets, strict=True):
-        known = describe(path)
+        if path.name in seen:
+            raise ValueError(f"{path}: its output would overwrite that of {seen[path.name]}, which has the same name")
+        seen[path.name] = path
+        if target.resolve() == path.resolve():
+            raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
+        try:
+            known = describe(path, **reading)
+        except ValueError as error:
+            if str(error).startswith(f"{path}: "):  # not of the mapping or the view
+                damaged.append(error)
+                continue
+            raise
         files.append(known)
         first = files[0]
         if "color" not in known.channels:
-            raise ValueError(f"{path}: no colour: expected channels R, G and B, got {' '.join(known.unrecognised)}")
+            got = " ".join([*known.unused, *known.unrecognised])
+            raise ValueError(f"{path}: no colour: expected channels R, G and B, got {got}")
         if (known.width, known.height) != (first.width, first.height):
             raise ValueError(
                 f"{path}: {known.width} x {known.height}, but {first.path} is {first.width} x {first.height}"
             )
         if ("albedo" in known.channels) != ("albedo" in first.channels):
             has, lacks = (path, first.path) if "albedo" in known.channels else (first.path, path)
-            raise ValueError(f"{lacks}: no albedo, but {has} has one")
-        if path.name in seen:
-            raise ValueError(f"{path}: the output of {seen[path.name]} would have the same name")
-        seen[path.name] = path
-        if target.resolve() == path.resolve():
-            raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
-    return files
+            raise ValueError(f"{lacks}: no albedo, but {has} has albedo")
+    if damaged and not (keep_going and files):
+        others = f"; so are {len(damaged) - 1} more" if len(damaged) > 1 else ""
+        named = ": " + "; ".join(str(error).partition(": ")[0] for error in damaged[1:]) if others else ""
+        raise ValueError(f"{damaged[0]}{others}{named} (--keep-going leaves them out)")
+    return files, [f"damaged, left out: {error}" for error in damaged]
 
 
 def _writable(folder: Path) -> Path:

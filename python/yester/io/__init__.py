@@ -1,6 +1,11 @@
-"""Read and write frames: files and renderers. Every buffer is converted to its canonical form once, on input."""
+"""Read and write frames: files and renderers.
+
+Every buffer is converted to its canonical form once, on input. EXR files are read and written here; `yester.io.mitsuba`
+renders sequences.
+"""
 
 from .exr import (
+    COMPRESSIONS,
     Description,
     Plate,
     describe,
@@ -13,6 +18,7 @@ from .exr import (
 )
 
 __all__ = [
+    "COMPRESSIONS",
     "Description",
     "Plate",
     "describe",
