@@ -1,12 +1,12 @@
-"""Writes small stores in the layout of Noisebase's training and test sets, from the scene of the tests."""
+"""Writes small stores in the layout of Noisebase's training and test sets, from the sequence that tests render."""
 
 import sys
 from pathlib import Path
 from typing import Any
 
+import flight
 import numcodecs
 import numpy as np
-import scene
 import zarr
 from numpy.typing import NDArray
 
@@ -31,7 +31,7 @@ def offset(frame: int) -> tuple[int, int]:
 
 def arrays(frame: int, size: tuple[int, int], window: tuple[int, int], seed: int = 0) -> dict[str, NDArray[Any]]:
     """One frame's arrays, without the axis of frames. `size` is that of the image, `window` of its part, (H, W)."""
-    shot = scene.shoot(frame, size[1], size[0])
+    shot = flight.shoot(frame, size[1], size[0])
     top, left = offset(frame) if window != size else (0, 0)
     cut = np.s_[top : top + window[0], left : left + window[1]]
     rng = np.random.default_rng([seed, frame])
@@ -42,8 +42,8 @@ def arrays(frame: int, size: tuple[int, int], window: tuple[int, int], seed: int
 
     position = shot.position.astype(np.float64)
     moved = np.zeros_like(position)
-    one = shot.ids == scene.MOVER
-    back = scene.transforms(frame)[scene.MOVER]
+    one = shot.ids == flight.MOVER
+    back = flight.transforms(frame)[flight.MOVER]
     moved[one] = position[one] @ back[:3, :3].T + back[:3, 3] - position[one]
     color, exposure = encode(planes(shot.color) * noise)
     return {

@@ -12,11 +12,11 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import flight
 import noisebase
 import numpy as np
 import psutil
 import pytest
-import scene
 import yester
 import zarr
 from compare import assert_close
@@ -29,10 +29,8 @@ WIDTH, HEIGHT = 32, 24
 
 def shots(count: int, width: int = WIDTH, height: int = HEIGHT, seed: int = 0) -> list[yester.Frame]:
     rng = np.random.default_rng(seed)
-    return [
-        yester.Frame(scene.noisy(shot, rng), **shot.buffers())
-        for shot in (scene.shoot(i, width, height) for i in range(count))
-    ]
+    clean = (flight.shoot(number, width, height) for number in range(count))
+    return [replace(frame, color=flight.noisy(frame, rng)) for frame in clean]
 
 
 def write(folder: Path, frames: list[yester.Frame]) -> None:
@@ -76,7 +74,7 @@ def test_derived_images_are_the_kernels():
         zero = np.zeros((HEIGHT, WIDTH), np.float32)
         mean, moments, length, validity, former = color * 0, np.zeros((HEIGHT, WIDTH, 2)), zero, zero, None
         if before is not None:
-            motion = yester.motion_vectors(frame.position, frame.camera, before.camera)
+            motion = frame.motion
             tests = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
             tests |= {f"previous_{name}": getattr(before, name) for name in tests}
             tests["previous_camera"] = before.camera
@@ -164,7 +162,7 @@ def test_stores_are_what_was_rendered(tmp_path, single):
         paths = [path]
     assert layout(paths[0]).single is single
     for index, (frame, reference) in enumerate(read_noisebase(paths)):
-        shot = scene.shoot(index, size[1], size[0])
+        shot = flight.shoot(index, size[1], size[0])
         top, left = noisebase.offset(index) if not single else (0, 0)
         cut = np.s_[top : top + window[0], left : left + window[1]]
         hit = shot.ids[cut] > 0
@@ -172,7 +170,6 @@ def test_stores_are_what_was_rendered(tmp_path, single):
         named = noisebase.arrays(index, size, window)
         want = decode_color(named["color"], named["exposure"]).mean(-1)
         assert_close("color", frame.color, np.moveaxis(want, 0, -1), rtol=1e-5)
-        # Each mantissa is rounded to a 255th of the brightest.
         assert abs(frame.color.mean() / (shot.color[cut].mean()) - 1) < 0.1
         assert_close("albedo", frame.albedo, shot.albedo[cut], rtol=1e-3)
         assert_close("normal", frame.normal, shot.normal[cut], rtol=1e-3)
@@ -181,9 +178,7 @@ def test_stores_are_what_was_rendered(tmp_path, single):
         if index == 0:
             assert not frame.motion.any()
             continue
-        given = {"ids": shot.ids, "transforms": scene.transforms(index)}
-        former = scene.camera(index - 1, size[1], size[0])
-        motion = yester.motion_vectors(shot.position, shot.camera, former, **given)[cut].copy()
+        motion = shot.motion[cut].copy()
         if not single:
             # The window has moved as well.
             motion[..., :2] += np.subtract(noisebase.offset(index), noisebase.offset(index - 1))[::-1]
@@ -535,7 +530,7 @@ class Deadly(Source):
 
 
 @pytest.mark.slow
-def test_an_interrupt_leaves_nothing_half_written(long, tmp_path):
+def test_an_interrupt_leaves_nothing_half_written(long, tmp_path, ctrl_c):
     inputs, want = long
     out = tmp_path / "out"
     running = subprocess.Popen(command(inputs, "-o", out, "--jobs", 2), stderr=subprocess.PIPE, text=True)
