@@ -417,8 +417,9 @@ def _convert(
     """Run a method on the frames of each shot, from input files to output files of the same names."""
     from tqdm import tqdm
 
-    from .io import COMPRESSIONS, Plate, read_plate, sequence_paths, write_exr
+    from .io import Plate, read_plate, sequence_paths, write_exr
     from .io.ahead import ahead
+    from .io.exr import COMPRESSIONS
     from .io.shots import breaks
 
     if options.compression not in (None, *COMPRESSIONS):

@@ -252,8 +252,9 @@ def write_exr(
         65504, or as float32. By default, in the type of the channels that they replace, otherwise as float32. The
         others always have 32 bits.
     compression : str, optional
-        One of `COMPRESSIONS`, in the names of the OpenEXR library. By default that of `like`, if it is lossless: a
-        second lossy compression would change what is copied. Otherwise ``"zip"``.
+        ``"none"``, ``"rle"``, ``"zips"``, ``"zip"``, ``"piz"``, ``"pxr24"``, ``"b44"``, ``"b44a"``, ``"dwaa"``,
+        ``"dwab"``, ``"htj2k256"`` or ``"htj2k32"``, as the OpenEXR library has them. By default that of `like`, if it
+        is lossless: a second lossy compression would change what is copied. Otherwise ``"zip"``.
     like : Plate, optional
         Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
         layers), windows, the remaining attributes of the header, and all other parts. Colour replaces the channels that
