@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from test_variance import surface
 
@@ -45,7 +45,6 @@ def luminance(color):
         return color @ np.float32([0.2126, 0.7152, 0.0722])
 
 
-@settings(max_examples=200)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -69,7 +68,6 @@ def test_sizes(height, width, buffers):
     check(*inputs(rng, height, width), iterations=3, **surface(rng, height, width, buffers))
 
 
-@settings(max_examples=150)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),

@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 WEIGHTINGS = ["none", "tone", "luminance"]
@@ -37,7 +37,6 @@ def check(color, history, alpha=0.05, **named):
     return got
 
 
-@settings(max_examples=150)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),

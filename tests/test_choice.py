@@ -7,7 +7,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from reference.choice import costs, relative, together
 from test_innovation import motions
@@ -99,7 +99,6 @@ def averaged(image):
     return image
 
 
-@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -117,7 +116,6 @@ def test_reference_of_comparisons(seed, size, count, exposure, end, known, holes
     compare_check(**given, evidence=evidence, exposure=exposure, usual=round(end * (count - 1)))
 
 
-@settings(max_examples=200)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 80), st.integers(1, 80)),

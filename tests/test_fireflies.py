@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from test_variance import surface
 
@@ -34,7 +34,6 @@ def check(color, rtol=1e-5, **named):
     return got, removed
 
 
-@settings(max_examples=150)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 30), st.integers(1, 40)),
@@ -47,7 +46,6 @@ def test_reference(seed, size, holes, **named):
     check(image(np.random.default_rng(seed), *size, holes=holes), **named)
 
 
-@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 30), st.integers(1, 30)),
@@ -146,7 +144,6 @@ def test_what_history_predicted_is_none():
     assert removed[10, 10] == pytest.approx(7, abs=0.5)
 
 
-@settings(max_examples=50)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),

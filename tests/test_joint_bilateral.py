@@ -6,7 +6,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from test_variance import surface
 
@@ -40,7 +40,6 @@ def traced(color, number, scale=2):
     return kept
 
 
-@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 36), st.integers(1, 36)),
@@ -76,7 +75,6 @@ def low_inputs(rng, height, width, scale, buffers, lows, offset):
     return compare.colors(rng, *low, holes=0.1), {**full, **own, "scale": scale, "offset": where}
 
 
-@settings(max_examples=120)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 36), st.integers(1, 36)),

@@ -9,7 +9,7 @@ import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from composed import sample, sequence
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from yester.metrics import psnr
 
@@ -47,7 +47,6 @@ def check(given: tuple, **named) -> tuple:
     return got
 
 
-@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),

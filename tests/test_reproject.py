@@ -5,7 +5,7 @@ import pytest
 import reference
 import yester
 from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 RAMP = 0.3 * BAND / 1e-5  # the part of the tolerance that a ramp multiplies
@@ -63,7 +63,6 @@ def check(history, motion, **named) -> np.ndarray:
     return coverage
 
 
-@settings(max_examples=200)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),

@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 
@@ -40,7 +40,6 @@ def check(moments, length, **named):
     return got
 
 
-@settings(max_examples=200)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 36), st.integers(1, 36)),
