@@ -168,7 +168,7 @@ class Camera:
         """The matrix that was passed to the constructor: (4, 4) float64."""
     @property
     def world_to_camera(self) -> _Doubles:
-        """Rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR headers): (4, 4) float64."""
+        """Rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR files): (4, 4) float64."""
     @property
     def width(self) -> int:
         """Image width in pixels."""
@@ -203,7 +203,7 @@ class Camera:
 
         See Also
         --------
-        Camera.unproject : The inverse.
+        Camera.unproject : From pixels and depths to world points.
 
         Examples
         --------
@@ -236,7 +236,7 @@ class Camera:
 
         See Also
         --------
-        Camera.project : The inverse.
+        Camera.project : From world points to pixels.
 
         Examples
         --------
@@ -328,7 +328,7 @@ class Accumulated:
 
     See Also
     --------
-    accumulate : Makes it.
+    accumulate : Returns this.
 
     Examples
     --------
@@ -357,17 +357,17 @@ class Output:
     ----------
     color : (H, W, 3) float32
         Linear; finite everywhere.
-    variance : (H, W) float32, optional
-        Estimated variance of the filtered luminance, before remodulation; None from pipelines without an estimate.
-    choice : (H, W) float32, optional
-        Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
-        choice.
     history_length : (H, W) float32
         Samples that went into each pixel, up to 1/alpha.
     confidence : (H, W) float32
         Accepted fraction of the history's footprint, 0 to 1; 0 where history was rejected (disocclusion).
     rejection : (H, W) uint8
         Bits of `Rejection`: the tests that taps of the footprint failed (one pixel for filter "nearest", else 2×2).
+    variance : (H, W) float32, optional
+        Estimated variance of the filtered luminance, before remodulation; None from pipelines without an estimate.
+    choice : (H, W) float32, optional
+        Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
+        choice.
     used : tuple of str, default ()
         The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
         "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",
@@ -377,7 +377,7 @@ class Output:
 
     See Also
     --------
-    SVGF.step : Returns it.
+    SVGF.step : Returns an output.
     Rejection : The bits of `rejection`.
 
     Examples
@@ -482,7 +482,7 @@ class History:
 
     See Also
     --------
-    SVGF.recall : Returns it.
+    SVGF.recall : Returns a history.
     combine_histories : Joins two histories.
 
     Examples
@@ -607,7 +607,7 @@ class SVGF(Pipeline):
 
     See Also
     --------
-    denoise : Runs it over a sequence, from both sides.
+    denoise : Runs a pipeline over a sequence, from both sides.
     plan : Finds out which stages and buffers a sequence needs.
     HalfRes : For frames of which a part is traced.
     TAA : For frames with little noise.
@@ -912,7 +912,7 @@ class BMFR(Pipeline):
         Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
     features : {"fewest", "all"}, default "fewest"
         As in `regress`.
-    relative_depth, plane_distance, normal_angle : float or (float, float)
+    relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
         As in `SVGF`.
     by_confidence : bool, default False
         Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
@@ -933,7 +933,7 @@ class BMFR(Pipeline):
 
     See Also
     --------
-    regress : The fit.
+    regress : Fits one frame.
     SVGF : Filters instead of fitting.
 
     Notes
@@ -1027,9 +1027,9 @@ class TAA(Pipeline):
         Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
     filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
         As in `reproject`.
-    box, gamma, window, space, response : optional
+    box, gamma, window, space, response : str or float, optional
         As in `clip_history`.
-    weighting, flicker : optional
+    weighting, flicker : str or float, optional
         As in `blend`.
     relative_depth, plane_distance, normal_angle : float or (float, float), optional
         Tests that history must pass, with thresholds as in `reproject`; by default none. With `plane_distance`, frames
@@ -1062,8 +1062,8 @@ class TAA(Pipeline):
 
     See Also
     --------
-    clip_history : The clip.
-    resolve : The image to which it should converge.
+    clip_history : Clips history to the neighbourhood.
+    resolve : Makes the image to which antialiasing should converge.
     Upscaler : Antialiases and upscales.
     morphological_aa : Antialiases a single image.
 
@@ -1121,7 +1121,7 @@ class TAA(Pipeline):
         innovation: bool = False,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None) -> Output:
-        """Antialias the next frame of the sequence.
+        """Apply antialiasing to the next frame of the sequence.
 
         Parameters
         ----------
@@ -1169,7 +1169,7 @@ class Recirculation(Pipeline):
         "best" has 0.
     history : {"splat", "fetch"}, optional
         Scatter history to where it appears now, or fetch it along the motion of the new samples. "best" has "splat".
-    blur, share, fade, limit : optional
+    blur, share, fade, limit : float or (float, float), optional
         As in `recirculate`. "best" has its defaults. With "splat", history stays free of the blur.
     tolerance : float, optional
         As in `splat`; also the largest difference of a sample's depth, relative to it, from that of history at its
@@ -1654,7 +1654,7 @@ def invert_motion(
 
     See Also
     --------
-    denoise : Uses it to run backwards in time.
+    denoise : Denoises with later frames as well, along inverted motion.
     motion_vectors : Motion from cameras.
 
     Notes
@@ -1756,7 +1756,7 @@ def reproject(
 
     See Also
     --------
-    consistency : The tests alone.
+    consistency : Tests history without fetching it.
     motion_vectors : Motion from cameras.
     accumulate : Merges new samples into the result.
 
@@ -1874,7 +1874,7 @@ def reproject(
 
     See Also
     --------
-    consistency : The tests alone.
+    consistency : Tests history without fetching it.
     motion_vectors : Motion from cameras.
     accumulate : Merges new samples into the result.
 
@@ -1978,7 +1978,7 @@ def consistency(
 
     See Also
     --------
-    reproject : Fetches history with the same tests.
+    reproject : Fetches history, with these tests.
     blend_factor : Turns confidence into a blend factor.
     Rejection : The tests.
 
@@ -2068,8 +2068,8 @@ def clip_history(
     See Also
     --------
     blend : Blends the result with the new samples.
-    anti_lag : Shortens history where it was clipped.
-    TAA : The pipeline.
+    anti_lag : Shortens history where clipping moved its colour.
+    TAA : The pipeline that clips every frame's history.
 
     Notes
     -----
@@ -2118,8 +2118,8 @@ def exposure(color: ArrayLike) -> float:
 
     See Also
     --------
-    clip_history : Takes it for tone-mapped colour spaces.
-    innovation : Takes it as the scale of differences.
+    clip_history : Takes the exposure for tone-mapped colour spaces.
+    innovation : Takes the exposure as the scale of differences.
 
     Notes
     -----
@@ -2511,8 +2511,8 @@ def choice(
 
     See Also
     --------
-    compare_candidates : Makes the evidence.
-    SVGF : Chooses the number of filter passes with it.
+    compare_candidates : Adds a frame's evidence.
+    SVGF : Chooses the number of filter passes in this way.
 
     Notes
     -----
@@ -2905,7 +2905,7 @@ def resample(
 
     See Also
     --------
-    Upscaler : The pipeline.
+    Upscaler : The pipeline that upscales sequences.
     jitter : Offsets.
     joint_bilateral_upsample : Upsamples along the edges of guides.
 
@@ -2959,7 +2959,7 @@ def disocclusion(
     See Also
     --------
     consistency : Tests history by buffers of the previous frame.
-    Upscaler : The pipeline.
+    Upscaler : The pipeline that upscales sequences.
 
     Notes
     -----
@@ -3058,7 +3058,7 @@ def sharpen(color: ArrayLike, *, strength: float = 0.5, exposure: float = 1.0, o
 
     See Also
     --------
-    Upscaler : Has it as the option `sharpness`.
+    Upscaler : Sharpens with the option `sharpness`.
 
     Notes
     -----
@@ -3115,8 +3115,8 @@ def resolve(
     See Also
     --------
     jitter : Offsets.
-    resample : The same for one frame and a grid of another size.
-    TAA : Converges to this image.
+    resample : Resamples one frame to a grid of another size.
+    TAA : Approaches this image over time.
 
     Notes
     -----
@@ -3175,7 +3175,7 @@ def estimate_variance(
         of resampled lengths does not decide.
     radius : int, default 3
         The spatial window reaches so many pixels to each side, 0 to 16.
-    sigma_normal, sigma_depth, sigma_plane : float
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
         As in `atrous`.
     out : (H, W) float32 array, optional
         Written and returned instead of a new array; it may be an input.
@@ -3192,7 +3192,7 @@ def estimate_variance(
 
     See Also
     --------
-    accumulate : Makes the moments.
+    accumulate : Returns the moments.
     atrous : Takes the variance.
 
     Notes
@@ -3288,9 +3288,9 @@ def atrous(
 
     See Also
     --------
-    estimate_variance : Makes the variance.
-    accumulate : Makes the colour.
-    SVGF : The pipeline.
+    estimate_variance : Estimates the variance.
+    accumulate : Returns accumulated colour.
+    SVGF : The pipeline that filters every frame.
 
     Notes
     -----
@@ -3396,9 +3396,9 @@ def atrous(
 
     See Also
     --------
-    estimate_variance : Makes the variance.
-    accumulate : Makes the colour.
-    SVGF : The pipeline.
+    estimate_variance : Estimates the variance.
+    accumulate : Returns accumulated colour.
+    SVGF : The pipeline that filters every frame.
 
     Notes
     -----
@@ -3485,7 +3485,7 @@ def regress(
 
     See Also
     --------
-    BMFR : The pipeline.
+    BMFR : The pipeline that fits every frame.
     demodulate : Divides colour by albedo.
     atrous : Filters instead of fitting.
 
@@ -3587,7 +3587,7 @@ def splat(
     --------
     pull_push : Fills the holes.
     reproject : Fetches instead of scattering.
-    Recirculation : The pipeline.
+    Recirculation : The pipeline that keeps history as points.
 
     Notes
     -----
@@ -3734,9 +3734,9 @@ def recirculate(
 
     See Also
     --------
-    pull_push : Makes the new image.
-    splat : Makes the reprojected history.
-    Recirculation : The pipeline.
+    pull_push : Fills the holes of the new image.
+    splat : Scatters the history to this frame.
+    Recirculation : The pipeline that keeps history as points.
 
     Notes
     -----
@@ -3798,7 +3798,7 @@ def suppress_fireflies(
         Radius of the window in pixels, 1 to 16.
     redistribute : bool, default True
         Spread the excess over the window's pixels of the same surface, so that the image does not darken.
-    sigma_normal, sigma_depth, sigma_plane : float
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
         As in `atrous`.
     out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
         Written and returned instead of new arrays; they may be inputs. A part may be None.
@@ -3817,7 +3817,7 @@ def suppress_fireflies(
 
     See Also
     --------
-    SVGF : Has it as the option `fireflies`.
+    SVGF : Suppresses fireflies with the option `fireflies`.
     clip_history : Clips history instead of samples.
 
     Notes
@@ -3881,7 +3881,7 @@ def fix_history(
         Histories shorter than this are fixed; at least 0.
     stride : float, default 14.0
         Distance between taps in pixels at history length 0, 1 to 64; at length N it is stride/(1 + N), at least 1.
-    sigma_normal, sigma_depth, sigma_plane : float
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
         As in `atrous`.
     out : (H, W, 3) float32 array, optional
         Written and returned instead of a new array; it may be an input.
@@ -3898,7 +3898,7 @@ def fix_history(
 
     See Also
     --------
-    accumulate : Makes colour and length.
+    accumulate : Returns accumulated colour and history length.
     estimate_variance : Widens the filter where history is short.
 
     Notes
@@ -3956,7 +3956,7 @@ def reconstruct(
         Radius of the window in pixels, 1 to 16.
     sigma : float, default 1.0
         Standard deviation of the spatial weight, in pixels; above 0.
-    sigma_normal, sigma_depth, sigma_plane : float
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
         As in `atrous`.
     out : (H, W, 3) float32 array, optional
         Written and returned instead of a new array; it may be an input.
@@ -3974,7 +3974,7 @@ def reconstruct(
 
     See Also
     --------
-    joint_bilateral_upsample : The same for samples on a regular grid.
+    joint_bilateral_upsample : Reconstructs from samples on a regular grid.
     pull_push : Fills holes without regard to surfaces.
     HalfRes : A pipeline for frames of which a part is traced.
 
@@ -4046,7 +4046,7 @@ def joint_bilateral_upsample(
         Radius of the window in multiples of `scale` pixels, 1 to 16.
     sigma : float, default 1.0
         Standard deviation of the spatial weight, in multiples of `scale` pixels; above 0.
-    sigma_normal, sigma_depth, sigma_plane : float
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
         As in `atrous`.
     out : (H, W, 3) float32 array, optional
         Written and returned instead of a new array.
@@ -4063,7 +4063,7 @@ def joint_bilateral_upsample(
 
     See Also
     --------
-    reconstruct : The same for samples at arbitrary pixels.
+    reconstruct : Reconstructs from samples at arbitrary pixels.
     resample : Upsamples without guides.
 
     Notes
@@ -4116,7 +4116,7 @@ def demodulate(
 
     See Also
     --------
-    remodulate : The inverse.
+    remodulate : Multiplies by albedo again.
 
     Notes
     -----
@@ -4171,7 +4171,7 @@ def remodulate(
 
     See Also
     --------
-    demodulate : The inverse.
+    demodulate : Divides by albedo.
 
     Examples
     --------

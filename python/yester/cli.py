@@ -112,10 +112,13 @@ def _parser() -> argparse.ArgumentParser:
         result.set_defaults(run=run)
         return result
 
+    output = "output folder (default: %(default)s)"
     demo = command(_demo, "demo", "render a short noisy sequence with Mitsuba, denoise it and measure the result")
-    demo.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-demo"), help="%(default)s")
-    demo.add_argument("--frames", metavar="N", type=_count, default=24, help="%(default)s")
-    demo.add_argument("--size", metavar="WxH", type=_size, default=(320, 240), help="320x240")
+    demo.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-demo"), help=output)
+    demo.add_argument("--frames", metavar="N", type=_count, default=24, help="number of frames (default: %(default)s)")
+    demo.add_argument(
+        "--size", metavar="WxH", type=_size, default=(320, 240), help="size of the frames (default: 320x240)"
+    )
 
     out = "output folder; files keep their names. For a single input, also a file name that ends in .exr"
     clean = command(_denoise, "denoise", "denoise a sequence of EXR frames")
@@ -165,40 +168,44 @@ def _parser() -> argparse.ArgumentParser:
 
     chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
     chart.add_argument("frames", metavar="FRAMES", nargs="*", help="noisy EXR files: a folder, files or a pattern")
-    chart.add_argument("--references", metavar="REF", nargs="+", help="references: noise-free files of the same names")
-    chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help="%(default)s")
-    chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="by default, all")
-    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of names; by default, all")
+    chart.add_argument("--references", metavar="REF", nargs="+", help="noise-free files of the same names")
+    chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help=output)
+    chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="metrics; by default, all")
+    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of methods' names; by default, all")
     chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
     chart.add_argument("--ablate", action="store_true", help="ablation: switch off each component in turn")
     doors = "measure the loss from dropped or degraded buffers, in these ways (by default all); also with --ablate"
     chart.add_argument("--doors", metavar="DOOR", nargs="*", help=doors)
-    chart.add_argument("--time-size", metavar="WxH", type=_size, default=(1280, 720), help="of timed frames; 1280x720")
+    chart.add_argument(
+        "--time-size", metavar="WxH", type=_size, default=(1280, 720), help="size of timed frames; 1280x720"
+    )
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
-    groups = "names or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, all (default): all but the last"
+    groups = "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out; default: all but the last"
     render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
-    render("--length", metavar="N", type=_count, default=16, help="frames; %(default)s")
-    render("--size", metavar="WxH", type=_size, default=(256, 192), help="256x192")
-    render("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
-    render("--seeds", metavar="N", type=_count, default=1, help="realisations of the noise; %(default)s")
+    render("--length", metavar="N", type=_count, default=16, help="number of frames; %(default)s")
+    render("--size", metavar="WxH", type=_size, default=(256, 192), help="size of the frames; 256x192")
+    render("--reference-spp", metavar="N", type=_count, help="samples per pixel of references; by default, 256 or 512")
+    render("--seeds", metavar="N", type=_count, default=1, help="number of realisations of the noise; %(default)s")
     render("--cache", metavar="DIR", type=Path, help="folder for rendered frames; by default in the user's cache")
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
-    stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help="%(default)s")
-    stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="by default, all")
-    stress.add_argument("--methods", metavar="NAME", nargs="+", help="by default, all pipelines and presets")
+    stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help=output)
+    stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="scenarios; by default, all")
+    stress.add_argument("--methods", metavar="NAME", nargs="+", help="methods; by default, all pipelines and presets")
     stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
     stress.add_argument("--quick", action="store_true", help="16 frames of each scenario; no strains, no long runs")
 
-    bench = command(_bench, "bench", "time every kernel and pipeline, beside other libraries and the machine's limits")
-    bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help="%(default)s")
+    bench = command(_bench, "bench", "time every kernel and pipeline, other libraries and the machine's limits")
+    bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help=output)
     sizes = [(256, 256), (1920, 1080), (3840, 2160)]
     shown = " ".join(f"{width}x{height}" for width, height in sizes)
-    bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=shown)
-    bench.add_argument("--threads", metavar="N", type=_count, nargs="+", help="by default, one and all")
-    bench.add_argument("--simd", metavar="LEVEL", nargs="+", help="with the most threads; by default, all levels here")
+    bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=f"sizes of images; {shown}")
+    bench.add_argument(
+        "--threads", metavar="N", type=_count, nargs="+", help="numbers of threads; by default, one and all"
+    )
+    bench.add_argument("--simd", metavar="LEVEL", nargs="+", help="SIMD levels, with the most threads; by default, all")
     bench.add_argument("--repetitions", metavar="N", type=_count, default=7, help="maximum number of runs; %(default)s")
-    bench.add_argument("--only", metavar="TASK", nargs="+", help="prefixes of names; by default, all")
+    bench.add_argument("--only", metavar="TASK", nargs="+", help="prefixes of tasks' names; by default, all")
     bench.add_argument("--no-rivals", action="store_true", help="leave out torch, OpenCV and Open Image Denoise")
     return parser
 

@@ -77,7 +77,7 @@ def predictive_error(
 
     See Also
     --------
-    prediction_gain : The same for two histories, pixel by pixel.
+    prediction_gain : Compares two histories, pixel by pixel.
     yester.metrics.relmse : Error against a reference.
 
     Notes

@@ -401,7 +401,7 @@ def temporal_error(image: Image, before: Image, reference: Image, reference_befo
 
     See Also
     --------
-    tpsnr : The same in decibels.
+    tpsnr : This error in decibels.
     warped_error : Needs no reference.
 
     Examples

@@ -373,7 +373,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     See Also
     --------
     Plan : The result, which can be saved and makes the pipeline.
-    SVGF : The pipeline.
+    SVGF : The pipeline that a plan configures.
 
     Notes
     -----

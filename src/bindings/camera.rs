@@ -194,7 +194,7 @@ impl Camera {
     ///
     /// See Also
     /// --------
-    /// Camera.unproject : The inverse.
+    /// Camera.unproject : From pixels and depths to world points.
     ///
     /// Examples
     /// --------
@@ -250,7 +250,7 @@ impl Camera {
     ///
     /// See Also
     /// --------
-    /// Camera.project : The inverse.
+    /// Camera.project : From world points to pixels.
     ///
     /// Examples
     /// --------
@@ -771,7 +771,7 @@ pub fn dilate_motion<'py>(
 ///
 /// See Also
 /// --------
-/// denoise : Uses it to run backwards in time.
+/// denoise : Denoises with later frames as well, along inverted motion.
 /// motion_vectors : Motion from cameras.
 ///
 /// Notes

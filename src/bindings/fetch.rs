@@ -72,7 +72,7 @@ use crate::kernels::fetch::validate::{self, Threshold};
 ///
 /// See Also
 /// --------
-/// consistency : The tests alone.
+/// consistency : Tests history without fetching it.
 /// motion_vectors : Motion from cameras.
 /// accumulate : Merges new samples into the result.
 ///

@@ -51,7 +51,7 @@ use crate::kernels::smooth::joint_bilateral::{
 ///
 /// See Also
 /// --------
-/// joint_bilateral_upsample : The same for samples on a regular grid.
+/// joint_bilateral_upsample : Reconstructs from samples on a regular grid.
 /// pull_push : Fills holes without regard to surfaces.
 /// HalfRes : A pipeline for frames of which a part is traced.
 ///
@@ -162,7 +162,7 @@ pub fn reconstruct_<'py>(
 ///
 /// See Also
 /// --------
-/// reconstruct : The same for samples at arbitrary pixels.
+/// reconstruct : Reconstructs from samples at arbitrary pixels.
 /// resample : Upsamples without guides.
 ///
 /// Notes

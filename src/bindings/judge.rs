@@ -64,8 +64,8 @@ use crate::pixels::PixelsMut;
 /// See Also
 /// --------
 /// blend : Blends the result with the new samples.
-/// anti_lag : Shortens history where it was clipped.
-/// TAA : The pipeline.
+/// anti_lag : Shortens history where clipping moved its colour.
+/// TAA : The pipeline that clips every frame's history.
 ///
 /// Notes
 /// -----
@@ -156,8 +156,8 @@ pub fn clip_history_<'py>(
 ///
 /// See Also
 /// --------
-/// clip_history : Takes it for tone-mapped colour spaces.
-/// innovation : Takes it as the scale of differences.
+/// clip_history : Takes the exposure for tone-mapped colour spaces.
+/// innovation : Takes the exposure as the scale of differences.
 ///
 /// Notes
 /// -----
@@ -681,8 +681,8 @@ pub fn innovation_<'py>(
 ///
 /// See Also
 /// --------
-/// compare_candidates : Makes the evidence.
-/// SVGF : Chooses the number of filter passes with it.
+/// compare_candidates : Adds a frame's evidence.
+/// SVGF : Chooses the number of filter passes in this way.
 ///
 /// Notes
 /// -----

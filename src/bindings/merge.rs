@@ -28,7 +28,7 @@ pub const MOMENTS: Channels = Channels::Of(&[2]);
 ///
 /// See Also
 /// --------
-/// accumulate : Makes it.
+/// accumulate : Returns this.
 ///
 /// Examples
 /// --------
@@ -355,8 +355,8 @@ pub fn combine_histories<'py>(
 /// See Also
 /// --------
 /// jitter : Offsets.
-/// resample : The same for one frame and a grid of another size.
-/// TAA : Converges to this image.
+/// resample : Resamples one frame to a grid of another size.
+/// TAA : Approaches this image over time.
 ///
 /// Notes
 /// -----

@@ -51,7 +51,7 @@ use crate::kernels::smooth::regress::{self, Features, Place};
 ///
 /// See Also
 /// --------
-/// BMFR : The pipeline.
+/// BMFR : The pipeline that fits every frame.
 /// demodulate : Divides colour by albedo.
 /// atrous : Filters instead of fitting.
 ///

@@ -66,7 +66,7 @@ const OFFSET: Channels = Channels::Of(&[2]);
 /// --------
 /// pull_push : Fills the holes.
 /// reproject : Fetches instead of scattering.
-/// Recirculation : The pipeline.
+/// Recirculation : The pipeline that keeps history as points.
 ///
 /// Notes
 /// -----
@@ -283,9 +283,9 @@ pub fn pull_push_<'py>(
 ///
 /// See Also
 /// --------
-/// pull_push : Makes the new image.
-/// splat : Makes the reprojected history.
-/// Recirculation : The pipeline.
+/// pull_push : Fills the holes of the new image.
+/// splat : Scatters the history to this frame.
+/// Recirculation : The pipeline that keeps history as points.
 ///
 /// Notes
 /// -----

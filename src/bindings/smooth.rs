@@ -120,7 +120,7 @@ impl GuideData<'_> {
 ///
 /// See Also
 /// --------
-/// accumulate : Makes the moments.
+/// accumulate : Returns the moments.
 /// atrous : Takes the variance.
 ///
 /// Notes
@@ -244,9 +244,9 @@ pub fn estimate_variance_<'py>(
 ///
 /// See Also
 /// --------
-/// estimate_variance : Makes the variance.
-/// accumulate : Makes the colour.
-/// SVGF : The pipeline.
+/// estimate_variance : Estimates the variance.
+/// accumulate : Returns accumulated colour.
+/// SVGF : The pipeline that filters every frame.
 ///
 /// Notes
 /// -----
@@ -410,7 +410,7 @@ pub fn atrous_<'py>(
 ///
 /// See Also
 /// --------
-/// SVGF : Has it as the option `fireflies`.
+/// SVGF : Suppresses fireflies with the option `fireflies`.
 /// clip_history : Clips history instead of samples.
 ///
 /// Notes
@@ -528,7 +528,7 @@ pub fn suppress_fireflies_<'py>(
 ///
 /// See Also
 /// --------
-/// accumulate : Makes colour and length.
+/// accumulate : Returns accumulated colour and history length.
 /// estimate_variance : Widens the filter where history is short.
 ///
 /// Notes
@@ -648,7 +648,7 @@ fn modulate<'py>(
 ///
 /// See Also
 /// --------
-/// remodulate : The inverse.
+/// remodulate : Multiplies by albedo again.
 ///
 /// Notes
 /// -----
@@ -710,7 +710,7 @@ pub fn demodulate_<'py>(
 ///
 /// See Also
 /// --------
-/// demodulate : The inverse.
+/// demodulate : Divides by albedo.
 ///
 /// Examples
 /// --------

@@ -44,7 +44,7 @@ use crate::pixels::PixelsMut;
 ///
 /// See Also
 /// --------
-/// Upscaler : The pipeline.
+/// Upscaler : The pipeline that upscales sequences.
 /// jitter : Offsets.
 /// joint_bilateral_upsample : Upsamples along the edges of guides.
 ///
@@ -152,7 +152,7 @@ pub fn resample_<'py>(
 /// See Also
 /// --------
 /// consistency : Tests history by buffers of the previous frame.
-/// Upscaler : The pipeline.
+/// Upscaler : The pipeline that upscales sequences.
 ///
 /// Notes
 /// -----
@@ -292,7 +292,7 @@ pub fn thin_features_<'py>(
 ///
 /// See Also
 /// --------
-/// Upscaler : Has it as the option `sharpness`.
+/// Upscaler : Sharpens with the option `sharpness`.
 ///
 /// Notes
 /// -----

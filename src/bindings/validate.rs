@@ -229,7 +229,7 @@ impl<'a> SurfaceData<'a> {
 ///
 /// See Also
 /// --------
-/// reproject : Fetches history with the same tests.
+/// reproject : Fetches history, with these tests.
 /// blend_factor : Turns confidence into a blend factor.
 /// Rejection : The tests.
 ///

@@ -64,7 +64,7 @@ class Description:
 
     See Also
     --------
-    describe : Makes it.
+    describe : Describes a file.
     """
 
     path: Path
@@ -93,8 +93,8 @@ class Plate:
 
     See Also
     --------
-    read_plate : Makes it.
-    write_exr : Preserves what it holds.
+    read_plate : Reads a plate.
+    write_exr : Writes a frame into a copy of a plate.
     """
 
     frame: Frame
@@ -132,7 +132,7 @@ def read_exr(path: Source) -> Frame:
     read_sequence : Reads several frames.
     read_plate : Reads everything else in the file, too.
     describe : Tells what a file has without reading its pixels.
-    write_exr : The inverse.
+    write_exr : Writes a frame.
 
     Examples
     --------

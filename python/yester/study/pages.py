@@ -90,7 +90,7 @@ _PIPELINES = (
     ("BMFR", "BMFR", "normals, depth or position", "diffuse light, few samples", "reflections, edges of shadows"),
     ("OIDN", "OIDN, temporal", "albedo, normals", "stills; with `temporal=True`, sequences", "time; history that lags"),
     ("TAA", "TAA", "motion", "frames without noise", "noise: it darkens and flickers"),
-    ("Upscaler", "Upscaler, 2", "jitter, motion", "frames of half the size", "noise; what is thinner than a pixel"),
+    ("Upscaler", "Upscaler, 2", "jitter, motion", "frames of half the size", "noise; features thinner than a pixel"),
     ("Recirculation", "Recirculation, of all", "camera, depth", "a few traced pixels a frame", "light that changes"),
 )
 _LABELS = {"psnr": "PSNR, dB", "relmse": "relMSE", "flip": "FLIP", "temporal_error": "temporal error"}

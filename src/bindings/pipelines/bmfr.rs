@@ -50,7 +50,7 @@ use crate::pipelines::{bmfr, svgf, taa};
 ///
 /// See Also
 /// --------
-/// regress : The fit.
+/// regress : Fits one frame.
 /// SVGF : Filters instead of fitting.
 ///
 /// Notes

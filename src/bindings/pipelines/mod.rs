@@ -147,7 +147,7 @@ impl Pipeline {
 ///
 /// See Also
 /// --------
-/// SVGF.step : Returns it.
+/// SVGF.step : Returns an output.
 /// Rejection : The bits of `rejection`.
 ///
 /// Examples
@@ -366,7 +366,7 @@ impl Output {
 ///
 /// See Also
 /// --------
-/// SVGF.recall : Returns it.
+/// SVGF.recall : Returns a history.
 /// combine_histories : Joins two histories.
 ///
 /// Examples

@@ -94,7 +94,7 @@ use crate::pipelines::{svgf, taa};
 ///
 /// See Also
 /// --------
-/// denoise : Runs it over a sequence, from both sides.
+/// denoise : Runs a pipeline over a sequence, from both sides.
 /// plan : Finds out which stages and buffers a sequence needs.
 /// HalfRes : For frames of which a part is traced.
 /// TAA : For frames with little noise.

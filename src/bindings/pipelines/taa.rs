@@ -70,8 +70,8 @@ use crate::pipelines::taa;
 ///
 /// See Also
 /// --------
-/// clip_history : The clip.
-/// resolve : The image to which it should converge.
+/// clip_history : Clips history to the neighbourhood.
+/// resolve : Makes the image to which antialiasing should converge.
 /// Upscaler : Antialiases and upscales.
 /// morphological_aa : Antialiases a single image.
 ///
