@@ -1,21 +1,24 @@
-"""The same bits at every thread count and SIMD level; and what the two environment variables may say."""
+"""The same bits at every thread count and SIMD level; and the values of the two environment variables."""
 
 import hashlib
 import itertools
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
+import flight
 import numpy as np
 import pytest
-import scene
 import yester
 from calls import arrays, calls
 from yester.study.compare.methods import quarter
 
+pytestmark = pytest.mark.slow
+
 
 def digest() -> str:
-    """One line per kernel and size: the hash of its results, from less than a vector to more than a band of rows."""
+    """One line per kernel and size, from less than a vector to more than a band of rows: the hash of its results."""
     lines = []
     for size in ((1, 1), (5, 7), (9, 33), (131, 173)):
         for name, (function, given) in calls(*size).items():
@@ -27,10 +30,10 @@ def digest() -> str:
     rng = np.random.default_rng(0)
     before = None
     for number in range(4):
-        shot = scene.shoot(number, 171, 97)
-        color = scene.noisy(shot, rng)
+        shot = flight.shoot(number, 171, 97)
+        color = flight.noisy(shot, rng)
         color[number, 5:9] = np.nan
-        frame = yester.Frame(color, **shot.buffers(), replay=before, jitter=(0.25, -0.125))
+        frame = replace(shot, color=color, motion=None, replay=before, jitter=(0.25, -0.125))
         before = color * np.float32(0.5)
         for pipeline in pipelines:
             out = pipeline.step(quarter(frame, number) if isinstance(pipeline, yester.HalfRes) else frame)
@@ -52,7 +55,7 @@ def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[s
 
 def test_same_bits_everywhere():
     want = digest()
-    # Levels that the machine lacks fall to the best it has.
+    # A level that the machine lacks becomes the best that it has.
     for threads, simd in itertools.product(("1", "2"), ("baseline", "avx2", "avx512")):
         result = python(__file__, YESTER_THREADS=threads, YESTER_SIMD=simd)
         assert result.returncode == 0, result.stderr

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-#: The channels of each buffer in our files. The last ones of motion are optional.
+#: The channels of each buffer in this package's files. Those for the change of depth (``motion.Z``) are optional.
 CANONICAL: dict[str, tuple[str, ...]] = {
     "color": ("R", "G", "B"),
     "albedo": ("albedo.R", "albedo.G", "albedo.B"),
@@ -36,8 +36,8 @@ _SYNONYMS: dict[str, tuple[str, ...]] = {
     "position": ("pos", "p"),
 }
 
-#: Components of the pass ``Vector`` of Blender Cycles, and the signs that make them ours: it has previous minus current
-#: position, and then current minus next, in pixels with y up.
+#: Components of the pass ``Vector`` of Blender Cycles, and the signs that convert them to this package's convention.
+#: The pass has previous minus current position, then current minus next, in pixels with y up.
 _VECTOR: dict[str, tuple[tuple[str, int], ...]] = {
     "motion": (("X", 1), ("Y", -1)),
     "motion_next": (("Z", -1), ("W", 1)),

@@ -103,7 +103,7 @@ def _check(data: mmap.mmap) -> None:
     parts, at = headers(data)
     several = bool(version & _SEVERAL)
     if several and version & _TILED:
-        raise ValueError("flags of one part and of several")
+        raise ValueError("contradictory flags: a single tiled part, and several parts")
     for header in parts:
         for name, (kind, size) in _REQUIRED.items():
             if name not in header:
@@ -117,7 +117,7 @@ def _check(data: mmap.mmap) -> None:
     for header in parts:
         tiled = _value(data, header["type"]).startswith(b"tiled") if several else bool(version & _TILED)
         count = struct.unpack("<i", _value(data, header["chunkCount"]))[0] if several else None
-        # The number of the part, if there are several; the coordinates.
+        # Before its size, a chunk has the part's number, in files of several parts, and its coordinates.
         at = _check_chunks(data, at, count, 4 * several + (16 if tiled else 4))
 
 
