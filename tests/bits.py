@@ -1,15 +1,15 @@
 """The bits of all kernels and pipelines, which are the same on every machine: `python tests/bits.py > tests/bits.txt`.
 
-A line has a name, the hash of what goes in and the hash of what comes out, of images of less than a vector to more than a
-band of rows. What goes in is made by numpy, whose functions differ in the last bits from machine to machine: it is
-rounded to multiples of 2⁻¹².
+Each line has a name, the hash of the inputs and the hash of the results, over images from less than a vector to more than
+a band of rows. Inputs are made by numpy, whose functions differ in the last bits from machine to machine: they are rounded
+to multiples of 2⁻¹².
 """
 
 import hashlib
 from dataclasses import replace
 
+import flight
 import numpy as np
-import scene
 import yester
 from calls import arrays, calls
 from yester.study.compare.methods import quarter
@@ -73,10 +73,10 @@ def digest() -> str:
     rng = np.random.default_rng(0)
     before = None
     for number in range(4):
-        shot = scene.shoot(number, 171, 97)
-        buffers = rounded({"color": scene.noisy(shot, rng), **shot.buffers()})
+        shot = flight.shoot(number, 171, 97)
+        buffers = rounded(vars(replace(shot, color=flight.noisy(shot, rng), motion=None)))
         buffers["color"][number, 5:9] = np.nan
-        frame = yester.Frame(**buffers, replay=before, jitter=(0.25, -0.125))
+        frame = yester.Frame(**buffers | {"replay": before, "jitter": (0.25, -0.125)})
         before = frame.color * np.float32(0.5)
         for name, pipeline in pipelines.items():
             out = pipeline.step(quarter(frame, number) if isinstance(pipeline, yester.HalfRes) else frame)
