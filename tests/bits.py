@@ -1,8 +1,8 @@
 """The bits of all kernels and pipelines, which are the same on every machine: `python tests/bits.py > tests/bits.txt`.
 
-Each line has a name, the hash of the inputs and the hash of the results, over images from less than a vector to more than
-a band of rows. Inputs are made by numpy, whose functions differ in the last bits from machine to machine: they are rounded
-to multiples of 2⁻¹².
+Each line has a name, the hash of the inputs and the hash of the results, over images from less than a vector to more
+than a band of rows. Inputs are made by numpy, whose functions differ in the last bits from machine to machine: they are
+rounded to multiples of 2⁻¹².
 """
 
 import hashlib
