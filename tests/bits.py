@@ -40,8 +40,10 @@ def numbers(value) -> bytes:
         return b"".join(numbers(item) for item in value.values())
     if isinstance(value, list | tuple):
         return b"".join(map(numbers, value))
+    if not isinstance(value, np.ndarray):
+        return b""
     # The payload of NaN is no bit of the result.
-    return np.where(np.isnan(value), np.nan, value).tobytes() if isinstance(value, np.ndarray) else b""
+    return np.where(np.isnan(value), np.nan, value).astype(value.dtype).tobytes()
 
 
 def short(parts: list[bytes]) -> str:
