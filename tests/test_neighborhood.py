@@ -126,7 +126,7 @@ def test_scale_does_not_matter():
 
 
 @pytest.mark.parametrize("box", HULLS)
-@pytest.mark.parametrize("window", ["3x3", "5x5"])
+@pytest.mark.parametrize("window", ["3x3", pytest.param("5x5", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("steps", [2, 4, 8])
 def test_hulls_of_few_colours(box, window, steps):
     """Exact in float32: equal points, collinear points, history on edges and corners, which stays."""

@@ -72,6 +72,7 @@ def test_pipeline_is_its_kernels(named, replay):
     check_bits(frames_of((*NAMES, *(NEWER if replay else ["object_normal"])), 6), **named)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", range(len(NAMES) + 1))
 def test_every_subset_of_buffers(count):
     """With any subset of buffers, the pipeline gives the kernels' bits."""
