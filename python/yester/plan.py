@@ -70,7 +70,7 @@ class Stage(NamedTuple):
     loss : float
         How much worse the result is without it: the mean squared error that it saves, relative to the mean squared
         change of the result from frame to frame, which is about a fifth of its relMSE. Of the two weightings of
-        `yester.study.predictive_error`, the one with the higher bound. Negative where the result is better without.
+        ``yester.study.predictive_error``, the one with the higher bound. Negative where the result is better without.
     error : float
         Standard error of `loss`.
     ms : float
@@ -90,20 +90,29 @@ class Stage(NamedTuple):
 class Plan:
     """What a sequence needs, and why.
 
-    Attributes
+    Parameters
     ----------
-    options : dict of str to value
+    options : dict of str to value, default {}
         Parameters of `SVGF` that differ from the defaults.
-    buffers : tuple of str
+    buffers : tuple of str, default ()
         The buffers of the frames that were looked at, ``"camera"`` among them.
-    without : tuple of str
+    without : tuple of str, default ()
         Those that the pipeline does not get.
-    static : bool
+    static : bool, default False
         Whether camera, scene and light stand still, so that all samples are averaged.
-    stages : tuple of Stage
+    stages : tuple of Stage, default ()
         The evidence, in the order in which it was taken.
-    reason : str
+    reason : str, default ""
         Why nothing could be judged and the plan is the default; empty otherwise.
+
+    See Also
+    --------
+    plan : Makes a plan from a sequence's first frames.
+
+    Examples
+    --------
+    >>> yester.Plan(options={"iterations": 2}).pipeline().step(yester.Frame(np.ones((4, 4, 3))))
+    Output(4x4, used=(), missing=0)
     """
 
     options: dict[str, Any] = field(default_factory=dict)
@@ -125,7 +134,18 @@ class Plan:
         return "\n".join(lines)
 
     def summary(self) -> str:
-        """One line: the stages and buffers that are left out, or why the plan is the default."""
+        """Describe the plan in one line.
+
+        Returns
+        -------
+        str
+            The stages and buffers that are left out, or why the plan is the default.
+
+        Examples
+        --------
+        >>> yester.Plan().summary()
+        'the default: nothing is superfluous'
+        """
         if self.reason:
             return f"the default: {self.reason}"
         left = [stage.name for stage in self.stages if not stage.used]
@@ -133,7 +153,13 @@ class Plan:
         return f"{what}; static: all samples are averaged" if self.static else what
 
     def pipeline(self) -> Planned:
-        """Make the pipeline: `SVGF` with the plan's options, on the buffers that the plan uses."""
+        """Make the pipeline.
+
+        Returns
+        -------
+        Planned
+            `SVGF` with the plan's options, on the buffers that the plan uses.
+        """
         return Planned(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -142,12 +168,18 @@ class Plan:
         Parameters
         ----------
         path : path-like
-            Replaced if it exists.
+            The file; replaced if it exists.
 
         Raises
         ------
         OSError
             If the file cannot be written.
+
+        Examples
+        --------
+        >>> yester.Plan(options={"iterations": 2}).save("plan.toml")
+        >>> yester.Plan.load("plan.toml").options
+        {'iterations': 2}
         """
         options = f"{{ {', '.join(f'{name} = {_toml(value)}' for name, value in self.options.items())} }}"
         named = {name: _toml(value) for name, value in vars(self).items() if name not in ("options", "stages")}
@@ -168,10 +200,12 @@ class Plan:
         Parameters
         ----------
         path : path-like
+            The file.
 
         Returns
         -------
         Plan
+            With all that was saved.
 
         Raises
         ------
@@ -209,6 +243,7 @@ class Planned:
     Parameters
     ----------
     plan : Plan
+        As `plan` or `Plan.load` returns it.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -218,6 +253,20 @@ class Planned:
 
     def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
         """Denoise the next frame, as `SVGF.step` does.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame, with all of its buffers: those that the plan leaves out are dropped here.
+        out : Output, optional
+            As in `SVGF.step`.
+        later : History, optional
+            As in `SVGF.step`.
+
+        Returns
+        -------
+        Output
+            The denoised frame.
 
         Raises
         ------
@@ -230,13 +279,37 @@ class Planned:
         return output
 
     def recall(self, frame: Frame) -> History:
-        """What history expects of the next frame, as `SVGF.recall` tells; raises what `step` does."""
+        """Go on to the next frame and tell what history expects of it, as `SVGF.recall` does.
+
+        Parameters
+        ----------
+        frame : Frame
+            As for `step`.
+
+        Returns
+        -------
+        History
+            Without the frame's own sample.
+
+        Raises
+        ------
+        ValueError
+            As of `step`.
+        """
         history = self._svgf.recall(self._planned(frame))
         self._begun = True
         return history
 
     def split(self) -> tuple[Planned, TAA | None]:
-        """The pipeline without its output stage, and the stage, as of `SVGF.split`."""
+        """Make the pipeline without its output stage, and the stage, as `SVGF.split` does.
+
+        Returns
+        -------
+        denoiser : Planned
+            Of the same plan, without antialiasing and without history.
+        stage : TAA or None
+            For the frames with the denoiser's colours.
+        """
         denoiser = copy.copy(self)
         denoiser._svgf, stage = self._svgf.split()
         return denoiser, stage
@@ -267,11 +340,11 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     """Find out what a sequence needs from its first frames: which stages of `SVGF`, and which buffers.
 
     `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge the
-    results (`yester.study.predictive_error`), at two standard errors. Reflections and the third pass of the filter are
-    left out if the loss is below 5 % of the result's change from frame to frame, about 1 % of its relMSE. The choice of
-    passes, the second pass and buffers are left out only if the result is better without: by 5 % of that change, and
-    for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient and
-    innovation are judged but always used: they are there for changes that the first frames may not show. The
+    results (``yester.study.predictive_error``), at two standard errors. Reflections and the third pass of the filter
+    are left out if the loss is below 5 % of the result's change from frame to frame, about 1 % of its relMSE. The
+    choice of passes, the second pass and buffers are left out only if the result is better without: by 5 % of that
+    change, and for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient
+    and innovation are judged but always used: they are there for changes that the first frames may not show. The
     combination is judged once more. Without evidence, everything is used.
 
     If camera and scene stand still and the light is constant, all samples are averaged (``alpha=0``), unless that is
@@ -287,7 +360,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     Returns
     -------
     Plan
-        The default, with a `UserWarning` and `Plan.reason`, if nothing can be judged: fewer than five frames, no depth,
+        The default, with a `UserWarning` and a ``reason``, if nothing can be judged: fewer than five frames, no depth,
         normals or ids, no finite samples, or nothing that changes from frame to frame, as in black or constant images.
 
     Raises
@@ -296,6 +369,11 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
         If one is no `Frame`.
     ValueError
         If sizes differ or `count` is below 5.
+
+    See Also
+    --------
+    Plan : The result, which can be saved and makes the pipeline.
+    SVGF : The pipeline that a plan configures.
 
     Notes
     -----
@@ -308,9 +386,14 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
 
     Examples
     --------
-    >>> found = yester.plan(frames)  # doctest: +SKIP
-    >>> pipeline = found.pipeline()  # doctest: +SKIP
-    >>> images = [pipeline.step(frame).color for frame in frames]  # doctest: +SKIP
+    >>> rng = np.random.default_rng(0)
+    >>> depth = np.full((16, 16), 2.0)
+    >>> frames = [yester.Frame(rng.gamma(1, 0.5, (16, 16, 3)), depth=depth) for _ in range(6)]
+    >>> found = yester.plan(frames)
+    >>> pipeline = found.pipeline()
+    >>> images = [pipeline.step(frame).color for frame in frames]
+    >>> found.buffers
+    ('color', 'depth')
     """
     if count < _FEWEST:
         raise ValueError(f"count: expected at least {_FEWEST}, got {count}")

@@ -62,17 +62,17 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         next frame is computed: by the cameras, if these and depth or position are known, and by `invert_motion` of the
         next frame's `motion` where something else moves.
     pipeline : Pipeline, optional
-        Anything with a `step` that takes frames in order, and of which `copy.copy` makes one without history; by
+        Anything with a `step` that takes frames in order, and of which ``copy.copy`` makes one without history; by
         default ``SVGF()``. Copies of it work; it stays as it is.
     lookahead : int, default 3
         Later frames that every frame can use at least, until the sequence ends; 0 or more. With 0, the results have the
         bits of `step`.
 
-    Yields
-    ------
-    Output
-        One for each frame. `history_length` counts the samples of both sides; `confidence` is the larger one;
-        `rejection` has the tests that failed on both sides; `missing` is that of the frame.
+    Returns
+    -------
+    iterator of Output
+        One for each frame, made as it is asked for. `history_length` counts the samples of both sides; `confidence` is
+        the larger one; `rejection` has the tests that failed on both sides; `missing` is that of the frame.
 
     Raises
     ------
@@ -85,6 +85,12 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         Once, if frames have no `motion`, and no cameras with depth or position: their results are those of the earlier
         frames alone.
 
+    See Also
+    --------
+    SVGF : The default pipeline.
+    invert_motion : Motion to the next frame.
+    combine_histories : Joins the histories of both sides.
+
     Notes
     -----
     `SVGF` and `HalfRes` join the histories of both sides before they filter, by their lengths, and the frame's sample
@@ -96,6 +102,18 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
     behind its end. At most ``6 * lookahead`` frames are held, and as many results, histories and, for the output stage,
     colours with depth and motion.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=16, height=16)
+    >>> depth = np.full((16, 16), 2.0)
+    >>> frames = [yester.Frame(rng.gamma(1, 0.5, (16, 16, 3)), depth=depth, camera=camera) for _ in range(6)]
+    >>> outputs = [*yester.denoise(frames)]
+    >>> len(outputs)
+    6
+    >>> bool(outputs[0].color.std() < frames[0].color.std() / 4)
+    True
     """
     ahead = index(lookahead)
     if ahead < 0:

@@ -1,4 +1,8 @@
-"""Read and write frames: files and renderers. Every buffer is converted to its canonical form once, on input."""
+"""Read and write frames: files and renderers.
+
+Every buffer is converted to its canonical form once, on input. EXR files are read and written here; `yester.io.mitsuba`
+renders sequences.
+"""
 
 from .exr import (
     Description,

@@ -43,7 +43,7 @@ _NDC_TO_CLIP = np.array([[2.0, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0,
 class Description:
     """Description of an EXR file, from its header.
 
-    Attributes
+    Parameters
     ----------
     path : Path
         The file.
@@ -61,6 +61,10 @@ class Description:
         The buffers (and ``"camera"``) that the file lacks, with the consequences; rarely written buffers are left out.
     notes : dict of str to str
         Remarks on buffers in the file.
+
+    See Also
+    --------
+    describe : Describes a file.
     """
 
     path: Path
@@ -78,7 +82,7 @@ class Description:
 class Plate:
     """A frame and all other contents of its file, which `write_exr` can preserve.
 
-    Attributes
+    Parameters
     ----------
     frame : Frame
         As `read_exr` gives it.
@@ -86,6 +90,11 @@ class Plate:
         All parts of the file in their order, whatever their windows.
     main : OpenEXR.Part
         The one that has the colour.
+
+    See Also
+    --------
+    read_plate : Reads a plate.
+    write_exr : Writes a frame into a copy of a plate.
     """
 
     frame: Frame
@@ -117,6 +126,20 @@ def read_exr(path: Source) -> Frame:
         If it is not an EXR file, is truncated or corrupt, has no colour, or has an unusable camera or jitter.
     ImportError
         If the OpenEXR package is not installed.
+
+    See Also
+    --------
+    read_sequence : Reads several frames.
+    read_plate : Reads everything else in the file, too.
+    describe : Tells what a file has without reading its pixels.
+    write_exr : Writes a frame.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> io.write_exr("frame.exr", yester.Frame(np.ones((4, 6, 3)), depth=np.full((4, 6), 2.0)))
+    >>> io.read_exr("frame.exr")
+    Frame(6x4: color, depth)
     """
     return read_plate(path).frame
 
@@ -132,11 +155,24 @@ def read_plate(path: Source) -> Plate:
     Returns
     -------
     Plate
+        The frame, and all parts of the file.
 
     Raises
     ------
     OSError, ValueError, ImportError
         As `read_exr`.
+
+    See Also
+    --------
+    write_exr : Writes a frame with the other contents of a plate.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> io.write_exr("frame.exr", np.ones((4, 6, 3)))
+    >>> plate = io.read_plate("frame.exr")
+    >>> plate.frame, len(plate.parts)
+    (Frame(6x4: color), 1)
     """
     path = Path(path)
     parts = _parts(path)
@@ -190,6 +226,18 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, lik
         If the file cannot be written.
     ImportError
         If the OpenEXR package is not installed.
+
+    See Also
+    --------
+    write_sequence : Writes several frames.
+    read_plate : Reads what `like` takes.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> io.write_exr("noisy.exr", np.random.default_rng(0).gamma(1, 0.5, (32, 32, 3)))
+    >>> plate = io.read_plate("noisy.exr")
+    >>> io.write_exr("clean.exr", yester.SVGF().step(plate.frame).color, half=True, like=plate)
     """
     path = Path(path)
     frame = frame if isinstance(frame, Frame) else Frame(frame)
@@ -226,7 +274,7 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, lik
 
 
 def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
-    """The EXR files of a sequence.
+    """List the EXR files of a sequence.
 
     Parameters
     ----------
@@ -244,6 +292,14 @@ def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
         If something named without a pattern is not there.
     ValueError
         If a folder or pattern has no EXR file.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> for number in (10, 2):
+    ...     io.write_exr(f"frame{number}.exr", np.ones((4, 6, 3)))
+    >>> [path.name for path in io.sequence_paths("frame*.exr")]
+    ['frame2.exr', 'frame10.exr']
     """
     if not isinstance(source, str | os.PathLike):
         paths = [path for item in source for path in sequence_paths(item)]
@@ -272,15 +328,26 @@ def read_sequence(source: Source | Iterable[Source]) -> Iterator[Frame]:
     source : path-like or iterable of path-like
         As for `sequence_paths`, which is asked at once.
 
-    Yields
-    ------
-    Frame
+    Returns
+    -------
+    iterator of Frame
         Only one is in memory at a time.
 
     Raises
     ------
     ValueError
         As `sequence_paths` and `read_exr`; and when a frame of another size is met, naming its file.
+
+    See Also
+    --------
+    yester.denoise : Denoises a sequence of frames.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> paths = io.write_sequence("noisy", np.ones((3, 4, 6, 3)))
+    >>> [*io.read_sequence("noisy")]
+    [Frame(6x4: color), Frame(6x4: color), Frame(6x4: color)]
     """
     paths = sequence_paths(source)
 
@@ -323,6 +390,13 @@ def write_sequence(
         If the folder cannot be written to, before the first frame is asked for.
     ValueError
         If two names are equal, or their number is not that of the frames.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> paths = io.write_sequence("clean", np.ones((2, 4, 6, 3)), half=True)
+    >>> [path.name for path in paths]
+    ['frame_0000.exr', 'frame_0001.exr']
     """
     folder = Path(folder)
     if names is not None and len(set(names)) < len(names):
@@ -353,11 +427,22 @@ def describe(path: Source) -> Description:
     Returns
     -------
     Description
+        Size, buffers, camera and jitter, and what the file lacks.
 
     Raises
     ------
     OSError, ValueError, ImportError
         As `read_exr`, except that pixels are not looked at and colour may be absent.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> io.write_exr("frame.exr", yester.Frame(np.ones((4, 6, 3)), depth=np.full((4, 6), 2.0)))
+    >>> found = io.describe("frame.exr")
+    >>> found.channels
+    {'color': ('R', 'G', 'B'), 'depth': ('depth.Z',)}
+    >>> found.missing["albedo"]
+    'textures are filtered together with the light, and blur'
     """
     path = Path(path)
     main, planes = _merge(_parts(path, header_only=True))
