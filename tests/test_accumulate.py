@@ -239,7 +239,7 @@ def test_the_more_gradient_the_more_of_the_sample():
 
 
 @pytest.mark.parametrize("name", ["weight", "gradient"])
-def test_shares_of_another_shape(name):
+def test_weights_of_another_shape(name):
     images = inputs(np.random.default_rng(0), 4, 5)
     for share in (np.zeros((3, 5)), np.zeros((4, 5, 1)), np.zeros(5)):
         with pytest.raises(ValueError, match=rf"^{name}: expected"):

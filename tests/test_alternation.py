@@ -67,7 +67,7 @@ def run(colors):
     return counts
 
 
-def test_what_returns_counts():
+def test_returns_are_counted():
     assert run([RED, GREEN] * 4) == [0, 0, 1, 2, 3, 3, 3, 3]
     assert run([RED] * 6) == [0] * 6
     assert run([RED, RED, GREEN, GREEN, GREEN, RED]) == [0, 0, 0, 0, 0, 1]

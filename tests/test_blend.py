@@ -105,7 +105,7 @@ def test_between(weighting, flicker):
     assert (got <= np.maximum(color, history) + room).all()
 
 
-def test_what_is_missing_is_not_blended():
+def test_missing_values_are_not_blended():
     good, nothing = np.float32([1, 2, 3]), np.float32([1, np.nan, 3])
     color = np.stack([good, nothing, good, nothing])[None]
     history = np.stack([2 * good, 2 * good, nothing, np.float32([np.inf, 1, 1])])[None]

@@ -43,7 +43,7 @@ def moving_square(step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return depth, motion, hidden
 
 
-def test_what_was_behind_is_told():
+def test_newly_visible_surfaces_are_marked():
     for step in (3, 5):
         depth, motion, hidden = moving_square(step)
         share = check(depth, motion)

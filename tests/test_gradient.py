@@ -110,7 +110,7 @@ def test_the_largest_counts():
     assert all((got > one).any() for one in single)
 
 
-def test_wide_blurs_see_what_is_faint():
+def test_wide_blurs_detect_faint_changes():
     """A tenth less light everywhere is lost in the noise of a few pixels, but not of many."""
     rng = np.random.default_rng(5)
     color, previous = (compare.colors(rng, 96, 96, holes=0.0) for _ in range(2))

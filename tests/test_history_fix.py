@@ -149,7 +149,7 @@ def test_holes_are_filled_and_never_spread():
     assert np.isfinite(got[length < 3]).all()
 
 
-def test_nobody_to_ask_changes_nothing():
+def test_no_similar_tap_changes_nothing():
     color = compare.colors(np.random.default_rng(0), 9, 10, holes=0.2)
     assert_same_bits(yester.fix_history(color, np.zeros((9, 10), np.float32)), color)
 

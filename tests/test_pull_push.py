@@ -52,7 +52,7 @@ def test_images_of_any_channels(channels):
 
 
 @pytest.mark.parametrize("factor", [2, 4])
-def test_what_is_no_hole_stays(factor):
+def test_valid_pixels_stay(factor):
     color, quality = images(np.random.default_rng(0), 30, 41, 0.5)
     got, known = yester.pull_push(color, quality, factor=factor)
     here = np.isfinite(color).all(-1) & np.isfinite(quality) & (quality > 0)

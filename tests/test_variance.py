@@ -72,7 +72,7 @@ def test_long_history_speaks_for_itself():
     assert (got > 0).any()
 
 
-def test_short_history_asks_its_neighbours():
+def test_short_history_uses_its_neighbours():
     """Without buffers all weights are equal: the variance of the 7x7, scaled up for short history."""
     light = np.random.default_rng(0).exponential(1, (7, 7)).astype(np.float32)
     moments = np.stack([light, light**2], -1)
