@@ -314,9 +314,10 @@ proptest! {
         };
         let tests = || Tests::new(now.surface(), before.surface(), Some(rays), &params);
         let way = reproject::Params { filter: draw.of(&Filter::NAMES).1, fallback: draw.coin(), dering: true };
+        let records = Records::of(history.view());
         let mut values = vec![f32::NAN; 3 * n];
         let mut coverage = vec![f32::NAN; n];
-        reproject::reproject_records(&[history.pixels()], motion.pixels(), tests(), way, vec![&mut values], &mut coverage);
+        reproject::reproject_records(&[records.pixels()], motion.pixels(), tests(), way, vec![&mut values], &mut coverage);
         let covered = values.chunks(3).zip(&coverage).filter(|(_, share)| **share > 0.0);
         let covered: Vec<_> = covered.flat_map(|(pixel, _)| pixel).copied().collect();
         in_range_of(&covered, &[&history], false)?;
@@ -546,6 +547,7 @@ proptest! {
 
     #[test]
     fn smooth(mut draw in draw()) {
+        draw.size.width = draw.size.width.min(40); // windows are large
         let (size, n) = (draw.size, draw.size.pixels());
         let (color, length, noise) = (draw.holes(), draw.lengths(), draw.wild(1));
         let mut into = vec![f32::NAN; n];
@@ -569,13 +571,13 @@ proptest! {
         });
         in_range_of(&filtered, &[&color], true)?;
 
-        let params = variance::Params { min_length: draw.of(&[1.0, 3.5, f32::MAX]), radius: draw.of(&[0, 3, 16]), sigmas: draw.sigmas() };
+        let params = variance::Params { min_length: draw.of(&[1.0, 3.5, f32::MAX]), radius: draw.of(&[0, 3, 7]), sigmas: draw.sigmas() };
         let (moments, guide) = (draw.wild(2), draw.guide(params.radius));
         let estimate = variance::Estimate::new(moments.pixels(), length.pixels(), &guide, params);
         variance::estimate_variance(&estimate, &mut into);
         prop_assert!(into.iter().all(|v| *v >= 0.0));
 
-        let window = joint_bilateral::Params { radius: draw.of(&[1, 2, 16]), sigma: draw.of(&ABOVE_0), sigmas: draw.sigmas() };
+        let window = joint_bilateral::Params { radius: draw.of(&[1, 2, 7]), sigma: draw.of(&ABOVE_0), sigmas: draw.sigmas() };
         let guide = draw.guide(window.radius);
         let filled = joint_bilateral::reconstruct(color.pixels(), &guide, window);
         in_range_of(filled.pixels().elements().0, &[&color], true)?;
@@ -596,7 +598,7 @@ proptest! {
         let fixed = history_fix::fix_history(color.view(), length.view(), &guide, params);
         in_range_of(fixed.pixels().elements().0, &[&color], true)?;
 
-        let params = fireflies::Params { threshold: draw.of(&FROM_0), radius: draw.of(&[1, 4, 16]), redistribute: false, sigmas: draw.sigmas() };
+        let params = fireflies::Params { threshold: draw.of(&FROM_0), radius: draw.of(&[1, 4, 7]), redistribute: false, sigmas: draw.sigmas() };
         let (expected, guide) = (draw.wild(3), draw.guide(params.radius));
         for redistribute in [true, false] {
             let params = fireflies::Params { redistribute, ..params };
