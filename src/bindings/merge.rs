@@ -536,7 +536,7 @@ impl<'py> AlphaArg<'py> {
             .getattr("ndim")
             .and_then(|axes| axes.extract::<usize>());
         let is_image = alpha.is_instance_of::<PyUntypedArray>() || axes.is_ok_and(|axes| axes > 0);
-        let share = if is_image { None } else { alpha.extract().ok() };
+        let share: Option<f32> = if is_image { None } else { alpha.extract().ok() };
         match share {
             Some(share) => {
                 blend::check_alpha(share)?;
