@@ -68,7 +68,7 @@ def test_mistakes_are_named(buffers, mistake):
 
 
 @pytest.mark.parametrize("pipeline", PIPELINES)
-def test_every_pipeline_looks_and_computes_the_same(pipeline):
+def test_every_pipeline_checks_and_computes_the_same(pipeline):
     steps = pipeline()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
