@@ -132,13 +132,16 @@ def _scaled(value: Array, form: Form, name: str, display: tuple[float, float]) -
 
 def _cryptomatte(planes: list[Array]) -> NDArray[np.uint32]:
     """The id that covers most of each pixel; 0 where nothing covers more."""
-    ids = np.stack(planes[0::2]).astype(np.float32).view(np.uint32)
-    coverage = np.nan_to_num(np.stack(planes[1::2]).astype(np.float32))
-    best = coverage.argmax(0)[None]
-    chosen = np.take_along_axis(ids, best, 0)[0]
-    covered = np.take_along_axis(coverage, best, 0)[0]
-    nothing = (covered <= 0) | (1 - coverage.sum(0) > covered)
-    return np.where(nothing, 0, chosen).astype(np.uint32)
+    best, total = np.zeros((2, *planes[0].shape), np.float32)
+    chosen = np.zeros(best.shape, np.uint32)
+    for number, share in zip(planes[0::2], planes[1::2], strict=True):
+        coverage = np.fmax(share, np.float32(0))  # NaN covers nothing
+        more = coverage > best
+        chosen[more] = np.ascontiguousarray(number, np.float32).view(np.uint32)[more]
+        best[more] = coverage[more]
+        total += coverage
+    chosen[1 - total > best] = 0
+    return chosen
 
 
 def _whole(ids: Array) -> Array:
@@ -199,7 +202,11 @@ def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | No
         depth = view[0].project(position)[1]
     elif view is not None and form.kind == "distance":
         depth = depth * (view[0].rays()[1] @ view[0].forward) + np.float32(form.near)
-    return np.where(miss, np.float32(np.inf), depth).astype(np.float32) if miss.any() or form != Form() else depth
+    return (
+        np.where(miss, np.float32(np.inf), depth).astype(np.float32, copy=False)
+        if miss.any() or form != Form()
+        else depth
+    )
 
 
 def _mark_misses(buffers: dict[str, Array], forms: Mapping[str, Form]) -> None:
@@ -227,7 +234,7 @@ def _transformed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> ND
 
 def _unit(normal: Array) -> NDArray[np.float32]:
     """Normals of unit length; zeros stay zeros."""
-    normal = normal.astype(np.float32)
+    normal = normal.astype(np.float32, copy=False)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     uneven = (np.abs(length - 1) > 1e-3) & (length > 0)
     return np.divide(normal, length, out=normal.copy(), where=uneven)
