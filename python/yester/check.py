@@ -31,11 +31,15 @@ Verdict: TypeAlias = Literal["right", "wrong", "unclear", "unchecked"]
 #: Tiles along the shorter side of an image.
 _TILES = 8
 #: A difference of disagreement counts from this many standard errors, and from this size.
-_SIGMAS, _LEAST = 4.0, 0.005
-#: With more disagreement than this, no hypothesis explains the data.
-_POOR = 0.6
+_SIGMAS, _LEAST = 4.0, 0.001
+#: With more disagreement than this, absolutely or relative to that of no relation, no hypothesis explains the data.
+_POOR, _VAIN = 0.6, 0.9
+#: Less of the image than this must not be lost by warping.
+_INSIDE = 0.75
 #: Images with more pixels are thinned out for the first comparison of hypotheses of motion.
 _PIXELS = 250_000
+#: Rivals that are printed.
+_SHOWN = 3
 #: Hypotheses that are compared again in full resolution.
 _KEPT = 12
 
@@ -81,7 +85,8 @@ class Finding:
         if np.isfinite(self.margin):
             lines[0] += f" (margin {self.margin:.3f} ± {self.error:.3f}, by {', '.join(self.witnesses)})"
         if self.rivals and self.verdict != "right":
-            lines.append(f"{'':<18} not excluded: {'; '.join(self.rivals)}")
+            more = f"; and {len(self.rivals) - _SHOWN} more" if len(self.rivals) > _SHOWN else ""
+            lines.append(f"{'':<18} not excluded: {'; '.join(self.rivals[:_SHOWN])}{more}")
         if self.remedy:
             lines.append(f"{'':<18} write: {self.remedy}")
         return "\n".join(lines)
@@ -192,10 +197,12 @@ def _judged(
     witnesses: Iterable[str],
     *,
     poor: str = "no known convention fits",
+    null: int | None = None,
 ) -> tuple[Finding, int]:
     """The finding and the index of the hypothesis that is chosen. Hypotheses come in order, the expected one first.
 
-    `residuals` are the disagreements of each hypothesis in each tile, (hypotheses, tiles).
+    `residuals` are the disagreements of each hypothesis in each tile, (hypotheses, tiles). `null` is the hypothesis of
+    no relation, which any other must beat.
     """
     residuals = residuals[:, np.isfinite(residuals).all(0)]
     told = tuple(witnesses)
@@ -210,15 +217,18 @@ def _judged(
 
     best = int(residuals.mean(1).argmin())
     chosen = next(i for i in range(len(names)) if not worse(i, best)[2])
+    means = residuals.mean(1)
+    fits = bool(means[chosen] < (_POOR if null is None else _VAIN * means[null]))
+    if not fits and null is not None and chosen:
+        chosen = null
     others = [i for i in range(len(names)) if np.abs(residuals[i] - residuals[chosen]).max() > 1e-6]
     same = [names[i] for i in range(len(names)) if i != chosen and i not in others]
     pairs = {i: worse(i, chosen) for i in others}
     rivals = (*same, *(names[i] for i, (_, _, plain) in pairs.items() if not plain))
     margin, error = min(((m, e) for m, e, _ in pairs.values()), default=(0.0, 0.0))
-    fits = residuals[chosen].mean() < _POOR
     verdict: Verdict = "wrong" if chosen else "unclear" if rivals or not fits else "right"
     stored = names[chosen]
-    if not fits and not chosen:
+    if not chosen and means[0] > _POOR and not fits:
         stored = poor
     return Finding(subject, verdict, stored, remedies[chosen], margin, error, rivals, told), chosen
 
@@ -340,13 +350,13 @@ def _motion(shot: list[Frame], channels: Sequence[tuple[float, str]] | None) -> 
         rough = _warped(every, bases, shot, [m[::thin, ::thin] for m in stored], few, thin)
         # Motion of a few pixels is lost in the thinned image: what differs by its direction alone always stays.
         order = rough.mean(1).argsort(kind="stable")
-        keep = sorted({*range(8), *order[:_KEPT].tolist()})
+        keep = sorted({*range(9), *order[:_KEPT].tolist()})
         every = [every[i] for i in keep]
     residuals = _warped(every, bases, shot, stored, guides, 1)
     names = [hypothesis.name for hypothesis in every]
     remedies = [_remedy(hypothesis, channels, shot[0].shape) for hypothesis in every]
     poor = "no hypothesis explains the frames, as at a cut"
-    finding, chosen = _judged("motion", names, remedies, residuals, guides[0], poor=poor)
+    finding, chosen = _judged("motion", names, remedies, residuals, guides[0], poor=poor, null=1)
     right = every[chosen]
     finding = replace(finding, matrix=right.matrix)
     if not chosen:
@@ -474,7 +484,11 @@ def _warped(
             shift = _shift(shot[t + hypothesis.here], shot[t + hypothesis.there])
             motion = _applied(hypothesis, stored[t + hypothesis.file]) + np.float32(shift)
             warped, coverage = reproject(images, motion / np.float32(thin), fallback=False)
-            found[number].append(_means(np.where(coverage > 0.5, disagreement(warped), 1)))
+            inside = coverage > 0.5
+            left = disagreement(warped)
+            # What has left the image tells nothing, unless it is so much that hypotheses would hide there.
+            outside = left[inside].mean() if inside.mean() > _INSIDE else 1
+            found[number].append(_means(np.where(inside, left, outside)))
     return np.array([np.concatenate(tiles) for tiles in found])
 
 

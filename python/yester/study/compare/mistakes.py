@@ -206,6 +206,11 @@ def _lit(frame: Frame, albedo: Any) -> Any:
     return albedo * light[..., None]
 
 
+def _noise(frames: list[Frame]) -> list[Frame]:
+    rng = np.random.default_rng(0)
+    return [replace(frame, motion=rng.normal(0, 4, (*frame.shape, 2)).astype(np.float32)) for frame in frames]
+
+
 _W, _H = _WIDTH, _HEIGHT
 _FEW = ("albedo", "normal", "motion")
 _RAYS = ("albedo", "normal", "depth", "motion", "ids", "camera")
@@ -239,7 +244,7 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("motion of the next frame", "motion", "of the next frame", _shifted("motion", 1)),
     Mistake("to the next frame", "motion", "to the next frame", _forward(1)),
     Mistake("to the next frame, negated", "motion", "to the next frame, current minus next", _forward(-1)),
-    Mistake("no relation", "motion", "unrelated", _each("motion", lambda _, m: m[::-1, ::-1] * 3)),
+    Mistake("no relation", "motion", "unrelated", _noise),
     Mistake("transposed matrix", "cameras", "transposed", _relayed(lambda m: m.T)),
     Mistake("y down in clip space", "cameras", "y down", _relayed(lambda m: np.diag([1, -1, 1, 1]) @ m)),
     Mistake("y down in clip space", "cameras", "y down", _relayed(lambda m: np.diag([1, -1, 1, 1]) @ m), _RAYS),
