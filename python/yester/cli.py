@@ -352,7 +352,7 @@ def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]
 def _layers(known: Description) -> list[str]:
     """The channels of a file other than its colour."""
     recognised = [name for buffer, names in known.channels.items() if buffer != "color" for name in names]
-    return [*recognised, *known.unrecognised]
+    return [*recognised, *known.unused, *known.unrecognised]
 
 
 def _in_place(files: list[Description]) -> list[str]:

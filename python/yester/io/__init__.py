@@ -1,6 +1,7 @@
 """Read and write frames: files and renderers. Every buffer is converted to its canonical form once, on input."""
 
 from .exr import (
+    COMPRESSIONS,
     Description,
     Plate,
     describe,
@@ -13,6 +14,7 @@ from .exr import (
 )
 
 __all__ = [
+    "COMPRESSIONS",
     "Description",
     "Plate",
     "describe",

@@ -1,4 +1,4 @@
-"""Multichannel EXR files: our own layers, and those that Mitsuba writes.
+"""Multichannel EXR files: our own layers, and those of the renderers in `channels`.
 
 Cameras are kept in the standard attributes ``worldToCamera`` (to +X right, +Y up, +Z forward) and ``worldToNDC`` (to
 [0, 1] over the display window, y down), both as Imath has them: for row vectors, in single precision. The jitter of a
@@ -12,8 +12,10 @@ import os
 import re
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 from .._core import Camera
 from ..frame import Frame
 from . import layout
-from .channels import CANONICAL, find, missing, signs
+from .channels import CANONICAL, Recognised, guesses, missing, recognise
+from .convert import View, canonical, notes
 from .files import beside
+from .mapping import Mapped, apply, load
 from .stdout import kept_output
 
 Source = str | os.PathLike[str]
@@ -33,8 +37,10 @@ _HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
 #: Attributes of the storage layout, which is not preserved.
 _STORAGE = {"channels", "chunkCount", "compression", "lineOrder", "tiles", "type", "version"}
 _HALF_MAX = float(np.finfo(np.float16).max)
-#: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
-_MIXED = 2**32 - 1
+#: Compressions that keep pixels, or that keep those that they have once stored, by the names that OpenEXR gives them.
+_LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "HTJ2K256", "HTJ2K32", "ZSTD")
+#: The compressions that can be asked for.
+COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab", "htj2k256", "htj2k32")
 #: worldToNDC to world_to_clip: [0, 1] to [-1, 1], and y up.
 _NDC_TO_CLIP = np.array([[2.0, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]])
 
@@ -52,7 +58,7 @@ class Description:
     channels : dict of str to tuple of str
         The buffers of a `Frame` that were recognised, and the channels that they are made of.
     unrecognised : tuple of str
-        The other channels.
+        Channels of which nothing is known.
     camera : Camera or None
         From the attributes ``worldToCamera`` and ``worldToNDC``.
     jitter : (float, float) or None
@@ -60,7 +66,21 @@ class Description:
     missing : dict of str to str
         The buffers (and ``"camera"``) that the file lacks, with the consequences; rarely written buffers are left out.
     notes : dict of str to str
-        Remarks on buffers in the file.
+        Remarks on buffers in the file: what is converted, and what is inferred.
+    renderer : str
+        The one that wrote the file, empty if it is not known.
+    evidence : str
+        Why it is that one.
+    unused : dict of str to str
+        Channels that are known but not used, with the reason.
+    guesses : dict of str to str
+        For unrecognised layers, what `mapping` could be, by the nearest known name.
+    views : tuple of str
+        Names of the views of a stereo file.
+    view : str
+        The one that is read.
+    remarks : tuple of str
+        On choices among several layers.
     """
 
     path: Path
@@ -72,6 +92,13 @@ class Description:
     jitter: tuple[float, float] | None
     missing: dict[str, str]
     notes: dict[str, str]
+    renderer: str = ""
+    evidence: str = ""
+    unused: dict[str, str] = field(default_factory=dict)
+    guesses: dict[str, str] = field(default_factory=dict)
+    views: tuple[str, ...] = ()
+    view: str = ""
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,47 +113,74 @@ class Plate:
         All parts of the file in their order, whatever their windows.
     main : OpenEXR.Part
         The one that has the colour.
+    color : tuple of str
+        The channels of that part which a result replaces.
     """
 
     frame: Frame
     parts: tuple[Any, ...]
     main: Any
+    color: tuple[str, ...] = CANONICAL["color"]
 
 
-def read_exr(path: Source) -> Frame:
+def read_exr(path: Source, *, mapping: Mapped | None = None, view: str | None = None) -> Frame:
     """Read one frame.
 
     Parameters
     ----------
     path : path-like
         An EXR file of float16, float32 or uint32 channels, with one part or several. Its data window is the image.
+    mapping : path-like or mapping, optional
+        What the channels are, where that is not recognised: a TOML file, or what it has. By buffer of a `Frame`, a list
+        of channels (``-`` in front turns the sign) or a table: ``channels``; ``unit`` of motion (``"pixels"``,
+        ``"uv"``, ``"ndc"``); ``scale``, a factor or one for each component; ``space`` of normals and positions
+        (``"world"``, ``"camera"``: x right, y up, z forward); ``kind`` of depth (``"z"``, ``"distance"``), ``near``
+        (the distance at which a distance begins to count) and ``miss`` (``"inf"``, ``"zero"``, ``"far"``: 1e9 and
+        beyond). Without ``channels``, the table is about the channels that were recognised; an empty list leaves the
+        buffer out.
+    view : str, optional
+        Of a stereo file; by default ``left``, or else the first one.
 
     Returns
     -------
     Frame
-        Whatever is recognised, made canonical. The pass ``Vector`` of Blender Cycles becomes `motion` and
-        `motion_next`. In files of Mitsuba, pixels where nothing was hit get depth +inf and position NaN, and depth is
-        converted from a distance along the ray where the header has a camera (exactly if positions are there as well);
-        without one it stays as it is.
+        Whatever is recognised, made canonical (`describe` tells how). Only the channels that are needed are decoded,
+        as far as they are in parts of their own.
 
     Raises
     ------
     OSError
         If the file cannot be opened; FileNotFoundError if it is not there.
     ValueError
-        If it is not an EXR file, is truncated or corrupt, has no colour, or has an unusable camera or jitter.
+        If it is not an EXR file, is truncated or corrupt, has no colour, or has an unusable camera or jitter; if the
+        mapping names something that is not there, or the file has no such view.
     ImportError
         If the OpenEXR package is not installed.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np
+    >>> from yester.io import read_exr, write_exr
+    >>> path = tempfile.mktemp(suffix=".exr")
+    >>> write_exr(path, np.ones((2, 3, 3)))
+    >>> read_exr(path)
+    Frame(3x2: color)
+    >>> read_exr(path, mapping={"normal": ["R", "-G", "B"], "albedo": ["R", "G", "B"]})
+    Frame(3x2: color, albedo, normal)
     """
-    return read_plate(path).frame
+    path = Path(path)
+    contents = _look(path, mapping, view)
+    return _frame(contents, _pixels(contents, contents.needed()))
 
 
-def read_plate(path: Source) -> Plate:
+def read_plate(path: Source, *, mapping: Mapped | None = None, view: str | None = None) -> Plate:
     """Read one frame with all other contents of its file.
 
     Parameters
     ----------
     path : path-like
+        As for `read_exr`.
+    mapping, view : optional
         As for `read_exr`.
 
     Returns
@@ -139,32 +193,23 @@ def read_plate(path: Source) -> Plate:
         As `read_exr`.
     """
     path = Path(path)
-    parts = _parts(path)
-    main, planes = _merge(parts)
-    header = main.header
-    found = find(planes)
-    if "color" not in found:
-        raise ValueError(f"{path}: no colour: expected channels R, G and B, got {', '.join(planes) or 'none'}")
-    camera, jitter = _camera(path, header), _jitter(path, header)
-    try:
-        buffers = {buffer: np.stack([planes[name].pixels for name in names], -1) for buffer, names in found.items()}
-        for buffer in {"motion", "motion_next"} & buffers.keys():
-            factors = signs(buffer, found[buffer])
-            if min(factors) < 0:
-                buffers[buffer] = buffers[buffer] * np.array(factors, np.float32)
-        for buffer in {"depth", "ids", "hit_distance", "reactive"} & buffers.keys():
-            buffers[buffer] = buffers[buffer][..., 0]
-        if "ids" in buffers:
-            buffers["ids"] = _whole(buffers["ids"])
-        if _by_mitsuba(header, found):
-            _mark_misses(buffers, camera, along_ray=_along_ray(found))
-        frame = Frame(**buffers, camera=camera, jitter=jitter)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from None
-    return Plate(frame, tuple(parts), main)
+    contents = _look(path, mapping, view)
+    parts = _pixels(contents)
+    frame = _frame(contents, parts)
+    target = [contents.places[name] for name in contents.known.buffers["color"].target]
+    # A colour whose components are in several parts is written beside them.
+    color = CANONICAL["color"] if {part for part, _ in target} - {contents.main} else tuple(name for _, name in target)
+    return Plate(frame, tuple(parts[i] for i in range(len(parts))), parts[contents.main], color)
 
 
-def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, like: Plate | None = None) -> None:
+def write_exr(
+    path: Source,
+    frame: Frame | ArrayLike,
+    *,
+    half: bool | None = None,
+    compression: str | None = None,
+    like: Plate | None = None,
+) -> None:
     """Write one frame, with camera and jitter in the header.
 
     The file appears when it is complete: it is written beside and then renamed.
@@ -175,25 +220,33 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, lik
         A file in an existing folder; overwritten if it exists.
     frame : Frame or (H, W, 3) array_like of float
         A frame, or just a colour.
-    half : bool, default False
+    half : bool, optional
         Store colours (albedo, emission and replay among them) and normals as float16, clipped to its largest value,
-        65504. The others always have 32 bits.
+        65504, or as float32. By default, in the type of the channels that they replace, otherwise as float32. The
+        others always have 32 bits.
+    compression : str, optional
+        One of `COMPRESSIONS`, in the names of the OpenEXR library. By default that of `like`, if it is lossless: a
+        second lossy compression would change what is copied. Otherwise ``"zip"``.
     like : Plate, optional
         Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
-        layers), windows, the remaining attributes of the header, and all other parts. If `frame` has another size, the
-        windows are scaled to it, and the other channels, the other parts and the jitter are left out. Pixels are stored
-        as ZIP-compressed scanlines, whatever the source used.
+        layers), windows, the remaining attributes of the header, and all other parts. Colour replaces the channels that
+        it was read from. If `frame` has another size, the windows are scaled to it, and the other channels, the other
+        parts and the jitter are left out. Pixels are stored as scanlines, whatever the source used.
 
     Raises
     ------
     OSError
         If the file cannot be written.
+    ValueError
+        If there is no such compression.
     ImportError
         If the OpenEXR package is not installed.
     """
     path = Path(path)
     frame = frame if isinstance(frame, Frame) else Frame(frame)
     exr = _openexr()
+    if compression is not None and compression not in COMPRESSIONS:
+        raise ValueError(f"compression: expected one of {', '.join(COMPRESSIONS)}, got {compression!r}")
     header: dict[str, Any] = {} if like is None else _attributes(like.main)
     channels: dict[str, Any] = {}
     if like is not None and like.frame.shape == frame.shape:
@@ -208,16 +261,18 @@ def write_exr(path: Source, frame: Frame | ArrayLike, *, half: bool = False, lik
         header["worldToNDC"] = to_ndc.T.astype(np.float32)
     if frame.jitter is not None:
         header["jitter"] = np.array(frame.jitter)
+    replaced = {} if like is None else like.main.channels
     for buffer, values in frame.buffers().items():
-        array: NDArray[Any] = values
-        if half and buffer in _HALVED:
-            array = np.where(np.isfinite(array), np.clip(array, -_HALF_MAX, _HALF_MAX), array).astype(np.float16)
-        for name, plane in zip(CANONICAL[buffer], np.moveaxis(np.atleast_3d(array), -1, 0), strict=False):
+        names = like.color if like is not None and buffer == "color" else CANONICAL[buffer]
+        for name, plane in zip(names, np.moveaxis(np.atleast_3d(values), -1, 0), strict=False):
+            former = replaced[name].pixels.dtype if name in replaced else np.float32
+            if buffer in _HALVED and (former == np.float16 if half is None else half):
+                plane = np.where(np.isfinite(plane), np.clip(plane, -_HALF_MAX, _HALF_MAX), plane).astype(np.float16)
             channels[name] = np.ascontiguousarray(plane)
-    main = exr.Part(header | _storage(exr), channels, header.get("name", ""))
+    main = exr.Part(header | _storage(exr, like and like.main, compression), channels, header.get("name", ""))
     parts = [main]
     if like is not None and like.frame.shape == frame.shape:
-        parts = [main if part is like.main else _copy(exr, part) for part in like.parts]
+        parts = [main if part is like.main else _copy(exr, part, compression) for part in like.parts]
     with beside(path) as temporary:
         try:
             exr.File(parts).write(str(temporary))
@@ -264,13 +319,17 @@ def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
     return sorted(found, key=_natural)
 
 
-def read_sequence(source: Source | Iterable[Source]) -> Iterator[Frame]:
+def read_sequence(
+    source: Source | Iterable[Source], *, mapping: Mapped | None = None, view: str | None = None
+) -> Iterator[Frame]:
     """Read the frames of a sequence one by one.
 
     Parameters
     ----------
     source : path-like or iterable of path-like
         As for `sequence_paths`, which is asked at once.
+    mapping, view : optional
+        As for `read_exr`.
 
     Yields
     ------
@@ -287,7 +346,7 @@ def read_sequence(source: Source | Iterable[Source]) -> Iterator[Frame]:
     def frames() -> Iterator[Frame]:
         size = None
         for path in paths:
-            frame = read_exr(path)
+            frame = read_exr(path, mapping=mapping, view=view)
             if size not in (None, frame.shape):
                 raise ValueError(f"{path}: expected height and width {size} as in the frames before, got {frame.shape}")
             size = frame.shape
@@ -342,13 +401,15 @@ def write_sequence(
     return paths
 
 
-def describe(path: Source) -> Description:
+def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = None) -> Description:
     """Describe an EXR file from its header: the buffers that it has and lacks.
 
     Parameters
     ----------
     path : path-like
         An EXR file.
+    mapping, view : optional
+        As for `read_exr`.
 
     Returns
     -------
@@ -360,36 +421,174 @@ def describe(path: Source) -> Description:
         As `read_exr`, except that pixels are not looked at and colour may be absent.
     """
     path = Path(path)
-    main, planes = _merge(_parts(path, header_only=True))
-    header = main.header
-    found = find(planes)
-    camera = _camera(path, header)
-    known = {name for names in found.values() for name in names}
-    notes = {
-        buffer: "Vector pass of Blender Cycles: turned to y down"
-        for buffer in ("motion", "motion_next")
-        if min(signs(buffer, found.get(buffer, ())), default=1) < 0
-    }
-    if _along_ray(found):
-        how = "along the ray from the near plane"
-        if camera is None:
-            notes["depth"] = f"distance {how}: kept as it is, for want of a camera in the header"
-        elif "position" in found:
-            notes["depth"] = f"distance {how}: replaced by that along the camera axis, from positions"
-        else:
-            notes["depth"] = f"distance {how}: converted along the camera axis, but for the near plane's distance"
-    height, width = _size(header)
+    contents = _look(path, mapping, view)
+    known, cameras = contents.known, contents.cameras()
+    used = {name for one in known.buffers.values() for name in (*one.channels, *one.plus, *one.target)}
+    unrecognised = tuple(name for name in contents.places if name not in used and name not in known.unused)
+    height, width = _size(contents.header)
     return Description(
         path=path,
         width=width,
         height=height,
-        channels=found,
-        unrecognised=tuple(name for name in planes if name not in known),
-        camera=camera,
-        jitter=_jitter(path, header),
-        missing=missing(found, camera=camera is not None),
-        notes=notes,
+        channels={buffer: found.channels for buffer, found in known.buffers.items()},
+        unrecognised=unrecognised,
+        camera=cameras[0][0] if cameras else None,
+        jitter=contents.jitter(),
+        missing=missing(known.buffers, camera=bool(cameras)),
+        notes=notes(known, camera=bool(cameras)),
+        renderer=known.renderer,
+        evidence=known.evidence,
+        unused=known.unused,
+        guesses=guesses(unrecognised),
+        views=contents.views,
+        view=contents.view,
+        remarks=known.remarks,
     )
+
+
+@dataclass(frozen=True)
+class _Contents:
+    """What the headers of a file say: where channels are, and which buffers they hold."""
+
+    path: Path
+    headers: list[dict[str, Any]]
+    main: int
+    places: dict[str, tuple[int, str]]
+    known: Recognised
+    views: tuple[str, ...]
+    view: str
+
+    @property
+    def header(self) -> dict[str, Any]:
+        return self.headers[self.main]
+
+    def attributes(self, *names: str) -> dict[str, Any]:
+        """The header that has the first one of some attributes: that of the main part, or else another one's."""
+        others = {part: self.headers[part] for part, _ in self.places.values()}
+        return next((header for header in (self.header, *others.values()) if names[0] in header), self.header)
+
+    def needed(self) -> set[int]:
+        """The parts that hold the buffers."""
+        channels = (name for one in self.known.buffers.values() for name in (*one.channels, *one.plus))
+        return {self.places[name][0] for name in channels}
+
+    def cameras(self) -> list[View]:
+        attributes = self.attributes("worldToNDC", "worldToCamera")
+        given = {name: attributes[name] for name in ("worldToNDC", "worldToCamera") if name in attributes}
+        return _cameras(self.path, self.header | given)
+
+    def jitter(self) -> tuple[float, float] | None:
+        return _jitter(self.path, self.attributes("jitter"))
+
+
+def _look(path: Path, mapping: Mapped | None, view: str | None) -> _Contents:
+    """Read the headers of a file, and recognise what it has."""
+    halved = layout.check(path)
+    exr = _openexr()
+    with _decoding(path):
+        headers = [part.header for part in exr.File(str(path), header_only=True).parts]
+        if not headers:
+            raise ValueError("no part")
+    views = _views(headers)
+    if view is not None and view not in views:
+        raise ValueError(
+            f"{path}: view: expected {' or '.join(views) or 'none, as the file has no views'}, got {view!r}"
+        )
+    chosen = view or ("left" if "left" in views else next(iter(views), ""))
+    # Parts that are of a view say so themselves.
+    default = str(next(iter(headers[0].get("multiView", ())), chosen))
+    parts = [i for i, header in enumerate(headers) if str(header.get("view", chosen)) in (chosen, "")] or [0]
+    main = _main(headers, parts, views, default, chosen) if len(headers) > 1 else 0
+    places = _places(headers, [main, *(i for i in parts if i != main)], main)
+    others = [i for i in range(len(headers)) if i not in parts]
+    bare = _viewless(places, views, default, chosen)
+    half = {name for name, (part, own) in places.items() if own in halved[part]}
+    attributes = {name: value for i in reversed(range(len(headers))) for name, value in headers[i].items()}
+    known = recognise(bare, attributes, half)
+    known = apply(load(mapping), known, places) if mapping else known
+    if known.buffers.get("color"):
+        target = places[known.buffers["color"].target[0]][0]
+        main = target
+    every = places | {f"{headers[i].get('name', i)}:{own}": (i, own) for i in others for own in _names(headers[i])}
+    return _Contents(path, headers, main, every, known, views, chosen if views else "")
+
+
+def _views(headers: list[dict[str, Any]]) -> tuple[str, ...]:
+    """The names of the views of a stereo file, the default one first."""
+    named = [str(view) for header in headers for view in header.get("multiView", ())]
+    return tuple(dict.fromkeys([*named, *(str(header["view"]) for header in headers if header.get("view"))]))
+
+
+def _main(headers: list[dict[str, Any]], parts: list[int], views: tuple[str, ...], default: str, view: str) -> int:
+    """The part that has the colour: by the names of layers and parts, or else the first with components R, G and B."""
+    places = _places(headers, parts)
+    attributes = {name: value for i in reversed(parts) for name, value in headers[i].items()}
+    known = recognise(_viewless(places, views, default, view), attributes)
+    if "color" in known.buffers:
+        return places[known.buffers["color"].target[0]][0]
+    coloured = [i for i in parts if "color" in recognise(_names(headers[i])).buffers]
+    # A part such as "albedo" has these components as well.
+    other = {places[name][0] for buffer in known.buffers.values() for name in buffer.channels}
+    return next((i for i in coloured if i not in other), (coloured or parts)[0])
+
+
+def _names(header: dict[str, Any]) -> list[str]:
+    return [channel.name for channel in header["channels"]]
+
+
+def _places(headers: list[dict[str, Any]], parts: list[int], main: int | None = None) -> dict[str, tuple[int, str]]:
+    """The channels of parts that cover the same window as the main one, by name: part and name there.
+
+    In files of several parts, components without a layer have that of their part's name, except in the main part.
+    """
+    places: dict[str, tuple[int, str]] = {}
+    for i in parts:
+        name = str(headers[i].get("name", ""))
+        if main is not None and not np.array_equal(headers[i]["dataWindow"], headers[main]["dataWindow"]):
+            continue
+        for own in _names(headers[i]):
+            bare = "." not in own and name and len(headers) > 1 and i != main
+            unique = f"{name}.{own}" if bare or own in places else own
+            places[unique] = (i, own)
+    return places
+
+
+def _viewless(names: Iterable[str], views: tuple[str, ...], default: str, view: str) -> dict[str, str]:
+    """Channels of a view, and those of none, by their names without that of the view.
+
+    The view's name is that of the innermost layer ("Storing Multi-View Images in OpenEXR Files", openexr.com).
+    Components without a layer belong to the default view.
+    """
+    bare = {}
+    for channel in names:
+        layer, _, component = channel.rpartition(".")
+        outer, _, inner = layer.rpartition(".")
+        own = inner if inner in views else "" if layer else default
+        if own in ("", view):
+            kept = outer if inner in views else layer
+            bare[channel] = f"{kept}.{component}" if kept else component
+    return bare
+
+
+def _frame(contents: _Contents, parts: dict[int, Any]) -> Frame:
+    """The frame that the pixels of a file make."""
+    path, known = contents.path, contents.known
+    if "color" not in known.buffers:
+        got = ", ".join(contents.places) or "none"
+        raise ValueError(f"{path}: no colour: expected channels R, G and B, got {got} (a mapping can name others)")
+
+    def pixels(channel: str) -> NDArray[Any]:
+        part, name = contents.places[channel]
+        found: NDArray[Any] = parts[part].channels[name].pixels
+        return found
+
+    _, (width, height) = _window(contents.header, "displayWindow")
+    cameras, jitter = contents.cameras(), contents.jitter()
+    try:
+        buffers, camera = canonical(known, pixels, cameras, (float(width), float(height)))
+        return Frame(**buffers, camera=camera, jitter=jitter)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _openexr() -> Any:
@@ -399,32 +598,41 @@ def _openexr() -> Any:
         raise ImportError("EXR files need the OpenEXR package: pip install 'yester[exr]'") from error
 
 
-def _parts(path: Path, *, header_only: bool = False) -> list[Any]:
-    """All parts of a file. OpenEXR skips a part that it cannot decode and only prints the reason."""
-    layout.check(path)
-    exr = _openexr()
+@contextmanager
+def _decoding(path: Path) -> Iterator[None]:
+    """Raise whatever OpenEXR raises as ValueError that names the file."""
     try:
-        parts: list[Any] = exr.File(str(path), header_only=True).parts
-        if not header_only:
-            expected = len(parts)
-            with kept_output() as said:
-                parts = exr.File(str(path), separate_channels=True).parts
-            if len(parts) < expected:
-                raise ValueError(" ".join("".join(said).split()))
+        yield
     except Exception as error:
         raise ValueError(f"{path}: truncated or corrupt: {' '.join(str(error).split())}") from None
-    if not parts:
-        raise ValueError(f"{path}: truncated or corrupt: no part")
-    return parts
 
 
-def _storage(exr: Any) -> dict[str, Any]:
-    """The storage attributes of all written files."""
-    return {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+def _pixels(contents: _Contents, keep: set[int] | None = None) -> dict[int, Any]:
+    """Parts of a file with their pixels, or all; OpenEXR skips a part that it cannot decode and only prints why."""
+    exr, path, count = _openexr(), contents.path, len(contents.headers)
+    numbers = sorted(keep) if keep and len(keep) < count else list(range(count))
+    with _decoding(path):
+        source = str(path) if len(numbers) == count else BytesIO(layout.subset(path, numbers))
+        with kept_output() as said:
+            parts = exr.File(source, separate_channels=True).parts
+        if len(parts) < len(numbers):
+            raise ValueError(" ".join("".join(said).split()))
+    return dict(zip(numbers, parts, strict=True))
 
 
-def _copy(exr: Any, part: Any) -> Any:
-    return exr.Part(_attributes(part) | _storage(exr), dict(part.channels), part.name())
+def _storage(exr: Any, part: Any = None, compression: str | None = None) -> dict[str, Any]:
+    """The storage attributes of a written part: in a lossless compression, what it was."""
+    lossless = [getattr(exr, f"{name}_COMPRESSION") for name in _LOSSLESS if hasattr(exr, f"{name}_COMPRESSION")]
+    chosen = exr.ZIP_COMPRESSION
+    if compression is not None:
+        chosen = getattr(exr, f"{'NO' if compression == 'none' else compression.upper()}_COMPRESSION")
+    elif part is not None and part.header.get("compression") in lossless:
+        chosen = part.header["compression"]
+    return {"compression": chosen, "type": exr.scanlineimage}
+
+
+def _copy(exr: Any, part: Any, compression: str | None) -> Any:
+    return exr.Part(_attributes(part) | _storage(exr, part, compression), dict(part.channels), part.name())
 
 
 def _attributes(part: Any) -> dict[str, Any]:
@@ -449,20 +657,6 @@ def _scaled_windows(header: dict[str, Any], frame: Frame) -> dict[str, Any]:
     return {name: tuple(np.rint(corner).astype(np.int32) for corner in both) for name, both in corners.items()}
 
 
-def _merge(parts: list[Any]) -> tuple[Any, dict[str, Any]]:
-    """The first part with colour, and the channels of all parts that cover the same window."""
-    coloured = (part for part in parts if "color" in find(channel.name for channel in part.header["channels"]))
-    main = next(coloured, parts[0])
-    planes: dict[str, Any] = {}
-    for part in (main, *(part for part in parts if part is not main)):
-        if np.array_equal(part.header["dataWindow"], main.header["dataWindow"]):
-            # With the header alone there are no pixels, and no channels but those it lists.
-            for channel in part.channels.values() or part.header["channels"]:
-                name = channel.name if channel.name not in planes else f"{part.name()}.{channel.name}"
-                planes[name] = channel
-    return main, planes
-
-
 def _window(header: dict[str, Any], name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Corner and size of a window, (x, y)."""
     low, high = (np.asarray(corner, np.float64) for corner in header[name])
@@ -474,62 +668,30 @@ def _size(header: dict[str, Any]) -> tuple[int, int]:
     return int(height), int(width)
 
 
-def _whole(ids: NDArray[Any]) -> NDArray[Any]:
-    """Convert ids from any stored type."""
-    if ids.dtype.kind == "u":
-        return ids
-    with np.errstate(invalid="ignore"):  # of signalling NaN
-        ids = ids.astype(np.float64)
-        whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= _MIXED)
-    return np.where(whole, ids, _MIXED).astype(np.uint32)
-
-
-def _along_ray(found: dict[str, tuple[str, ...]]) -> bool:
-    return "depth" in found and found["depth"][0].endswith(".T")
-
-
-def _by_mitsuba(header: dict[str, Any], found: dict[str, tuple[str, ...]]) -> bool:
-    return str(header.get("generatedBy", "")).startswith("Mitsuba") or _along_ray(found)
-
-
-def _mark_misses(buffers: dict[str, NDArray[Any]], camera: Camera | None, *, along_ray: bool) -> None:
-    """Background pixels of a Mitsuba file, where all buffers are zero: by depth, else ids, else position."""
-    depth, position = buffers.get("depth"), buffers.get("position")
-    if along_ray and depth is not None:
-        miss = depth == 0
-        if camera is not None and position is not None:
-            depth = camera.project(position)[1]
-        elif camera is not None:
-            depth = depth * (camera.rays()[1] @ camera.forward)
-        buffers["depth"] = np.where(miss, np.inf, depth)
-    elif "ids" in buffers:
-        miss = buffers["ids"] == 0
-    elif position is not None:
-        miss = (position == 0).all(-1)
-    else:
-        return
-    if position is not None:
-        buffers["position"] = np.where(miss[..., None], np.nan, position)
-
-
-def _camera(path: Path, header: dict[str, Any]) -> Camera | None:
-    """The header's camera, unless it is orthographic."""
+def _cameras(path: Path, header: dict[str, Any]) -> list[View]:
+    """The cameras that a header may mean, the likeliest one first; none if it has none, or an orthographic one."""
     if "worldToNDC" not in header:
-        return None
+        return []
     given = [header[name] for name in ("worldToNDC", "worldToCamera") if name in header]
     with np.errstate(invalid="ignore"):  # of signalling NaN
         stored = [np.asarray(matrix, np.float64) for matrix in given if isinstance(matrix, np.ndarray)]
     if len(stored) < len(given) or any(one.shape != (4, 4) or not np.isfinite(one).all() for one in stored):
         raise ValueError(f"{path}: worldToNDC, worldToCamera: expected finite (4, 4) matrices")
     if any(not row[:3].any() and row[3] for row in (stored[0][3], stored[0].T[3])):
-        return None
-    # Imath uses row vectors, but pbrt writes matrices for column vectors into the same attributes.
-    to_ndc, *_ = min(([matrix.T for matrix in stored], stored), key=_implausibility)
+        return []
     height, width = _size(header)
-    try:
-        return Camera(_NDC_TO_CLIP @ _crop(header) @ to_ndc, width, height)
-    except ValueError as error:
-        raise ValueError(f"{path}: worldToNDC: {error}") from None
+    views: list[View] = []
+    # Imath uses row vectors, but pbrt writes matrices for column vectors into the same attributes.
+    for to_ndc, *to_camera in sorted(([matrix.T for matrix in stored], stored), key=_implausibility):
+        try:
+            camera = Camera(_NDC_TO_CLIP @ _crop(header) @ to_ndc, width, height)
+        except ValueError as error:
+            if not views:
+                raise ValueError(f"{path}: worldToNDC: {error}") from None
+            continue
+        matrix = to_camera[0] if to_camera and np.linalg.det(to_camera[0][:3, :3]) else camera.world_to_camera
+        views.append((camera, np.asarray(matrix, np.float64)))
+    return views
 
 
 def _crop(header: dict[str, Any]) -> NDArray[np.float64]:

@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 import mmap
 import struct
+from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 
 _MAGIC = b"\x76\x2f\x31\x01"
@@ -35,6 +37,7 @@ _PIXELS_MAX = 2**31
 _TILE_MAX = 2**22
 #: Types of samples: unsigned integer, half, float.
 _SAMPLES = 3
+_HALF = 1
 
 
 @dataclass(frozen=True)
@@ -46,10 +49,11 @@ class Attribute:
     size: int
 
 
-def check(path: Path) -> None:
+def check(path: Path) -> list[set[str]]:
     """Raise ValueError, naming the file, unless it is laid out as an EXR file of flat images and has all its chunks.
 
-    Chunks are not decoded. OSError if the file cannot be opened.
+    Chunks are not decoded. OSError if the file cannot be opened. Returns the half-float channels of each part, which
+    OpenEXR's Python module does not tell without pixels.
     """
     with path.open("rb") as file:
         magic = file.read(len(_MAGIC))
@@ -57,7 +61,7 @@ def check(path: Path) -> None:
             raise ValueError(f"{path}: {'not an EXR file' if magic else 'an empty file'}")
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             try:
-                _check(data)
+                return _check(data)
             except _UnsupportedError as error:
                 raise ValueError(f"{path}: {error}") from None
             except (IndexError, struct.error):
@@ -92,16 +96,41 @@ def headers(data: bytes | mmap.mmap) -> tuple[list[dict[str, Attribute]], int]:
             return found, at + 1
 
 
+def subset(path: Path, keep: Collection[int]) -> bytes:
+    """A file with some of the parts of another one that `check` has passed, which has several.
+
+    OpenEXR's Python module reads files as a whole; chunks are copied as they are stored.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        parts, at = headers(data)
+        ends = [max(one.start + one.size for one in header.values()) + 1 for header in parts]
+        kept, chunks = [], []
+        for number, header in enumerate(parts):
+            (count,) = struct.unpack("<i", _value(data, header["chunkCount"]))
+            if number in keep:
+                head = 20 if _value(data, header["type"]).startswith(b"tiled") else 8
+                for (chunk,) in struct.iter_unpack("<Q", data[at : at + 8 * count]):
+                    (size,) = struct.unpack_from("<i", data, chunk + head)
+                    # Each chunk begins with the number of its part.
+                    chunks.append(struct.pack("<i", len(kept)) + data[chunk + 4 : chunk + head + 4 + size])
+                kept.append(data[ends[number - 1] if number else 8 : ends[number]])
+            at += 8 * count
+        front = [data[:8], *kept, b"\0"]
+    places = accumulate(map(len, chunks), initial=sum(map(len, front)) + 8 * len(chunks))
+    table = b"".join(struct.pack("<Q", place) for place, _ in zip(places, chunks, strict=False))
+    return b"".join([*front, table, *chunks])
+
+
 class _UnsupportedError(ValueError):
     """The error for an intact file of an unsupported kind."""
 
 
-def _check(data: mmap.mmap) -> None:
+def _check(data: mmap.mmap) -> list[set[str]]:
     (version,) = struct.unpack_from("<I", data, 4)
     if version & 0xFF != 2 or version & ~0xFF & ~(_TILED | _LONG_NAMES | _DEEP | _SEVERAL):
         raise ValueError(f"an unknown version or flags: {version:#x}")
     parts, at = headers(data)
-    several = bool(version & _SEVERAL)
+    several, half = bool(version & _SEVERAL), []
     if several and version & _TILED:
         raise ValueError("flags of one part and of several")
     for header in parts:
@@ -113,15 +142,17 @@ def _check(data: mmap.mmap) -> None:
                 raise ValueError(f"attribute {name!r}: expected {kind}, got {got}")
         if several and not header.keys() >= {"name", "type", "chunkCount"}:
             raise ValueError("a part without name, type or chunkCount")
-        _check_image(data, header, deep=bool(version & _DEEP))
+        half.append(_check_image(data, header, deep=bool(version & _DEEP)))
     for header in parts:
         tiled = _value(data, header["type"]).startswith(b"tiled") if several else bool(version & _TILED)
         count = struct.unpack("<i", _value(data, header["chunkCount"]))[0] if several else None
         # The number of the part, if there are several; the coordinates.
         at = _check_chunks(data, at, count, 4 * several + (16 if tiled else 4))
+    return half
 
 
-def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -> None:
+def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -> set[str]:
+    """Check the header of a part; returns its half-float channels."""
     kind = header.get("type")
     if deep or (kind and _value(data, kind).startswith(b"deep")):
         raise _UnsupportedError("a deep image, which cannot be read: flatten it")
@@ -140,6 +171,7 @@ def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -
         (value,) = struct.unpack_from("<f", data, header[name].start)
         if not math.isfinite(value):
             raise ValueError(f"{name}: {value}")
+    half = set()
     at, end = header["channels"].start, header["channels"].start + header["channels"].size
     while at < end - 1:
         name, at = _text(data, at)
@@ -150,9 +182,12 @@ def _check_image(data: mmap.mmap, header: dict[str, Attribute], *, deep: bool) -
             raise _UnsupportedError(
                 f"channel {name!r}: subsampled, {sampling[0]} x {sampling[1]}, which cannot be read"
             )
+        if sample == _HALF:
+            half.add(name)
         at += 16
     if at != end - 1 or data[at]:
         raise ValueError("channels: the list does not end where its size says")
+    return half
 
 
 def _check_chunks(data: mmap.mmap, start: int, count: int | None, head: int) -> int:

@@ -1,0 +1,233 @@
+"""Conversion of stored channels to the canonical form of a frame's buffers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._core import Camera
+from .channels import Form, Found, Recognised
+
+#: The id of pixels in which a renderer has averaged the ids of several objects: those match each other only.
+MIXED = 2**32 - 1
+#: Depths from here on are those of nothing: Blender Cycles has 1e10 for a miss, 1e11 where nothing was rendered.
+_FAR = 1e9
+#: Pixels by which positions tell their space and the layout of matrices.
+_PROBES = 4096
+
+Array = NDArray[Any]
+#: A camera, and the matrix from world to camera space.
+View = tuple[Camera, NDArray[np.float64]]
+
+
+def canonical(
+    known: Recognised, pixels: Callable[[str], Array], views: list[View], display: tuple[float, float]
+) -> tuple[dict[str, Array], Camera | None]:
+    """The buffers of a file in canonical form.
+
+    Parameters
+    ----------
+    known : Recognised
+    pixels : callable
+        Reads a channel, (H, W).
+    views : list of (Camera, (4, 4) ndarray)
+        The cameras that the header may mean, the likeliest one first.
+    display : (float, float)
+        Width and height of the display window in pixels, to which motion in other units refers.
+
+    Returns
+    -------
+    (dict of str to ndarray, Camera or None)
+        The buffers and the camera.
+    """
+    buffers: dict[str, Array] = {}
+    for name, found in known.buffers.items():
+        planes = [pixels(channel) for channel in found.channels]
+        if found.form.cryptomatte:
+            buffers[name] = _cryptomatte(planes)
+            continue
+        value = np.stack(planes, -1)
+        if found.plus:
+            value = value + np.stack([pixels(channel) for channel in found.plus], -1)
+        buffers[name] = _scaled(value, found.form, name, display)
+    for name in {"depth", "ids", "hit_distance", "reactive"} & buffers.keys():
+        buffers[name] = buffers[name].reshape(buffers[name].shape[:2])
+    if "ids" in buffers:
+        buffers["ids"] = _whole(buffers["ids"])
+    forms = {name: found.form for name, found in known.buffers.items()}
+    view, space = _view(buffers.get("position"), forms.get("position"), views)
+    _to_world(buffers, forms, view, space)
+    if "depth" in buffers:
+        buffers["depth"] = _depth(buffers, forms, view, space)
+    if known.renderer:
+        _mark_misses(buffers, forms)
+    if known.averaged and "normal" in buffers:
+        buffers["normal"] = _unit(buffers["normal"])
+    if known.renderer and "emission" in buffers:
+        # At the edges of lights, the pass may have other samples than the colour has.
+        buffers["emission"] = np.fmin(buffers["emission"], buffers["color"])
+    return buffers, view[0] if view else None
+
+
+def notes(known: Recognised, *, camera: bool) -> dict[str, str]:
+    """What is converted, by buffer, as far as a header tells it."""
+    told = {}
+    for name, found in known.buffers.items():
+        parts = [found.note, *_conversions(name, found, known, camera=camera)]
+        if text := "; ".join(part for part in parts if part):
+            told[name] = text
+    return told
+
+
+def _conversions(name: str, found: Found, known: Recognised, *, camera: bool) -> list[str]:
+    form, told = found.form, []
+    if found.mapped:
+        told.append("as mapped")
+    if name.startswith("motion"):
+        if form.unit != "pixels":
+            told.append(
+                {"uv": "fractions of the image", "ndc": "-1 to 1 over the image"}[form.unit] + ": turned to pixels"
+            )
+        if form.scale and not found.note:
+            told.append(f"multiplied by {', '.join(f'{one:g}' for one in form.scale)}")
+    if name in ("normal", "position"):
+        if form.space == "either":
+            need = "" if camera else ", but kept as it is, for want of a camera in the header"
+            told.append(f"in camera or world space, by which of them puts positions on the screen{need}")
+        elif form.space == "camera":
+            how = "turned to world space" if camera else "kept in camera space, for want of a camera in the header"
+            told.append(f"in camera space: {how}")
+    if name == "depth" and form.kind == "distance":
+        how = "distance along the ray" + ("" if form.near else " from the near plane")
+        if not camera:
+            told.append(f"{how}: kept as it is, for want of a camera in the header")
+        elif "position" in known.buffers:
+            told.append(f"{how}: replaced by that along the camera axis, from positions")
+        else:
+            told.append(
+                f"{how}: converted along the camera axis" + ("" if form.near else ", but for the near plane's distance")
+            )
+    elif name == "depth" and form.space == "either":
+        told.append("from positions")
+    if name == "depth" and form.miss == "far":
+        told.append("1e9 and beyond: nothing was hit")
+    if form.cryptomatte:
+        told.append("the id that covers most of a pixel")
+    if found.plus:
+        told.append(f"and {' '.join(found.plus)} added")
+    return told
+
+
+def _scaled(value: Array, form: Form, name: str, display: tuple[float, float]) -> Array:
+    factors = np.ones(value.shape[-1], np.float32)
+    factors[: len(form.scale)] = form.scale[: len(factors)]
+    if name.startswith("motion") and form.unit != "pixels":
+        factors[:2] *= np.float32(display) / (1 if form.unit == "uv" else 2)
+    return value if (factors == 1).all() else (value * factors).astype(np.float32)
+
+
+def _cryptomatte(planes: list[Array]) -> NDArray[np.uint32]:
+    """The id that covers most of each pixel; 0 where nothing covers more."""
+    ids = np.stack(planes[0::2]).astype(np.float32).view(np.uint32)
+    coverage = np.nan_to_num(np.stack(planes[1::2]).astype(np.float32))
+    best = coverage.argmax(0)[None]
+    chosen = np.take_along_axis(ids, best, 0)[0]
+    covered = np.take_along_axis(coverage, best, 0)[0]
+    nothing = (covered <= 0) | (1 - coverage.sum(0) > covered)
+    return np.where(nothing, 0, chosen).astype(np.uint32)
+
+
+def _whole(ids: Array) -> Array:
+    """Convert ids from any stored type."""
+    if ids.dtype.kind == "u":
+        return ids
+    with np.errstate(invalid="ignore"):  # of signalling NaN
+        ids = ids.astype(np.float64)
+        whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= MIXED)
+    return np.where(whole, ids, MIXED).astype(np.uint32)
+
+
+def _view(position: Array | None, form: Form | None, views: list[View]) -> tuple[View | None, str]:
+    """The camera, and the space of what may be in either: those that put positions where they are on the screen."""
+    likeliest = views[0] if views else None
+    if position is None or form is None or form.space != "either" or not views:
+        return likeliest, "camera"
+    hit = np.flatnonzero(np.isfinite(position).all(-1) & (position != 0).any(-1))
+    hit = hit[:: max(len(hit) // _PROBES, 1)]
+    if not len(hit):
+        return likeliest, "camera"
+    points = position.reshape(-1, 3)[hit].astype(np.float64)
+    pixels = np.stack([hit % position.shape[1], hit // position.shape[1]], -1) + 0.5
+
+    def error(choice: tuple[View, str]) -> float:
+        (camera, to_camera), space = choice
+        world = points if space == "world" else _transformed(points, np.linalg.inv(to_camera))
+        offset = np.abs(camera.project(world.astype(np.float32))[0] - pixels).max(-1)
+        return float(np.median(np.where(np.isfinite(offset), offset, np.inf)))
+
+    return min(((view, space) for view in views for space in ("camera", "world")), key=error)
+
+
+def _to_world(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, space: str) -> None:
+    """Turn normals and positions from camera to world space."""
+    if view is None:
+        return
+    _, to_camera = view
+    for name in ("normal", "position"):
+        if name not in buffers or (space if forms[name].space == "either" else forms[name].space) != "camera":
+            continue
+        if name == "normal":  # which the inverse transpose has turned to camera space
+            buffers[name] = _unit((buffers[name].astype(np.float64) @ to_camera[:3, :3]).astype(np.float32))
+        else:
+            miss = (buffers[name] == 0).all(-1, keepdims=True)
+            world = _transformed(buffers[name].astype(np.float64), np.linalg.inv(to_camera))
+            buffers[name] = np.where(miss, 0, world).astype(np.float32)
+
+
+def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, space: str) -> Array:
+    """Depth along the camera axis, +inf where nothing was hit."""
+    depth, form = buffers["depth"].astype(np.float32, copy=False), forms["depth"]
+    miss = {"zero": depth == 0, "far": ~(depth < _FAR), "inf": np.zeros_like(depth, bool)}[form.miss]
+    position = buffers.get("position")
+    from_position = form.kind == "distance" or form.space == "either"
+    if view is not None and position is not None and from_position and not form.near:
+        if form.space == "either":
+            miss = (position == 0).all(-1)
+        depth = view[0].project(position)[1]
+    elif view is not None and form.kind == "distance":
+        depth = depth * (view[0].rays()[1] @ view[0].forward) + np.float32(form.near)
+    return np.where(miss, np.float32(np.inf), depth).astype(np.float32) if miss.any() or form != Form() else depth
+
+
+def _mark_misses(buffers: dict[str, Array], forms: Mapping[str, Form]) -> None:
+    """Pixels in which nothing was hit, by depth, else ids, else positions: they have neither position nor albedo."""
+    position = buffers.get("position")
+    if "depth" in buffers and forms["depth"].miss != "inf":
+        miss = np.isinf(buffers["depth"])
+    elif "ids" in buffers:
+        miss = buffers["ids"] == 0
+    elif position is not None:
+        miss = (position == 0).all(-1)
+    else:
+        return
+    if position is not None:
+        buffers["position"] = np.where(miss[..., None], np.float32(np.nan), position)
+    if "albedo" in buffers and "normal" in buffers:
+        # Depth may be that of one sample where albedo is the mean of several: normals tell whether any has hit.
+        nothing = miss & (buffers["normal"] == 0).all(-1)
+        buffers["albedo"] = np.where(nothing[..., None], 0, buffers["albedo"])
+
+
+def _transformed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _unit(normal: Array) -> NDArray[np.float32]:
+    """Normals of unit length; zeros stay zeros."""
+    normal = normal.astype(np.float32)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    uneven = (np.abs(length - 1) > 1e-3) & (length > 0)
+    return np.divide(normal, length, out=normal.copy(), where=uneven)

@@ -1,0 +1,474 @@
+"""Files in the layouts of renderers: what is read is the canonical form of what was stored."""
+
+import layouts
+import numpy as np
+import OpenEXR
+import pytest
+import yester
+from compare import assert_same_bits
+from yester import io
+from yester.io import channels
+
+HALF_STEP = 2.0**-10
+
+
+@pytest.fixture(scope="module")
+def shot():
+    return layouts.frame(3)
+
+
+def hit(shot):
+    return shot.ids > 0
+
+
+def same_regions(ids, want):
+    """The same pixels belong to the same thing, whatever its number; 0 where nothing was hit."""
+    pairs = {*zip(ids.ravel().tolist(), want.ravel().tolist(), strict=True)}
+    assert len(pairs) == len({one for one, _ in pairs}) == len({other for _, other in pairs})
+    np.testing.assert_array_equal(ids == 0, want == 0)
+
+
+# Blender Cycles
+
+
+@pytest.mark.parametrize("new", [False, True])
+@pytest.mark.parametrize("denoising", [False, True])
+@pytest.mark.parametrize("layer", ["ViewLayer", "Shot 3.Main", "View Layer.001"])
+def test_cycles(tmp_path, shot, new, denoising, layer):
+    layouts.cycles(tmp_path / "a.exr", shot, new=new, denoising=denoising, layer=layer)
+    got = io.read_exr(tmp_path / "a.exr")
+    for name in ("color", "albedo", "depth", "motion", "motion_next", "position"):
+        assert_same_bits(getattr(got, name), getattr(shot, name))
+    np.testing.assert_allclose(got.normal, shot.normal, atol=1e-6)
+    same_regions(got.ids, shot.ids)
+    assert_same_bits(got.emission, np.where(hit(shot)[..., None], 0, shot.color))
+    known = io.describe(tmp_path / "a.exr")
+    assert known.renderer == "Blender Cycles"
+    assert known.unrecognised == ()
+    assert set(known.missing) == {"camera"}
+    assert known.notes["depth"] == "1e9 and beyond: nothing was hit"
+    assert "y down" in known.notes["motion"]
+    assert ("replaces Combined" in known.notes.get("color", "")) == denoising
+
+
+def test_cycles_in_parts(tmp_path, shot):
+    """A part for each pass, of which those that are needed are decoded."""
+    layouts.cycles(tmp_path / "one.exr", shot)
+    layouts.cycles(tmp_path / "parts.exr", shot, parts=True)
+    assert len(OpenEXR.File(str(tmp_path / "parts.exr"), header_only=True).parts) > 10
+    want, got = (io.read_exr(tmp_path / name) for name in ("one.exr", "parts.exr"))
+    assert got.buffers().keys() == want.buffers().keys()
+    for name, value in got.buffers().items():
+        assert_same_bits(value, want.buffers()[name])
+
+
+def test_cycles_without_normals_has_those_of_the_denoiser(tmp_path, shot):
+    """In camera space, which is said; without a camera in the header they stay there, with one they are turned."""
+    layouts.cycles(tmp_path / "all.exr", shot)
+    part = OpenEXR.File(str(tmp_path / "all.exr"), separate_channels=True).parts[0]
+    kept = {name: channel.pixels for name, channel in part.channels.items() if ".Normal." not in name}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "Software": "Blender 4.2.1"}
+    for camera in (False, True):
+        if camera:
+            io.write_exr(tmp_path / "camera.exr", yester.Frame(shot.color, camera=shot.camera))
+            seen = OpenEXR.File(str(tmp_path / "camera.exr"), header_only=True).header()
+            header |= {name: seen[name] for name in ("worldToCamera", "worldToNDC")}
+        OpenEXR.File(dict(header), dict(kept)).write(str(tmp_path / "a.exr"))
+        rotation = np.eye(3) if camera else shot.camera.world_to_camera[:3, :3]
+        np.testing.assert_allclose(io.read_exr(tmp_path / "a.exr").normal, shot.normal @ rotation.T, atol=1e-5)
+        note = io.describe(tmp_path / "a.exr").notes["normal"]
+        assert ("turned to world space" if camera else "kept in camera space") in note
+
+
+def test_a_denoised_render_is_not_what_is_denoised(tmp_path, shot):
+    """Combined is what the renderer's denoiser made: the result takes its place, and Noisy Image stays."""
+    layouts.cycles(tmp_path / "a.exr", shot)
+    plate = io.read_plate(tmp_path / "a.exr")
+    assert_same_bits(plate.frame.color, shot.color)
+    io.write_exr(tmp_path / "b.exr", np.full_like(shot.color, 0.5), like=plate)
+    before, after = (
+        OpenEXR.File(str(tmp_path / name), separate_channels=True).channels() for name in ("a.exr", "b.exr")
+    )
+    assert before.keys() == after.keys()
+    for name in before:
+        if name.startswith("ViewLayer.Combined.") and name[-1] != "A":
+            assert (after[name].pixels == 0.5).all()
+        else:
+            assert_same_bits(after[name].pixels, before[name].pixels)
+
+
+def test_of_two_view_layers_the_one_with_more_buffers(tmp_path, shot):
+    layouts.cycles(tmp_path / "a.exr", shot, denoising=False, crypto=False)
+    channels = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
+    planes = {name: channel.pixels for name, channel in channels.items()}
+    dark = {name.replace("ViewLayer", "Another"): 0 * plane for name, plane in planes.items() if "Vector" not in name}
+    composite = {f"Composite.Combined.{c}": 0 * planes["ViewLayer.Combined.R"] for c in "RGBA"}
+    layouts.store(tmp_path / "b.exr", planes | dark | composite, {"BlenderMultiChannel": "Blender V2.55.1 and newer"})
+    assert_same_bits(io.read_exr(tmp_path / "b.exr").color, shot.color)
+    (remark,) = io.describe(tmp_path / "b.exr").remarks
+    assert remark == "layers of ViewLayer are used, not Another"
+    # A buffer of another view layer is not that of this one.
+    del planes["ViewLayer.Normal.X"]
+    layouts.store(tmp_path / "c.exr", planes | dark, {"BlenderMultiChannel": "Blender V2.55.1 and newer"})
+    assert io.read_exr(tmp_path / "c.exr").normal is None
+
+
+def test_half_floats(tmp_path, shot):
+    layouts.cycles(tmp_path / "a.exr", shot, half=("Noisy Image", "Combined", "Depth", "Denoising Albedo"))
+    frame = io.read_exr(tmp_path / "a.exr")
+    np.testing.assert_allclose(frame.color, shot.color, rtol=HALF_STEP, atol=1e-6)
+    np.testing.assert_allclose(frame.depth, shot.depth, rtol=HALF_STEP)
+    same_regions(frame.ids, shot.ids)
+    # An id in half floats is another one.
+    layouts.cycles(tmp_path / "a.exr", shot, half=("CryptoObject00",))
+    known = io.describe(tmp_path / "a.exr")
+    assert known.channels["ids"] == ("ViewLayer.IndexOB.X",)
+    assert "half floats" in known.unused["ViewLayer.CryptoObject00.r"]
+    assert_same_bits(io.read_exr(tmp_path / "a.exr").ids, shot.ids)
+
+
+# pbrt
+
+
+@pytest.mark.parametrize("old", [False, True])
+@pytest.mark.parametrize("space", ["camera", "world"])
+@pytest.mark.parametrize("half", [False, True])
+def test_pbrt(tmp_path, shot, old, space, half):
+    """Positions tell the layout of the matrices and the space, which the header does not."""
+    layouts.pbrt(tmp_path / "a.exr", shot, old=old, space=space, half=half)
+    frame, seen = io.read_exr(tmp_path / "a.exr"), hit(shot)
+    step = HALF_STEP if half else 1e-5
+    np.testing.assert_allclose(frame.depth, shot.depth, rtol=3 * step)
+    np.testing.assert_allclose(frame.normal, shot.normal, atol=2 * step)
+    distance = np.linalg.norm(shot.position[seen], axis=-1)
+    assert (np.linalg.norm(frame.position[seen] - shot.position[seen], axis=-1) < step * (5 + distance)).all()
+    assert np.isnan(frame.position[~seen]).all()
+    assert np.isinf(frame.depth[~seen]).all()
+    points = frame.camera.project(shot.position[seen])[0]
+    np.testing.assert_allclose(points, np.argwhere(seen)[:, ::-1] + 0.5, atol=1e-2)
+    known = io.describe(tmp_path / "a.exr")
+    assert known.renderer == "pbrt-v4"
+    assert known.unrecognised == ()
+    assert any("half floats" in remark for remark in known.remarks) == half
+    assert known.missing["motion"] == "computed from the cameras, for static objects"
+
+
+def test_pbrt_without_a_camera(tmp_path, shot):
+    layouts.pbrt(tmp_path / "a.exr", shot, half=False)
+    channels = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
+    planes = {name: channel.pixels for name, channel in channels.items()}
+    layouts.store(tmp_path / "b.exr", planes, {"renderTimeSeconds": 1.0})
+    frame = io.read_exr(tmp_path / "b.exr")
+    assert frame.camera is None
+    np.testing.assert_allclose(frame.depth, shot.depth, rtol=1e-5)  # z of camera space needs no camera
+    assert "for want of a camera" in io.describe(tmp_path / "b.exr").notes["position"]
+
+
+def test_motion_from_pbrt(tmp_path):
+    """Two files, nothing from the user: what does not move goes where it went. Half floats cost a little."""
+    for half, tolerance in ((False, 1e-3), (True, 0.05)):
+        views = []
+        for index in (2, 3):
+            layouts.pbrt(tmp_path / f"{index}.exr", layouts.frame(index), half=half)
+            views.append(io.read_exr(tmp_path / f"{index}.exr"))
+        motion = yester.motion_vectors(views[1].position, views[1].camera, views[0].camera)[..., :2]
+        shot = layouts.frame(3)
+        still = hit(shot) & (shot.ids != layouts.scene.MOVER)
+        assert np.abs(shot.motion[still]).max() > 1
+        np.testing.assert_allclose(motion[still], shot.motion[still], atol=tolerance)
+
+
+# Others
+
+
+def test_arnold(tmp_path, shot):
+    layouts.arnold(tmp_path / "a.exr", shot)
+    frame = io.read_exr(tmp_path / "a.exr")
+    for name in ("color", "albedo", "depth", "position"):
+        assert_same_bits(getattr(frame, name), getattr(shot, name))
+    same_regions(frame.ids, shot.ids)
+    assert frame.motion is None
+    known = io.describe(tmp_path / "a.exr")
+    assert known.renderer == "Arnold"
+    assert "map it" in known.unused["motionvector.R"]
+    assert all("inferred" in known.notes[name] for name in ("normal", "depth", "position"))
+    mapped = io.read_exr(tmp_path / "a.exr", mapping={"motion": ["motionvector.R", "motionvector.G"]})
+    assert_same_bits(mapped.motion, shot.motion)
+
+
+def test_renderman(tmp_path, shot):
+    layouts.renderman(tmp_path / "a.exr", shot)
+    frame = io.read_exr(tmp_path / "a.exr")
+    for name in ("color", "albedo", "depth"):
+        assert_same_bits(getattr(frame, name), getattr(shot, name))
+    np.testing.assert_allclose(frame.normal, shot.normal, atol=1e-6)
+    assert frame.motion is None
+    known = io.describe(tmp_path / "a.exr")
+    assert known.renderer == "RenderMan"
+    assert all("unit was not found" in known.unused[f"{name}.r"] for name in ("forward", "backward"))
+    assert all("variance" in known.unused[name] for name in ("mse.r", "normal_var.r"))
+    mapping = {"motion": ["backward.r", "backward.g"], "motion_next": ["-forward.r", "-forward.g"]}
+    mapped = io.read_exr(tmp_path / "a.exr", mapping=mapping)
+    assert_same_bits(mapped.motion, shot.motion)
+    assert_same_bits(mapped.motion_next, shot.motion_next)
+    plate = io.read_plate(tmp_path / "a.exr")
+    io.write_exr(tmp_path / "b.exr", 2 * shot.color, like=plate)
+    assert_same_bits(io.read_exr(tmp_path / "b.exr").color, 2 * shot.color)
+    assert "R" not in OpenEXR.File(str(tmp_path / "b.exr"), header_only=True).header()["channels"]
+
+
+def test_falcor(tmp_path, shot):
+    layouts.falcor(tmp_path / "a.exr", shot)
+    frame = io.read_exr(tmp_path / "a.exr")
+    np.testing.assert_allclose(frame.motion, shot.motion, rtol=1e-6)
+    assert_same_bits(frame.normal, shot.normal)
+    assert_same_bits(frame.position, shot.position)
+    assert io.describe(tmp_path / "a.exr").renderer == "Falcor"
+
+
+@pytest.mark.parametrize("name", layouts.RENDERERS)
+def test_a_window_that_is_not_the_display(tmp_path, shot, name):
+    """A crop, and more than what is displayed: the image is the data window, units of motion those of the display."""
+    for display, corner in (((200, 100), (40, 20)), ((80, 50), (-8, -7))):
+        window = {"window": (display, corner)}
+        if name == "falcor":
+            shot = layouts.frame(3)
+        layouts.RENDERERS[name](tmp_path / "a.exr", shot, **window)
+        frame = io.read_exr(tmp_path / "a.exr")
+        assert frame.shape == shot.shape
+        if name == "falcor":
+            np.testing.assert_allclose(frame.motion, shot.motion / shot.shape[::-1] * display, rtol=1e-6)
+
+
+def test_every_renderer_is_told_by_its_layers(tmp_path, shot):
+    """Without a header, too."""
+    for name, make in layouts.RENDERERS.items():
+        make(tmp_path / "a.exr", shot)
+        names = [c.name for c in OpenEXR.File(str(tmp_path / "a.exr"), header_only=True).header()["channels"]]
+        told = channels.recognise(names)
+        assert told.renderer == io.describe(tmp_path / "a.exr").renderer, name
+        assert told.evidence.startswith("channels ")
+
+
+def test_layers_of_two_renderers(tmp_path, shot):
+    layouts.cycles(tmp_path / "a.exr", shot)
+    planes = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
+    more = {name: planes["ViewLayer.Depth.Z"].pixels for name in ("mvec.X", "mvec.Y")}
+    header = {"BlenderMultiChannel": "Blender V2.55.1 and newer"}
+    layouts.store(tmp_path / "b.exr", {name: channel.pixels for name, channel in planes.items()} | more, header)
+    known = io.describe(tmp_path / "b.exr")
+    assert known.renderer == "Blender Cycles"
+    assert known.remarks == ("layers of Falcor are there as well, and not used",)
+    assert_same_bits(io.read_exr(tmp_path / "b.exr").motion, shot.motion)
+
+
+# Views
+
+
+def stereo(path, *, parts=False):
+    left, right = (np.full((4, 6), value, np.float32) for value in (1, 2))
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if parts:
+        found = []
+        for view, plane in (("right", right), ("left", left)):
+            named = {**dict.fromkeys("RGB", plane), **dict.fromkeys(("Z",), 10 * plane)}
+            found.append(
+                OpenEXR.Part({**header, "view": view}, {n: p.copy() for n, p in named.items()}, f"rgba.{view}")
+            )
+        OpenEXR.File(found).write(str(path))
+        return
+    planes = dict.fromkeys("RGB", left) | dict.fromkeys([f"right.{c}" for c in "RGB"], right)
+    planes |= dict.fromkeys([f"normal.right.{c}" for c in "XYZ"], right)
+    planes |= dict.fromkeys([f"normal.left.{c}" for c in "XYZ"], left) | {"depth.Z": left}
+    OpenEXR.File(header | {"multiView": ["left", "right"]}, {n: p.copy() for n, p in planes.items()}).write(str(path))
+
+
+def test_views(tmp_path):
+    """The left one unless told otherwise; layers of no view belong to both."""
+    path = tmp_path / "a.exr"
+    stereo(path)
+    for view, value in ((None, 1), ("left", 1), ("right", 2)):
+        frame = io.read_exr(path, view=view)
+        assert (frame.color == value).all()
+        assert (frame.normal == value).all()
+        assert (frame.depth == 1).all()
+        known = io.describe(path, view=view)
+        assert known.views == ("left", "right")
+        assert known.view == (view or "left")
+    io.write_exr(tmp_path / "b.exr", np.full((4, 6, 3), 7.0), like=io.read_plate(path, view="right"))
+    assert (io.read_exr(tmp_path / "b.exr").color == 1).all()
+    assert (io.read_exr(tmp_path / "b.exr", view="right").color == 7).all()
+    with pytest.raises(ValueError, match=r"a\.exr: view: expected left or right, got 'middle'"):
+        io.read_exr(path, view="middle")
+    io.write_exr(path, np.ones((4, 6, 3)))
+    with pytest.raises(ValueError, match="the file has no views"):
+        io.read_exr(path, view="left")
+
+
+def test_views_in_parts(tmp_path):
+    path = tmp_path / "a.exr"
+    stereo(path, parts=True)
+    for view, value in ((None, 1), ("right", 2)):
+        assert (io.read_exr(path, view=view).color == value).all()
+    io.write_exr(tmp_path / "b.exr", np.full((4, 6, 3), 7.0), like=io.read_plate(path, view="right"))
+    assert (io.read_exr(tmp_path / "b.exr").color == 1).all()
+    assert (io.read_exr(tmp_path / "b.exr", view="right").color == 7).all()
+
+
+def test_parts_named_like_layers(tmp_path):
+    """Components without a layer have that of their part; colour is where no part says it is something else."""
+    rng = np.random.default_rng(0)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    named = {"albedo": "RGB", "normal": "XYZ", "beauty": "RGBA", "depth": "Z"}
+    planes = {name: {c: rng.random((5, 7)).astype(np.float32) for c in own} for name, own in named.items()}
+    OpenEXR.File([OpenEXR.Part(dict(header), dict(p), n) for n, p in planes.items()]).write(str(tmp_path / "a.exr"))
+    frame = io.read_exr(tmp_path / "a.exr")
+    for name, own in (("albedo", "RGB"), ("normal", "XYZ")):
+        assert_same_bits(getattr(frame, name), np.stack([planes[name][c] for c in own], -1))
+    assert_same_bits(frame.color, np.stack([planes["beauty"][c] for c in "RGB"], -1))
+    assert_same_bits(frame.depth, planes["depth"]["Z"])
+
+
+# Mappings
+
+
+def test_mapping(tmp_path, shot):
+    """Any names, signs, units, spaces and kinds; from a dictionary and from a file."""
+    path, height, width = tmp_path / "a.exr", *shot.shape
+    matrix = np.asarray(shot.camera.world_to_camera)
+    direction = shot.camera.rays()[1]
+    distance = shot.depth / (direction @ shot.camera.forward) - 0.25
+    named = {
+        "RGB": shot.color,
+        "Basis.RGB": shot.normal @ (matrix[:3, :3] * [[1], [1], [-1]]).T,  # z backward
+        "flow.UV": shot.motion * (-2, 2) / (width, height),
+        "far.A": np.where(np.isfinite(distance), distance, 0),
+    }
+    io.write_exr(tmp_path / "camera.exr", yester.Frame(shot.color, camera=shot.camera))
+    seen = OpenEXR.File(str(tmp_path / "camera.exr"), header_only=True).header()
+    layouts.store(path, layouts.layers(named), {name: seen[name] for name in ("worldToCamera", "worldToNDC")})
+    assert io.read_exr(path).buffers().keys() == {"color"}
+    mapping = {
+        "normal": {"channels": ["Basis.R", "Basis.G", "-Basis.B"], "space": "camera"},
+        "motion": {"channels": ["-flow.U", "flow.V"], "unit": "ndc"},
+        "depth": {"channels": ["far.A"], "kind": "distance", "near": 0.25, "miss": "zero"},
+    }
+    toml = tmp_path / "mapping.toml"
+    toml.write_text(
+        """
+        [normal]
+        channels = ["Basis.R", "Basis.G", "-Basis.B"]
+        space = "camera"
+        [motion]
+        channels = ["flow.U", "flow.V"]
+        scale = [-1, 1]
+        unit = "ndc"
+        [depth]
+        channels = "far.A"
+        kind = "distance"
+        near = 0.25
+        miss = "zero"
+        """
+    )
+    for given in (mapping, toml, str(toml)):
+        frame = io.read_exr(path, mapping=given)
+        np.testing.assert_allclose(frame.normal, shot.normal, atol=1e-5)
+        np.testing.assert_allclose(frame.motion, shot.motion, rtol=1e-5)
+    # The distance along the ray counts from the near plane, which is 0.25 along the axis.
+    ray = np.where(np.isfinite(distance), distance, np.inf) * (direction @ shot.camera.forward) + 0.25
+    np.testing.assert_allclose(frame.depth, ray, rtol=1e-5)
+    assert io.describe(path, mapping=toml).notes["motion"].startswith("as mapped")
+
+
+def test_mapping_of_what_is_recognised(tmp_path, shot):
+    layouts.cycles(tmp_path / "a.exr", shot)
+    mapping = {"motion": {"scale": [2, 2]}, "albedo": [], "depth": {"miss": "inf"}}
+    frame = io.read_exr(tmp_path / "a.exr", mapping=mapping)
+    assert_same_bits(frame.motion, 2 * shot.motion * np.float32([1, -1]))
+    assert frame.albedo is None
+    assert (frame.depth[~hit(shot)] == np.float32(1e10)).all()
+
+
+@pytest.mark.parametrize(
+    ("mapping", "complaint"),
+    [
+        ({"normals": ["a"]}, r"got 'normals' \(perhaps normal\)"),
+        ({"normal": ["R", "G", "X"]}, "normal: no channel 'X'"),
+        ({"normal": ["R", "G"]}, "normal: expected 3 channels, got 2"),
+        ({"motion": ["R"]}, "motion: expected 2 or 3 channels, got 1"),
+        ({"motion": {"channels": ["R", "G"], "unit": "px"}}, "motion.unit: expected pixels or uv or ndc, got 'px'"),
+        ({"motion": {"units": "uv"}}, r"got 'units' \(perhaps unit\)"),
+        ({"motion": {"unit": "uv"}}, "motion: expected channels"),
+        ({"motion": {"channels": ["R", "G"], "scale": 0}}, "scale: expected numbers other than 0"),
+        ({"depth": {"channels": ["R"], "near": "here"}}, "near: expected a number"),
+        ({"depth": {"channels": [3]}}, "depth: expected names of channels"),
+        ({"color": []}, "no colour"),
+    ],
+)
+def test_bad_mappings(tmp_path, mapping, complaint):
+    io.write_exr(tmp_path / "a.exr", np.ones((2, 3, 3)))
+    with pytest.raises(ValueError, match=complaint):
+        io.read_exr(tmp_path / "a.exr", mapping=mapping)
+
+
+def test_bad_mapping_files(tmp_path):
+    io.write_exr(tmp_path / "a.exr", np.ones((2, 3, 3)))
+    (tmp_path / "m.toml").write_text("normal = [")
+    with pytest.raises(ValueError, match=r"m\.toml: not a TOML file"):
+        io.read_exr(tmp_path / "a.exr", mapping=tmp_path / "m.toml")
+    (tmp_path / "m.toml").write_text("normals = []")
+    with pytest.raises(ValueError, match=r"m\.toml: expected buffers"):
+        io.read_exr(tmp_path / "a.exr", mapping=tmp_path / "m.toml")
+    with pytest.raises(FileNotFoundError, match=r"none\.toml"):
+        io.read_exr(tmp_path / "a.exr", mapping=tmp_path / "none.toml")
+
+
+def test_guesses():
+    """What an unknown layer may be, with a mapping that can be pasted."""
+    names = (
+        [f"Normals.{c}" for c in "XYZ"] + [f"beauty.Albedo1.{c}" for c in "RGB"] + ["Depth0.Z", "whatever.R", "mv.X"]
+    )
+    assert channels.guesses(names) == {
+        "Normals": "normal=Normals.X,Normals.Y,Normals.Z",
+        "beauty.Albedo1": "albedo=beauty.Albedo1.R,beauty.Albedo1.G,beauty.Albedo1.B",
+        "Depth0": "depth=Depth0.Z",
+    }
+
+
+# Compression and pixel types
+
+
+@pytest.mark.parametrize("name", ["NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "HTJ2K32"])
+def test_lossless_compressions_are_kept(tmp_path, shot, name):
+    compression = getattr(OpenEXR, f"{name}_COMPRESSION")
+    layouts.cycles(tmp_path / "a.exr", shot)
+    planes = {n: c.pixels for n, c in OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels().items()}
+    layouts.store(tmp_path / "b.exr", planes, {"compression": compression, "Software": "Blender 5.0.0"})
+    stored = OpenEXR.File(str(tmp_path / "b.exr"), separate_channels=True)
+    plate = io.read_plate(tmp_path / "b.exr")
+    io.write_exr(tmp_path / "c.exr", plate.frame.color * 2, like=plate)
+    got = OpenEXR.File(str(tmp_path / "c.exr"), separate_channels=True)
+    assert got.header()["compression"] == compression
+    for channel, value in got.channels().items():
+        if ".Combined." not in channel or channel.endswith("A"):
+            assert_same_bits(value.pixels, stored.channels()[channel].pixels)
+
+
+def test_compression_as_told(tmp_path, shot):
+    for name in io.COMPRESSIONS:
+        io.write_exr(tmp_path / "a.exr", shot.color, half=True, compression=name)
+        header = OpenEXR.File(str(tmp_path / "a.exr"), header_only=True).header()
+        assert header["compression"] == getattr(OpenEXR, f"{'NO' if name == 'none' else name.upper()}_COMPRESSION")
+    with pytest.raises(ValueError, match="compression: expected one of none, rle"):
+        io.write_exr(tmp_path / "a.exr", shot.color, compression="jpeg")
+
+
+def test_pixel_types_are_kept(tmp_path, shot):
+    layouts.cycles(tmp_path / "a.exr", shot, half=("Combined", "Noisy Image"))
+    plate = io.read_plate(tmp_path / "a.exr")
+    for half, kind in ((None, np.float16), (True, np.float16), (False, np.float32)):
+        io.write_exr(tmp_path / "b.exr", plate.frame.color, half=half, like=plate)
+        written = OpenEXR.File(str(tmp_path / "b.exr"), separate_channels=True).channels()
+        assert written["ViewLayer.Combined.R"].pixels.dtype == kind
+        assert written["ViewLayer.Combined.A"].pixels.dtype == np.float16
+        assert written["ViewLayer.Depth.Z"].pixels.dtype == np.float32
