@@ -6,14 +6,15 @@ warped along it, and the guides (ids, positions, depths, normals, albedo; colour
 with those of the frame itself. Cameras are checked by projecting positions to pixels, depth by cameras and positions,
 normals by the slopes of positions, motion's jitter by the motion of the cameras, albedo by colour.
 
-Disagreement is relative: 0 is perfect, 1 what the hypothesis of no relation would give. The simplest hypothesis that is
-not significantly worse than the best one is chosen; the margin to the next is a mean over tiles with its standard error.
+Disagreement is relative: 0 is perfect, 1 is that of unrelated places. The simplest hypothesis that is not significantly
+worse than the best one is chosen; the margin to the next is a mean over tiles, with its standard error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -21,11 +22,14 @@ from numpy.typing import NDArray
 
 from ._core import Camera, motion_vectors, reproject
 from .frame import Frame
+from .io.channels import CANONICAL
 from .judge import _by_tile
 
 __all__ = ["Finding", "check", "check_motion"]
 
 Floats: TypeAlias = NDArray[np.floating[Any]]
+#: By buffer, the channels of its components, and the factors that make them what the frame has.
+Channels: TypeAlias = Mapping[str, Sequence[tuple[float, str]]]
 Verdict: TypeAlias = Literal["right", "wrong", "unclear", "unchecked"]
 
 #: Tiles along the shorter side of an image.
@@ -92,7 +96,7 @@ class Finding:
         return "\n".join(lines)
 
 
-def check_motion(frames: Iterable[Frame], *, channels: Sequence[tuple[float, str]] | None = None) -> Finding:
+def check_motion(frames: Iterable[Frame], *, channels: Channels | None = None) -> Finding:
     """Find the sign, axes, unit, scale and time of motion vectors by warping neighbouring frames.
 
     Parameters
@@ -101,9 +105,9 @@ def check_motion(frames: Iterable[Frame], *, channels: Sequence[tuple[float, str
         Consecutive frames of one shot with `motion`, at least two; from three on, motion that belongs to another frame
         is recognised. The guides `ids`, `position`, `depth`, `normal` and `albedo` are the witnesses; colour is used
         if there are none. Frames should show motion in both axes that is not constant.
-    channels : sequence of (float, str), optional
-        The file's channels that the components of `motion` were made of, with the factors that were applied: the remedy
-        names them. By default ``motion.X`` and ``motion.Y``.
+    channels : mapping of str to sequence of (float, str), optional
+        For ``"motion"``, the file's channels that its components were made of, with the factors that were applied: the
+        remedy names them. By default ``motion.X`` and ``motion.Y``.
 
     Returns
     -------
@@ -138,18 +142,18 @@ def check_motion(frames: Iterable[Frame], *, channels: Sequence[tuple[float, str
     shot = _shot(frames)
     if any(frame.motion is None for frame in shot):
         raise ValueError("frames: expected motion in each of them")
-    return _motion(shot, channels)[0]
+    return _motion(shot, _named(channels))[0]
 
 
-def check(frames: Iterable[Frame], *, channels: Sequence[tuple[float, str]] | None = None) -> list[Finding]:
+def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[Finding]:
     """Check the conventions of all buffers of a sequence.
 
     Parameters
     ----------
     frames : iterable of Frame
         Consecutive frames of one shot, at least two; about five are enough.
-    channels : sequence of (float, str), optional
-        As for `check_motion`.
+    channels : mapping of str to sequence of (float, str), optional
+        As for `check_motion`; also for ``"depth"`` and ``"normal"``.
 
     Returns
     -------
@@ -162,19 +166,21 @@ def check(frames: Iterable[Frame], *, channels: Sequence[tuple[float, str]] | No
     ValueError
         If there are fewer than two frames, or of several sizes.
     """
-    shot = _shot(frames)
-    found = []
+    shot, names = _shot(frames), _named(channels)
     cameras, shot = _cameras(shot)
-    depth, shot = _depth(shot)
-    motion, shot = _motion(shot, channels)
+    depth, shot = _depth(shot, names)
+    motion, shot = _motion(shot, names)
     if cameras.verdict == "unchecked":
         cameras, shot = _cameras_by_motion(shot)
     if depth.verdict == "unchecked":
-        depth, shot = _depth_by_motion(shot)
-    jitter = _jitter(shot)
-    normal = _normal(shot)
-    found = [cameras, depth, motion, jitter, normal, _albedo(shot)]
-    return found
+        depth, shot = _depth_by_motion(shot, names)
+    return [cameras, depth, motion, _jitter(shot), _normal(shot, names), _albedo(shot)]
+
+
+def _named(channels: Channels | None) -> dict[str, Sequence[tuple[float, str]]]:
+    return {name: [(1.0, channel) for channel in CANONICAL[name]] for name in ("motion", "depth", "normal")} | {
+        **(channels or {})
+    }
 
 
 def _shot(frames: Iterable[Frame]) -> list[Frame]:
@@ -260,8 +266,8 @@ def _clipped(difference: Floats, scale: Any) -> NDArray[np.float64]:
 class _Motion:
     """A hypothesis of what motion vectors are: canonical = matrix · (stored - zero).
 
-    The vectors in the file `file` frames later are those of the pixels of the frame `here` frames later, and lead to the
-    other frame of the pair: all hypotheses compare each frame with the one before.
+    All hypotheses compare a frame with the one before. Vectors come from the file `file` frames later, belong to the
+    pixels of the frame `here` frames later, and lead to the other frame of the pair.
     """
 
     name: str
@@ -331,7 +337,7 @@ def _hypotheses(width: int, height: int, *, timed: bool, grey: bool) -> Iterator
                 yield from new(named(time, unit, said), scale @ matrix, file=file, here=here)
 
 
-def _motion(shot: list[Frame], channels: Sequence[tuple[float, str]] | None) -> tuple[Finding, list[Frame]]:
+def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]:
     """The finding, and the frames with canonical motion."""
     if any(frame.motion is None for frame in shot):
         return Finding("motion", "unchecked", "no motion vectors"), shot
@@ -354,7 +360,7 @@ def _motion(shot: list[Frame], channels: Sequence[tuple[float, str]] | None) -> 
         every = [every[i] for i in keep]
     residuals = _warped(every, bases, shot, stored, guides, 1)
     names = [hypothesis.name for hypothesis in every]
-    remedies = [_remedy(hypothesis, channels, shot[0].shape) for hypothesis in every]
+    remedies = [_remedy(hypothesis, channels, shot[0].shape) if i else "" for i, hypothesis in enumerate(every)]
     poor = "no hypothesis explains the frames, as at a cut"
     finding, chosen = _judged("motion", names, remedies, residuals, guides[0], poor=poor, null=1)
     right = every[chosen]
@@ -371,30 +377,33 @@ def _applied(hypothesis: _Motion, stored: Floats) -> NDArray[np.float32]:
     return np.asarray((stored - hypothesis.zero) @ hypothesis.matrix.T, np.float32)
 
 
-def _mapping(buffer: str, terms: Sequence[tuple[float, str]], size: tuple[int, int]) -> str:
-    """The options of the command line that read motion as these channels times these factors."""
+def _mapping(
+    buffer: str,
+    matrix: NDArray[np.float64],
+    channels: Sequence[tuple[float, str]],
+    size: tuple[int, int] = (1, 1),
+    **form: Any,
+) -> str:
+    """The options of the command line that read a buffer, in that form, as a matrix says: one channel a component."""
     height, width = size
-    factors = np.array([factor for factor, _ in terms])
+    terms = [(row[i] * channels[i][0], channels[i][1]) for row in matrix for i in np.flatnonzero(row)]
     named = ",".join(f"{'-' if factor < 0 else ''}{name}" for factor, name in terms)
-    text = f"--map {buffer}={named}"
+    lengths = np.abs([factor for factor, _ in terms])
     units = {"pixels": (1, 1), "uv": (width, height), "ndc": (width / 2, height / 2)}
-    for unit, sides in units.items():
-        if np.allclose(np.abs(factors), sides, rtol=1e-6):
-            return text if unit == "pixels" else f"{text} --map {buffer}.unit={unit}"
-    return f"{text} --map {buffer}.scale={','.join(f'{abs(factor):g}' for factor in factors)}"
+    if buffer.startswith("motion"):
+        unit = next((unit for unit, sides in units.items() if np.allclose(lengths, sides, rtol=1e-6)), "pixels")
+        lengths = lengths / units[unit]
+        form |= {"unit": unit} if unit != "pixels" else {}
+    if not np.allclose(lengths, 1):
+        form["scale"] = ",".join(f"{length:g}" for length in lengths)
+    return " ".join([f"--map {buffer}={named}", *(f"--map {buffer}.{name}={value}" for name, value in form.items())])
 
 
-def _remedy(hypothesis: _Motion, channels: Sequence[tuple[float, str]] | None, size: tuple[int, int]) -> str:
+def _remedy(hypothesis: _Motion, channels: Channels, size: tuple[int, int]) -> str:
     """What to write for canonical motion."""
     if not hypothesis.matrix.any():
         return "leave the motion vectors out"
-    channels = channels or [(1.0, "motion.X"), (1.0, "motion.Y")]
-    terms = []
-    for row in hypothesis.matrix:
-        (index,) = np.flatnonzero(row)
-        factor, name = channels[index]
-        terms.append((float(row[index]) * factor, name))
-    text = _mapping("motion_next" if hypothesis.here else "motion", terms, size)
+    text = _mapping("motion_next" if hypothesis.here else "motion", hypothesis.matrix, channels["motion"], size)
     if hypothesis.zero:
         text += f", after subtracting {hypothesis.zero:g} from what is stored"
     if hypothesis.file != hypothesis.here:
@@ -404,10 +413,15 @@ def _remedy(hypothesis: _Motion, channels: Sequence[tuple[float, str]] | None, s
 
 def _guides(shot: list[Frame]) -> list[dict[str, NDArray[np.float32]]]:
     """The images by which frames can be recognised in each other, by frame: float32 (H, W, C), finite."""
-    names = [n for n in ("ids", "position", "depth", "normal", "albedo") if all(getattr(f, n) is not None for f in shot)]
-    if "position" not in names and "depth" in names and all(frame.camera is not None for frame in shot):
+    names = [name for name in ("ids", "position", "depth", "normal", "albedo") if _all(shot, name)]
+    if "position" not in names and "depth" in names and _all(shot, "camera"):
         names.append("camera")
     return [{_WITNESS[name]: make(frame) for name in names or ["color"] for make in [_GUIDES[name]]} for frame in shot]
+
+
+def _all(shot: list[Frame], *names: str) -> bool:
+    """Whether all frames have these buffers."""
+    return all(getattr(frame, name) is not None for frame in shot for name in names)
 
 
 def _by_id(frame: Frame) -> Floats:
@@ -521,7 +535,7 @@ def _disagreement(
     total = max(sum(chance), 1e-9)
 
     def disagreement(warped: list[NDArray[np.float32]]) -> NDArray[np.float64]:
-        parts = (_clipped(apart(*pair), scale) for pair, scale in zip(zip(now, warped, strict=True), scales, strict=True))
+        parts = (_clipped(apart(*one), scale) for *one, scale in zip(now, warped, scales, strict=True))
         return np.asarray(sum(parts) / total)
 
     return disagreement
@@ -647,7 +661,10 @@ def _layout(
     every = _alternatives(shot)
     kinds = cameras or {name: each for name, (each, _) in every.items()}
     residuals = np.array(
-        [np.concatenate([distance(f, c) for f, c in zip(shot[part], kind[part], strict=True)]) for kind in kinds.values()]
+        [
+            np.concatenate([distance(f, c) for f, c in zip(shot[part], kind[part], strict=True)])
+            for kind in kinds.values()
+        ]
     )
     names = [*every]
     finding, chosen = _judged("cameras", names, [remedy for _, remedy in every.values()], residuals, witnesses)
@@ -658,10 +675,10 @@ def _layout(
 
 # Depth
 
-_Z = "distance along the camera axis"
+_Z, _RAY = "distance along the camera axis", "distance along the ray"
 
 
-def _depth(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
+def _depth(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]:
     """Stored depth beside that of positions."""
     if any(frame.depth is None for frame in shot):
         return Finding("depth", "unchecked", "no depth"), shot
@@ -678,7 +695,7 @@ def _depth(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
         stored = np.asarray(frame.depth, np.float64)
         known = np.isfinite(frame.position).all(-1) & np.isfinite(stored) & (z > 0)
         exact.append(np.where(np.isfinite(frame.position).all(-1), z, np.inf))
-        for name, (expected, remedy) in _depths(stored, z, ray, known).items():
+        for name, (expected, remedy) in _depths(stored, z, ray, known, channels).items():
             remedies.setdefault(name, remedy)
             # A hundredth of the depth is as wrong as anything.
             error = _clipped(np.abs(stored - expected), 0.01 * np.maximum(np.abs(expected), 1e-9))
@@ -690,7 +707,11 @@ def _depth(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
 
 
 def _depths(
-    stored: NDArray[np.float64], z: NDArray[np.float64], ray: NDArray[np.float64], known: NDArray[np.bool_]
+    stored: NDArray[np.float64],
+    z: NDArray[np.float64],
+    ray: NDArray[np.float64],
+    known: NDArray[np.bool_],
+    channels: Channels,
 ) -> dict[str, tuple[NDArray[np.float64], str]]:
     """By name, the depth that a convention would store, and how to undo it."""
     if not known.any():
@@ -698,17 +719,19 @@ def _depths(
     d, a, r = (image[known] for image in (stored, z, ray))
     near_z, near_ray = float(np.median(a - d)), float(np.median((r - d) * a / r))
     unit = float(np.median(d / a))
-    found = {
-        _Z: (z, ""),
-        "distance along the ray": (ray, "depth * (directions @ camera.forward), with camera.rays()"),
-    }
+
+    def read(factor: float = 1, **form: Any) -> str:
+        return _mapping("depth", np.array([[factor]]), channels["depth"], **form)
+
+    found = {_Z: (z, ""), _RAY: (ray, read(kind="distance"))}
     if near_z > 0:
-        found["distance along the axis, from the near plane"] = z - near_z, f"depth + {near_z:.4g}"
+        found[f"{_Z}, from the near plane"] = z - near_z, read(near=f"{near_z:.4g}")
     if near_ray > 0:
-        away = f"depth * (directions @ camera.forward) + {near_ray:.4g}, with camera.rays()"
-        found["distance along the ray, from the near plane"] = ray - near_ray * ray / np.where(z > 0, z, 1), away
-    found["negative distance along the axis"] = -z, "-depth"
-    found["in another unit"] = unit * z, f"depth / {unit:.4g}"
+        from_plane = ray - near_ray * ray / np.where(z > 0, z, 1)
+        found[f"{_RAY}, from the near plane"] = from_plane, read(kind="distance", near=f"{near_ray:.4g}")
+    found[f"negative {_Z}"] = -z, read(-1)
+    if unit:
+        found["in another unit"] = unit * z, read(float(f"{1 / unit:.4g}"))
     # A depth buffer is linear in 1/z; two quantiles give the line.
     order = np.argsort(a)
     low, high = order[len(order) // 10], order[-1 - len(order) // 10]
@@ -720,13 +743,14 @@ def _depths(
     return found
 
 
-def _depth_by_motion(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
+def _depth_by_motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]:
     """The motion of a still scene of that depth is that of the vectors."""
     missing = [name for name in ("depth", "camera", "motion") if any(getattr(f, name) is None for f in shot)]
     if missing:
         return Finding("depth", "unchecked", f"no {', '.join(missing)}"), shot
-    names = [_Z, "distance along the ray", "negative distance along the axis"]
-    remedies = ["", "depth * (directions @ camera.forward), with camera.rays()", "-depth"]
+    names, forward, back = [_Z, _RAY, f"negative {_Z}"], np.eye(1), -np.eye(1)
+    read = channels["depth"]
+    remedies = ["", _mapping("depth", forward, read, kind="distance"), _mapping("depth", back, read)]
     changed: list[list[Frame]] = [[], [], []]
     for frame in shot:
         assert frame.camera is not None
@@ -737,11 +761,13 @@ def _depth_by_motion(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
     residuals = []
     for kind in changed:
         tiles = []
-        for before, frame in zip(kind[:-1], kind[1:], strict=True):
-            assert before.camera is not None and frame.camera is not None
+        for before, frame in pairwise(kind):
+            assert before.camera is not None
+            assert frame.camera is not None
             known = np.isfinite(np.asarray(frame.motion)).all(-1) & np.isfinite(np.asarray(frame.depth))
-            off = np.linalg.norm(_still(frame, frame.camera, before.camera) - np.asarray(frame.motion)[..., :2], axis=-1)
-            length = np.linalg.norm(np.asarray(frame.motion)[..., :2], axis=-1)
+            motion = np.asarray(frame.motion)[..., :2]
+            off = np.linalg.norm(_still(frame, frame.camera, before.camera) - motion, axis=-1)
+            length = np.linalg.norm(motion, axis=-1)
             tiles.append(_means(_clipped(off, 0.02 * length + 0.01), known))
         residuals.append(np.concatenate(tiles))
     finding, chosen = _judged("depth", names, remedies, np.array(residuals), ["motion", "camera"])
@@ -755,21 +781,22 @@ def _jitter(shot: list[Frame]) -> Finding:
     """The jitter's change since the previous frame is no part of motion."""
     if any(frame.motion is None for frame in shot):
         return Finding("jitter", "unchecked", "no usable motion vectors")
-    geometry = all(frame.camera is not None and (frame.depth is not None or frame.position is not None) for frame in shot)
-    known = all(frame.jitter is not None for frame in shot)
+    geometry = _all(shot, "camera") and all(frame.depth is not None or frame.position is not None for frame in shot)
+    known = _all(shot, "jitter")
     names = ["removed from motion", "left in motion", "removed from motion with the wrong sign"]
     remedy = "motion - (jitter - previous_jitter): render motion with cameras that are not jittered"
     remedies = ["", remedy, "motion + (jitter - previous_jitter)"]
     if known:
-        changes = [np.subtract(b.jitter, a.jitter) for a, b in zip(shot[:-1], shot[1:], strict=True)]
+        changes = [np.subtract(b.jitter, a.jitter) for a, b in pairwise(shot)]
         if max(np.abs(change).max() for change in changes) < 0.02:
             return Finding("jitter", "unchecked", "the jitter does not change")
     elif not geometry:
         return Finding("jitter", "unchecked", "no jitter, and no cameras with depth or position")
     if geometry:
         offsets, left = [], []
-        for before, frame in zip(shot[:-1], shot[1:], strict=True):
-            assert before.camera is not None and frame.camera is not None
+        for before, frame in pairwise(shot):
+            assert before.camera is not None
+            assert frame.camera is not None
             off = np.asarray(frame.motion)[..., :2].astype(np.float64) - _still(frame, frame.camera, before.camera)
             # What moves by itself is farther off.
             still = np.isfinite(off).all(-1) & (np.linalg.norm(off, axis=-1) < 2)
@@ -817,21 +844,22 @@ def _jitter(shot: list[Frame]) -> Finding:
 # Normals
 
 
-def _normal(shot: list[Frame]) -> Finding:
+def _normal(shot: list[Frame], channels: Channels) -> Finding:
     """Normals beside the slopes of positions."""
     if any(frame.normal is None for frame in shot):
         return Finding("normal", "unchecked", "no normals")
     if any(frame.camera is None or (frame.position is None and frame.depth is None) for frame in shot):
         return Finding("normal", "unchecked", "no cameras with depth or position to compare with")
-    flip = {"": (1, 1, 1), ", z backwards": (1, 1, -1), ", y down": (1, -1, 1)}
-    names = ["world space"]
-    names += [f"camera space{how or ', z forward'}" for how in flip]
-    names += ["opposite direction", "y and z swapped (another axis is up)", "y and -z swapped (another axis is up)"]
-    names += ["encoded from 0 to 1"]
-    rotate = "normal @ camera.world_to_camera[:3, :3]"
-    remedies = ["", rotate, f"(normal * (1, 1, -1)) @ {rotate[9:]}", f"(normal * (1, -1, 1)) @ {rotate[9:]}"]
-    remedies += ["-normal", "normal[..., [0, 2, 1]] * (1, 1, -1)", "normal[..., [0, 2, 1]] * (1, -1, 1)"]
-    remedies += ["2 * normal - 1"]
+    flips = {"z forward": (1, 1, 1), "z backwards": (1, 1, -1), "y down": (1, -1, 1)}
+    axes = np.eye(3)
+    changes: dict[str, tuple[NDArray[np.float64], bool]] = {"world space": (axes, False)}
+    changes |= {f"camera space, {how}": (np.diag(signs), True) for how, signs in flips.items()}
+    changes["opposite direction"] = -axes, False
+    changes["y and z swapped (z is up)"] = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), False
+    changes["y and z swapped (z is down)"] = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), False
+    read = channels["normal"]
+    remedies = [_mapping("normal", m, read, **{"space": "camera"} if c else {}) for m, c in changes.values()]
+    names, remedies = [*changes, "encoded from 0 to 1"], ["", *remedies[1:], "2 * normal - 1"]
     residuals: list[list[NDArray[np.float64]]] = [[] for _ in names]
     for frame in shot:
         assert frame.camera is not None
@@ -839,9 +867,7 @@ def _normal(shot: list[Frame]) -> Finding:
         normal = np.asarray(frame.normal, np.float64)
         known = known & (np.abs(normal).sum(-1) > 0)
         to_camera = frame.camera.world_to_camera[:3, :3]
-        swapped = normal[..., [0, 2, 1]]
-        every = [normal, *((normal * sign) @ to_camera for sign in flip.values()), -normal]
-        every += [swapped * (1, 1, -1), swapped * (1, -1, 1), 2 * normal - 1]
+        every = [normal @ m.T @ (to_camera if c else axes) for m, c in changes.values()] + [2 * normal - 1]
         for each, guess in zip(residuals, every, strict=True):
             length = np.linalg.norm(guess, axis=-1)
             cosine = (guess * slope).sum(-1) / np.maximum(length, 1e-9)

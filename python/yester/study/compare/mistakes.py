@@ -1,7 +1,7 @@
 """Mistakes planted in exact sequences, and what `yester.check` says: ``python -m yester.study.compare.mistakes``.
 
-A small ray-cast room is seen by a camera that speeds up, with a ball that rolls and a box that turns. Every mistake that
-exporters make is made with its buffers, one at a time, and the sequence is checked.
+A small ray-cast room is seen by a camera that speeds up, with a ball that rolls and a box that turns. The mistakes of
+exporters are made with its buffers, one at a time, and the sequence is checked.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from yester import Camera, Frame, check, jitter
 from yester.check import Finding
 
-from ..synthetic.raycast import Box, Light, Rectangle, Scene, Sphere, Thing, checker, shoot, translate, turn, value_noise
+from ..synthetic import raycast
+from ..synthetic.raycast import Box, Light, Rectangle, Scene, Sphere, Thing, checker, translate, turn, value_noise
 
 __all__ = ["MISTAKES", "Mistake", "findings", "sequence", "table"]
 
@@ -75,7 +76,7 @@ def _sequence(deviation: float, jittered: bool, seed: int) -> tuple[Frame, ...]:
     scenes = [scene(number) for number in range(_COUNT)]
     offsets = jitter(_COUNT) if jittered else [None] * _COUNT
     pairs = zip([scenes[0], *scenes], scenes, offsets, strict=False)
-    return tuple(shoot(now, before, rng, deviation=deviation, jitter=offset) for before, now, offset in pairs)
+    return tuple(raycast.shoot(now, before, rng, deviation=deviation, jitter=offset) for before, now, offset in pairs)
 
 
 def sequence(*, deviation: float = 0.5, jittered: bool = False, seed: int = 0) -> list[Frame]:
@@ -145,13 +146,11 @@ def _forward(sign: float) -> Change:
     """Motion to the next frame instead of from the previous one; none in the last."""
 
     def change(frames: list[Frame]) -> list[Frame]:
-        from yester.study.synthetic.raycast import cast, motion
-
         result = []
         for i, frame in enumerate(frames):
             pixels = _pixels(frame)
             now, after = scene(i), scene(min(i + 1, len(frames) - 1))
-            vectors = sign * motion(cast(now, pixels), now, after)[..., :2]
+            vectors = sign * raycast.motion(raycast.cast(now, pixels), now, after)[..., :2]
             result.append(replace(frame, motion=vectors.astype(np.float32)))
         return result
 
@@ -159,7 +158,8 @@ def _forward(sign: float) -> Change:
 
 
 def _pixels(frame: Frame) -> NDArray[np.float64]:
-    assert frame.camera is not None and frame.position is not None
+    assert frame.camera is not None
+    assert frame.position is not None
     return frame.camera.project(frame.position)[0]
 
 
@@ -168,7 +168,8 @@ def _relayed(change: Callable[[NDArray[np.float64]], Any]) -> Change:
 
 
 def _ray(frame: Frame) -> NDArray[np.float64]:
-    assert frame.camera is not None and frame.position is not None
+    assert frame.camera is not None
+    assert frame.position is not None
     return np.linalg.norm(frame.position - frame.camera.position, axis=-1)
 
 
@@ -215,28 +216,40 @@ _W, _H = _WIDTH, _HEIGHT
 _FEW = ("albedo", "normal", "motion")
 _RAYS = ("albedo", "normal", "depth", "motion", "ids", "camera")
 
+_RIGHT: Change = list
+_Y_UP = _moved([[1, 0], [0, -1]])
+_NEGATED = _moved([[-1, 0], [0, -1]])
+_NDC_UP = _moved([[2 / _W, 0], [0, -2 / _H]])
+_BACKWARDS = _in_camera((1, 1, -1))
+_CLIP_DOWN = _relayed(lambda m: np.diag([1, -1, 1, 1]) @ m)
+_UV = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+_ALONG_RAY = _each("depth", lambda frame, _: _ray(frame))
+_FROM_NEAR = _each("depth", lambda frame, depth: _ray(frame) * (1 - 0.2 / depth))
+_Z_UP = _each("normal", lambda _, normal: normal[..., [0, 2, 1]] * np.float32([1, -1, 1]))
+_CURRENT = "current minus previous position"
+
 #: No mistake first, then those of motion, cameras, depth, normals, jitter and albedo.
 MISTAKES: tuple[Mistake, ...] = (
-    Mistake("none", "", "", lambda frames: frames),
-    Mistake("none", "", "", lambda frames: frames, _RAYS),
-    Mistake("none", "", "", lambda frames: frames, _FEW),
-    Mistake("none", "", "", lambda frames: frames, ("motion",)),
-    Mistake("none", "", "", lambda frames: frames, jittered=True),
-    Mistake("none", "", "", lambda frames: frames, _FEW, jittered=True),
-    Mistake("y up", "motion", "y up", _moved([[1, 0], [0, -1]])),
-    Mistake("y up", "motion", "y up", _moved([[1, 0], [0, -1]]), _RAYS),
-    Mistake("y up", "motion", "y up", _moved([[1, 0], [0, -1]]), _FEW),
-    Mistake("y up", "motion", "y up", _moved([[1, 0], [0, -1]]), ("motion",)),
-    Mistake("y up", "motion", "y up", _moved([[1, 0], [0, -1]]), jittered=True),
-    Mistake("current minus previous", "motion", "current minus previous position", _moved([[-1, 0], [0, -1]])),
-    Mistake("current minus previous", "motion", "current minus previous position", _moved([[-1, 0], [0, -1]]), ("motion",)),
-    Mistake("current minus previous, y up", "motion", "current minus previous position, y up", _moved([[-1, 0], [0, 1]])),
+    Mistake("none", "", "", _RIGHT),
+    Mistake("none", "", "", _RIGHT, _RAYS),
+    Mistake("none", "", "", _RIGHT, _FEW),
+    Mistake("none", "", "", _RIGHT, ("motion",)),
+    Mistake("none", "", "", _RIGHT, jittered=True),
+    Mistake("none", "", "", _RIGHT, _FEW, jittered=True),
+    Mistake("y up", "motion", "y up", _Y_UP),
+    Mistake("y up", "motion", "y up", _Y_UP, _RAYS),
+    Mistake("y up", "motion", "y up", _Y_UP, _FEW),
+    Mistake("y up", "motion", "y up", _Y_UP, ("motion",)),
+    Mistake("y up", "motion", "y up", _Y_UP, jittered=True),
+    Mistake("current minus previous", "motion", _CURRENT, _NEGATED),
+    Mistake("current minus previous", "motion", _CURRENT, _NEGATED, ("motion",)),
+    Mistake("current minus previous, y up", "motion", f"{_CURRENT}, y up", _moved([[-1, 0], [0, 1]])),
     Mistake("(row, column)", "motion", "(row, column) order", _moved([[0, 1], [1, 0]])),
-    Mistake("(row, column), negated", "motion", "(row, column) order, current minus previous", _moved([[0, -1], [-1, 0]])),
+    Mistake("(row, column), negated", "motion", f"(row, column) order, {_CURRENT}", _moved([[0, -1], [-1, 0]])),
     Mistake("fractions of the sides", "motion", "fractions of the image's sides", _moved([[1 / _W, 0], [0, 1 / _H]])),
     Mistake("NDC", "motion", "normalised device coordinates", _moved([[2 / _W, 0], [0, 2 / _H]])),
-    Mistake("NDC, y up", "motion", "normalised device coordinates, y up", _moved([[2 / _W, 0], [0, -2 / _H]])),
-    Mistake("NDC, y up", "motion", "normalised device coordinates, y up", _moved([[2 / _W, 0], [0, -2 / _H]]), ("motion",)),
+    Mistake("NDC, y up", "motion", "normalised device coordinates, y up", _NDC_UP),
+    Mistake("NDC, y up", "motion", "normalised device coordinates, y up", _NDC_UP, ("motion",)),
     Mistake("0.5 is zero", "motion", "0.5 is zero", _moved([[0.5 / _W, 0], [0, 0.5 / _H]], 0.5)),
     Mistake("half the length (shutter)", "motion", "half as long", _moved([[0.5, 0], [0, 0.5]])),
     Mistake("twice the length", "motion", "twice as long", _moved([[2, 0], [0, 2]])),
@@ -246,38 +259,36 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("to the next frame, negated", "motion", "to the next frame, current minus next", _forward(-1)),
     Mistake("no relation", "motion", "unrelated", _noise),
     Mistake("transposed matrix", "cameras", "transposed", _relayed(lambda m: m.T)),
-    Mistake("y down in clip space", "cameras", "y down", _relayed(lambda m: np.diag([1, -1, 1, 1]) @ m)),
-    Mistake("y down in clip space", "cameras", "y down", _relayed(lambda m: np.diag([1, -1, 1, 1]) @ m), _RAYS),
+    Mistake("y down in clip space", "cameras", "y down", _CLIP_DOWN),
+    Mistake("y down in clip space", "cameras", "y down", _CLIP_DOWN, _RAYS),
     Mistake("other handedness", "cameras", "x left", _relayed(lambda m: np.diag([-1, 1, 1, 1]) @ m)),
-    Mistake(
-        "[0, 1] instead of clip space", "cameras", "to [0, 1]",
-        _relayed(lambda m: np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]]) @ m),
-    ),
+    Mistake("[0, 1] instead of clip space", "cameras", "to [0, 1]", _relayed(lambda m: _UV @ m)),
     Mistake("camera of the previous frame", "cameras", "of the previous frame", _shifted("camera", -1)),
     Mistake("camera of the next frame", "cameras", "of the next frame", _shifted("camera", 1)),
-    Mistake("distance along the ray", "depth", "distance along the ray", _each("depth", lambda f, _: _ray(f))),
-    Mistake("distance along the ray", "depth", "distance along the ray", _each("depth", lambda f, _: _ray(f)), _RAYS),
-    Mistake("depth from the near plane", "depth", "distance along the axis, from", _each("depth", lambda _, d: d - 0.2)),
+    Mistake("distance along the ray", "depth", "distance along the ray", _ALONG_RAY),
+    Mistake("distance along the ray", "depth", "distance along the ray", _ALONG_RAY, _RAYS),
     Mistake(
-        "Mitsuba's depth", "depth", "distance along the ray, from",
-        _each("depth", lambda f, d: _ray(f) - 0.2 * _ray(f) / d),
+        "from the near plane", "depth", "distance along the camera axis, from", _each("depth", lambda _, d: d - 0.2)
     ),
+    Mistake("Mitsuba's depth", "depth", "distance along the ray, from", _FROM_NEAR),
     Mistake("negative depth", "depth", "negative", _each("depth", lambda _, d: -d)),
     Mistake("depth in centimetres", "depth", "in another unit", _each("depth", lambda _, d: 100 * d)),
     Mistake("a depth buffer", "depth", "a depth buffer", _each("depth", lambda _, d: 1.001 - 0.1001 / d)),
-    Mistake("camera space, z backwards", "normal", "camera space, z backwards", _in_camera((1, 1, -1))),
+    Mistake("camera space, z backwards", "normal", "camera space, z backwards", _BACKWARDS),
+    Mistake("camera space, z backwards", "normal", "camera space, z backwards", _BACKWARDS, _RAYS),
     Mistake("camera space, z forward", "normal", "camera space, z forward", _in_camera((1, 1, 1))),
-    Mistake("camera space, z backwards", "normal", "camera space, z backwards", _in_camera((1, 1, -1)), _RAYS),
     Mistake("normals point inwards", "normal", "opposite", _each("normal", lambda _, n: -n)),
-    Mistake("z is up", "normal", "y and", _each("normal", lambda _, n: n[..., [0, 2, 1]] * np.float32([1, -1, 1]))),
+    Mistake("z is up", "normal", "y and z swapped (z is up)", _Z_UP),
     Mistake("normals from 0 to 1", "normal", "encoded", _each("normal", lambda _, n: (n + 1) / 2)),
     Mistake("jitter left in motion", "jitter", "left in motion", _shaken(1), jittered=True),
-    Mistake("jitter left in motion", "jitter", "left in motion", _shaken(1), ("albedo", "normal", "ids", "motion"), True),
+    Mistake("jitter left in motion", "jitter", "left in motion", _shaken(1), (*_FEW, "ids"), jittered=True),
     Mistake("jitter subtracted twice", "jitter", "removed from motion with the wrong", _shaken(-1), jittered=True),
     Mistake("jitter left, and not told", "jitter", "a constant offset", _unmarked(_shaken(1)), jittered=True),
     Mistake("albedo above 1", "albedo", "above 1", _each("albedo", lambda _, a: 1.6 * a)),
     Mistake("albedo is lit", "albedo", "contains lighting", _each("albedo", _lit)),
-    Mistake("albedo is the colour", "albedo", "contains lighting", _each("albedo", lambda f, _: np.minimum(f.color, 1))),
+    Mistake(
+        "albedo is the colour", "albedo", "contains lighting", _each("albedo", lambda f, _: np.minimum(f.color, 1))
+    ),
 )
 
 
