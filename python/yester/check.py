@@ -35,17 +35,17 @@ Verdict: TypeAlias = Literal["right", "wrong", "unclear", "unchecked"]
 #: Tiles along the shorter side of an image.
 _TILES = 8
 #: A difference of disagreement counts from this many standard errors, and from this size.
-_SIGMAS, _LEAST = 4.0, 0.001
+_SIGMAS, _LEAST = 3.0, 0.001
 #: With more disagreement than this, absolutely or relative to that of no relation, no hypothesis explains the data.
 _POOR, _VAIN = 0.6, 0.9
 #: Less of the image than this must not be lost by warping.
 _INSIDE = 0.75
-#: Images with more pixels are thinned out for the first comparison of hypotheses of motion.
+#: Images with more pixels are thinned for the first comparison of hypotheses of motion.
 _PIXELS = 250_000
 #: Rivals that are printed.
 _SHOWN = 3
 #: Hypotheses that are compared again in full resolution.
-_KEPT = 12
+_KEPT = 24
 
 
 @dataclass(frozen=True)
@@ -350,14 +350,14 @@ def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]
     grey = values.size > 0 and values.min() >= 0 and values.max() <= 1 and bool(np.abs(np.median(values) - 0.5) < 0.25)
     every = [*_hypotheses(width, height, timed=timed, grey=grey)]
     guides = _guides(shot)
+    # All hypotheses on the pair that moves most, in a thinned image; the best ones on all pairs in full.
     thin = int(np.ceil(np.sqrt(width * height / _PIXELS)))
-    if thin > 1:
-        few = [{name: image[::thin, ::thin] for name, image in images.items()} for images in guides]
-        rough = _warped(every, bases, shot, [m[::thin, ::thin] for m in stored], few, thin)
-        # Motion of a few pixels is lost in the thinned image: what differs by its direction alone always stays.
-        order = rough.mean(1).argsort(kind="stable")
-        keep = sorted({*range(9), *order[:_KEPT].tolist()})
-        every = [every[i] for i in keep]
+    few = [{name: image[::thin, ::thin] for name, image in images.items()} for images in guides]
+    most = max(bases, key=lambda t: float(np.nan_to_num(np.abs(stored[t] - 0.5 * grey)).mean()))
+    rough = _warped(every, [most], shot, [m[::thin, ::thin] for m in stored], few, thin)
+    # Motion of a few pixels is lost when thinned: hypotheses that differ by direction alone always stay.
+    best = rough.mean(1).argsort(kind="stable")[:_KEPT]
+    every = [every[i] for i in sorted({*range(9), *best.tolist()})]
     residuals = _warped(every, bases, shot, stored, guides, 1)
     names = [hypothesis.name for hypothesis in every]
     remedies = [_remedy(hypothesis, channels, shot[0].shape) if i else "" for i, hypothesis in enumerate(every)]

@@ -25,7 +25,7 @@ __all__ = ["MISTAKES", "Mistake", "findings", "sequence", "table"]
 
 Change: TypeAlias = Callable[[list[Frame]], list[Frame]]
 
-_WIDTH, _HEIGHT, _COUNT = 160, 120, 5
+_WIDTH, _HEIGHT, _COUNT = 160, 120, 7
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Mistake:
 
 def scene(number: int) -> Scene:
     """The room at a frame; what moves becomes faster."""
-    t = number + 0.15 * number**2
+    t = number + 0.2 * number**2
     floor = Thing(Rectangle(), turn([1, 0, 0], -90), value_noise((0.75, 0.68, 0.55), (0.4, 0.33, 0.25), 0.25))
     wall = Thing(Rectangle(), translate(0, 0, -2), checker((0.8, 0.78, 0.7), (0.45, 0.5, 0.42), 0.5))
     ball = Thing(Sphere(0.45), translate(-0.9 + 0.05 * t, 0.45, 0.2) @ turn([0, 0, 1], -6 * t), (0.8, 0.25, 0.2))
