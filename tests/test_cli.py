@@ -276,7 +276,8 @@ def test_memory_does_not_grow_with_the_sequence(tmp_path):
         os.link(tmp_path / "noisy" / "0.exr", tmp_path / "noisy" / f"{i}.exr")
 
     def peak(pattern):
-        out = run("denoise", tmp_path / "noisy" / pattern, "-o", tmp_path / "out", program=("-c", PEAK)).stdout
+        given = "denoise", tmp_path / "noisy" / pattern, "-o", tmp_path / "out", "--overwrite"
+        out = run(*given, program=("-c", PEAK)).stdout
         return int(out.split()[-1]) / 1024
 
     peak("?.exr")

@@ -226,18 +226,18 @@ def test_what_is_used_and_missing_is_said(tmp_path, capsys):
     assert said[-1] == f"used: {', '.join(dict.fromkeys(name for names in used for name in names))}"
     assert "albedo" in said[-1]
 
-    run("denoise", tmp_path / "bare", "-o", tmp_path / "out", "--method", "oidn", "--quality", "fast")
+    run("denoise", tmp_path / "bare", "-o", tmp_path / "oidn", "--method", "oidn", "--quality", "fast")
     said = capsys.readouterr().err.splitlines()
     assert [line.split(": ")[:2] for line in said] == [["missing", "normal"], ["used", "albedo"]]
 
     moving = {"motion": np.zeros((24, 32, 2)), "depth": np.ones((24, 32))}
-    run("denoise", frames(tmp_path / "moving", **moving), "-o", tmp_path / "out")
+    run("denoise", frames(tmp_path / "moving", **moving), "-o", tmp_path / "out", "--overwrite")
     said = capsys.readouterr().err
     assert "warning" not in said
     assert "motion" in said.splitlines()[-1]
 
     camera = yester.Camera.from_look_at((0, 0, 0), (0, 0, 1), (0, 1, 0), 60, 32, 24)
-    run("denoise", frames(tmp_path / "seen", depth=np.ones((24, 32)), camera=camera), "-o", tmp_path / "out")
+    run("denoise", frames(tmp_path / "seen", depth=np.ones((24, 32)), camera=camera), "-o", tmp_path / "out" / "seen")
     assert "warning" not in capsys.readouterr().err
 
 

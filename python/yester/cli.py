@@ -8,9 +8,10 @@ import tempfile
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager, nullcontext
 from copy import copy
 from functools import partial
+from glob import escape
 from importlib.util import find_spec
 from itertools import chain, islice, pairwise
 from pathlib import Path
@@ -68,14 +69,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0; 2 for invalid input, after one line on stderr; 130 if interrupted.
+        Exit status: 0; 1 if damaged files were left out; 2 for invalid input, after one line on stderr; 130 if
+        interrupted.
     """
     try:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
             warnings.filterwarnings("once", "frames: later frames are not used")
             warnings.showwarning = _warned
-            options.run(options)
+            return int(options.run(options) or 0)
     except KeyboardInterrupt:
         print("yester: interrupted", file=sys.stderr)
         return 130
@@ -83,7 +85,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _failed(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else error)
     except (ImportError, ValueError) as error:
         return _failed(error)
-    return 0
 
 
 def _warned(message: Warning | str, *_: object, **__: object) -> None:
@@ -112,16 +113,36 @@ def _parser() -> argparse.ArgumentParser:
         result.set_defaults(run=run)
         return result
 
+    def channels(command: argparse.ArgumentParser) -> None:
+        about = "what channels are: BUFFER=CHANNEL,..., BUFFER.PROPERTY=VALUE or a TOML file; may be repeated"
+        command.add_argument("--map", metavar="MAP", action="append", default=[], help=about)
+        command.add_argument("--view", metavar="NAME", help="of a stereo file; by default left, or the first one")
+
+    def files(command: argparse.ArgumentParser) -> None:
+        command.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+        about = "folder for the same names; for one file, also a name that ends in .exr"
+        command.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=about)
+        about = "write float16, or float32; by default, as the colour that is replaced"
+        command.add_argument("--half", action=argparse.BooleanOptionalAction, help=about)
+        about = (
+            "of the OpenEXR library, such as zip, piz or dwaa; by default that of the input if it is lossless, else zip"
+        )
+        command.add_argument("--compression", metavar="NAME", help=about)
+        there = command.add_mutually_exclusive_group()
+        about = "go on where a run with the same inputs and options has stopped; the bytes are those of a whole run"
+        there.add_argument("--resume", action="store_true", help=about)
+        there.add_argument("--overwrite", action="store_true", help="replace files that exist")
+        about = "leave damaged files out, name them, and treat them as missing frames"
+        command.add_argument("--keep-going", action="store_true", help=about)
+        channels(command)
+
     demo = command(_demo, "demo", "render a short noisy sequence with Mitsuba, denoise it and measure the result")
     demo.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-demo"), help="%(default)s")
     demo.add_argument("--frames", metavar="N", type=_count, default=24, help="%(default)s")
     demo.add_argument("--size", metavar="WxH", type=_size, default=(320, 240), help="320x240")
 
-    out = "folder for the same names; for one file, also a name that ends in .exr"
     clean = command(_denoise, "denoise", "denoise a sequence of EXR frames")
-    clean.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-    clean.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
-    clean.add_argument("--half", action="store_true", help="write float16")
+    files(clean)
     methods = ("auto", *_METHODS)
     about = "one of %(choices)s; svgf by default. auto: svgf without what a shot's first frames show to be superfluous"
     clean.add_argument("--method", choices=methods, help=about)
@@ -151,20 +172,21 @@ def _parser() -> argparse.ArgumentParser:
     plan = command(_plan, "plan", "find out which stages of svgf and which buffers a sequence needs")
     plan.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     plan.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plan, for yester denoise --plan")
+    channels(plan)
 
     upscale = command(_upscale, "upscale", "temporally upscale a sequence of jittered EXR frames")
-    upscale.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-    upscale.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=out)
-    upscale.add_argument("--half", action="store_true", help="write float16")
+    files(upscale)
     upscale.add_argument("--scale", type=float, default=2.0, help="ratio of sizes along each side, 1 to 4; %(default)s")
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
     upscale.add_argument("--denoise", action="store_true", help="denoise with SVGF first")
 
     info = command(_info, "info", "list the buffers of an EXR file, and the missing ones with the consequences")
     info.add_argument("file", metavar="FILE", type=Path)
+    channels(info)
 
     chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
     chart.add_argument("frames", metavar="FRAMES", nargs="*", help="noisy EXR files: a folder, files or a pattern")
+    channels(chart)
     chart.add_argument("--references", metavar="REF", nargs="+", help="the same without noise: files of the same names")
     chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help="%(default)s")
     chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="by default, all")
@@ -253,7 +275,7 @@ def _pipeline(options: argparse.Namespace) -> Any:
     return Plan.load(options.plan).pipeline() if options.plan else make(**given)
 
 
-def _denoise(options: argparse.Namespace) -> None:
+def _denoise(options: argparse.Namespace) -> int:
     _need("exr", "OpenEXR", "tqdm")
     from tqdm import tqdm
 
@@ -286,7 +308,7 @@ def _denoise(options: argparse.Namespace) -> None:
         return _noted(denoise(frames, method, lookahead), used)
 
     # The header's camera and jitter stay as they are.
-    _convert(options, "denoise", run, lambda output, _: Frame(output.color), look)
+    return _convert(options, "denoise", run, lambda output, _: Frame(output.color), look)
 
 
 def _plan(options: argparse.Namespace) -> None:
@@ -294,11 +316,12 @@ def _plan(options: argparse.Namespace) -> None:
     from .io import read_exr, sequence_paths
     from .io.shots import breaks
 
+    reading = _reading(options)
     if options.output:
         _writable(options.output.parent)
     paths = sequence_paths(options.inputs)
     end, *_ = [*breaks(paths), len(paths)]
-    found = _planned(map(read_exr, paths[:end]))
+    found = _planned(read_exr(path, **reading) for path in paths[:end])
     if options.output:
         found.save(options.output)
     print(found)
@@ -311,7 +334,7 @@ def _planned(frames: Iterable[Frame]) -> Plan:
         return plan(frames)
 
 
-def _upscale(options: argparse.Namespace) -> None:
+def _upscale(options: argparse.Namespace) -> int:
     _need("exr", "OpenEXR", "tqdm")
     upscaler = Upscaler(options.scale, sharpness=options.sharpness)
     # Without antialiasing, which would average out the jitter that the upscaler needs.
@@ -339,7 +362,7 @@ def _upscale(options: argparse.Namespace) -> None:
             notes += [f"only colour is upscaled; left out: {' '.join(dropped)}"]
         return notes
 
-    _convert(options, "upscale", run, result, look)
+    return _convert(options, "upscale", run, result, look)
 
 
 def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]:
@@ -370,53 +393,142 @@ def _missing(files: list[Description], names: Iterable[str] | None = None) -> li
     return [f"missing: {name}: {cost}" for name, cost in costs.items() if names is None or name in names]
 
 
+def _reading(options: argparse.Namespace) -> dict[str, Any]:
+    """How files are read: the arguments of `read_exr`."""
+    from .io.mapping import parse
+
+    return {"mapping": parse(options.map), "view": options.view}
+
+
 def _convert(
     options: argparse.Namespace,
     what: str,
     run: Callable[[Iterator[Frame], dict[str, None]], Iterator[Output]],
     result: Callable[[Output, Frame], Frame],
     look: Callable[[list[Description]], list[str]],
-) -> None:
+) -> int:
     """Run a method on the frames of each shot, from input files to output files of the same names."""
     from tqdm import tqdm
 
-    from .io import Plate, read_plate, sequence_paths, write_exr
+    from .io import COMPRESSIONS, Plate, read_plate, sequence_paths, write_exr
     from .io.ahead import ahead
     from .io.shots import breaks
 
+    if options.compression not in (None, *COMPRESSIONS):
+        raise ValueError(f"--compression: expected one of {', '.join(COMPRESSIONS)}, got {options.compression}")
+    reading = _reading(options)
     paths = sequence_paths(options.inputs)
+    files, damaged = _check(paths, _targets(paths, options.output), reading, keep_going=options.keep_going)
+    paths = [known.path for known in files]
     targets = _targets(paths, options.output)
-    files = _check(paths, targets)
     anew = breaks(paths)
-    notes = look(files)
+    shots = [range(*ends) for ends in pairwise([0, *sorted(anew), len(paths)])]
+    there = {i for i, target in enumerate(targets) if target.is_file()}
+    if there and not options.resume and not options.overwrite:
+        first = targets[min(there)]
+        more = f" and {len(there) - 1} more" if len(there) > 1 else ""
+        raise ValueError(f"{first}{more}: exists already: --resume goes on where a run stopped, --overwrite replaces")
+    if options.resume:
+        # History begins with a shot: those that lack a frame are computed from there.
+        shots = [shot for shot in shots if not there.issuperset(shot)]
+    else:
+        there = set()
+    notes = [*_recognised(files), *look(files)]
     for folder in {target.parent for target in targets}:
         _writable(folder)
-    for note in [*notes, *(f"warning: {about}" for about in anew.values())]:
+    for note in [*damaged, *notes, *(f"warning: {about}" for about in anew.values())]:
         print(note, file=sys.stderr)
     used: dict[str, None] = {}
+    todo = [i for shot in shots for i in shot]
+    if options.resume:
+        print(f"resumed: {len(there)} of {len(paths)} frames are there", file=sys.stderr)
+        _remove_unfinished(targets)
 
-    def results(plates: Iterator[Plate]) -> Iterator[tuple[Frame, Plate | None]]:
-        for first, end in pairwise([0, *sorted(anew), len(paths)]):
-            held: deque[tuple[Frame, Plate | None]] = deque()
+    def load(index: int) -> Plate | OSError | ValueError:
+        try:
+            return read_plate(paths[index], **reading)
+        except (OSError, ValueError) as error:
+            if not options.keep_going:
+                raise
+            return error
 
-            def frames(count: int, held: deque[tuple[Frame, Plate | None]] = held) -> Iterator[Frame]:
-                for plate in islice(plates, count):
-                    # Where many frames wait, only their buffers are kept: the other layers are read once more.
-                    held.append((plate.frame, None if held else plate))
-                    yield plate.frame
+    def results(plates: Iterator[Plate | OSError | ValueError]) -> Iterator[tuple[int, Frame, Plate | None]]:
+        for shot in shots:
+            coming = iter(shot)
+            for index in coming:  # once, unless a frame is damaged: history begins anew behind it
+                held: deque[tuple[int, Frame, Plate | None]] = deque()
 
-            for output in run(frames(end - first), used):
-                frame, plate = held.popleft()
-                yield result(output, frame), plate
+                def frames(index: int, coming: Iterator[int] = coming, held: Any = held) -> Iterator[Frame]:
+                    for number in chain([index], coming):
+                        plate = next(plates)
+                        if not isinstance(plate, Plate):
+                            damaged.append(f"damaged, left out: {plate}")
+                            tqdm.write(damaged[-1], file=sys.stderr)
+                            return
+                        # Where many frames wait, only their buffers are kept: the other layers are read once more.
+                        held.append((number, plate.frame, None if held else plate))
+                        yield plate.frame
+
+                some = frames(index)
+                for first in some:
+                    for output in run(chain([first], some), used):
+                        number, frame, plate = held.popleft()
+                        yield number, result(output, frame), plate
 
     # Reading, denoising and writing overlap, each in its own thread; OpenEXR and step() release the interpreter's lock.
     # Writing stays in the main thread, which receives interrupts.
-    read = ahead(read_plate(path) for path in paths)
+    read = ahead(map(load, todo))
     made = ahead(results(read))
-    with closing(read), closing(made), tqdm(made, what, len(paths), unit="frame", disable=None) as frames:
-        for path, target, (frame, plate) in zip(paths, targets, frames, strict=True):
-            write_exr(target, frame, half=options.half, like=plate or read_plate(path))
-    print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
+    writing = {"half": options.half, "compression": options.compression}
+    unsure = {min(kept) for shot in shots if (kept := there.intersection(shot))}
+    with closing(read), closing(made), tqdm(made, what, len(todo), unit="frame", disable=None) as frames:
+        for index, frame, plate in frames:
+            path, target = paths[index], targets[index]
+            if index in there and index not in unsure:
+                continue
+            with _compared(target) if index in unsure else nullcontext(target) as at:
+                write_exr(at, frame, **writing, like=plate or read_plate(path, **reading))
+    if todo:
+        print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
+    return int(bool(damaged))
+
+
+@contextmanager
+def _compared(target: Path) -> Iterator[Path]:
+    """Where to write a file that was there once more; raises if it is another one: then its run was another one."""
+    with tempfile.TemporaryDirectory() as folder:
+        again = Path(folder) / target.name
+        yield again
+        if again.read_bytes() != target.read_bytes():
+            raise ValueError(f"{target}: is of a run with other inputs or options: remove it, or use --overwrite")
+
+
+def _remove_unfinished(targets: list[Path]) -> None:
+    """Remove the temporary files that a killed run has left."""
+    for target in targets:
+        for path in target.parent.glob(f".{escape(target.name)}.*.tmp"):
+            path.unlink(missing_ok=True)
+
+
+def _recognised(files: list[Description]) -> list[str]:
+    """Lines on the renderers of files, and on choices among their layers; each once."""
+    lines = {}
+    for known in files:
+        if known.renderer:
+            lines.setdefault(f"recognised: {known.renderer}, by {known.evidence}", known)
+        for remark in known.remarks:
+            lines.setdefault(f"note: {remark}", known)
+        if known.views:
+            others = ", ".join(view for view in known.views if view != known.view)
+            lines.setdefault(f"note: view {known.view} is used, not {others}; --view chooses", known)
+        for name, why in known.unused.items():
+            if "map it" in why and "motion" not in known.channels:
+                lines.setdefault(f"note: {name.rpartition('.')[0] or name}: not used: {why}", known)
+    renderers = {known.renderer: known.path for known in reversed(files)}
+    if len(renderers) > 1:
+        of = "; ".join(f"{path} is by {name or 'an unknown one'}" for name, path in renderers.items())
+        lines[f"warning: files of several renderers: {of}"] = files[0]
+    return list(lines)
 
 
 def _targets(paths: list[Path], output: Path) -> list[Path]:
@@ -432,9 +544,14 @@ def _info(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR")
     from .io import describe
 
-    known = describe(options.file)
+    known = describe(options.file, **_reading(options))
     width = max(map(len, [*known.channels, *known.missing, "camera"]))
     print(f"{known.path}: {known.width} x {known.height}")
+    print(f"recognised: {known.renderer or 'no renderer'}{f', by {known.evidence}' if known.renderer else ''}")
+    if known.views:
+        print(f"views: {', '.join(known.views)}; {known.view} is used, --view chooses")
+    for remark in known.remarks:
+        print(f"note: {remark}")
     for name, channels in known.channels.items():
         print(f"  {name:<{width}} {' '.join(channels)}")
         if name in known.notes:
@@ -443,12 +560,39 @@ def _info(options: argparse.Namespace) -> None:
         print(f"  {'camera':<{width}} at {_vector(known.camera.position)}, looks along {_vector(known.camera.forward)}")
     if known.jitter:
         print(f"  {'jitter':<{width}} ({known.jitter[0]:g}, {known.jitter[1]:g}) pixels")
+    if known.unused:
+        print("not used:")
+        reasons: dict[str, list[str]] = {}
+        for channel, why in known.unused.items():
+            reasons.setdefault(why, []).append(channel)
+        for why, several in reasons.items():
+            print(f"  {_grouped(several)}: {why}")
     if known.unrecognised:
-        print(f"not recognised: {' '.join(known.unrecognised)}")
+        print(f"not recognised: {_grouped(known.unrecognised)}")
+        for layer, guess in known.guesses.items():
+            print(f"  {layer} may be {guess.partition('=')[0]}: --map '{guess}'")
     if known.missing:
         print("missing:")
         for name, cost in known.missing.items():
             print(f"  {name:<{width}} {cost}")
+
+
+def _grouped(channels: Iterable[str]) -> str:
+    """Channels by layer: ``N.XYZ`` for N.X, N.Y and N.Z."""
+    layers: dict[str, list[str]] = {}
+    for channel in channels:
+        layer, _, component = channel.rpartition(".")
+        layers.setdefault(layer, []).append(component)
+    bare = layers.pop("", [])
+    grouped = (f"{layer}.{_ordered(own)}" for layer, own in layers.items())
+    return " ".join([*bare, *grouped])
+
+
+def _ordered(components: list[str]) -> str:
+    """Components as one word if they are letters, in the usual order."""
+    if any(len(component) != 1 for component in components):
+        return ",".join(components)
+    return "".join(sorted(components, key=lambda letter: "RGBAXYZWUV".find(letter.upper())))
 
 
 def _chart(options: argparse.Namespace) -> None:
@@ -519,7 +663,9 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     from .study.rendered.recording import open_recording, record
 
     if options.frames:
-        return [open_recording(options.frames, options.references)]
+        return [open_recording(options.frames, options.references, **_reading(options))]
+    if options.map or options.view:
+        raise ValueError("--map, --view: expected FRAMES that they are about, got none")
     _need("study", "mitsuba")
     from .study.rendered.sequences import GROUPS, LATE, NAMES
 
@@ -574,18 +720,36 @@ def _need(extra: str, *modules: str) -> None:
         raise ImportError(f"{', '.join(absent)} not installed: pip install 'yester[{extra}]'")
 
 
-def _check(paths: list[Path], targets: list[Path]) -> list[Description]:
-    """Check the headers for problems that would stop the work half-way."""
+def _check(
+    paths: list[Path], targets: list[Path], reading: dict[str, Any], *, keep_going: bool
+) -> tuple[list[Description], list[str]]:
+    """Check the headers for problems that would stop the work half-way; a line for each damaged file that is left out.
+
+    Without `keep_going`, damaged files are an error, which names all of them.
+    """
     from .io import describe
 
     files: list[Description] = []
+    damaged: list[OSError | ValueError] = []
     seen: dict[str, Path] = {}
     for path, target in zip(paths, targets, strict=True):
-        known = describe(path)
+        if path.name in seen:
+            raise ValueError(f"{path}: the output of {seen[path.name]} would have the same name")
+        seen[path.name] = path
+        if target.resolve() == path.resolve():
+            raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
+        try:
+            known = describe(path, **reading)
+        except ValueError as error:
+            if str(error).startswith(f"{path}: "):  # not of the mapping or the view
+                damaged.append(error)
+                continue
+            raise
         files.append(known)
         first = files[0]
         if "color" not in known.channels:
-            raise ValueError(f"{path}: no colour: expected channels R, G and B, got {' '.join(known.unrecognised)}")
+            got = " ".join([*known.unused, *known.unrecognised])
+            raise ValueError(f"{path}: no colour: expected channels R, G and B, got {got}")
         if (known.width, known.height) != (first.width, first.height):
             raise ValueError(
                 f"{path}: {known.width} x {known.height}, but {first.path} is {first.width} x {first.height}"
@@ -593,12 +757,11 @@ def _check(paths: list[Path], targets: list[Path]) -> list[Description]:
         if ("albedo" in known.channels) != ("albedo" in first.channels):
             has, lacks = (path, first.path) if "albedo" in known.channels else (first.path, path)
             raise ValueError(f"{lacks}: no albedo, but {has} has one")
-        if path.name in seen:
-            raise ValueError(f"{path}: the output of {seen[path.name]} would have the same name")
-        seen[path.name] = path
-        if target.resolve() == path.resolve():
-            raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
-    return files
+    if damaged and not (keep_going and files):
+        others = f"; so are {len(damaged) - 1} more" if len(damaged) > 1 else ""
+        named = ": " + "; ".join(str(error).partition(": ")[0] for error in damaged[1:]) if others else ""
+        raise ValueError(f"{damaged[0]}{others}{named} (--keep-going leaves them out)")
+    return files, [f"damaged, left out: {error}" for error in damaged]
 
 
 def _writable(folder: Path) -> Path:

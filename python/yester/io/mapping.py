@@ -111,16 +111,17 @@ def apply(mapping: Mapping[str, Mapping[str, Any]], known: Recognised, names: It
     names = list(names)
     buffers, unused = dict(known.buffers), dict(known.unused)
     for buffer, entry in mapping.items():
-        form = {name: value for name, value in entry.items() if name not in ("channels", "signs")}
+        form = {name: value for name, value in entry.items() if name != "channels"}
         if "channels" in entry:
             buffers.pop(buffer, None)
-            channels = entry["channels"]
+            channels = tuple(channel.removeprefix("-") for channel in entry["channels"])
+            signs = tuple(-1.0 if channel.startswith("-") else 1.0 for channel in entry["channels"])
             for channel in channels:
                 if channel not in names:
                     raise ValueError(f"mapping: {buffer}: no channel {channel!r}{_like(channel, names)}")
             if not channels:
                 continue
-            scale = _product(entry["signs"], form.pop("scale", ()))
+            scale = _product(signs, form.pop("scale", ()))
             buffers[buffer] = Found(channels, Form(**form, scale=scale), target=channels, mapped=True)
             unused = {channel: why for channel, why in unused.items() if channel not in channels}
         elif buffer in buffers:
@@ -159,8 +160,7 @@ def _entry(entry: Any, buffer: str, where: str) -> dict[str, Any]:
         if given and not least <= len(given) <= most:
             count = most if least == most else f"{least} or {most}"
             raise ValueError(f"{where}: expected {count} channels, got {len(given)}: {', '.join(given)}")
-        table["channels"] = tuple(one.removeprefix("-") for one in given)
-        table["signs"] = tuple(-1.0 if one.startswith("-") else 1.0 for one in given)
+        table["channels"] = tuple(given)
     return table
 
 

@@ -31,6 +31,12 @@ def breaks(paths: Sequence[Path]) -> dict[int, str]:
     for index, (former, path) in enumerate(pairwise(paths), 1):
         before, here = _pieces(former), _pieces(path)
         differ = [i for i, pair in enumerate(zip(before, here, strict=False)) if pair[0] != pair[1]]
+        if before == here:
+            found[index] = (
+                f"{path}: the same frame number as {former}, so not the same shot: processed as a separate sequence"
+            )
+            counter = None
+            continue
         if len(before) != len(here) or len(differ) != 1 or differ[0] % 2 == 0 or counter not in (None, differ[0]):
             found[index] = f"{path}: not the same shot as {former}: processed as a separate sequence"
             counter = None
@@ -38,7 +44,14 @@ def breaks(paths: Sequence[Path]) -> dict[int, str]:
         (counter,) = differ
         low, high = int(before[counter]), int(here[counter])
         if high != low + 1:
-            found[index] = f"{path}: frame numbers jump after {former}: history starts anew"
+            gap = (
+                f"{low + 1} to {high - 1} are missing"
+                if high > low + 2
+                else f"{low + 1} is missing"
+                if high > low
+                else ""
+            )
+            found[index] = f"{path}: frame numbers jump after {former}{gap and f' ({gap})'}: history starts anew"
     return found
 
 

@@ -56,6 +56,8 @@ class Recording:
         By index of the frame, the EXR file whose colour is the renderer's raw albedo. Empty unless requested.
     variants : tuple of Recording
         The same sequence with other noise, each with the same references.
+    reading : dict
+        The arguments of `read_exr` for noisy frames.
     """
 
     name: str
@@ -63,10 +65,11 @@ class Recording:
     references: dict[int, Path]
     raw_albedo: dict[int, Path] = field(default_factory=dict)
     variants: tuple[Recording, ...] = ()
+    reading: dict[str, Any] = field(default_factory=dict)
 
     def frame(self, index: int) -> Frame:
         """Read a noisy frame."""
-        return read_exr(self.frames[index])
+        return read_exr(self.frames[index], **self.reading)
 
     def reference(self, index: int) -> NDArray[np.float32]:
         """Read the colour of a reference, (H, W, 3); ValueError if that frame has none."""
@@ -78,7 +81,7 @@ class Recording:
     @cached_property
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
-        known = describe(self.frames[0])
+        known = describe(self.frames[0], **self.reading)
         return known.width, known.height
 
 
@@ -169,7 +172,10 @@ def record(
 
 
 def open_recording(
-    frames: Source | Iterable[Source], references: Source | Iterable[Source] | None = None, name: str | None = None
+    frames: Source | Iterable[Source],
+    references: Source | Iterable[Source] | None = None,
+    name: str | None = None,
+    **reading: Any,
 ) -> Recording:
     """Use existing files; only their headers are read.
 
@@ -182,6 +188,8 @@ def open_recording(
         other names, and there are as many.
     name : str, optional
         What to call it; by default, as the folder of the frames.
+    **reading
+        ``mapping`` and ``view`` of the frames, as for `yester.io.read_exr`.
 
     Returns
     -------
@@ -201,9 +209,9 @@ def open_recording(
     noisy = sequence_paths(frames)
     clean = [] if references is None else sequence_paths(references)
     pairs = _pair(noisy, clean)
-    first = describe(noisy[0])
+    first = describe(noisy[0], **reading)
     for path in (*noisy, *clean):
-        known = describe(path)
+        known = describe(path, **reading if path in noisy else {})
         if "color" not in known.channels:
             others = [channel for channels in known.channels.values() for channel in channels]
             got = ", ".join([*others, *known.unrecognised]) or "none"
@@ -214,7 +222,7 @@ def open_recording(
         if path in noisy and ("albedo" in known.channels) != ("albedo" in first.channels):
             expected, got = ("one", "none") if "albedo" in first.channels else ("none", "one")
             raise ValueError(f"{path}: albedo: expected {expected} as in {first.path}, got {got}")
-    return Recording(name or noisy[0].resolve().parent.name, noisy, pairs)
+    return Recording(name or noisy[0].resolve().parent.name, noisy, pairs, reading=reading)
 
 
 def _pair(frames: list[Path], references: list[Path]) -> dict[int, Path]:

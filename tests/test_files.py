@@ -1,0 +1,334 @@
+"""Files in, files out: what the command line makes of renderers' sequences, of interruptions and of damage."""
+
+import re
+import resource
+import subprocess
+import sys
+import time
+
+import layouts
+import numpy as np
+import OpenEXR
+import pytest
+import yester
+from compare import assert_same_bits
+from test_cli import noise
+from yester import io
+from yester.cli import main
+from yester.io.shots import breaks
+
+
+def run(*arguments, code=0):
+    assert main([str(argument) for argument in arguments]) == code
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+@pytest.fixture
+def shots(tmp_path):
+    """Two shots, of eight frames and of three."""
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for i, name in enumerate([*(f"a{i}" for i in range(1, 9)), "b1", "b2", "b3"]):
+        io.write_exr(folder / f"{name}.exr", noise(seed=i, depth=np.full((24, 32), 2.0), motion=np.zeros((24, 32, 2))))
+    return folder
+
+
+# Resuming
+
+
+def test_resumed_bytes_are_those_of_a_whole_run(shots, tmp_path, capsys):
+    """Wherever the run has stopped: history begins with the shot, and files that are there stay untouched."""
+    run("denoise", shots, "-o", tmp_path / "whole")
+    whole = contents(tmp_path / "whole")
+    for kept in (
+        [],
+        ["a1"],
+        ["a1", "a2", "a3", "a4"],
+        [f"a{i}" for i in range(1, 9)],
+        ["a3", "b2"],
+        [n[:-4] for n in whole],
+    ):
+        out = tmp_path / "_".join(["out", *kept])
+        out.mkdir()
+        for name in kept:
+            (out / f"{name}.exr").write_bytes(whole[f"{name}.exr"])
+        before = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
+        capsys.readouterr()
+        run("denoise", shots, "-o", out, "--resume")
+        assert f"resumed: {len(kept)} of 11 frames are there" in capsys.readouterr().err
+        assert contents(out) == whole
+        assert before.items() <= {path.name: path.stat().st_mtime_ns for path in out.iterdir()}.items()
+
+
+def test_resume_after_a_kill(shots, tmp_path):
+    """Killed at once, not asked to stop: what it left half-written goes."""
+    for i in range(9, 80):
+        (shots / f"a{i}.exr").hardlink_to(shots / "a1.exr")
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "yester", "denoise", str(shots / "a*.exr"), "-o", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        while not (out.exists() and list(out.glob("a?.exr"))):
+            time.sleep(0.01)
+        process.kill()
+    assert 0 < len(list(out.glob("*.exr"))) < 79
+    (out / ".a50.exr.123.tmp").write_text("half of a file")
+    run("denoise", shots / "a*.exr", "-o", out, "--resume")
+    run("denoise", shots / "a*.exr", "-o", tmp_path / "whole")
+    assert contents(out) == contents(tmp_path / "whole")
+
+
+def test_resume_of_another_run(shots, tmp_path, capsys):
+    run("denoise", shots, "-o", tmp_path / "out", "--alpha", 0.5)
+    (tmp_path / "out" / "a5.exr").unlink()
+    before = contents(tmp_path / "out")
+    run("denoise", shots, "-o", tmp_path / "out", "--resume", code=2)
+    assert "a1.exr: is of a run with other inputs or options" in capsys.readouterr().err
+    assert contents(tmp_path / "out") == before
+    run("denoise", shots, "-o", tmp_path / "out", "--resume", "--alpha", 0.5)
+    assert len(contents(tmp_path / "out")) == 11
+
+
+def test_resume_of_an_upscaled_and_an_automatic_run(shots, tmp_path):
+    for given in (("upscale",), ("denoise", "--method", "auto")):
+        out = tmp_path / given[-1]
+        run(given[0], shots, "-o", out, *given[1:])
+        whole = contents(out)
+        for name in ("a6.exr", "a7.exr", "b1.exr"):
+            (out / name).unlink()
+        run(given[0], shots, "-o", out, *given[1:], "--resume")
+        assert contents(out) == whole
+
+
+def test_outputs_that_exist(shots, tmp_path, capsys):
+    """Neither replaced nor computed, unless told so."""
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "a2.exr").write_text("mine")
+    (tmp_path / "out" / "b3.exr").write_text("mine")
+    for command in ("denoise", "upscale"):
+        run(command, shots, "-o", tmp_path / "out", code=2)
+        said = capsys.readouterr().err
+        assert said.startswith(f"yester: error: {tmp_path / 'out' / 'a2.exr'} and 1 more: exists already: --resume")
+    assert contents(tmp_path / "out") == {"a2.exr": b"mine", "b3.exr": b"mine"}
+    run("denoise", shots, "-o", tmp_path / "out", "--overwrite")
+    assert len(contents(tmp_path / "out")) == 11
+    assert io.read_exr(tmp_path / "out" / "a2.exr").shape == (24, 32)
+    with pytest.raises(SystemExit):
+        main(["denoise", str(shots), "-o", str(tmp_path / "out"), "--overwrite", "--resume"])
+
+
+def test_a_full_disk_and_then_room(shots, tmp_path, capsys):
+    """The file is named, those before are whole, and the rest comes when there is room."""
+    run("denoise", shots, "-o", tmp_path / "whole")
+    largest = max(len(data) for data in contents(tmp_path / "whole").values())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest - 500, limits[1]))
+    try:
+        run("denoise", shots, "-o", tmp_path / "out", code=2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert re.search(r"yester: error: .*out/\w\d\.exr: cannot be written", capsys.readouterr().err)
+    assert all(contents(tmp_path / "whole")[name] == data for name, data in contents(tmp_path / "out").items())
+    run("denoise", shots, "-o", tmp_path / "out", "--resume")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+# Damage
+
+
+def test_damaged_files_are_all_named(shots, tmp_path, capsys):
+    for name in ("a3", "b2"):
+        (shots / f"{name}.exr").write_bytes((shots / f"{name}.exr").read_bytes()[:500])
+    run("denoise", shots, "-o", tmp_path / "out", code=2)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"yester: error: {shots / 'a3.exr'}: truncated or corrupt")
+    assert f"so are 1 more: {shots / 'b2.exr'}" in line
+    assert "--keep-going" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_others_go_on(shots, tmp_path, capsys):
+    """A frame that is damaged is a missing one, whether its header says so or its pixels do."""
+    damaged = {"a3": lambda data: data[:500], "a6": lambda data: data[:-16] + bytes(16), "b1": lambda data: b""}
+    flat = noise(depth=np.full((24, 32), 2.0), motion=np.zeros((24, 32, 2)))
+    for name, damage in damaged.items():
+        io.write_exr(shots / f"{name}.exr", yester.Frame(**flat.buffers() | {"color": np.ones((24, 32, 3))}))
+        (shots / f"{name}.exr").write_bytes(damage((shots / f"{name}.exr").read_bytes()))
+    run("denoise", shots, "-o", tmp_path / "out", "--keep-going", "--lookahead", 0, code=1)
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("damaged, left out: ")]
+    assert sorted(said) == sorted(dict.fromkeys(said))
+    assert [re.search(r"(\w\d)\.exr", line)[1] for line in said] == ["a3", "b1", "a6"]
+    assert contents(tmp_path / "out").keys() == contents(shots).keys() - {f"{name}.exr" for name in damaged}
+    for group in (["a1", "a2"], ["a4", "a5"], ["a7", "a8"], ["b2", "b3"]):
+        svgf = yester.SVGF()
+        for name in group:
+            want = svgf.step(io.read_exr(shots / f"{name}.exr")).color
+            assert_same_bits(io.read_exr(tmp_path / "out" / f"{name}.exr").color, want)
+    for path in shots.iterdir():
+        path.write_text("no image")
+    run("denoise", shots, "-o", tmp_path / "none", "--keep-going", code=2)
+    assert "so are 10 more" in capsys.readouterr().err
+
+
+def test_files_of_several_renderers(tmp_path, capsys):
+    for i, make in ((1, layouts.cycles), (2, layouts.pbrt)):
+        make(tmp_path / f"{i}.exr", layouts.frame(i))
+    run("denoise", tmp_path / "1.exr", tmp_path / "2.exr", "-o", tmp_path / "out")
+    said = capsys.readouterr().err
+    assert f"files of several renderers: {tmp_path / '2.exr'} is by pbrt-v4" in said
+    assert f"{tmp_path / '1.exr'} is by Blender Cycles" in said
+
+
+def test_gaps_and_duplicates_are_named():
+    def told(*names):
+        return list(breaks([type(layouts.Path())(name) for name in names]).values())
+
+    assert "(3 to 8 are missing)" in told("a.2.exr", "a.9.exr")[0]
+    assert "(3 is missing)" in told("a.0002.exr", "a.0004.exr")[0]
+    assert "the same frame number as a.1.exr" in told("a.1.exr", "a.01.exr")[0]
+
+
+# Renderers' sequences
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_cycles_round_trip(tmp_path, capsys, parts):
+    """Every layer that was not replaced is bit for bit what it was; the result is where the render was."""
+    (tmp_path / "in").mkdir()
+    for i in range(1, 4):
+        layouts.cycles(tmp_path / "in" / f"frame.{i}.exr", layouts.frame(i), parts=parts, new=True)
+    run("denoise", tmp_path / "in", "-o", tmp_path / "out")
+    said = capsys.readouterr().err
+    assert "recognised: Blender Cycles, by header attribute" in said
+    assert "missing: camera" in said
+    outputs = yester.denoise(io.read_sequence(tmp_path / "in"))
+    for i, output in zip(range(1, 4), outputs, strict=True):
+        before, after = (
+            OpenEXR.File(str(tmp_path / name / f"frame.{i}.exr"), separate_channels=True).parts
+            for name in ("in", "out")
+        )
+        assert [part.name() for part in before] == [part.name() for part in after]
+        replaced = 0
+        for one, other in zip(before, after, strict=True):
+            assert one.header.keys() == other.header.keys()
+            assert all(str(one.header[name]) == str(other.header[name]) for name in one.header if name != "channels")
+            assert one.channels.keys() == other.channels.keys()
+            for name, channel in one.channels.items():
+                layer, component = name.split(".")[-2:]
+                if layer == "Combined" and component != "A":
+                    replaced += 1
+                    assert_same_bits(other.channels[name].pixels, output.color[..., "RGB".index(component)])
+                else:
+                    assert_same_bits(other.channels[name].pixels, channel.pixels)
+        assert replaced == 3
+
+
+@pytest.mark.parametrize("name", layouts.RENDERERS)
+def test_every_renderer_is_denoised(tmp_path, name):
+    """Better than it came, also where motion and camera are not known."""
+    (tmp_path / "in").mkdir()
+    for i in range(1, 5):
+        layouts.RENDERERS[name](tmp_path / "in" / f"frame.{i}.exr", layouts.frame(i))
+    given = {"arnold": ["--map", "motion=motionvector.R,motionvector.G"]}
+    given["renderman"] = ["--map", "motion=backward.r,backward.g", "--map", "motion_next=-forward.r,-forward.g"]
+    run("denoise", tmp_path / "in", "-o", tmp_path / "out", *given.get(name, ()))
+    shot = layouts.scene.shoot(3, layouts.WIDTH, layouts.HEIGHT)
+    hit = shot.ids > 0
+    mapping = {"color": ["ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"]}
+    clean = io.read_exr(tmp_path / "out" / "frame.3.exr", mapping=mapping if name == "cycles" else None).color
+    noisy = io.read_exr(tmp_path / "in" / "frame.3.exr").color
+    error, before = (np.mean((image - shot.color)[hit] ** 2) for image in (clean, noisy))
+    assert error < 0.2 * before
+
+
+def test_options_of_storage(tmp_path):
+    layouts.pbrt(tmp_path / "a.exr", layouts.frame(1))  # in half floats
+    for given, kind, compression in (
+        ((), np.float16, OpenEXR.ZIP_COMPRESSION),
+        (("--no-half",), np.float32, OpenEXR.ZIP_COMPRESSION),
+        (("--half", "--compression", "piz"), np.float16, OpenEXR.PIZ_COMPRESSION),
+    ):
+        run("denoise", tmp_path / "a.exr", "-o", tmp_path / "out.exr", "--overwrite", *given)
+        (part,) = OpenEXR.File(str(tmp_path / "out.exr"), separate_channels=True).parts
+        assert part.channels["R"].pixels.dtype == kind
+        assert part.channels["P.X"].pixels.dtype == np.float16
+        assert part.header["compression"] == compression
+
+
+def test_bad_options(tmp_path, capsys):
+    layouts.arnold(tmp_path / "a.exr", layouts.frame(1))
+    for given, complaint in (
+        (("--compression", "jpeg"), "--compression: expected one of none, rle"),
+        (("--map", "normals=N.X,N.Y,N.Z"), "got 'normals' (perhaps normal)"),
+        (("--map", "normal=M.X,M.Y,M.Z"), "normal: no channel 'M.X'"),
+        (("--map", "depth.near=far"), "--map depth.near: expected numbers"),
+        (("--map", "none.toml"), "none.toml: No such file"),
+        (("--view", "left"), "the file has no views"),
+    ):
+        run("denoise", tmp_path / "a.exr", "-o", tmp_path / "out", *given, code=2)
+        (line,) = capsys.readouterr().err.splitlines()
+        assert complaint in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_info(tmp_path, capsys):
+    """What is recognised, converted, not used, not known and missing."""
+    planes = layouts.layers({"RGB": layouts.frame(1).color, "Normals.XYZ": layouts.frame(1).normal})
+    layouts.store(tmp_path / "unknown.exr", planes, {})
+    run("info", tmp_path / "unknown.exr")
+    said = capsys.readouterr().out
+    assert "recognised: no renderer" in said
+    assert "not recognised: Normals.XYZ\n  Normals may be normal: --map 'normal=Normals.X,Normals.Y,Normals.Z'" in said
+    run(
+        "info",
+        tmp_path / "unknown.exr",
+        "--map",
+        "normal=Normals.X,Normals.Y,-Normals.Z",
+        "--map",
+        "normal.space=camera",
+    )
+    said = capsys.readouterr().out
+    assert "as mapped; in camera space: kept in camera space, for want of a camera in the header" in said
+    assert "not recognised" not in said
+
+    layouts.renderman(tmp_path / "a.exr", layouts.frame(1))
+    run("info", tmp_path / "a.exr")
+    said = capsys.readouterr().out
+    assert "recognised: RenderMan, by channels zfiltered" in said
+    assert "forward.rg backward.rg: motion to the next or previous frame; its unit was not found" in said
+    assert "inferred: in world space" in said
+    assert re.search(r"motion +history is accumulated in place", said)
+
+
+def test_a_view_of_a_stereo_file(tmp_path, capsys):
+    color = np.random.default_rng(0).random((24, 32, 3)).astype(np.float32)
+    planes = layouts.layers({"RGB": color, "right.RGB": 2 * color})
+    layouts.store(tmp_path / "a.exr", planes, {"multiView": ["left", "right"]})
+    run("info", tmp_path / "a.exr")
+    assert "views: left, right; left is used, --view chooses" in capsys.readouterr().out
+    run("denoise", tmp_path / "a.exr", "-o", tmp_path / "out.exr", "--view", "right")
+    assert "note: view right is used, not left" in capsys.readouterr().err
+    assert_same_bits(io.read_exr(tmp_path / "out.exr").color, color)
+    want = yester.SVGF().step(yester.Frame(2 * color)).color
+    assert_same_bits(io.read_exr(tmp_path / "out.exr", view="right").color, want)
+
+
+def test_plan_and_chart_take_mappings(tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    for i in range(1, 7):
+        shot = layouts.frame(i)
+        planes = layouts.layers({"light.RGB": shot.color, "mv.XY": shot.motion, "far.A": shot.depth})
+        layouts.store(tmp_path / "in" / f"{i}.exr", planes, {})
+    mapping = tmp_path / "mapping.toml"
+    mapping.write_text('color = ["light.R", "light.G", "light.B"]\nmotion = ["mv.X", "mv.Y"]\ndepth = "far.A"\n')
+    run("plan", tmp_path / "in", code=2)
+    assert "no colour" in capsys.readouterr().err
+    run("plan", tmp_path / "in", "--map", mapping)
+    assert "motion" in capsys.readouterr().out
+    given = "--metrics", "warped", "--methods", "TAA", "--no-peers", "--time-size", "32x24"
+    run("chart", tmp_path / "in", "--map", mapping, "-o", tmp_path / "chart", *given)
+    assert (tmp_path / "chart" / "points.csv").exists()
+    run("chart", "-o", tmp_path / "chart", "--map", mapping, code=2)
+    assert "expected FRAMES that they are about" in capsys.readouterr().err
