@@ -724,13 +724,15 @@ def _depths(
         return _mapping("depth", np.array([[factor]]), channels["depth"], **form)
 
     found = {_Z: (z, ""), _RAY: (ray, read(kind="distance"))}
-    if near_z > 0:
+    # What hardly differs from the expected convention is none of its own.
+    some = 1e-3 * float(np.median(a))
+    if near_z > some:
         found[f"{_Z}, from the near plane"] = z - near_z, read(near=f"{near_z:.4g}")
-    if near_ray > 0:
+    if near_ray > some:
         from_plane = ray - near_ray * ray / np.where(z > 0, z, 1)
         found[f"{_RAY}, from the near plane"] = from_plane, read(kind="distance", near=f"{near_ray:.4g}")
     found[f"negative {_Z}"] = -z, read(-1)
-    if unit:
+    if unit and abs(unit - 1) > 1e-3:
         found["in another unit"] = unit * z, read(float(f"{1 / unit:.4g}"))
     # A depth buffer is linear in 1/z; two quantiles give the line.
     order = np.argsort(a)
