@@ -64,7 +64,9 @@ def test_mistakes_are_named(buffers, mistake):
     steps = yester.TAA()
     first, second = sequence(buffers, factors)
     steps.step(first)
-    with pytest.warns(UserWarning, match=rf"^motion: expected previous minus current .*{advice}.*\(`yester check` tells more\)$"):
+    with pytest.warns(
+        UserWarning, match=rf"^motion: expected previous minus current .*{advice}.*\(`yester check` tells more\)$"
+    ):
         steps.step(second)
     # Once a sequence.
     steps.step(second)

@@ -226,7 +226,7 @@ def _judged(
     means = residuals.mean(1)
     fits = bool(means[chosen] < (_POOR if null is None else _VAIN * means[null]))
     if not fits and null is not None and chosen:
-        chosen = null
+        chosen = null if means[null] < _VAIN else 0
     others = [i for i in range(len(names)) if np.abs(residuals[i] - residuals[chosen]).max() > 1e-6]
     same = [names[i] for i in range(len(names)) if i != chosen and i not in others]
     pairs = {i: worse(i, chosen) for i in others}
@@ -424,6 +424,10 @@ def _all(shot: list[Frame], *names: str) -> bool:
     return all(getattr(frame, name) is not None for frame in shot for name in names)
 
 
+def _finite(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.nan_to_num(image, posinf=0, neginf=0)
+
+
 def _by_id(frame: Frame) -> Floats:
     """A colour for each id: what lies between two is neither."""
     mixed = np.asarray(frame.ids, np.uint64)[..., None] * np.array([2654435761, 2246822519, 3266489917], np.uint64)
@@ -491,7 +495,7 @@ def _warped(
     found: list[list[NDArray[np.float64]]] = [[] for _ in hypotheses]
     for t in bases:
         pair = {i: {name: np.asarray(image, np.float32) for name, image in guides[t + i].items()} for i in (-1, 0)}
-        images_of = {i: [np.nan_to_num(image) for image in images.values()] for i, images in pair.items()}
+        images_of = {i: [_finite(image) for image in images.values()] for i, images in pair.items()}
         measures = {0: _disagreement(pair[0], pair[-1]), -1: _disagreement(pair[-1], pair[0])}
         for number, hypothesis in enumerate(hypotheses):
             images, disagreement = images_of[hypothesis.there], measures[hypothesis.here]
@@ -519,7 +523,7 @@ def _disagreement(
     """Measures how far warped images are from a frame's: mean over witnesses, relative to that of unrelated places."""
     scales: list[Any] = []
     chance: list[float] = []
-    filled = {name: np.nan_to_num(image) for name, image in now.items()}
+    filled = {name: _finite(image) for name, image in now.items()}
 
     def apart(name: str, image: NDArray[np.float32]) -> Floats:
         difference = np.abs(image - filled[name])
@@ -527,7 +531,7 @@ def _disagreement(
 
     for name, image in now.items():
         height, width = image.shape[:2]
-        unrelated = apart(name, np.roll(np.nan_to_num(then[name]), (height // 3, width // 3), (0, 1)))
+        unrelated = apart(name, np.roll(_finite(then[name]), (height // 3, width // 3), (0, 1)))
         # Positions differ by how many pixels they are apart: four are as bad as all.
         scale = 4 * _footprint(image) if name == "position" else max(float(unrelated.mean()), 1e-9)
         scales.append(np.where(np.isfinite(scale), scale, 1.0))
