@@ -12,7 +12,7 @@ worse than the best one is chosen; the margin to the next is a mean over tiles, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal, TypeAlias
@@ -42,6 +42,8 @@ _POOR, _VAIN = 0.6, 0.9
 _INSIDE = 0.75
 #: Images with more pixels are thinned for the first comparison of hypotheses of motion.
 _PIXELS = 250_000
+#: Slope of albedo over colour from which albedo is called lit. Paint may follow normals, too, but less.
+_LIT = 0.7
 #: Rivals that are printed.
 _SHOWN = 3
 #: Hypotheses that are compared again in full resolution.
@@ -58,7 +60,7 @@ class Finding:
     verdict : {"right", "wrong", "unclear", "unchecked"}
         ``"right"``: as expected, and all else is excluded. ``"wrong"``: another convention fits clearly better.
         ``"unclear"``: as expected as far as can be told, but others fit as well, or nothing fits. ``"unchecked"``:
-        buffers are missing.
+        buffers are missing. Motion is right even if that of a neighbouring frame fits as well: at a steady pace, it does.
     stored : str
         The convention that the data support, or what is missing.
     remedy : str
@@ -88,7 +90,7 @@ class Finding:
         lines = [f"{self.subject:<8} {self.verdict:<9} {self.stored}"]
         if np.isfinite(self.margin):
             lines[0] += f" (margin {self.margin:.3f} ± {self.error:.3f}, by {', '.join(self.witnesses)})"
-        if self.rivals and self.verdict != "right":
+        if self.rivals:
             more = f"; and {len(self.rivals) - _SHOWN} more" if len(self.rivals) > _SHOWN else ""
             lines.append(f"{'':<18} not excluded: {'; '.join(self.rivals[:_SHOWN])}{more}")
         if self.remedy:
@@ -204,11 +206,12 @@ def _judged(
     *,
     poor: str = "no known convention fits",
     null: int | None = None,
+    minor: Collection[int] = (),
 ) -> tuple[Finding, int]:
     """The finding and the index of the hypothesis that is chosen. Hypotheses come in order, the expected one first.
 
     `residuals` are the disagreements of each hypothesis in each tile, (hypotheses, tiles). `null` is the hypothesis of
-    no relation, which any other must beat.
+    no relation, which any other must beat. Rivals among the `minor` ones leave the verdict as it is.
     """
     residuals = residuals[:, np.isfinite(residuals).all(0)]
     told = tuple(witnesses)
@@ -226,13 +229,15 @@ def _judged(
     means = residuals.mean(1)
     fits = bool(means[chosen] < (_POOR if null is None else _VAIN * means[null]))
     if not fits and null is not None and chosen:
-        chosen = null if means[null] < _VAIN else 0
+        chosen = null if means[null] < _VAIN and worse(0, null)[2] else 0
     others = [i for i in range(len(names)) if np.abs(residuals[i] - residuals[chosen]).max() > 1e-6]
-    same = [names[i] for i in range(len(names)) if i != chosen and i not in others]
     pairs = {i: worse(i, chosen) for i in others}
-    rivals = (*same, *(names[i] for i, (_, _, plain) in pairs.items() if not plain))
-    margin, error = min(((m, e) for m, e, _ in pairs.values()), default=(0.0, 0.0))
-    verdict: Verdict = "wrong" if chosen else "unclear" if rivals or not fits else "right"
+    doubtful = [i for i in range(len(names)) if i != chosen and not (i in pairs and pairs[i][2])]
+    rivals = tuple(names[i] for i in doubtful)
+    margin, error = min(
+        ((m, e) for i, (m, e, _) in pairs.items() if chosen in minor or i not in minor), default=(0.0, 0.0)
+    )
+    verdict: Verdict = "wrong" if chosen else "unclear" if not fits or set(doubtful) - set(minor) else "right"
     stored = names[chosen]
     if not chosen and means[0] > _POOR and not fits:
         stored = poor
@@ -361,8 +366,10 @@ def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]
     residuals = _warped(every, bases, shot, stored, guides, 1)
     names = [hypothesis.name for hypothesis in every]
     remedies = [_remedy(hypothesis, channels, shot[0].shape) if i else "" for i, hypothesis in enumerate(every)]
+    # At a steady pace, motion of neighbouring frames is the same.
+    timed_ones = [i for i, hypothesis in enumerate(every) if hypothesis.file]
     poor = "no hypothesis explains the frames, as at a cut"
-    finding, chosen = _judged("motion", names, remedies, residuals, guides[0], poor=poor, null=1)
+    finding, chosen = _judged("motion", names, remedies, residuals, guides[0], poor=poor, null=1, minor=timed_ones)
     right = every[chosen]
     finding = replace(finding, matrix=right.matrix)
     if not chosen:
@@ -930,7 +937,7 @@ def _albedo(shot: list[Frame]) -> Finding:
     share, weight = np.array(found).T
     mean = float((share * weight).sum() / weight.sum())
     error = float(np.sqrt((weight**2 * (share - mean) ** 2).sum()) / weight.sum())
-    if mean > max(0.3, _SIGMAS * error):
+    if mean > max(_LIT, _SIGMAS * error):
         stored = f"contains lighting: within objects it follows colour from normal to normal (slope {mean:.2f})"
         return Finding("albedo", "wrong", stored, "the reflectance alone, without light", mean, error, (), ("color",))
     stored = "reflectance, 0 to 1, without lighting"
