@@ -60,7 +60,7 @@ class Finding:
     verdict : {"right", "wrong", "unclear", "unchecked"}
         ``"right"``: as expected, and all else is excluded. ``"wrong"``: another convention fits clearly better.
         ``"unclear"``: as expected as far as can be told, but others fit as well, or nothing fits. ``"unchecked"``:
-        buffers are missing. Motion is right even if that of a neighbouring frame fits as well: at a steady pace, it does.
+        buffers are missing. Motion is right even if that of a neighbouring frame fits as well, as at a steady pace.
     stored : str
         The convention that the data support, or what is missing.
     remedy : str
