@@ -1,4 +1,4 @@
-"""One valid call of every array function: what the tests of inputs, bits and threads vary."""
+"""One valid call of every array function: varied by the tests of inputs, bits and threads."""
 
 from collections.abc import Callable
 
@@ -178,7 +178,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
 
 
 def arrays(result) -> list[np.ndarray]:
-    """All arrays of a result, in order; a number is one, too."""
+    """All arrays of a result, in order; a number counts as an array."""
     if isinstance(result, float):
         result = np.array(result, np.float32)
     if isinstance(result, yester.Accumulated):

@@ -1,20 +1,49 @@
 """Comparison with the references: tight away from thresholds, bounded in number inside their band."""
 
-from collections.abc import Mapping
+import functools
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import torch
 import yester
 
-# How near, relative to the numbers compared, float32 may turn a decision that float64 takes: a dozen roundings.
+# A dozen roundings, relative to the compared numbers: that close to a threshold, float32 may decide unlike float64.
 BAND = 2e-6
 
-# name -> largest relative difference met, printed at the end of the session
+# name -> largest relative difference found; printed at the end of the session
 worst: dict[str, float] = {}
 
 
+def each(names: str | Sequence[str], cases: Iterable) -> Callable[[Callable], Callable]:
+    """Like `pytest.mark.parametrize`, but one test that goes through all cases: a failure's note names its case.
+
+    For many small cases, which take longer to set up and to report than to run. All cases share the fixtures.
+    """
+    cases = [(case,) for case in cases] if isinstance(names, str) else list(cases)
+    names = (names,) if isinstance(names, str) else names
+
+    def decorate(test: Callable) -> Callable:
+        @functools.wraps(test)
+        def run(**given):
+            for case in cases:
+                values = dict(zip(names, case, strict=True))
+                try:
+                    test(**given, **values)
+                except BaseException as error:
+                    error.add_note(f"The case is {values}.")
+                    raise
+
+        signature = inspect.signature(test)
+        rest = [parameter for name, parameter in signature.parameters.items() if name not in names]
+        run.__signature__ = signature.replace(parameters=rest)
+        return run
+
+    return decorate
+
+
 def tensor(value, dtype=torch.float64):
-    """numpy to the references' torch: floats to `dtype`, ids to int64, containers by element, the rest as it is."""
+    """Convert numpy to torch: floats to `dtype`, ids to int64, containers by element, the rest unchanged."""
     if isinstance(value, np.ndarray):
         integers = value.dtype.kind in "ui"
         return torch.from_numpy(value.astype(np.int64)) if integers else torch.tensor(value, dtype=dtype)
@@ -28,8 +57,8 @@ def tensor(value, dtype=torch.float64):
 def assert_close(name: str, got, want, *, rtol=1e-5, scale=None, where=None, flips=0) -> None:
     """Equal NaN and infinities, and |got - want| ≤ rtol · max(|want|, scale), except in `flips` pixels of `where`.
 
-    The scale is the size of what was summed up, by default the root mean square of `want`: a mean of large numbers
-    that happens to be small is no more precise than they are.
+    The scale is the magnitude of the terms that were summed, by default the root mean square of `want`: where
+    large terms cancel, the small result is no more precise than they are.
     """
     got, want = np.asarray(got, np.float64), np.asarray(want, np.float64)
     assert got.shape == want.shape, f"{name}: {got.shape} instead of {want.shape}"
@@ -47,7 +76,7 @@ def assert_close(name: str, got, want, *, rtol=1e-5, scale=None, where=None, fli
 
 
 def same(a, b) -> np.ndarray:
-    """Equal, where NaN equals NaN."""
+    """Elementwise equality in which NaN equals NaN."""
     return (a == b) | (np.isnan(a) & np.isnan(b))
 
 
@@ -59,17 +88,15 @@ def assert_same_bits(got, want) -> None:
 
 
 def camera(rng: np.random.Generator, width: int, height: int, *, spread: float = 0.3) -> yester.Camera:
-    """A camera that looks about down -z from about the origin, its principal point off the centre."""
-    from scene import look_at
-
+    """A random camera near the origin that looks roughly along -z, with its principal point off the centre."""
     origin, target = rng.normal(0, spread, 3), rng.normal(0, spread, 3) - [0, 0, 10]
     centre = (width * rng.uniform(0.4, 0.6), height * rng.uniform(0.4, 0.6))
-    matrix = look_at(origin, target, (0, 1, 0), rng.uniform(30, 80), width, height, principal_point=centre)
-    return yester.Camera(matrix, width, height)
+    fov = rng.uniform(30, 80)
+    return yester.Camera.from_look_at(origin, target, (0, 1, 0), fov, width, height, principal_point=centre)
 
 
 def surfaces(rng: np.random.Generator, height: int, width: int) -> dict[str, np.ndarray]:
-    """depth, normal, ids of a random patchwork of tilted planes and background; one in fifty has no depth, or id."""
+    """Depth, normal and ids of random tilted planes and background; one pixel in fifty lacks a depth, one an id."""
     cell = int(rng.integers(2, 9))
     coarse = rng.integers(0, 5, (height // cell + 1, width // cell + 1)).astype(np.uint32)
     ids = np.kron(coarse, np.ones((cell, cell), np.uint32))[:height, :width].copy()
@@ -86,7 +113,7 @@ def surfaces(rng: np.random.Generator, height: int, width: int) -> dict[str, np.
 
 
 def previous(rng: np.random.Generator, now: dict[str, np.ndarray], *, turn: float = 0.3) -> dict[str, np.ndarray]:
-    """Yesterday's buffers: the same with enough disturbance that every test both passes and fails."""
+    """The previous frame's buffers: those of `now`, disturbed enough that every test both passes and fails."""
     shape = now["depth"].shape
     depth = now["depth"] * rng.uniform(0.88, 1.12, shape)
     normal = now["normal"] + rng.normal(0, turn, (*shape, 3)) * (rng.random(shape) < 0.5)[..., None]
@@ -101,7 +128,7 @@ def previous(rng: np.random.Generator, now: dict[str, np.ndarray], *, turn: floa
 
 
 def motions(rng: np.random.Generator, height: int, width: int, channels: int = 2) -> np.ndarray:
-    """Still, whole-pixel, subpixel and far motion, and one pixel in thirty without any."""
+    """Still, whole-pixel, subpixel and far motion; unknown in one pixel of thirty."""
     kind = rng.choice(5, (height, width, 1), p=[0.15, 0.15, 0.5, 0.15, 0.05])
     motion = rng.normal(0, 1.5, (height, width, 3))
     motion = np.choose(kind, [0 * motion, np.rint(motion), motion, 4 * motion, 1e9 * motion])
@@ -120,6 +147,6 @@ def colors(rng: np.random.Generator, height: int, width: int, channels: int = 3,
     return color
 
 
-# Shapes (height, width): single pixels, lines, odd sizes, and widths around the end of every vector.
+# Shapes (height, width): single pixels, lines, odd sizes, and widths around multiples of every vector length.
 SIZES = [(1, 1), (1, 9), (9, 1), (2, 2), (5, 7), (37, 41)]
 TAILS = [(3, width) for width in [*range(1, 34), 63, 64, 65, 127, 128, 129]]

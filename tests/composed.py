@@ -1,13 +1,13 @@
-"""The pipelines once more, composed of the public kernels: the text of their definitions; and frames to run them on."""
+"""The pipelines composed of the public kernels, as their documentation defines them; and frames to run them on."""
 
-import itertools
 from types import SimpleNamespace
 
+import flight
 import numpy as np
-import scene
 import yester
 from numpy.typing import NDArray
 from reference.taa import PRESETS, same_surface, tells_depth
+from yester.study.synthetic import raycast
 
 TILE, PERIOD = 16, 8
 
@@ -15,22 +15,21 @@ TILE, PERIOD = 16, 8
 def sequence(count: int, *, moving=True, size=(61, 43), holes=True) -> list[dict]:
     """Noisy frames with every buffer, exact motion, some samples missing; emission on the box; changes of light."""
     rng = np.random.default_rng(7)
-    shots = [scene.shoot(number, *size, moving=moving) for number in range(-1, count)]
     offsets = yester.jitter(count)
     frames, last = [], None
-    for number, (before, shot) in enumerate(itertools.pairwise(shots)):
-        moves = scene.transforms(number) if moving else {}
-        emission = np.where((shot.ids == scene.BOX)[..., None], np.float32([0.5, 0.4, 0.1]), np.float32(0))
-        # In one colour alone, roundings would decide where a history lies in a box that is flat along chrominance.
-        color = scene.noisy(shot, rng) * rng.uniform(0.9, 1.1, (*shot.ids.shape, 3)).astype(np.float32) + emission
+    for number in range(count):
+        shot = flight.shoot(number, *size, moving=moving)
+        emission = np.where((shot.ids == flight.BOX)[..., None], np.float32([0.5, 0.4, 0.1]), np.float32(0))
+        # Coloured noise: of grey noise the box is flat along chrominance, and rounding would decide what lies in it.
+        color = flight.noisy(shot, rng) * rng.uniform(0.9, 1.1, (*shot.ids.shape, 3)).astype(np.float32) + emission
         if holes:
             color[rng.random(shot.ids.shape) < 0.02] = np.nan
             color[10:14, 5 * number : 5 * number + 7, 1] = np.inf
-        motion = yester.motion_vectors(shot.position, shot.camera, before.camera, ids=shot.ids, transforms=moves)
-        frame = {"color": color, "motion": motion, "emission": emission, **shot.buffers()}
-        turn = scene.mover(number)[:3, :3] if moving else np.eye(3)
-        turned = np.where((shot.ids == scene.MOVER)[..., None], shot.normal @ turn, shot.normal)
-        turned[30:36, 20:40] *= (-1) ** number  # of something that world normals do not show
+        motion = shot.motion if moving else np.zeros((*shot.shape, 3), np.float32)
+        frame = {**shot.buffers(), "color": color, "motion": motion, "emission": emission, "camera": shot.camera}
+        turn = flight.mover(number)[:3, :3] if moving else np.eye(3)
+        turned = np.where((shot.ids == flight.MOVER)[..., None], shot.normal @ turn, shot.normal)
+        turned[30:36, 20:40] *= (-1) ** number  # a change that world normals do not show
         frame["object_normal"] = turned.astype(np.float32)
         replay = np.full_like(color, np.nan) if last is None else last.copy()
         replay[5:25, 8:30] *= 1 + 0.5 * number
@@ -45,29 +44,17 @@ def sequence(count: int, *, moving=True, size=(61, 43), holes=True) -> list[dict
 
 
 def sample(camera: yester.Camera, offset=(0.0, 0.0)) -> dict:
-    """Every pixel's colour and buffers of the scene at rest, without noise, at an offset from the pixel's centre."""
-    position, normal, ids = scene.cast(0, camera, scene.centres(camera) + offset)
-    hit = ids > 0
-    shade = np.where(hit, 0.3 + np.clip(normal @ scene.LIGHT, 0, None), 0)
-    depth = np.where(hit, camera.project(np.nan_to_num(position))[1], np.inf)
-    albedo = scene.ALBEDO[ids]
-    buffers = {"depth": depth, "normal": normal, "position": position, "albedo": albedo}
-    return {
-        "color": (shade[..., None] * albedo).astype(np.float32),
-        "ids": ids,
-        "camera": camera,
-        **{name: value.astype(np.float32) for name, value in buffers.items()},
-    }
+    """Colour and buffers of the scene at rest, without noise, sampled at an offset from the pixel centres."""
+    return {**flight.sample(flight.scene(0, camera), offset=offset).buffers(), "camera": camera}
 
 
-def supersampled(camera: yester.Camera, side: int = 8) -> NDArray[np.float64]:
-    """The mean over each pixel of the scene at rest."""
-    places = (np.arange(side) + 0.5) / side - 0.5
-    return np.mean([sample(camera, (x, y))["color"] for x in places for y in places], 0, np.float64)
+def supersampled(camera: yester.Camera, side: int = 8) -> NDArray[np.float32]:
+    """The reference of the scene at rest: the mean over ``side`` × ``side`` samples of each pixel."""
+    return raycast.truth(flight.scene(0, camera), side)
 
 
 def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.float32]:
-    """What came with the frame, its change of depth completed from the cameras; or what these tell; or none."""
+    """The frame's motion, with its change of depth completed from the cameras; else the cameras' motion; else none."""
     geometry = frame.depth if frame.position is None else frame.position
     motion, still = frame.motion, None
     if geometry is not None and before is not None and None not in (frame.camera, before.camera):
@@ -86,7 +73,7 @@ def blacken(color: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def go_to_nearest(motion: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The motion to the centre of the one pixel that "nearest" takes."""
+    """Motion rounded to the centre of the pixel that the filter "nearest" fetches."""
     height, width = motion.shape[:2]
     here = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
     there = np.floor(here + motion[..., :2] + np.float32(0.5)) - here
@@ -94,7 +81,7 @@ def go_to_nearest(motion: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def antialias(settings: dict, history, color, motion, depth, tests=None) -> tuple[list, NDArray, NDArray]:
-    """The history with one more colour: colour and length, the coverage of what was there, and its rejection."""
+    """The history merged with one more colour: colour and length, the old history's coverage and rejection."""
     tests, change, memory = tests or {}, None, None
     if history is None:
         old, length = np.zeros_like(color), np.zeros_like(color[..., 0])
@@ -170,7 +157,7 @@ OFFSETS = np.array([(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 
 
 
 def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> NDArray:
-    """Held down and spread in what is seen."""
+    """Suppress fireflies in the remodulated light, as the camera sees it."""
     alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
     if frame.depth is not None and frame.normal is not None:
         alike["camera"] = frame.camera
@@ -180,12 +167,12 @@ def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> ND
     return yester.demodulate(yester.suppress_fireflies(seen, expected=expected, **alike)[0], frame.albedo)
 
 
-#: Pixels of a row that are corrected together.
+#: Pixels of a row that form one span of the correction.
 RUN = 160
 
 
 def corrected_runs(found: NDArray) -> NDArray[np.bool_]:
-    """Pixels (H, W, 1) in whose run anything was found: the others keep their light, even if it is below black."""
+    """Pixels (H, W, 1) in whose span a correction was found; the others keep their light, even if it is below black."""
     anything = (found != 0).any(-1)
     first = np.arange(0, anything.shape[1], RUN)
     runs = np.logical_or.reduceat(anything, first, axis=1)
@@ -198,7 +185,7 @@ def luminance(color: NDArray) -> NDArray:
 
 
 def shorten(length: NDArray, gradient: NDArray | None) -> NDArray:
-    """A history whose light has changed counts as fewer samples."""
+    """Shorten a history whose light has changed."""
     if gradient is None:
         return length
     rest = 1 - np.clip(np.nan_to_num(gradient), 0, 1)
@@ -207,14 +194,14 @@ def shorten(length: NDArray, gradient: NDArray | None) -> NDArray:
 
 
 def correct(light: NDArray, found: NDArray) -> NDArray:
-    """No light is less than none; what is missing stays so."""
+    """Add the correction; light does not fall below black, and missing pixels stay missing."""
     corrected = light + found
     corrected = np.where(corrected < 0, np.float32(0), corrected)
     return np.where(corrected_runs(found), corrected, light)
 
 
 def correct_history(color: NDArray, moments: NDArray, found: NDArray) -> list[NDArray]:
-    """The moments move with the colour, and their variance stays."""
+    """The moments move with the colour; their variance stays."""
     corrected = correct(color, found)
     moved = luminance(corrected - color)
     first, second = np.moveaxis(moments, -1, 0)
@@ -223,7 +210,7 @@ def correct_history(color: NDArray, moments: NDArray, found: NDArray) -> list[ND
 
 
 def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float32]:
-    """Interpolated between the centres of tiles of 8×8."""
+    """Bilinear interpolation between the centres of 8×8 tiles."""
 
     def places(side: int, count: int) -> tuple:
         at = (np.arange(side) + 0.5) / 8 - 0.5
@@ -237,14 +224,14 @@ def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float3
 
 
 def illumination(color: NDArray, frame: yester.Frame) -> NDArray:
-    """The light of a colour that has the frame's texture."""
+    """Demodulate a colour with the frame's albedo and emission."""
     if frame.albedo is None:
         return color
     return yester.demodulate(color, frame.albedo, emission=frame.emission)
 
 
 def relight(replay: NDArray, frame: yester.Frame, lights: list[NDArray], moments: NDArray, *, corrects: bool) -> tuple:
-    """The history of a frame, its light first, in the light that its replay shows; and the gradient of the rest."""
+    """Correct a history, its light first, by the replay's change of light; and the gradient of the remainder."""
     now, then = (illumination(color, frame) for color in (replay, frame.color))
     exact = {"noise": 0, "passes": 2, "widest": 2}
     gradient = yester.temporal_gradient(now, then, **exact)
@@ -308,7 +295,7 @@ class SVGF:
         self.passes, self.stage = 3, PRESETS["denoised"]
         self.before = self.antialiased = self.mirrored = self.evidence = None
         self.chooses, self.choice = choice, None
-        self.asked, self.won = [], []  # shares of the pixels, by frame
+        self.asked, self.won = [], []  # weights of the pixels, by frame
 
     def step(self, frame: yester.Frame, later=None) -> SimpleNamespace:
         return self.advance(frame, later, shows=True)
@@ -439,7 +426,7 @@ class SVGF:
         )
 
     def choose(self, series: list, prediction, sample, motion, coverage, bright: float) -> tuple:
-        """Of images and variances after ever more passes, what each tile has chosen: both, and how many passes."""
+        """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""
         height, width = coverage.shape
         levels = np.full((height, width), self.iterations, np.float32)
         if self.choice is not None:
@@ -459,7 +446,7 @@ class SVGF:
         return image, variance, levels
 
     def fill(self, color: NDArray, length: NDArray, alike: dict) -> tuple[NDArray, NDArray | None]:
-        """What joins the history, and how much of a sample it is."""
+        """The colour that is accumulated, and its weight as a sample."""
         return color, None
 
     def same_surface(self, frame: yester.Frame, motion: NDArray) -> dict:
@@ -475,14 +462,14 @@ class SVGF:
         return tests
 
     def reflect(self, frame, tests, history, confidence, light, old, sample) -> SimpleNamespace | None:
-        """Replaces history and confidence in place by those of candidates that predict better."""
+        """Replace history and confidence, in place, by those of candidates that predict better."""
         geometry = frame.depth if frame.position is None else frame.position
         known = frame.hit_distance
         if geometry is None or (known is None and frame.depth is None):
             return None
         height, width = confidence.shape
         kind = {name: value for name, value in tests.items() if name.endswith(("normal", "ids"))}
-        # Every second row is asked, for itself and the next.
+        # Every second row is tested, for itself and the next.
         below = sample[np.minimum(np.arange(1, height + 1, 2), height - 1)]
         here, there = (np.isfinite(rows).all(-1)[..., None] for rows in (sample[::2], below))
         with np.errstate(invalid="ignore"):
@@ -659,7 +646,7 @@ class Recirculation:
         return np.maximum(power, np.float32(1e-24))
 
     def fetched(self, filled, fresh, frame) -> tuple:
-        """Colour, quality, confidence and motion, by the image that was shown last."""
+        """Colour, quality, confidence and motion, fetched from the last output."""
         height, width = fresh.shape
         before = self.camera or frame.camera
         nothing = np.zeros_like(frame.color), np.zeros_like(fresh)
@@ -676,7 +663,7 @@ class Recirculation:
         return shown, quality, found, motion
 
     def correct(self, frame, traced, shown, quality, motion) -> NDArray:
-        """What is to be added; the evidence is kept."""
+        """The correction to be added; keeps the evidence."""
         if not self.corrects or self.points is None:
             return np.zeros_like(shown)
         fresh = np.where(traced[..., None], frame.color, np.float32(np.nan))

@@ -1,4 +1,6 @@
 import os
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import compare
@@ -6,14 +8,30 @@ import pytest
 import torch
 from hypothesis import HealthCheck, settings
 
-# For the commands that compare with the references, which the installed package does not have.
+# Commands that compare with the torch references find them here; the installed package does not contain them.
 os.environ["YESTER_REFERENCES"] = str(Path(__file__).parent)
 
+# By default the same examples every time. The nightly profile tries more, and others each night; what it prints of a
+# failure repeats it.
 settings.register_profile(
     "yester", deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
 )
-settings.load_profile("yester")
-torch.set_num_threads(1)  # the images are small, and threads that wait for each other are slow on a busy machine
+settings.register_profile(
+    "nightly", settings.get_profile("yester"), derandomize=False, max_examples=2000, print_blob=True
+)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "yester"))
+torch.set_num_threads(1)  # Images are small; on a busy machine, threads that wait for each other are slow.
+
+
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """SIGINT interrupts this process and those that it starts, also where pytest itself ignores it as a background job.
+
+    Processes inherit that a signal is ignored, but not a handler: instead of one, they have the default.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

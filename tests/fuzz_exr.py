@@ -2,8 +2,8 @@
 
     python tests/fuzz_exr.py COUNT [FIRST]
 
-A mutation is a function of its number. A worker takes numbers from FIRST on, and is started anew when it dies or hangs.
-Prints the numbers at fault and exits with their count.
+A mutation is a function of its number. A worker process takes numbers from FIRST on, and is restarted when it dies or
+hangs. Prints the numbers of the files that failed and exits with their count.
 """
 
 import os
@@ -23,11 +23,12 @@ import OpenEXR
 from yester import Camera, Frame, io
 from yester.io import layout
 
-#: Seconds after which a file counts as one that hangs, and bytes of address space beyond which it takes too much.
+#: Seconds after which reading counts as a hang, and the limit of address space in bytes.
 PATIENCE, MEMORY = 20.0, 4 << 30
 COMMAND = (sys.executable, __file__)
 INTERESTING = (0, 1, -1, 2, 3, 7, 255, 256, 65535, 2**24, 2**30, 2**31 - 1, -(2**31), -(2**31) + 1, 0x7F800000)
 TYPES = (b"box2i", b"float", b"int", b"string", b"chlist", b"m44f", b"v2d", b"preview", b"timecode", b"stringvector")
+LAYERS = {"Combined": "RGBA", "Depth": "Z", "Vector": "XYZW", "Normal": "XYZ", "CryptoObject00": "rgba"}
 COMPRESSIONS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB", "HTJ2K256", "HTJ2K32")
 
 
@@ -64,6 +65,18 @@ def samples() -> dict[str, bytes]:
         parts = [OpenEXR.Part(header | more, planes(18, 20), "beauty")]
         parts += [OpenEXR.Part(dict(header), planes(18, 20, names=["depth.Z"]), "depth")]
         keep("parts", parts=parts)
+        # Parts that are not needed are not decoded.
+        parts.insert(1, OpenEXR.Part(dict(header), planes(18, 20, names=["other.A", "other.B"]), "other"))
+        keep("more parts", parts=parts)
+        crypto = {f"cryptomatte/abcdef0/{name}": "ViewLayer.CryptoObject" for name in ("name", "manifest")}
+        layers = {f"ViewLayer.{name}.{c}": planes(18, 20, names=c)[c] for name, of in LAYERS.items() for c in of}
+        views = {f"ViewLayer.Combined.right.{c}": planes(18, 20, names=c)[c] for c in "RGB"}
+        marks = {"BlenderMultiChannel": "Blender V2.55.1 and newer", "multiView": ["left", "right"]}
+        keep("cycles", header | crypto | marks, layers | views)
+        matrices = {"worldToCamera": camera.world_to_camera, "worldToNDC": camera.world_to_clip}
+        matrices = {name: np.asarray(matrix, np.float32) for name, matrix in matrices.items()}
+        geometry = {f"{name}.{c}": planes(18, 20, np.float16, c)[c] for name in ("P", "Ns") for c in "XYZ"}
+        keep("pbrt", header | matrices | {"renderTimeSeconds": 1.0}, planes(18, 20, np.float16) | geometry)
         deep = np.empty((3, 4), object)
         for place in np.ndindex(3, 4):
             deep[place] = np.ones(1 + place[0], np.float32)
@@ -73,7 +86,7 @@ def samples() -> dict[str, bytes]:
 
 
 def mutated(number: int) -> bytes:
-    """The file of a number: most often a header or a table that is wrong, at times the pixels."""
+    """The mutated file of this number: mostly the header or a table is damaged, at times the pixels."""
     chance = random.Random(number)
     name = chance.choice(list(samples()))
     data = bytearray(samples()[name])
@@ -108,7 +121,7 @@ def _flip_header(chance, data, _attributes, tables):
 
 
 def _table(chance, data, _attributes, tables):
-    """An offset or, behind the table, the beginning of a chunk."""
+    """Damage an offset or, after the table, the beginning of a chunk."""
     at = tables + 4 * chance.randrange(24)
     new = chance.choice((struct.pack("<Q", chance.getrandbits(64)), struct.pack("<Q", chance.randrange(len(data) + 1))))
     _put(data, at, chance.choice((new, struct.pack("<i", _word(chance)))))
@@ -119,7 +132,7 @@ def _cut(chance, data, _attributes, _tables):
 
 
 def _number(chance, data, attributes, _tables):
-    """A number in the value of an attribute."""
+    """Damage a number in the value of an attribute."""
     if attributes:
         attribute = chance.choice(attributes)
         at = attribute.start + 4 * chance.randrange(max(attribute.size // 4, 1))
@@ -127,7 +140,7 @@ def _number(chance, data, attributes, _tables):
 
 
 def _value(chance, data, attributes, _tables):
-    """All of a value."""
+    """Damage a whole value."""
     if attributes:
         attribute = chance.choice(attributes)
         _put(data, attribute.start, chance.choice((bytes, chance.randbytes, lambda n: b"\xff" * n))(attribute.size))
@@ -141,7 +154,7 @@ def _size(chance, data, attributes, _tables):
 
 
 def _kind(chance, data, attributes, _tables):
-    """The type of an attribute, or the whole attribute left out or twice there."""
+    """Damage the type of an attribute, or remove or duplicate the attribute."""
     if attributes:
         attribute = chance.choice(attributes)
         kind = attribute.start - 4 - len(attribute.type) - 1
@@ -157,7 +170,7 @@ def _kind(chance, data, attributes, _tables):
 
 
 def _splice(chance, data, _attributes, _tables):
-    """The beginning of this file and the end of another."""
+    """Join the beginning of this file and the end of another."""
     other = samples()[chance.choice(list(samples()))]
     at = chance.randrange(min(len(other), len(data) + 1))
     data[at:] = other[at:]
@@ -170,7 +183,7 @@ def rewrite(path: Path) -> None:
 
 
 def fault(path: Path) -> str:
-    """What is wrong with how a file is read; empty if there is a result or a clear error."""
+    """The fault in reading a file; empty if there is a result or a clear error."""
     for read in (io.describe, io.read_exr, rewrite):
         try:
             read(path)
@@ -183,9 +196,9 @@ def fault(path: Path) -> str:
 
 
 def main(count: int, first: int = 0) -> int:
-    """Read that many mutations; the number of those at fault."""
+    """Read that many mutations; returns the number of faults."""
     faults, at = 0, first
-    samples()  # which fails here rather than in every worker
+    samples()  # fails here rather than in every worker
     while at < first + count:
         command = [*COMMAND, "work", str(at), str(first + count)]
         with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as worker:
@@ -206,7 +219,7 @@ def main(count: int, first: int = 0) -> int:
             if hung:
                 worker.kill()
             code = worker.wait()
-        if at < first + count:  # the number that was not told of
+        if at < first + count:  # the number whose result is missing
             faults += 1
             print(f"{at}: {'hangs' if hung else f'the process ends with {code}'}", flush=True)
             at += 1
@@ -215,7 +228,7 @@ def main(count: int, first: int = 0) -> int:
 
 
 def work(first: int, last: int) -> None:
-    """In a process of its own: read files and tell of each, on what was standard output."""
+    """The worker process: read files and report each on the original standard output."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     tell = os.fdopen(os.dup(1), "w")

@@ -2,39 +2,32 @@
 
     python tests/layouts.py FOLDER [FRAMES]
 
-writes one sequence for each renderer. What they contain is the exact scene of `scene`, with noise; what each renderer
+writes one sequence for each renderer. What they contain is the sequence of `flight`, with noise; what each renderer
 stores is from its sources or measured files, as far as the tables of `yester.io.channels` say so.
 """
 
 import json
 import struct
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import flight
 import numpy as np
 import OpenEXR
-import scene
-import yester
 
 WIDTH, HEIGHT = 96, 64
-NAMES = {scene.GROUND: "ground", scene.BOX: "box", scene.BALL: "ball", scene.MOVER: "mover"}
+NAMES = {flight.GROUND: "ground", flight.BOX: "box", flight.BALL: "ball", flight.MOVER: "mover"}
 
 
 def frame(index, width=WIDTH, height=HEIGHT, seed=0):
     """A noisy frame in canonical form, with motion to both sides."""
-    shot = scene.shoot(index, width, height)
-    here = scene.centres(shot.camera)
-    motion = {}
-    for name, other in (("motion", index - 1), ("motion_next", index + 1)):
-        there = scene.mover(other) @ np.linalg.inv(scene.mover(index))
-        points = shot.position.astype(np.float64)
-        moved = np.where((shot.ids == scene.MOVER)[..., None], points @ there[:3, :3].T + there[:3, 3], points)
-        moved = np.where(np.isfinite(moved), moved, 0)
-        pixels = scene.camera(other, width, height).project(moved)[0]
-        motion[name] = np.where((shot.ids > 0)[..., None], pixels - here, 0).astype(np.float32)
-    color = scene.noisy(shot, np.random.default_rng([seed, index]))
-    color[shot.ids == 0] = 0.25, 0.5, 1  # the sky, without noise
-    return yester.Frame(color, **shot.buffers(), **motion)
+    before, now, after = (flight.scene(n, flight.camera(n, width, height)) for n in (index - 1, index, index + 1))
+    exact = flight.sample(now, before)
+    color = flight.noisy(exact, np.random.default_rng([seed, index]))
+    color[exact.ids == 0] = 0.25, 0.5, 1  # the sky, without noise
+    motion, motion_next = exact.motion[..., :2], flight.sample(now, after).motion[..., :2]
+    return replace(exact, color=color, motion=motion, motion_next=motion_next)
 
 
 def murmur(name):

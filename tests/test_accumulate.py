@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -15,9 +15,9 @@ def inputs(rng, height, width):
 
 
 def gradients(rng, color):
-    """Mostly none, some of every size, all, and what is none: beyond both ends or no number.
+    """Mostly 0, some of every size, 1, and invalid values: out of range or not finite.
 
-    All without a sample is a test of its own.
+    A gradient of 1 without a sample has a test of its own.
     """
     kind = rng.choice(8, color.shape[:2], p=[0.4, 0.2, 0.2, 0.1, 0.025, 0.025, 0.025, 0.025])
     many = rng.uniform(0, 1, (2, *kind.shape))
@@ -26,7 +26,7 @@ def gradients(rng, color):
 
 
 def weights(rng, color):
-    """Mostly whole samples, parts of one, none, and what is none: beyond both ends or no number."""
+    """Mostly 1, some fractions, 0, and invalid values: out of range or not finite."""
     kind = rng.choice(6, color.shape[:2], p=[0.5, 0.3, 0.05, 0.05, 0.05, 0.05])
     return np.choose(kind, [1.0, rng.uniform(0.01, 1, kind.shape), 0.0, -0.5, 1.5, np.nan]).astype(np.float32)
 
@@ -61,7 +61,7 @@ def test_reference(seed, size, parts, changes, **named):
     check(*images, weight=weight, gradient=gradients(rng, seen) if changes else None, **named)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width):
     rng = np.random.default_rng(width)
     images = inputs(rng, height, width)
@@ -146,7 +146,7 @@ def test_nothing_of_the_arguments_changes():
 
 
 def test_no_gradient_changes_nothing():
-    """None, zero, less than zero and no number leave the same bits."""
+    """No gradient, zero, a negative one and one that is not finite give the same bits."""
     images = inputs(np.random.default_rng(1), 20, 30)
     want = yester.accumulate(*images)
     for value in (0.0, -1.0, np.nan, -np.inf):
@@ -204,7 +204,7 @@ def test_a_full_gradient_takes_the_sample(value, warmup):
 
 
 def test_the_less_confidence_the_more_of_the_sample():
-    """The formula of the blend factor: lerp(a, 1, 1 - confidence); the length stays what it is."""
+    """The formula of the blend factor: lerp(a, 1, 1 - confidence); the length is unchanged."""
     color, history = np.full((1, 5, 3), 2, np.float32), np.ones((1, 5, 3), np.float32)
     moments, length = np.ones((1, 5, 2), np.float32), np.full((1, 5), 100, np.float32)
     confidence = np.float32([[1, 0.75, 0.3, 0, np.nan]])
@@ -216,7 +216,7 @@ def test_the_less_confidence_the_more_of_the_sample():
 
 
 def test_a_full_gradient_without_a_sample_leaves_nothing():
-    """No length is no history, as if it had been given so."""
+    """The shortened length is 0: the same as an empty history."""
     images = inputs(np.random.default_rng(3), 20, 30)
     images[0][...] = np.nan
     got = yester.accumulate(*images, gradient=np.ones((20, 30), np.float32))
@@ -226,7 +226,7 @@ def test_a_full_gradient_without_a_sample_leaves_nothing():
 
 
 def test_the_more_gradient_the_more_of_the_sample():
-    """By hand: N (1 - g)^10 samples left, and the share moved by g towards one."""
+    """By hand: N (1 - g)^10 samples are left, and the blend factor moves by g towards one."""
     gradient = np.linspace(0, 1, 11, dtype=np.float32)[None]
     color, history = np.full((1, 11, 3), 2, np.float32), np.ones((1, 11, 3), np.float32)
     moments, length = np.ones((1, 11, 2), np.float32), np.full((1, 11), 9, np.float32)

@@ -1,4 +1,4 @@
-"""Items made ahead by a thread: the same items, in bounds."""
+"""Prefetching an iterator in a background thread: the same items, and no more ahead than allowed."""
 
 import threading
 from contextlib import closing
@@ -15,7 +15,7 @@ def test_order(length, count):
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_looks_ahead_and_not_further(count):
-    """Each item says that it is being made; one more than is allowed would say so before it is asked for."""
+    """Each item signals its start; an item too far ahead would signal before it is requested."""
     making = threading.Semaphore(0)
 
     def items():
@@ -34,7 +34,7 @@ def test_looks_ahead_and_not_further(count):
 
 
 def test_made_by_another_thread():
-    """While one is in use, the next is made: each waits for the other here."""
+    """The next item is made while one is in use: here each waits for the other."""
     together = threading.Barrier(2, timeout=60)
 
     def items():

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,7 +11,7 @@ RED, GREEN, BLUE = np.float32([[0.8, 0.15, 0.1], [0.1, 0.7, 0.15], [0.1, 0.2, 0.
 
 
 def inputs(rng, height, width):
-    """Colours that stay or jump, one way or the other, with little noise or much; memories of these, and none."""
+    """Colours that stay or jump, in either direction, with little or much noise; memories of them, and invalid ones."""
     kinds = np.float32([RED, GREEN, BLUE])
     coarse = rng.integers(0, 3, (height // 6 + 1, width // 6 + 1))
     color = kinds[coarse.repeat(6, 0).repeat(6, 1)[:height, :width]]
@@ -42,7 +42,7 @@ def test_reference(seed, size):
     check(*inputs(np.random.default_rng(seed), *size))
 
 
-@pytest.mark.parametrize("size", SIZES + TAILS[::4])
+@each("size", SIZES + TAILS[::4])
 def test_sizes(size):
     color, memory = inputs(np.random.default_rng(size[1]), *size)
     check(color, memory, exposure=0.3)
@@ -60,7 +60,7 @@ def test_every_case_occurs():
 
 
 def run(colors):
-    """The counts in the middle of images that show one colour after the other."""
+    """The counts in the middle of uniform images, one per colour."""
     memory, counts = None, []
     for color in colors:
         memory = yester.alternation(np.broadcast_to(color, (5, 6, 3)).astype(np.float32), memory)
@@ -72,21 +72,21 @@ def test_what_returns_counts():
     assert run([RED, GREEN] * 4) == [0, 0, 1, 2, 3, 3, 3, 3]
     assert run([RED] * 6) == [0] * 6
     assert run([RED, RED, GREEN, GREEN, GREEN, RED]) == [0, 0, 0, 0, 0, 1]
-    # Of three in turn none returns from the last jump; nor do colours that go one way.
+    # Neither three colours in turn nor a monotonic series return from the last jump.
     assert run([RED, GREEN, BLUE] * 4) == [0] * 12
     assert run([RED * np.float32(0.7**i) for i in range(10)]) == [0] * 10
-    # A light that goes is no return, one that comes back after long is none either.
+    # A light that goes out is no return; neither is one that comes back after a long time.
     assert run([RED] * 4 + [RED / 9] * 4) == [0] * 8
     assert run([RED, GREEN, GREEN, GREEN, GREEN, GREEN, RED])[-1] == 1
     assert run([RED] + [GREEN] * 7 + [RED])[-1] == 0
-    # What was an alternation is soon forgotten.
+    # A past alternation is soon forgotten.
     fading = run([RED, GREEN] * 4 + [GREEN] * 9)
     assert max(fading) == 3
     assert fading[-1] < 1
 
 
 def test_noise_does_not_alternate():
-    """However much of it there is, the means of 3×3 pixels stay within their ranges."""
+    """However strong the noise, the means of 3×3 pixels stay within their ranges."""
     rng = np.random.default_rng(0)
     memory, counted = None, 0.0
     for _ in range(16):

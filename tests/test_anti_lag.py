@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 
 def inputs(rng, height, width):
-    """Lengths, and history before and after clipping: the same, a little or much moved; black, negative and holes."""
+    """Lengths, and history before and after clipping: equal, moved a little or far; black, negative and missing."""
     length = rng.choice(np.float32([0, 1, 2.5, 17, 1000, np.nan]), (height, width), p=[0.1, 0.2, 0.2, 0.2, 0.2, 0.1])
     history = compare.colors(rng, height, width)
     kind = rng.choice(5, (height, width, 1), p=[0.4, 0.2, 0.2, 0.1, 0.1])
@@ -24,7 +24,7 @@ def check(length, history, clipped, *, strength=1.0):
     got = yester.anti_lag(length, history, clipped, strength=strength)
     want = reference.anti_lag(tensor(length), tensor(history), tensor(clipped), strength=strength).numpy()
     assert got.dtype == np.float32
-    # dN'/dd = -strength N'²: roundings of a luminance count the more, the more samples are left.
+    # dN'/dd = -strength N'²: the more samples are left, the more a rounding of luminance matters.
     assert_close("anti_lag", got, want, scale=np.nan_to_num(want + 0.3 * BAND / 1e-5 * strength * want**2))
     return got
 
@@ -39,7 +39,7 @@ def test_reference(seed, size, strength):
     check(*inputs(np.random.default_rng(seed), *size), strength=strength)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width):
     check(*inputs(np.random.default_rng(width), height, width))
 
@@ -64,7 +64,7 @@ def test_by_hand():
 
 
 def test_nothing_moved_keeps_every_bit():
-    """Nor does a strength of none, nor what is missing, nor what moves without its luminance."""
+    """So do a strength of 0, missing pixels, and colours that move at constant luminance."""
     length, history, clipped = inputs(np.random.default_rng(1), 20, 30)
     assert_same_bits(yester.anti_lag(length, history, history), length)
     assert_same_bits(yester.anti_lag(length, history, clipped, strength=0.0), length)
@@ -73,7 +73,7 @@ def test_nothing_moved_keeps_every_bit():
 
 
 def test_lengths_only_shrink():
-    """The more so the more the colour moved, whichever way, and never below none."""
+    """The farther the colour moved, in either direction, the shorter; never below 0."""
     rng = np.random.default_rng(2)
     length, history, clipped = inputs(rng, 30, 40)
     length = np.nan_to_num(length)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_variance import surface
@@ -20,7 +20,7 @@ def check(color, variance, **named):
     got = yester.atrous(color, variance, **named)
     *want, weights = reference.atrous(*tensor([color, variance]), margin=True, **tensor(named))
     assert all(image.dtype == np.float32 for image in got)
-    # Where the pixel itself is missing, neighbours whose weights nearly vanish decide, and are cut to none at a bound.
+    # Where the pixel itself is missing, near-zero weights of neighbours dominate, and are cut to zero at a bound.
     sure = weights.numpy() > 1e-12
     assert (~sure).sum() <= 1 + 0.05 * sure.size
     names = ["", " variance", " prediction"][: len(got)]
@@ -31,7 +31,7 @@ def check(color, variance, **named):
 
 
 def predictions(rng, color, *, holes=0.2):
-    """Of about the luminance of a colour, in some places far from it, black, negative or none."""
+    """Predictions near the luminance of a colour; in places far from it, black, negative or not finite."""
     light = np.nan_to_num(luminance(color), nan=1, posinf=1, neginf=1)
     kind = rng.choice(4, light.shape, p=[0.8, 0.1, 0.05, 0.05])
     predicted = np.choose(kind, [light * rng.uniform(0.8, 1.2, light.shape), 9 * light, 0 * light, -light])
@@ -63,7 +63,7 @@ def test_reference(seed, size, buffers, **named):
 
 
 @pytest.mark.parametrize("buffers", [[], ["depth", "ids"], ["camera", "ids"]])
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width, buffers):
     rng = np.random.default_rng(width)
     check(*inputs(rng, height, width), iterations=3, **surface(rng, height, width, buffers))
@@ -88,7 +88,7 @@ def test_reference_of_predictions(seed, size, buffers, holes, missing, **named):
 
 
 @pytest.mark.parametrize("radius", [1, 2])
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes_of_predictions(height, width, radius):
     rng = np.random.default_rng(width)
     color, variance = inputs(rng, height, width)
@@ -97,7 +97,7 @@ def test_sizes_of_predictions(height, width, radius):
 
 @pytest.mark.parametrize("radius", [1, 2])
 def test_a_prediction_of_its_own_luminance_changes_nothing(radius):
-    """Nor does one of nothing at all: of the first pass no bit, of later ones roundings."""
+    """Neither does one without a finite value: bit for bit in the first pass, up to rounding in later ones."""
     rng = np.random.default_rng(0)
     color, variance = inputs(rng, 40, 50)
     buffers, light = surface(rng, 40, 50, ["camera"]), luminance(color)
@@ -127,7 +127,7 @@ def test_weights_do_not_see_the_noise(radius):
 
 
 def test_edges_of_the_prediction_stop():
-    """One that the colour's noise hides, where the colour has none of its own."""
+    """An edge of the prediction that noise hides in the colour."""
     rng = np.random.default_rng(0)
     color = rng.exponential(1, (16, 32, 3)).astype(np.float32)
     variance = np.full((16, 32), 0.01, np.float32)
@@ -135,7 +135,7 @@ def test_edges_of_the_prediction_stop():
     got, _, predicted = yester.atrous(color, variance, prediction=prediction)
     np.testing.assert_allclose(predicted, prediction, rtol=2e-3)
     for half in (np.s_[:, :16], np.s_[:, 16:]):
-        # As if there were no other half, and no luminance.
+        # As if each half were alone, without the luminance test.
         alone = np.ones_like(variance[half]), 1e6
         smooth = yester.atrous(color[half], alone[0], sigma_luminance=alone[1])[0]
         np.testing.assert_allclose(got[half], smooth, rtol=0.02)
@@ -153,7 +153,7 @@ def test_predictions_scale_to_the_bit():
 
 
 def test_predictions_of_missing_pixels_are_not_used():
-    """Their luminance is their neighbours', as their colour is; NaN where there are none."""
+    """Their luminance is filled from neighbours, as their colour is; NaN where there are none."""
     rng = np.random.default_rng(0)
     color, variance = inputs(rng, 20, 30, holes=0.3)
     prediction = predictions(rng, color, holes=0.2)
@@ -169,7 +169,7 @@ def test_predictions_of_missing_pixels_are_not_used():
 
 
 def test_three_parts_of_memory():
-    """With a prediction `out` has another part; each may be left out."""
+    """With a prediction `out` has a third part; each may be left out."""
     rng = np.random.default_rng(0)
     color, variance = inputs(rng, 9, 14)
     prediction = predictions(rng, color)
@@ -194,7 +194,7 @@ def test_wrong_predictions(part):
 
 
 def naive(color, variance, depth, normal, ids, sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0):
-    """One pass by loops over the pixels, of clean input without background: the reference's own reference."""
+    """One pass by loops over the pixels, of clean input without background: a reference for the reference."""
     height, width = variance.shape
     light = color @ np.array([0.2126, 0.7152, 0.0722])
     k, g = [1, 2 / 3, 1 / 6], [1 / 4, 1 / 8, 1 / 16]
@@ -264,7 +264,7 @@ def test_constant_stays():
 
 
 def test_scale_passes_to_the_bit():
-    """In brighter light by a power of two the weights are the same: so are the bits."""
+    """Scaling light by a power of two keeps the weights, so the bits are the same."""
     rng = np.random.default_rng(0)
     color, variance = inputs(rng, 24, 33)
     buffers = surface(rng, 24, 33, ["camera", "ids"])
@@ -284,7 +284,7 @@ def test_stays_between_the_smallest_and_the_largest():
 
 
 def test_rough_normals_share_and_edges_do_not():
-    """Normals that change from pixel to pixel hardly stop the filter; a crease between flat sides stops it as ever."""
+    """Normals that change from pixel to pixel hardly stop the filter; a crease between flat sides stops it."""
     rng = np.random.default_rng(0)
     color, variance = rng.exponential(1, (32, 32, 3)).astype(np.float32), np.full((32, 32), 1e6, np.float32)
     flat = np.zeros((32, 32, 3), np.float32)
@@ -304,7 +304,7 @@ def test_rough_normals_share_and_edges_do_not():
 
 
 def test_edges_stop():
-    """What lies on another id, behind a step in depth or around a corner has no part in it."""
+    """Pixels of another id, across a step in depth or around a corner get no weight."""
     color = np.ones((16, 32, 3), np.float32)
     color[:, 16:] = 100
     variance = np.full((16, 32), 1e6, np.float32)
@@ -322,11 +322,9 @@ def test_edges_stop():
 
 
 def test_slopes_do_not_stop():
-    """A tilted plane is one surface, both by its slope and by its plane."""
-    import scene
-
-    camera = yester.Camera(scene.look_at([0, 1, 0], [0, 0, -3], [0, 1, 0], 50, 48, 32), 48, 32)
-    origin, direction = scene.rays(camera, scene.centres(camera))
+    """A tilted plane is one surface, by its slope and by its plane equation."""
+    camera = yester.Camera.from_look_at([0, 1, 0], [0, 0, -3], [0, 1, 0], 50, 48, 32)
+    origin, direction = camera.rays()
     t = -origin[1] / direction[..., 1]
     depth = (t * (direction @ camera.forward)).astype(np.float32)
     assert depth.min() > 0
@@ -339,7 +337,7 @@ def test_slopes_do_not_stop():
 
 
 def test_background_is_one_surface():
-    """Its normals and broken depths are nothing, so nothing there stops the smoothing; it does not leak out either."""
+    """Its normals and invalid depths do not stop the smoothing inside it; none of it leaks out."""
     rng = np.random.default_rng(0)
     color, variance = inputs(rng, 12, 20, holes=0)
     depth = rng.choice(np.float32([np.inf, np.nan, 0, -2]), (12, 20))

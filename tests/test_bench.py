@@ -1,4 +1,4 @@
-"""The benchmark: that it covers everything, that its arithmetic is right, and that it says what it did not do."""
+"""The benchmark covers everything, its arithmetic is right, and it names what it left out."""
 
 import signal
 import sys
@@ -15,6 +15,8 @@ from yester.study.compare import peers
 from yester.study.speed import bench, rivals
 from yester.study.speed.tasks import TASKS, Inputs, stage
 from yester.study.speed.timings import OURS, Limits, Memory, Timing, draw, markdown, targets, write_csv
+
+pytestmark = pytest.mark.slow
 
 HD, UHD = (1920, 1080), (3840, 2160)
 LIMITS = Limits(20.0, 100.0)
@@ -44,10 +46,10 @@ def test_every_task_runs_again_and_again(task, inputs):
     call = task.start(inputs)
     call.run(), call.run()
     given = [array for name in task.images.values() for array in inputs_of(inputs, name)]
-    # The smallest frame is that which is to become larger.
+    # The smallest frame is the one to be upscaled.
     least = sum(array.nbytes for array in given) if given else 32 * 24 * 4 * 3
     assert least <= call.bytes - call.made < 1e6
-    # A number, or one for each tile.
+    # A number, or one value per tile.
     assert 64 * 48 * 4 <= call.made < 1e6 or task.function in ("exposure", "choice", "compare_candidates")
 
 
@@ -57,7 +59,7 @@ def inputs_of(inputs, names):
 
 
 def test_bytes_count_each_image_once(inputs):
-    # History, motion with depth, and out of it values and coverage; colour in, a number out.
+    # History and motion with depth in, values and coverage out; colour in, a number out.
     calls = {task.name: task.start(inputs) for task in TASKS if task.name in ("reproject, bilinear", "exposure")}
     pixels = 64 * 48
     assert calls["reproject, bilinear"].bytes == pixels * 4 * (3 + 3 + 3 + 1)
@@ -67,7 +69,7 @@ def test_bytes_count_each_image_once(inputs):
 
 
 def test_frames_follow_each_other(inputs):
-    """To and fro: histories are found again, and the kernels have something to refuse, to clip and to mend."""
+    """Frames move to and fro: history is found again, and kernels have pixels to reject, to clip and to repair."""
     svgf = yester.SVGF(alpha=0.05)
     for frame in inputs.frames() * 4:
         output = svgf.step(frame)
@@ -87,13 +89,13 @@ def test_every_rival_runs(name, inputs):
 
 @pytest.mark.parametrize("name", ["remap, linear", "grid_sample, bilinear"])
 def test_rivals_do_the_like(name, inputs):
-    """Inside the image, the same as ours."""
+    """Inside the image, rivals give our results."""
     (task,) = (task for task in TASKS if task.name == "reproject, bilinear")
     (full,) = (rival for rival in task.rivals if rival.endswith(name))
     other = np.asarray(rivals.start(full, task, inputs).run())
     other = np.moveaxis(other[0], 0, -1) if other.ndim == 4 else other
     ours, coverage = yester.reproject(inputs["history"], inputs["motion"])
-    # OpenCV rounds places to 1/32 of a pixel.
+    # OpenCV rounds positions to 1/32 of a pixel.
     difference = np.abs(other - ours)[coverage == 1]
     assert np.mean(difference) < 0.01 * np.mean(ours)
 
@@ -103,7 +105,7 @@ def test_references_do_the_same(name, inputs):
     (task,) = (task for task in TASKS if task.name == name)
     calls = rivals.start(rivals.REFERENCE, task, inputs), task.start(inputs)
     for _ in inputs.frames() if task.pipeline else ():
-        calls[0].run()  # ours has taken as many steps already
+        calls[0].run()  # our pipeline has taken as many steps already
     other, ours = (call.run() for call in calls)
     if not isinstance(ours, np.ndarray):
         other, ours = (result.color if task.pipeline else result[0] for result in (other, ours))
@@ -111,7 +113,7 @@ def test_references_do_the_same(name, inputs):
 
 
 def test_memory_of_a_pipeline(tmp_path):
-    """More than the colours that it remembers, less than ten times its images; and no more from frame to frame."""
+    """More than its history, less than ten times its images; and it does not grow from frame to frame."""
     width, height = 512, 288
     stage(tmp_path, width, height)
     with bench._Worker(2) as worker:
@@ -135,7 +137,7 @@ def test_memory_is_what_is_left_of_growth(monkeypatch, inputs):
     assert bench._memory(task, inputs) is None
 
 
-# What is made of the times
+# Analysis of the times
 
 
 def test_a_limit_binds():
@@ -174,17 +176,17 @@ def test_targets():
     known = {target.name: target for target in targets(timings) if target.measured is not None}
     found = {name: (pytest.approx(target.measured), target.met) for name, target in known.items()}
     assert found == {
-        "reproject, bilinear: time, in times of OpenCV remap, linear": (1, True),
-        "reproject, catmull-rom: time, in times of OpenCV remap, cubic": (1, False),
-        "atrous, 1 pass with its guide: share of the limit (memory binds)": (0.5, True),
-        "atrous, a further pass: share of the limit": (5.368 / 12, True),
-        "SVGF, 5 passes: how many times faster than OIDN fast": (12, True),
-        "SVGF, 5 passes: how many times faster than torch reference": (38, False),
-        "SVGF, 5 passes: one thread's time, in times of two": (1.8, False),
-        "SVGF, 5 passes: a pixel's time at 4K, in times of 1080p": (1.1, True),
+        "reproject, bilinear: time relative to OpenCV remap, linear": (1, True),
+        "reproject, catmull-rom: time relative to OpenCV remap, cubic": (1, False),
+        "atrous, 1 pass with its guide: fraction of the limit (memory binds)": (0.5, True),
+        "atrous, a further pass: fraction of the limit": (5.368 / 12, True),
+        "SVGF, 5 passes: speed relative to OIDN fast": (12, True),
+        "SVGF, 5 passes: speed relative to torch reference": (38, False),
+        "SVGF, 5 passes: time of one thread relative to two": (1.8, False),
+        "SVGF, 5 passes: time per pixel at 4K relative to 1080p": (1.1, True),
         "SVGF, 5 passes: state and scratch, MB": (149, True),
         "SVGF, as published but 3x3: state and scratch, MB": (151, False),
-        "SVGF, 5 passes: their growth from frame to frame, MB": (0.75, False),
+        "SVGF, 5 passes: growth of state and scratch, MB": (0.75, False),
     }
     assert all(target.met is None for target in targets([timings[0]]))
 
@@ -207,10 +209,10 @@ def test_page_and_tables(tmp_path):
     assert ["TAA", "6.00", "6.00 to 6.00", "2.89", "", "", "", ""] in rows
     assert ["TAA", "7.00", "7.00 to 7.00", "0.84", "", "", ""] in rows
     assert ["TAA", "34.6", "0.0"] in rows
-    assert ["TAA: a pixel's time at 4K, in times of 1080p", "≤ 1.15", "0.29", "met"] in rows
-    assert ["SVGF: a pixel's time at 4K, in times of 1080p", "≤ 1.15", "not measured", ""] in rows
+    assert ["TAA: time per pixel at 4K relative to 1080p", "≤ 1.15", "0.29", "met"] in rows
+    assert ["SVGF: time per pixel at 4K relative to 1080p", "≤ 1.15", "not measured", ""] in rows
     assert "of a machine" in page
-    assert page.endswith("Not here: OpenCV: buy it\n")
+    assert page.endswith("Not measured: OpenCV: buy it\n")
     write_csv(timings, tmp_path)
     first, *_, last = table(tmp_path / "bench.csv")[:5]
     assert (first["task"], first["contender"], first["width"], first["runs"], first["limit"]) == (
@@ -229,8 +231,8 @@ def test_page_and_tables(tmp_path):
 
 
 def test_what_the_system_does_not_tell_is_named():
-    assert "Not here: memory" in markdown([timing("TAA", OURS, 6.0)], about="")
-    assert "Not here: memory" not in markdown([timing("exposure", OURS, 6.0)], about="")
+    assert "Not measured: memory" in markdown([timing("TAA", OURS, 6.0)], about="")
+    assert "Not measured: memory" not in markdown([timing("exposure", OURS, 6.0)], about="")
     assert "targets" not in markdown([timing("exposure", OURS, 6.0)], about="")
 
 
@@ -340,14 +342,14 @@ def test_bench(tmp_path):
 def test_missing_rivals_are_named(tmp_path):
     arguments = ("bench", *LITTLE, "--simd", "baseline", "--only", "reproject, b", "TAA, 5", "-o", tmp_path)
     result = without("cv2,pyoidn", *arguments)
-    named = [line.split(": ")[1] for line in result.stdout.splitlines() if line.startswith("Not here")]
+    named = [line.split(": ")[1] for line in result.stdout.splitlines() if line.startswith("Not measured")]
     assert named == ["Open Image Denoise", "OpenCV with ximgproc"]
     rows = table(tmp_path / "bench.csv")
     assert {row["contender"] for row in rows} == {OURS, "torch grid_sample, bilinear", "torch reference"}
     assert {row["simd"] for row in rows} == {"baseline", ""}
     result = run("bench", *LITTLE, "--only", "demodulate", "-o", tmp_path, "--no-rivals")
     assert {row["contender"] for row in table(tmp_path / "bench.csv")} == {OURS}
-    assert "Not here" not in result.stdout
+    assert "Not measured" not in result.stdout
 
 
 def test_refuses_before_work_starts(tmp_path):
@@ -368,9 +370,10 @@ def test_refuses_before_work_starts(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("moment", ["yester-bench-*", "*/*.npy"], ids=["processes start", "images are made"])
 def test_interrupted(moment, tmp_path, monkeypatch):
-    """Nothing is left behind, and nothing is said by the processes that measure."""
+    """No files are left, and the measuring processes print nothing."""
     out, images = tmp_path / "out", tmp_path / "images"
     images.mkdir()
     monkeypatch.setenv("TMPDIR", str(images))
@@ -379,6 +382,7 @@ def test_interrupted(moment, tmp_path, monkeypatch):
     assert not [*out.iterdir()]
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_interrupted_as_a_folder_is_made(tmp_path, monkeypatch):
     def make(*arguments):
         made = mkdtemp(*arguments)

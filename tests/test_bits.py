@@ -1,43 +1,14 @@
-"""The same bits at every thread count and SIMD level; and what the two environment variables may say."""
+"""The same bits at every thread count and SIMD level; and the values of the two environment variables."""
 
-import hashlib
 import itertools
 import os
 import subprocess
 import sys
 
-import numpy as np
+import bits
 import pytest
-import scene
-import yester
-from calls import arrays, calls
-from yester.study.compare.methods import quarter
 
-
-def digest() -> str:
-    """One line per kernel and size: the hash of its results, from less than a vector to more than a band of rows."""
-    lines = []
-    for size in ((1, 1), (5, 7), (9, 33), (131, 173)):
-        for name, (function, given) in calls(*size).items():
-            data = b"".join(array.tobytes() for array in arrays(function(**given)))
-            lines.append(f"{name} {size} {hashlib.sha256(data).hexdigest()}")
-    pipelines = [yester.SVGF(), yester.SVGF(reflections=(), choice=False), yester.TAA()]
-    pipelines += [yester.BMFR(), yester.HalfRes(), yester.Recirculation(), yester.Recirculation("textbook")]
-    pipelines += [yester.Upscaler(1.5, sharpness=0.5)]
-    rng = np.random.default_rng(0)
-    before = None
-    for number in range(4):
-        shot = scene.shoot(number, 171, 97)
-        color = scene.noisy(shot, rng)
-        color[number, 5:9] = np.nan
-        frame = yester.Frame(color, **shot.buffers(), replay=before, jitter=(0.25, -0.125))
-        before = color * np.float32(0.5)
-        for pipeline in pipelines:
-            out = pipeline.step(quarter(frame, number) if isinstance(pipeline, yester.HalfRes) else frame)
-            images = (out.color, out.variance, out.history_length, out.confidence, out.rejection, out.choice)
-            data = b"".join(image.tobytes() for image in images if image is not None)
-            lines.append(f"{type(pipeline).__name__} {number} {hashlib.sha256(data).hexdigest()}")
-    return "\n".join(lines)
+pytestmark = pytest.mark.slow
 
 
 def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -51,10 +22,10 @@ def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[s
 
 
 def test_same_bits_everywhere():
-    want = digest()
-    # Levels that the machine lacks fall to the best it has.
+    want = bits.digest()
+    # A level that the machine lacks becomes the best that it has.
     for threads, simd in itertools.product(("1", "2"), ("baseline", "avx2", "avx512")):
-        result = python(__file__, YESTER_THREADS=threads, YESTER_SIMD=simd)
+        result = python(bits.__file__, YESTER_THREADS=threads, YESTER_SIMD=simd)
         assert result.returncode == 0, result.stderr
         assert result.stdout.strip() == want, f"{threads} threads, {simd}"
 
@@ -82,7 +53,3 @@ def test_nonsense_is_refused_by_name(variable, value):
 def test_more_threads_than_there_are_is_no_error():
     result = python("-c", "import yester", YESTER_THREADS="4096")
     assert result.returncode == 0, result.stderr
-
-
-if __name__ == "__main__":
-    print(digest())

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,7 +11,7 @@ WEIGHTINGS = ["none", "tone", "luminance"]
 
 
 def images(rng, height, width):
-    """A noisy frame and a history beside it, within and beyond its luminances; negative colours and holes."""
+    """A noisy frame and a history inside and outside its range of luminance; negative colours and holes."""
     color, history = (compare.colors(rng, height, width) for _ in range(2))
     near = rng.random((height, width)) < 0.4
     history[near] = (color * rng.uniform(0.7, 1.4, (height, width, 1)).astype(np.float32))[near]
@@ -21,7 +21,7 @@ def images(rng, height, width):
 
 
 def shares(rng, height, width):
-    """Every share, too much and too little, and holes."""
+    """Blend factors of every size, out of range at both ends, and NaN."""
     kind = rng.choice(6, (height, width), p=[0.6, 0.1, 0.1, 0.1, 0.05, 0.05])
     some = rng.uniform(0, 1, kind.shape)
     return np.choose(kind, [some, 0.0, 1.0, -0.5, np.nan, np.inf]).astype(np.float32)
@@ -53,7 +53,7 @@ def test_reference(seed, size, alpha, **named):
 
 @pytest.mark.parametrize("flicker", [0.25, 1.0])
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::2])
+@each(("height", "width"), SIZES + TAILS[::2])
 def test_sizes(height, width, weighting, flicker):
     rng = np.random.default_rng(width)
     check(*images(rng, height, width), shares(rng, height, width), weighting=weighting, flicker=flicker)
@@ -61,7 +61,7 @@ def test_sizes(height, width, weighting, flicker):
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 def test_both_sides_of_the_range_occur(weighting):
-    """Most of the history within its neighbours' range blends as without, the more the nearer to the middle."""
+    """History well inside its neighbours' range blends as without the test, the more the nearer to the middle."""
     color, history = (np.nan_to_num(image, posinf=1, neginf=1) for image in images(np.random.default_rng(0), 40, 50))
     plain, flickers = (check(color, history, 0.2, weighting=weighting, flicker=flicker) for flicker in (1.0, 0.0))
     moved, less = (np.abs(image - history).sum(-1) for image in (plain, flickers))
@@ -85,7 +85,7 @@ def test_constant_stays(weighting, flicker):
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 @pytest.mark.parametrize("flicker", [0.0, 0.5, 1.0])
 def test_all_or_nothing(weighting, flicker):
-    """A share of one is the sample; none of it is history, to the bit."""
+    """A blend factor of one gives the sample, zero gives history, bit for bit."""
     color, history = (compare.colors(np.random.default_rng(seed), 20, 30, holes=0) for seed in (1, 2))
     named = {"weighting": weighting, "flicker": flicker}
     np.testing.assert_allclose(yester.blend(color, history, 1.0, **named), color, rtol=1e-5, atol=1e-6)
@@ -97,7 +97,7 @@ def test_all_or_nothing(weighting, flicker):
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 @pytest.mark.parametrize("flicker", [0.0, 0.5, 1.0])
 def test_between(weighting, flicker):
-    """Weights are within [0, 1]: every channel lies between those of history and sample."""
+    """Weights are within [0, 1]: every channel lies between history and sample."""
     rng = np.random.default_rng(3)
     color, history = (np.nan_to_num(image, posinf=1, neginf=1) for image in images(rng, 40, 50))
     got = yester.blend(color, history, shares(rng, 40, 50), weighting=weighting, flicker=flicker)
@@ -140,7 +140,7 @@ def test_weightings_by_hand():
     got = yester.blend(color, history, 0.2)[0, :, 0]
     np.testing.assert_allclose(got, [1.4, 0.6, 0.02, 1, 0.6, 0], rtol=1e-5)
     got = yester.blend(color, history, 0.2, weighting="tone")[0, :, 0]
-    # Shares of 0.2/(1 + c) and 0.8/(1 + h), light below none being none.
+    # Weights of 0.2/(1 + c) and 0.8/(1 + h), with negative light as 0.
     want = [
         (0.05 * 3 + 0.4) / 0.45,
         (0.1 + 0.8 / 3) / (0.1 + 0.8 / 1.5),
@@ -151,15 +151,15 @@ def test_weightings_by_hand():
     ]
     np.testing.assert_allclose(got, want, rtol=1e-5)
     got = yester.blend(color, history, 0.2, weighting="luminance")[0, :, 0]
-    # Up to 0.8, with what is alike of 1/3, 1/2, 1/2 (of the least light, 0.2), 1, 0 and 1.
+    # Up to 0.8, with similarities of 1/3, 1/2, 1/2 (of the least light, 0.2), 1, 0 and 1.
     shares = 0.8 - 0.6 * np.array([1 / 3, 1 / 2, 1 / 2, 1, 0, 1]) ** 2
     np.testing.assert_allclose(got, history[0, :, 0] + shares * (color - history)[0, :, 0], rtol=1e-5)
 
 
 def test_flicker_by_hand():
-    """Neighbours from 0 to 4, history on, within, at the middle and outside of the range."""
+    """Neighbours from 0 to 4; history on the border, inside, in the middle and outside of the range."""
     color = np.broadcast_to(np.float32([0, 4, 0]).repeat(3).reshape(3, 3, 1), (3, 3, 3)).copy()
-    color[0, 1] = np.nan  # which does not count
+    color[0, 1] = np.nan  # not counted
     for light, inside in ((0, 0), (1, 0.5), (2, 1), (3.5, 0.25), (4, 0), (9, 0), (-1, 0)):
         history = np.full((3, 3, 3), light, np.float32)
         got = yester.blend(color, history, 0.1, flicker=0.2)[1, 1, 0]

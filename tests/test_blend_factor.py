@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 
 def confidences(rng, height, width):
-    """None, some and all, too much and too little, and holes."""
+    """Zero, fractions and one, out of range at both ends, and NaN."""
     kind = rng.choice(7, (height, width), p=[0.2, 0.4, 0.25, 0.05, 0.04, 0.03, 0.03])
     some = rng.uniform(0, 1, kind.shape)
     return np.choose(kind, [0.0, some, 1.0, 1.5, -0.5, np.nan, np.inf]).astype(np.float32)
@@ -39,7 +39,7 @@ def test_reference(seed, size, channels, **named):
     check(confidences(rng, *size), motion, **named)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width):
     rng = np.random.default_rng(width)
     confidence = confidences(rng, height, width)
@@ -67,7 +67,7 @@ def test_both_sides_of_both_speeds_occur():
 
 
 def test_motion_without_haste_is_none():
-    """At rest, or where fast motion asks for no more than slow, to the bit; the shares otherwise only grow."""
+    """Bit for bit at rest, or where fast motion has the same blend factor as slow; otherwise factors only grow."""
     rng = np.random.default_rng(1)
     confidence, motion = confidences(rng, 30, 40), np.nan_to_num(compare.motions(rng, 30, 40), nan=9, posinf=9)
     want = yester.blend_factor(confidence)

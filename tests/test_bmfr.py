@@ -1,13 +1,14 @@
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import composed
+import flight
 import numpy as np
 import pytest
 import reference
-import scene
 import yester
-from compare import SIZES, assert_close, assert_same_bits, colors, tensor
+from compare import SIZES, assert_close, assert_same_bits, colors, each, tensor
 from composed import sequence
 
 NAMES = ("albedo", "emission", "normal", "depth", "motion", "ids", "position", "camera")
@@ -54,7 +55,7 @@ def check_bits(frames, **named) -> None:
     ids=str,
 )
 def test_pipeline_is_its_kernels(named, newer):
-    """Over more frames than there are displacements."""
+    """Over more frames than there are block displacements."""
     check_bits(frames_of((*NAMES, *newer), 10 if named == {} else 4), **named)
 
 
@@ -64,7 +65,7 @@ def test_every_subset_of_buffers(count):
         check_bits(frames_of(names, 2))
 
 
-@pytest.mark.parametrize("size", SIZES)
+@each("size", SIZES)
 def test_any_size(size):
     rng = np.random.default_rng(0)
     normal = rng.normal(0, 1, (*size, 3))
@@ -74,7 +75,7 @@ def test_any_size(size):
 @pytest.mark.parametrize("newer", [(), ("object_normal", "replay")])
 @pytest.mark.parametrize("named", [{}, PLAIN, {"features": "all", "antialias": False}], ids=str)
 def test_reference(named, newer):
-    """The whole against its composition in float64, where decisions may flip in a few blocks."""
+    """The pipeline against its float64 composition, in which decisions may flip in a few blocks."""
     names = (*NAMES, *newer)
     bmfr, other = yester.BMFR(**named), reference.BMFR(**named)
     absent = dict.fromkeys((*yester.frame.BUFFERS, "jitter"))
@@ -127,7 +128,7 @@ def test_one_size_and_albedo_always_or_never_until_reset():
 
 
 def test_a_lamp_without_emission_lights_nothing():
-    """Black albedo makes enormous light of it, which is not fitted."""
+    """Division by black albedo gives enormous light, which is not fitted."""
     rng = np.random.default_rng(0)
     bmfr = yester.BMFR(**PLAIN, innovation=False)
     albedo = np.full((48, 48, 3), 0.5, np.float32)
@@ -157,12 +158,9 @@ def test_error_falls_when_everything_moves():
     rng = np.random.default_rng(0)
     bmfr, errors, raw = yester.BMFR(antialias=False), [], []
     for number in range(16):
-        now = scene.shoot(number, 96, 64)
-        motion = yester.motion_vectors(
-            now.position, now.camera, scene.camera(number - 1, 96, 64), ids=now.ids, transforms=scene.transforms(number)
-        )
-        color = scene.noisy(now, rng)
-        out = bmfr.step(yester.Frame(color, motion=motion, **now.buffers()))
+        now = flight.shoot(number, 96, 64)
+        color = flight.noisy(now, rng)
+        out = bmfr.step(replace(now, color=color))
         seen = now.ids > 0
         errors.append(np.mean((out.color[seen] - now.color[seen]) ** 2))
         raw.append(np.mean((color[seen] - now.color[seen]) ** 2))

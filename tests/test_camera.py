@@ -4,9 +4,32 @@ import numpy as np
 import pytest
 import yester
 from compare import camera as random_camera
-from scene import look_at
 
 ORIGIN, TARGET, UP = (1.0, 2.0, 5.0), (0.5, 0.0, -1.0), (0.0, 1.0, 0.0)
+
+
+def look_at(origin, target, up, fov, width, height, *, fov_axis="x", principal_point=None):
+    """world_to_clip of a camera of square pixels, written out: the axes, the field of view, the shifted centre."""
+    origin = np.asarray(origin, np.float64)
+    forward = np.asarray(target, np.float64) - origin
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, np.asarray(up, np.float64))
+    right /= np.linalg.norm(right)
+    above = np.cross(right, forward)
+    px, py = principal_point or (width / 2, height / 2)
+    focal = (width if fov_axis == "x" else height) / 2 / np.tan(np.radians(fov) / 2)  # pixels
+    rotation = np.stack([right, above, forward])
+    view = np.eye(4)
+    view[:3, :3], view[:3, 3] = rotation, -rotation @ origin
+    clip = np.array(
+        [
+            [2 * focal / width, 0, 2 * px / width - 1, 0],
+            [0, 2 * focal / height, 1 - 2 * py / height, 0],
+            [0, 0, 1, -0.1],
+            [0, 0, 1, 0],
+        ]
+    )
+    return clip @ view
 
 
 @pytest.fixture
@@ -69,7 +92,7 @@ def test_project_unproject_round_trip():
 
 
 def test_project_is_the_formula():
-    """Also behind the camera, where there are no pixels but still a depth."""
+    """Also behind the camera, where depth is defined and pixels are not."""
     rng = np.random.default_rng(1)
     camera = random_camera(rng, 33, 21)
     points = rng.normal(0, 3, (100, 3)) - [0, 0, 5]

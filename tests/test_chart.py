@@ -23,6 +23,8 @@ from yester.study.compare.report import draw
 from yester.study.rendered.recording import Recording, record
 from yester.study.rendered.sequences import NAMES
 
+pytestmark = pytest.mark.slow
+
 QUICK = ("psnr", "relmse", "temporal_error", "warped_error")
 LITTLE = (48, 32)
 SVGF = PIPELINES[0]
@@ -35,7 +37,7 @@ def recording(tmp_path_factory) -> Recording:
 
 
 def counted(method):
-    """The method, and how often it was started."""
+    """The method with a counter of its starts."""
     starts = []
 
     def run(frames):
@@ -52,7 +54,7 @@ def test_names_are_different():
 
 
 def test_quarters():
-    """Of odd sizes, too: HalfRes gets one pixel of each 2×2, and copies show one with all its buffers' own texture."""
+    """Also of odd sizes: HalfRes gets one pixel of each 2×2; copies repeat its light under each pixel's own texture."""
     rng = np.random.default_rng(0)
     colors = rng.random((4, 5, 7, 3)).astype(np.float32)
     runs = [method.run(yester.Frame(color, albedo=color) for color in colors) for method in QUARTERS[:3]]
@@ -94,7 +96,7 @@ def test_methods_on_both_sides_are_there():
 
 @pytest.mark.parametrize("method", BOTH, ids=lambda method: method.name)
 def test_methods_on_both_sides_are_denoise(method, recording):
-    """Of the pipeline that their name begins with."""
+    """They run `denoise` with the pipeline that their name begins with."""
     frames = [recording.frame(i) for i in range(6)]
     if "quarter" in method.name:
         frames = [quarter(frame, i) for i, frame in enumerate(frames)]
@@ -111,12 +113,12 @@ def test_methods_on_both_sides_are_denoise(method, recording):
     for number, (result, output) in enumerate(zip(results, yester.denoise(frames, make()), strict=True)):
         assert_same_bits(result.color, output.color)
         assert_same_bits(result.history_length, output.history_length)
-        # Behind the last frame there is none.
+        # There is no frame after the last one.
         assert number == 5 or not np.array_equal(result.color, forwards.step(frames[number]).color)
 
 
 def test_values_of_a_method_that_reads_ahead(recording, tmp_path):
-    """Beside one that does not, every result is measured against its own frame's reference."""
+    """Run beside a method that does not read ahead: every result is measured against its own frame's reference."""
     ahead = Method("ahead", "ahead", lambda frames: iter([*SVGF.run(frames)]))
     _, svgf, other, both = measure(recording, [SVGF, ahead, BOTH[0]], tmp_path, metrics=QUICK, images=0)
     assert other.values == svgf.values
@@ -158,7 +160,7 @@ def test_frames_are_read_once_and_held_no_longer_than_needed():
 
 
 def test_values_are_those_of_the_metrics(recording, tmp_path):
-    """Means over the frames that have a reference, of what the pipeline gives."""
+    """Values are means of the pipeline's errors over the frames that have a reference."""
     noisy, svgf, _ = measure(recording, [SVGF, BLACK], tmp_path, metrics=QUICK, images=2)
     assert (noisy.method, noisy.ms, noisy.scene) == ("noisy input", 0, "cornell_box")
     assert svgf.default
@@ -193,7 +195,7 @@ def test_what_is_measured_is_kept(recording, tmp_path):
 
 
 def test_an_interrupted_run_goes_on(recording, tmp_path):
-    """Sequences that were finished are not run again; of the others nothing is left half-way."""
+    """Finished sequences are not run again; the others leave no partial files."""
     method, starts = counted(SVGF)
     shorter = replace(recording, name="shorter", frames=recording.frames[1:], references={})
 
@@ -217,7 +219,7 @@ def test_an_interrupted_run_goes_on(recording, tmp_path):
 
 
 def test_without_references(recording, tmp_path):
-    """Steadiness along motion and speed are all there is."""
+    """Only the warped error and the speed are measured."""
     bare = replace(recording, references={})
     noisy, svgf = measure(bare, [SVGF], tmp_path)
     assert set(noisy.values) == set(svgf.values) == {"warped_error"}
@@ -225,7 +227,7 @@ def test_without_references(recording, tmp_path):
 
 
 def test_frames_of_colour_alone(recording, tmp_path):
-    """Nothing can be measured along a motion that nobody knows."""
+    """Without motion, the warped error cannot be measured."""
     paths = []
     for i in range(3):
         paths.append(tmp_path / f"{i}.exr")
@@ -245,7 +247,7 @@ def test_all_is_written(recording, tmp_path):
 
 
 def test_methods_precede_each_other_in_turn():
-    """The same orders in every run, all of them different, and no method always follows another."""
+    """Orders are the same in every run and all different, and no method always follows another."""
     for count in (4, 20, 60):
         found = orders(count)
         assert found == orders(count)
@@ -255,7 +257,7 @@ def test_methods_precede_each_other_in_turn():
 
 
 def test_times(recording, tmp_path):
-    """Of frames of one size, whatever the sequence's, as warm as within a sequence; measured once."""
+    """Frames of one size, whatever the sequence's size, after warm-up; measured once."""
     sizes, starts = [], []
 
     def run(frames):
@@ -277,7 +279,7 @@ def test_times(recording, tmp_path):
 
 
 def test_times_of_results_in_bursts():
-    """A method that reads five frames, works on them, and gives five results at once: all of them take the mean."""
+    """A method that reads five frames and yields five results at once: each result counts the mean time."""
     reads = []
 
     def run(frames):
@@ -289,7 +291,7 @@ def test_times_of_results_in_bursts():
 
     frames = [yester.Frame(np.ones((2, 2, 3), np.float32))]
     spent = _turn(Method("bursts", "bursts", run), frames)
-    # Ten frames of warm-up, five that are timed.
+    # Ten frames of warm-up, then five timed frames.
     assert reads[:3] == [5, 5, 5]
     assert sum(reads) == 15
     assert len(spent) == 5
@@ -298,7 +300,7 @@ def test_times_of_results_in_bursts():
 
 
 def test_times_of_denoise_are_those_of_whole_chunks(recording):
-    """And not those of the results that are ready when the first one is."""
+    """Not of the results that are already finished with the first one."""
     frames = [recording.frame(i) for i in range(6)]
     spent = _turn(BOTH[0], frames)
     assert len(spent) == 5 * LOOKAHEAD
@@ -306,7 +308,7 @@ def test_times_of_denoise_are_those_of_whole_chunks(recording):
 
 
 def test_a_slow_method_gets_few_frames(monkeypatch):
-    """As few as it can: one burst to warm up, and one that is timed; a long one is both."""
+    """As few as possible: one burst of warm-up and one timed burst; a long burst is both."""
     monkeypatch.setattr(module, "PATIENCE", 0.01)
     for burst, turns in ((1, 2), (4, 2), (12, 1)):
 
@@ -370,7 +372,7 @@ def test_a_method_that_breaks_is_named(recording, tmp_path):
 
 @pytest.mark.parametrize("each", ABLATIONS, ids=lambda each: each.method.name)
 def test_each_component_does_something(each, recording):
-    """At the latest when the light changes."""
+    """At the latest when the light changes, each component changes the output."""
     frames = [recording.frame(i) for i in range(6)]
     last = frames[-1]
     bright = last.buffers() | {"color": 4 * last.color}
@@ -380,14 +382,14 @@ def test_each_component_does_something(each, recording):
 
 
 def test_the_stage_of_the_ablation_is_svgfs(recording):
-    """Apart, as the ablation has them, both stages give the bits that they give together."""
+    """Run separately, as in the ablation, both stages give the pipeline's bits."""
     frames = [recording.frame(i) for i in range(4)]
     for one, other in zip(pipeline(yester.SVGF)(frames), ablation._antialiased()(frames), strict=True):
         assert_same_bits(one.color, other.color)
 
 
 def test_switches_follow_the_default():
-    """What SVGF has by default is taken away, and what it has not is added."""
+    """Default components are removed, optional ones are added."""
     defaults = inspect.signature(yester.SVGF).parameters
     names = {"fireflies": "fireflies", "gradient": "gradient", "antialias": "antialiasing", "feedback": "feedback"}
     for keyword, component in names.items():
@@ -397,7 +399,7 @@ def test_switches_follow_the_default():
 
 
 def test_effects(recording, tmp_path):
-    """Gains are those of having the component, whether the default has it or not."""
+    """A gain is that of having the component, whether it is on by default or not."""
     known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
     some = (known["antialiasing"], known["pass 4"])
     recordings = [recording, replace(recording, name="second")]
@@ -420,7 +422,7 @@ def test_effects(recording, tmp_path):
 
 
 def test_variants_are_averaged(recording, tmp_path):
-    """Values are means over the variants, gains too, with the standard error of their mean."""
+    """Values and gains are means over the variants, with the standard error of the mean."""
     known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
     part = replace(
         recording, frames=recording.frames[1:], references={i - 1: p for i, p in recording.references.items()}
@@ -444,7 +446,7 @@ def test_variants_are_averaged(recording, tmp_path):
 @pytest.mark.parametrize("names", [(), ("depth",), ("position",), ("depth", "normal"), ("normal", "ids")])
 @pytest.mark.parametrize("cameras", [False, True])
 def test_flow_of_whatever_files_hold(channels, names, cameras):
-    """With cameras or without, whatever motion and surfaces are given: all that the frames show is followed."""
+    """With or without cameras, for any given motion and surfaces, all visible surfaces are followed."""
     height, width = 12, 16
     shared = {
         "depth": np.full((height, width), 2.0),
@@ -470,7 +472,7 @@ def test_flow_of_whatever_files_hold(channels, names, cameras):
 
 
 def test_effects_through_doors(recording, tmp_path):
-    """The same pipelines on the frames that come through; nothing that is off by default or needs all buffers."""
+    """The same pipelines on the frames of each door; no options that are off by default or need all buffers."""
     known = {each.component: each for each in ABLATIONS if each.whole.name == "SVGF"}
     needy = [each for each in ABLATIONS if each.whole.name == "Recirculation"]
     some = (known["antialiasing"], known["pass 4"], *needy)
@@ -499,7 +501,7 @@ def test_effects_through_doors(recording, tmp_path):
 
 
 def test_harmful_components(monkeypatch):
-    """A loss is one beyond the limit, of a component that is on by default, unless it is made good and listed."""
+    """A loss counts beyond the limit, for a component that is on by default, unless it is compensated and listed."""
 
     def effect(component="clip", scene="grass", added=False, default=True, **gained):
         return Effect(scene, "SVGF", component, added, gained, 0.0, default=default)
@@ -538,7 +540,7 @@ def test_exceptions_are_about_what_there_is():
 
 
 def test_table_of_gains():
-    """Mean, number of gains, and the worst case with its name; columns are as wide as they must be."""
+    """Mean, number of gains, and the worst case with its name; columns fit their contents."""
     rows = {
         "long name of a component": {"grass": {"psnr": 0.5, "flip": -0.013}, "cut": {"psnr": -0.25, "flip": 0.02}},
         "short": {"grass": {"psnr": 0.1}},

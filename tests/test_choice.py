@@ -1,4 +1,4 @@
-"""Which candidate each tile shows: the kernel against its reference and by hand, and what `SVGF` makes of it."""
+"""The candidate that each tile shows: the kernels against their references and by hand, and within `SVGF`."""
 
 import compare
 import composed
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference.choice import costs, relative, together
@@ -21,7 +21,7 @@ def parts(side: int, *size: int) -> tuple[int, ...]:
 
 
 def evidence_of(rng, height, width, count, *, holes=0.05):
-    """As frames before may have left it, some of it of less than 16 samples."""
+    """Evidence as earlier frames may leave it, in part of fewer than 16 samples."""
     shape = parts(SIDE, height, width)
     n = rng.uniform(0, 120, (*shape, 1)) * rng.integers(0, 2, (*shape, 1))
     gains, squares = rng.normal(0, 0.3, (*shape, count - 1)) * n, rng.exponential(2, (*shape, count - 1)) * n
@@ -31,7 +31,7 @@ def evidence_of(rng, height, width, count, *, holes=0.05):
 
 
 def images(rng, height, width, count, *, holes=0.05) -> dict:
-    """Samples and candidates of about the same light, ever further from each other, some of them black or negative."""
+    """Samples and candidates of about the same light at increasing distance, some of them black or negative."""
     base = rng.exponential(1, (height, width, 1)) * rng.choice([0, 1e-3, 1, 30], (height, width, 1))
     candidates = (base * (1 + np.cumsum(rng.normal(0, 0.5, (height, width, count)), -1))).astype(np.float32)
     candidates[rng.random(candidates.shape) < holes / 10] = rng.choice([np.nan, np.inf, -np.inf])
@@ -40,7 +40,7 @@ def images(rng, height, width, count, *, holes=0.05) -> dict:
 
 
 def carried(rng, height, width, count, *, holes=0.05, channels=2) -> dict:
-    """Evidence, and where it comes from: within the image, from beyond it, and from nowhere."""
+    """Evidence and motion: from inside the image, from outside, and unknown."""
     return {
         "evidence": evidence_of(rng, height, width, count, holes=holes),
         "motion": motions(rng, height, width, channels),
@@ -49,18 +49,18 @@ def carried(rng, height, width, count, *, holes=0.05, channels=2) -> dict:
 
 
 def largest(evidence):
-    """Of each of its numbers, the largest of all tiles, without regard to sign."""
+    """For each of its numbers, the largest magnitude over all tiles."""
     return np.where(np.isfinite(evidence), np.abs(evidence), 0).max((0, 1))
 
 
 def compare_check(color, candidates, evidence=None, *, exposure=1.0, usual=0):
-    """Evidence as the reference has it, by how large the terms are whose sums it is: they may cancel."""
+    """Compare evidence with the reference, relative to the magnitude of the summed terms, which may cancel."""
     got = yester.compare_candidates(color, candidates, evidence, exposure=exposure, usual=usual)
     given, named = tensor([color, candidates, evidence]), {"exposure": exposure, "usual": usual}
     want = reference.compare_candidates(*given, **named).numpy()
     assert got.dtype == np.float32
     shown, sample, known = relative(*given[:2], **named)
-    # Each by 1 more, as candidates are differences from a mean.
+    # Each larger by 1, as candidates are differences from a mean.
     ends = shown[..., 1:].abs() + shown[..., :-1].abs() + 2
     term = ends * (ends + 2 * sample.abs() + 2) * known[..., None]  # (H, W, K - 1)
     scale = np.concatenate([together(image).numpy() for image in (term, term**2, known[..., None].to(term))], -1)
@@ -71,14 +71,14 @@ def compare_check(color, candidates, evidence=None, *, exposure=1.0, usual=0):
 
 
 def choice_check(evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.1):
-    """Evidence as the reference has it; and a choice that by the reference costs as little as its own."""
+    """Compare evidence with the reference; the choice must cost as little, by the reference, as its own."""
     named = {"usual": usual, "strictness": strictness, "share": share}
     got, left = yester.choice(evidence, motion, coverage, **named)
     want, known = (image.numpy() for image in reference.choice(*tensor([evidence, motion, coverage]), **named))
     steps = evidence.shape[-1] // 2
     assert got.dtype == left.dtype == np.float32
     assert_close("choice evidence", left, known, rtol=1e-6, scale=largest(evidence))
-    # What float32 may turn: costs that differ by roundings, and numbers of samples at the bound.
+    # Decisions that float32 may turn: costs that differ by roundings, and numbers of samples at the bound.
     cost = costs(tensor(known), usual, strictness).numpy()
     mine, its = (np.take_along_axis(cost, chosen.astype(int)[..., None], -1)[..., 0] for chosen in (got, want))
     n = averaged(known[..., -1])
@@ -110,7 +110,7 @@ def averaged(image):
     holes=st.sampled_from([0.0, 0.05, 0.8]),
 )
 def test_reference_of_comparisons(seed, size, count, exposure, end, known, holes):
-    """Samples and candidates that are missing, evidence that is broken, and none."""
+    """With missing samples and candidates, invalid evidence, and none."""
     rng = np.random.default_rng(seed)
     given = images(rng, *size, count, holes=holes)
     evidence = evidence_of(rng, *size, count, holes=holes) if known else None
@@ -129,13 +129,13 @@ def test_reference_of_comparisons(seed, size, count, exposure, end, known, holes
     holes=st.sampled_from([0.0, 0.05, 0.8]),
 )
 def test_reference_of_choices(seed, size, count, end, channels, holes, **named):
-    """Motion within the image, out of it, and unknown; evidence that is broken."""
+    """With motion inside the image, out of it, and unknown; invalid evidence."""
     rng = np.random.default_rng(seed)
     given = carried(rng, *size, count, holes=holes, channels=channels)
     choice_check(**given, usual=round(end * (count - 1)), **named)
 
 
-@pytest.mark.parametrize("size", [*SIZES, *TAILS, (3, 160), (4, 161), (2, 319), (5, 322), (33, 47)])
+@each("size", [*SIZES, *TAILS, (3, 160), (4, 161), (2, 319), (5, 322), (33, 47)])
 def test_sizes(size):
     rng = np.random.default_rng(size[1])
     given = carried(rng, *size, 5)
@@ -151,12 +151,12 @@ def test_every_pixel_counts_in_its_tile(size):
 
 
 def steady(candidates, color) -> tuple:
-    """Samples (H, W), and candidates (K,) that are the same everywhere."""
+    """Samples (H, W), and candidates (K,) that are constant over the image."""
     return np.repeat(np.float32(color)[..., None], 3, -1), np.tile(np.float32(candidates), (*color.shape, 1))
 
 
 def at_rest(evidence, **named):
-    """The choice where nothing moves and everything has a history."""
+    """The choice without motion, with history everywhere."""
     height, width = SIDE * evidence.shape[0], SIDE * evidence.shape[1]
     motion, coverage = np.zeros((height, width, 2), np.float32), np.ones((height, width), np.float32)
     return choice_check(np.float32(evidence), motion, coverage, **named)
@@ -165,7 +165,7 @@ def at_rest(evidence, **named):
 @pytest.mark.parametrize("truth", [0, 1, 2, 3])
 @pytest.mark.parametrize("usual", [0, 1, 2, 3])
 def test_the_nearest_to_the_truth_wins(truth, usual):
-    """Against any usual one, in strong noise, once enough samples came."""
+    """For any usual candidate, in strong noise, after enough samples."""
     rng = np.random.default_rng(truth)
     candidates, evidence = np.float32([0.4, 0.8, 1.2, 1.6]), None
     for _ in range(6):
@@ -178,7 +178,7 @@ def test_the_nearest_to_the_truth_wins(truth, usual):
 
 
 def test_fifteen_samples_decide_nothing():
-    """However clear they are, until those of another frame come."""
+    """However clear they are, until another frame adds samples."""
     color, candidates = steady([5, 1], np.ones((32, 48)))
     for count in (16, 15):
         seen = np.zeros((SIDE, SIDE), bool)
@@ -216,7 +216,7 @@ def test_nothing_known_is_the_usual_one():
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_one_missing_channel_is_a_missing_sample(value):
-    """Of the new image, and of any candidate."""
+    """In the new image, or in any candidate."""
     for broken in range(2):
         for channel in range(3):
             given = steady([5, 1, 0], np.ones((16, 16)))
@@ -226,7 +226,7 @@ def test_one_missing_channel_is_a_missing_sample(value):
 
 @pytest.mark.parametrize("power", [-20, -1, 1, 20])
 def test_brightness_changes_no_bit(power):
-    """Colours, candidates and exposure together."""
+    """Colours, candidates and exposure scale together."""
     given = images(np.random.default_rng(3), 37, 41, 4)
     want = yester.compare_candidates(**given, exposure=0.75, usual=2)
     factor = np.float32(2.0**power)
@@ -235,7 +235,7 @@ def test_brightness_changes_no_bit(power):
 
 
 def test_frames_add_up():
-    """What is compared in one frame does not depend on earlier ones."""
+    """The comparison in one frame does not depend on earlier frames."""
     rng = np.random.default_rng(0)
     given, evidence = images(rng, 37, 41, 4), evidence_of(rng, 37, 41, 4, holes=0)
     alone = yester.compare_candidates(**given, usual=2)
@@ -256,7 +256,7 @@ def test_equal_candidates(usual, strictness):
 
 @pytest.mark.parametrize("noise", ["exponential", "gamma", "normal"])
 def test_gains_are_unbiased(noise):
-    """Their mean, of noise that the bound does not reach, is the difference of the true relative squared errors."""
+    """For noise below the bound, their mean is the difference of the true relative squared errors."""
     rng = np.random.default_rng(0)
     truth, exposure, usual = np.float32([2, 1.5, 3]), 8.0, 1
     candidates = np.float32([0.9, 1.3, 1.6])
@@ -278,10 +278,10 @@ def test_gains_are_unbiased(noise):
 
 
 def test_samples_are_bounded():
-    """However bright, by eight times the sum of prediction and black above the prediction."""
+    """However bright, a sample differs from the prediction by at most eight times the sum of prediction and black."""
     for color, r in ((1e6, 8), (-1e6, -8), (1, 0)):
         evidence = compare_check(*steady([1, 3], np.full((8, 8), color)), exposure=16.0)
-        d = 1 - 2 * r  # of candidates that are 0 and 1, relatively
+        d = 1 - 2 * r  # for candidates of 0 and 1, relative to the usual one
         np.testing.assert_allclose(evidence[0, 0], [64 * d, 64 * d**2, 64], rtol=1e-5)
 
 
@@ -313,7 +313,7 @@ def test_numbers_too_large_decide_nothing_and_are_forgotten():
 
 
 def decide(evidence, **named) -> int:
-    """Of one tile, from evidence alone."""
+    """The choice of one tile, from evidence alone."""
     evidence = np.float32(evidence)[None, None]
     chosen, left = at_rest(evidence, share=0.0, **named)
     assert_same_bits(left, evidence)
@@ -329,18 +329,18 @@ def test_decisions_by_hand():
     assert decide([10, 50, 20], strictness=3.8, usual=1) == 1
     assert decide([-10, 50, 16], strictness=0.5) == 1
     assert decide([-10, 50, 15.9], strictness=0.5) == 0
-    # Over a step that is worth nothing, to one that is worth more; variances add up, here to 0.1569².
+    # Across a step without gain to one with more; variances add up, here to 0.1569².
     steps = [4, -10, 30, 40, 20]
     assert decide(steps, strictness=1.9) == 2
     assert decide(steps, strictness=2.0) == 0
-    # The better of both sides; without a difference, the usual one.
+    # The better of both neighbouring candidates; without a difference, the usual one.
     assert decide([3, -2, 0, 0, 20], strictness=0, usual=1) == 0
     assert decide([2, -3, 0, 0, 20], strictness=0, usual=1) == 2
     assert decide([0, 0, 0, 0, 20], strictness=0, usual=1) == 1
 
 
 def test_neighbours_have_a_say():
-    """A tile has a quarter of its average, and its eight neighbours the rest."""
+    """A tile's own weight in its average is a quarter; its eight neighbours have the rest."""
     for own, want in ((-2.9, 0), (-3.1, 1)):
         evidence = np.zeros((5, 7, 3), np.float32)
         evidence[..., 0], evidence[..., 2] = 1, 20
@@ -360,7 +360,7 @@ def test_evidence_fades(share):
 
 
 def test_evidence_follows_motion():
-    """Of the tile's centre: by whole tiles to the same bits, by a half the mean of two; held at the border."""
+    """By the motion of the tile's centre: whole tiles keep their bits, half a tile mixes two; clamped at the border."""
     evidence = evidence_of(np.random.default_rng(0), 40, 56, 3, holes=0)
     coverage = np.ones((40, 56), np.float32)
 
@@ -442,22 +442,22 @@ def test_wrong_arguments_of_comparisons(match, change):
         yester.compare_candidates(**given | change(given))
 
 
-# What SVGF makes of it.
+# Within SVGF.
 
 
 def still(color, rng, *, shape=16.0):
-    """A frame whose noise is relative to its light: of a quarter of it for a shape of 16."""
+    """A frame with noise relative to its light: a quarter of it for a shape of 16."""
     return yester.Frame((color * rng.gamma(shape, 1 / shape, color.shape[:2])[..., None]).astype(np.float32))
 
 
 def waves(height, width):
-    """Fine detail that no buffer tells."""
+    """Fine detail that no buffer shows."""
     y, x = np.mgrid[:height, :width]
     return np.repeat((1 + 0.8 * np.sin(1.9 * x) * np.sin(1.7 * y))[..., None], 3, -1)
 
 
 def halves(count):
-    """Left, detail that no buffer tells, in little noise; right, an even wall in much. Truth, and frames."""
+    """Left, detail that no buffer shows, in weak noise; right, an even wall in strong noise. Reference, and frames."""
     rng = np.random.default_rng(0)
     truth = np.ones((64, 128, 3))
     truth[:, :64] = waves(64, 64)
@@ -475,7 +475,7 @@ def steps(frames, **named) -> list:
 
 @pytest.mark.parametrize("iterations", [0, 3, 16])
 def test_the_first_frame_is_as_usual(iterations):
-    """And that after a reset: up to roundings, that of a pipeline that does not choose."""
+    """It and the first after a reset equal those of a pipeline that does not choose, up to rounding."""
     _, frames = halves(6)
     svgf = yester.SVGF(iterations=iterations)
     bare = yester.SVGF(iterations=iterations, choice=False).step(frames[0])
@@ -493,9 +493,9 @@ def test_the_first_frame_is_as_usual(iterations):
 
 @pytest.mark.parametrize(("alpha", "first"), [(0.2, 4), (0.25, 4), (0.3, None)])
 def test_three_samples_predict(alpha, first):
-    """The fourth frame's samples are the first that are compared, so the fifth frame is the first that may choose.
+    """The fourth frame's samples are the first to be compared, so the fifth frame is the first that may choose.
 
-    A history that counts for less than two and a half samples never predicts.
+    A history of less than two and a half samples never predicts.
     """
     _, frames = halves(8)
     others = [not (out.choice == 3).all() for out in steps(frames, alpha=alpha)]
@@ -535,7 +535,7 @@ def test_images_smaller_than_a_tile(size):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, -1.0, 1e15, 1e38])
 def test_frames_of_nothing(value):
-    """Missing, black, and numbers whose squares overflow: what comes out is finite, and passes are in range."""
+    """Missing, black, and numbers whose squares overflow: the output is finite, and passes are in range."""
     rng = np.random.default_rng(0)
     bad = yester.Frame(np.full((24, 40, 3), value, np.float32))
     good = [still(np.ones((24, 40, 3)), rng) for _ in range(8)]
@@ -550,7 +550,7 @@ def test_frames_of_nothing(value):
 
 
 def test_what_is_missing_is_filled_as_usual():
-    """A pixel that nobody has seen gets as many passes as without a choice, whatever its tile has chosen."""
+    """A pixel without any sample gets as many passes as without a choice, whatever its tile has chosen."""
     rng = np.random.default_rng(0)
     svgf, mixed = yester.SVGF(), []
     for _ in range(8):
@@ -565,7 +565,7 @@ def test_what_is_missing_is_filled_as_usual():
 
 
 def test_detail_gets_fewer_passes_and_noise_more():
-    """Both gain."""
+    """Both reduce the error."""
     truth, frames = halves(16)
     chosen, plain = steps(frames), steps(frames, choice=False)
     levels = np.mean([out.choice for out in chosen[8:]], 0)
@@ -581,7 +581,7 @@ def test_detail_gets_fewer_passes_and_noise_more():
 
 
 def test_mirrors_keep_what_they_show():
-    """Evidence comes along the motion of what is mirrored, as history does."""
+    """Evidence follows the motion of the mirrored surface, as history does."""
 
     def last(**named):
         rng, svgf, errors, passes = np.random.default_rng(0), yester.SVGF(innovation=False, **named), [], []
@@ -598,7 +598,7 @@ def test_mirrors_keep_what_they_show():
 
 
 def test_evidence_is_of_earlier_frames():
-    """Where only later frames have seen a surface, nothing speaks against the usual number of passes."""
+    """Where only later frames have seen a surface, there is no evidence: the usual number of passes."""
     truth, frames = halves(8)
     svgf, colors = yester.SVGF(), truth.astype(np.float32)
     one, light = np.ones((64, 128), np.float32), colors[..., 0]
@@ -607,14 +607,14 @@ def test_evidence_is_of_earlier_frames():
         ids = np.ones((64, 128), np.uint32)
         ids[16:48, 16:48] += number == 7
         out = svgf.step(yester.Frame(frame.color, ids=ids), later=yester.History(*known))
-        # Of what is seen anew, the tiles whose neighbours are new, too.
+        # Of the newly visible tiles, those whose neighbours are new, too.
         assert number in range(1, 7) or (out.choice[28:36, 28:36] == 3).all()
     assert (out.choice[:8, :48] < 2).all()
     assert (out.confidence == 1).all()
 
 
 def across_borders(images) -> float:
-    """Mean step between columns of two tiles, or rows, relative to that between all others."""
+    """Mean step between the columns or rows of adjacent tiles, relative to steps inside tiles."""
     found = []
     for image in images:
         for axis in (0, 1):
@@ -626,7 +626,7 @@ def across_borders(images) -> float:
 
 
 def test_tiles_do_not_show():
-    """On a smooth scene in noise, of which some tiles get other numbers of passes than their neighbours."""
+    """On a smooth noisy scene, some tiles of which get other numbers of passes than their neighbours."""
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:128, :160]
     truth = np.repeat((1 + 0.5 * np.sin(x / 25) * np.sin(y / 19))[..., None], 3, -1)

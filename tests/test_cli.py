@@ -1,4 +1,4 @@
-"""The command line, run as people run it."""
+"""The command line, run in processes of its own."""
 
 import os
 import re
@@ -6,18 +6,21 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import flight
 import numpy as np
 import pytest
-import scene
 import yester
 from compare import assert_close
 from PIL import Image
 from yester.io import read_exr, write_exr
 
-# Not ru_maxrss, which begins with what the tests' own process had.
+pytestmark = pytest.mark.slow
+
+# Not ru_maxrss, which starts from the memory of the tests' own process.
 PEAK = """
 import sys
 from pathlib import Path
@@ -36,7 +39,7 @@ def run(*arguments, code=0, program=("-m", "yester")):
 
 
 def refused(*arguments):
-    """One line on stderr, nothing else."""
+    """The command fails with one line on stderr and no other output."""
     result = run(*arguments, code=2)
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
@@ -54,7 +57,7 @@ def noise(height=24, width=32, seed=0, **buffers):
 
 @pytest.fixture
 def sequence(tmp_path):
-    """Twelve frames, named so that the order of letters is not theirs."""
+    """Twelve frames whose names do not sort alphabetically into their order."""
     folder = tmp_path / "noisy"
     folder.mkdir()
     for i in range(12):
@@ -79,7 +82,7 @@ def test_demo(tmp_path):
     given = frames_of(tmp_path / "demo" / "noisy")
     for number, (got, want) in enumerate(zip(clean, yester.denoise(given), strict=True)):
         assert_close("denoised", got.color, want.color, rtol=1e-4)
-        # Behind the last frame there is none.
+        # There is no frame after the last one.
         same = np.allclose(got.color, alone.step(given[number]).color, rtol=1e-3, atol=1e-5)
         assert not same or number == len(given) - 1
     with Image.open(tmp_path / "demo" / "contact_sheet.png") as sheet:
@@ -92,14 +95,14 @@ def test_demo(tmp_path):
 
 @pytest.mark.parametrize("name", ["noisy/frame_0000.exr", "denoised/mine.exr", "side_by_side.webp"])
 def test_demo_touches_nothing_of_others(tmp_path, name):
-    """It neither overwrites nor removes what is there, and writes beside what has other names."""
+    """It neither overwrites nor removes existing files, and writes beside files of other names."""
     mine = tmp_path / name
     mine.parent.mkdir(exist_ok=True)
     mine.write_text("mine")
     (tmp_path / "notes.txt").write_text("mine as well")
     there = sorted(tmp_path.rglob("*"))
     line = refused("demo", "-o", tmp_path, "--frames", 1, "--size", "16x12")
-    assert f"{tmp_path / Path(name).parts[0]}: exists already" in line
+    assert f"{tmp_path / Path(name).parts[0]}: already exists" in line
     assert sorted(tmp_path.rglob("*")) == there
     assert mine.read_text() == "mine"
 
@@ -157,14 +160,14 @@ def test_every_method(tmp_path, method, lookahead):
         camera = yester.Camera.from_look_at((0.1 * i, 0, 0), (0, 0, 1), (0, 1, 0), 60, width, height)
         write_exr(path, yester.Frame(color, depth=np.full((height, width), 2.0), camera=camera))
     run("denoise", *some, "-o", tmp_path / "out", "--method", method, *given)
-    # One image has no use for others.
+    # A filter of single images does not use other frames.
     used = 0 if method == "oidn" else 3 if lookahead is None else lookahead
     for path, want in zip(some, yester.denoise(map(read_exr, some), make(**named), used), strict=True):
         np.testing.assert_array_equal(read_exr(tmp_path / "out" / path.name).color, want.color)
 
 
 def test_shots_do_not_know_each_other(tmp_path):
-    """Each is denoised from both of its sides, and from no other."""
+    """Each shot is denoised from its own earlier and later frames alone."""
     camera = yester.Camera.from_look_at((0, 0, 0), (0, 0, 1), (0, 1, 0), 60, 32, 24)
     shots = [[tmp_path / f"{name}{i}.exr" for i in range(3)] for name in ("a", "b")]
     for seed, path in enumerate([*shots[0], *shots[1]]):
@@ -231,11 +234,11 @@ def test_methods_refuse_before_work_starts(sequence, tmp_path):
 
 
 def test_denoise_stops_at_a_corrupt_frame(sequence, tmp_path):
-    """Found only when it is decoded: those before are written, and the process ends."""
+    """The damage is found only when the frame is decoded: earlier frames are written, and the process ends."""
     damaged = sequence / "shot7.exr"
-    write_exr(damaged, np.ones((24, 32, 3)))  # which is compressed, as noise is not
+    write_exr(damaged, np.ones((24, 32, 3)))  # a constant, which is compressed, unlike noise
     damaged.write_bytes(damaged.read_bytes()[:-16] + bytes(16))
-    said = run("denoise", sequence, "-o", tmp_path / "out", code=2).stderr  # OpenEXR says something as well
+    said = run("denoise", sequence, "-o", tmp_path / "out", code=2).stderr  # OpenEXR prints a message as well
     assert f"yester: error: {damaged}: truncated or corrupt" in said.splitlines()[-1]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {f"shot{i + 1}.exr" for i in range(6)}
     svgf = yester.SVGF()
@@ -259,16 +262,16 @@ def test_denoise_improves_a_scene_in_motion(tmp_path):
     (tmp_path / "noisy").mkdir()
     rng = np.random.default_rng(0)
     for i in range(10):
-        shot = scene.shoot(i, 64, 48)
-        noisy = scene.noisy(shot, rng)
-        write_exr(tmp_path / "noisy" / f"{i}.exr", yester.Frame(noisy, **shot.buffers()))
+        shot = flight.shoot(i, 64, 48)
+        noisy = flight.noisy(shot, rng)
+        write_exr(tmp_path / "noisy" / f"{i}.exr", replace(shot, color=noisy, motion=None))
     run("denoise", tmp_path / "noisy", "-o", tmp_path / "out")
     denoised = read_exr(tmp_path / "out" / "9.exr").color
     assert np.mean((denoised - shot.color) ** 2) < 0.1 * np.mean((noisy - shot.color) ** 2)
 
 
 def test_memory_does_not_grow_with_the_sequence(tmp_path):
-    """Eight frames' buffers more, of 10 MB each, would show."""
+    """Holding eight more frames of 10 MB each would show."""
     (tmp_path / "noisy").mkdir()
     frame = noise(480, 640, albedo=np.ones((480, 640, 3)), normal=np.ones((480, 640, 3)), depth=np.ones((480, 640)))
     write_exr(tmp_path / "noisy" / "0.exr", frame)
@@ -328,13 +331,14 @@ def test_version_and_usage():
 
 
 def test_missing_extras_name_their_install_line(sequence, tmp_path):
-    """As on a machine where only the core is installed."""
+    """With imports blocked, as where only the core is installed."""
     bare = "import sys; sys.modules['OpenEXR'] = None; from yester.cli import main; sys.exit(main(sys.argv[1:]))"
     result = run("denoise", sequence, "-o", tmp_path / "out", code=2, program=("-c", bare))
     assert "pip install 'yester[exr]'" in result.stderr
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_an_interrupted_run_leaves_whole_files(sequence, tmp_path):
     out = tmp_path / "out"
     for i in range(12, 400):

@@ -1,4 +1,4 @@
-"""The commands that chart and stress, run as people run them."""
+"""The commands `chart` and `stress`, run in processes of their own."""
 
 import argparse
 import csv
@@ -8,10 +8,11 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
+import flight
 import numpy as np
 import pytest
-import scene
 import yester
 from PIL import Image
 from test_cli import noise, refused, run
@@ -24,7 +25,9 @@ from yester.study.compare.methods import METHODS, PIPELINES
 from yester.study.rendered.sequences import GROUPS
 from yester.study.synthetic.failures import SCENARIOS
 
-#: As on a machine where some modules are not installed.
+pytestmark = pytest.mark.slow
+
+#: Runs the command line with some modules blocked, as if they were not installed.
 BARE = """
 import sys
 sys.modules.update(dict.fromkeys(sys.argv.pop(1).split(",")))
@@ -34,7 +37,7 @@ sys.exit(main(sys.argv[1:]))
 TIMED = ("--time-size", "64x48")
 LITTLE = ("--length", 4, "--size", "32x24", "--reference-spp", 4, *TIMED)
 QUICK = ("--metrics", "psnr", "warped_error", "--methods", "SVGF, 6", "TAA best", "--no-peers", *TIMED)
-ALONE = "no references: speed, and steadiness along motion alone, are measured"
+ALONE = "no references: only speed and the change along motion are measured"
 
 
 def without(modules, *arguments, code=0):
@@ -42,7 +45,7 @@ def without(modules, *arguments, code=0):
 
 
 def interrupted(*arguments, until):
-    """Press Ctrl-C as soon as something is the case: as in a terminal, all processes hear it."""
+    """Send SIGINT to all processes of the command, as a terminal's Ctrl-C does, once a condition holds."""
     command = [sys.executable, "-m", "yester", *map(str, arguments)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as process:
@@ -60,7 +63,7 @@ def table(path):
 
 
 def files(folder):
-    """Whatever is there, hidden files too: all of them whole."""
+    """All files, hidden ones too; each is read to see that it is complete."""
     found = {path for path in folder.rglob("*") if path.is_file()}
     for path in found:
         match path.suffix:
@@ -83,14 +86,14 @@ def ages(folder, pattern):
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory):
-    """Somebody's frames and what they should be, under other names: the analytic scene."""
+    """Frames and references of the synthetic scene, under a user's own names."""
     folder = tmp_path_factory.mktemp("own")
     rng = np.random.default_rng(0)
     for kind in ("shot", "truth"):
         (folder / kind).mkdir()
     for i in range(4):
-        shot = scene.shoot(i, 32, 24)
-        write_exr(folder / "shot" / f"frame{i}.exr", yester.Frame(scene.noisy(shot, rng), **shot.buffers()))
+        shot = flight.shoot(i, 32, 24)
+        write_exr(folder / "shot" / f"frame{i}.exr", replace(shot, color=flight.noisy(shot, rng), motion=None))
         write_exr(folder / "truth" / f"clean{i}.exr", shot.color)
     return folder
 
@@ -138,7 +141,7 @@ def test_chart_of_own_files(own, tmp_path):
 
 
 def test_chart_without_references(own, tmp_path):
-    """What needs one is left out, and that is said."""
+    """Metrics that need a reference are left out, with a message."""
     result = run("chart", own / "shot", "--no-peers", "--methods", "TAA textbook", *TIMED, "-o", tmp_path)
     assert result.stderr.splitlines() == [ALONE]
     for row in table(tmp_path / "points.csv"):
@@ -148,7 +151,7 @@ def test_chart_without_references(own, tmp_path):
 
 
 def test_chart_of_colour_alone(tmp_path):
-    """There is nothing but time to measure."""
+    """Only time can be measured."""
     (tmp_path / "plain").mkdir()
     for i in range(2):
         write_exr(tmp_path / "plain" / f"{i}.exr", noise(seed=i))
@@ -178,7 +181,7 @@ def test_ablation(own, tmp_path, bare):
     if bare:
         assert judged == []
     else:
-        # As harm is found in the file.
+        # A value as the file has it where a component does harm.
         defaults = {(each.whole.name, each.component) for each in ABLATIONS if each.whole.default and not each.added}
         bad = [
             (row["pipeline"], row["component"])
@@ -197,7 +200,7 @@ def test_ablation(own, tmp_path, bare):
 
 
 def test_doors(tmp_path):
-    """The default pipelines through all doors; with names, through these; with --ablate, all components."""
+    """The default pipelines through all doors, or through those named; with --ablate, all components."""
     given = ("--sequences", "grass", "cut", *LITTLE, "--cache", tmp_path / "cache", "--no-peers", "--metrics", "psnr")
     result = run("chart", *given, "--doors", "-o", tmp_path / "all")
     assert result.stderr == ""
@@ -232,7 +235,7 @@ def test_doors(tmp_path):
 
 
 def test_groups(tmp_path):
-    """Each group of sequences by its name."""
+    """Each group of sequences has a name."""
     line = refused("chart", "--sequences", "unkind", "-o", tmp_path / "out")
     assert all(f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "late-held-out", "all"))
     assert all(name in line for name in GROUPS["all"] + GROUPS["late-held-out"])
@@ -253,12 +256,12 @@ def test_groups(tmp_path):
     ],
 )
 def test_missing_peers_are_named(own, tmp_path, modules, absent, there):
-    """And the others are charted."""
+    """The other methods are charted."""
     arguments = ("chart", own / "shot", "--references", own / "truth", "--metrics", "psnr", *TIMED, "-o", tmp_path)
     methods = ("--methods", "TAA textbook, alpha 0.1", *there)
     result = without(modules, *arguments, *methods)
     lines = result.stderr.splitlines()
-    assert [line.split(": ")[:2] for line in lines] == [["not here", name] for name in absent]
+    assert [line.split(": ")[:2] for line in lines] == [["not installed", name] for name in absent]
     assert all("pip install 'yester[" in line for line in lines)
     assert [row["method"] for row in table(tmp_path / "points.csv")][1:] == list(methods[1:])
 
@@ -302,7 +305,7 @@ def test_chart_refuses_before_work_starts(own, tmp_path):
 
 
 def test_places_that_cannot_be_written(tmp_path):
-    """Found out before anything is rendered or staged."""
+    """Refused before anything is rendered or staged."""
     (tmp_path / "file").write_text("in the way")
     place, cache = tmp_path / "file" / "here", tmp_path / "cache"
     assert f"{place}: cannot be written" in refused("chart", *LITTLE, *QUICK, "--cache", cache, "-o", place)
@@ -320,8 +323,9 @@ def test_missing_extras_name_their_install_line(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_an_interrupted_chart_goes_on(tmp_path):
-    """Interrupted while it renders, and while it measures; what was done is not done again."""
+    """Interrupted while it renders, and while it measures; finished work is not repeated."""
     out, cache = tmp_path / "out", tmp_path / "cache"
     arguments = ("chart", "--sequences", "cornell_box", "tapestry", "--length", 8, "--size", "32x24")
     arguments += ("--reference-spp", 16, "--metrics", "psnr", "--methods", "SVGF", "--no-peers", *TIMED)
@@ -347,7 +351,7 @@ def test_an_interrupted_chart_goes_on(tmp_path):
     assert ages(out / "points" / "cornell_box", "*") == measured
     rows = table(out / "points.csv")
     assert list(dict.fromkeys(row["scene"] for row in rows)) == ["cornell_box", "tapestry", "all"]
-    # What is printed are the means.
+    # The means are printed.
     assert f"{float(rows[-1]['psnr']):.4f}" in text.splitlines()[-3]
 
 
@@ -388,6 +392,7 @@ def test_stress_refuses_before_work_starts(tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_an_interrupted_stress_leaves_whole_files(tmp_path):
     interrupted("stress", "--quick", "--methods", "SVGF", "-o", tmp_path, until=lambda: [*tmp_path.rglob("*.png")])
     assert 0 < len(files(tmp_path)) < len(SCENARIOS)

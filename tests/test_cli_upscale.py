@@ -1,4 +1,4 @@
-"""`yester upscale`, run as people run it."""
+"""`yester upscale`, run in a process of its own."""
 
 import numpy as np
 import OpenEXR
@@ -7,10 +7,12 @@ import yester
 from test_cli import noise, refused, run
 from yester.io import describe, read_exr, write_exr
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def sequence(tmp_path):
-    """Twelve jittered frames, named so that the order of letters is not theirs."""
+    """Twelve jittered frames whose names do not sort alphabetically into their order."""
     folder = tmp_path / "small"
     folder.mkdir()
     camera = yester.Camera.from_look_at([0, 1, 5], [0, 1, 0], [0, 1, 0], 40, 32, 24)
@@ -30,7 +32,7 @@ def test_files_keep_jitter_and_mask(sequence):
 
 
 def test_upscale_is_the_pipeline(sequence, tmp_path):
-    """In natural order, at the new size, with the camera of that size."""
+    """In natural order, at the new size, with a camera of that size."""
     run("upscale", sequence, "-o", tmp_path / "out")
     upscaler = yester.Upscaler()
     for i in range(12):

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,13 +12,13 @@ NAMES = ("color", "moments", "history_length", "other_color", "other_moments", "
 
 
 def history(rng, height, width, *, holes=0.05) -> list:
-    """Colour, moments and length of any size, some of them missing."""
+    """Colour, moments and length of any magnitude, some of them missing."""
     length = rng.choice(LENGTHS, (height, width))
     return [compare.colors(rng, height, width, c, holes=holes) for c in (3, 2)] + [length]
 
 
 def gradients(rng, height, width):
-    """None, some of every size, all, and what is none: beyond both ends or no number."""
+    """Zero, fractions of every size, one, and invalid values: out of range or not finite."""
     kind = rng.choice(7, (height, width), p=[0.3, 0.3, 0.2, 0.05, 0.05, 0.05, 0.05])
     many = rng.uniform(0, 0.99, kind.shape)
     return np.choose(kind, [0.0, many, 1.0, -0.5, 1.5, np.nan, np.inf]).astype(np.float32)
@@ -29,7 +29,7 @@ def empty(height, width) -> list:
 
 
 def sizes(*histories):
-    """Of each pixel, how large the largest of all colours and moments is: what float32 rounds by, (H, W, 1)."""
+    """The largest magnitude (H, W, 1) of a pixel's colours and moments, by which float32 rounds."""
     images = [np.where(np.isfinite(image), np.abs(image), 0) for known in histories for image in known[:2]]
     return np.concatenate(images, -1).max(-1, keepdims=True)
 
@@ -61,7 +61,7 @@ def test_reference(seed, size, changes, holes):
     check(first, second, gradient=gradients(rng, *size) if changes else None)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width):
     rng = np.random.default_rng(width)
     first, second = (history(rng, height, width) for _ in range(2))
@@ -77,7 +77,7 @@ def test_by_hand():
     np.testing.assert_array_equal(color[0], [[5, 5, 5], [2, 2, 2]])
     np.testing.assert_array_equal(moments[0], [[5, 5], [2, 2]])
     np.testing.assert_array_equal(length, [[4, 1]])
-    # Half of the light is another: of three samples, a thousandth of three is left.
+    # Half of the light has changed: of three samples, a thousandth of three is left.
     color, _, length = yester.combine_histories(*first, lengths[0], *second, lengths[1], gradient=np.full((1, 2), 0.5))
     np.testing.assert_allclose(length, [[1 + 3 / 1024, 1]], rtol=1e-6)
     np.testing.assert_allclose(color[0, 0], 2 + 4 * 3 / 1027, rtol=1e-6)
@@ -86,10 +86,10 @@ def test_by_hand():
 @settings(max_examples=60)
 @given(seed=st.integers(0, 2**32), size=st.tuples(st.integers(1, 20), st.integers(1, 40)))
 def test_order_changes_nothing_but_roundings(seed, size):
-    """Which comes first, and which two of three are combined first; lengths add up."""
+    """The order of two histories, and of combining three; lengths add up."""
     rng = np.random.default_rng(seed)
     a, b, c = (history(rng, *size, holes=0.2) for _ in range(3))
-    for _, moments, _ in (a, b, c):  # of those that are not finite, the first ones stay
+    for _, moments, _ in (a, b, c):  # of moments that are not finite, the first ones stay
         moments[~np.isfinite(moments)] = 1
     scale = sizes(a, b, c)
 
@@ -110,7 +110,7 @@ def test_order_changes_nothing_but_roundings(seed, size):
     lacks=st.sampled_from(["samples", "length", "color"]),
 )
 def test_an_empty_history_changes_no_bit(seed, size, lacks):
-    """Whatever it is that makes it none; two of them are NaN, of no samples."""
+    """Whatever makes it empty; two empty histories give NaN and no samples."""
     rng = np.random.default_rng(seed)
     some, other = history(rng, *size, holes=0.2), history(rng, *size, holes=0)
     match lacks:
@@ -128,7 +128,7 @@ def test_an_empty_history_changes_no_bit(seed, size, lacks):
 
 
 def test_moments_that_overflow():
-    """Colours are combined all the same; of means that are not finite, the first one's stays, or else the second's."""
+    """Colours are combined all the same; where a mean overflows, the first history's stays, or else the second's."""
     color, length = np.ones((1, 2, 3), np.float32), np.ones((1, 2), np.float32)
     good, bad = np.float32([[[1, 2], [1, 2]]]), np.float32([[[np.nan, np.inf], [np.inf, np.inf]]])
     for moments, others, want in ((good, bad, good), (bad, good, good), (bad, bad, bad)):
@@ -139,7 +139,7 @@ def test_moments_that_overflow():
 
 
 def test_a_whole_change_is_an_empty_history():
-    """To the bits; no change, less than none and no number are none."""
+    """Bit for bit; zero, negative and non-finite gradients count as no change."""
     rng = np.random.default_rng(0)
     first, second = (history(rng, 9, 14) for _ in range(2))
     for value, its in ((1, empty(9, 14)), (7, empty(9, 14)), (0, second), (-1, second), (np.nan, second)):
@@ -150,7 +150,7 @@ def test_a_whole_change_is_an_empty_history():
 
 
 def test_two_halves_are_the_whole():
-    """Of samples that are accumulated equally."""
+    """For samples that are accumulated with equal weights."""
     frames = np.random.default_rng(0).exponential(1, (20, 6, 9, 3)).astype(np.float32)
     frames[3, 2, 4] = frames[11, 2, 4] = frames[:13, 5, 5] = np.nan
 

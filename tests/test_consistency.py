@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_reproject import RAMP, SOFT, TESTS, surface, thresholds
@@ -39,7 +39,7 @@ def test_reference(seed, size, motion, tests, **thresholds):
     check(motion, **surface(rng, *size, tests), **thresholds)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width):
     rng = np.random.default_rng(width)
     check(compare.motions(rng, height, width, 3), **surface(rng, height, width, ["plane", "ids"]))
@@ -62,7 +62,7 @@ def test_the_bits_are_named():
 
 @pytest.mark.parametrize("softness", [{}, SOFT])
 def test_confidence_is_the_coverage(softness):
-    """Where the history is finite, it is what reproject reports before it falls back."""
+    """Where the history is finite, confidence is the coverage that `reproject` reports without its fallback."""
     rng = np.random.default_rng(0)
     motion = compare.motions(rng, 30, 40, 3)
     named = surface(rng, 30, 40, [*TESTS[:3], *TESTS[4:]]) | softness
@@ -89,11 +89,11 @@ def test_outside_is_only_outside():
 
 
 def test_only_the_direction_of_normals_counts():
-    """In the angle and in the distance from the plane, on either side."""
+    """For the angle and for the distance from the plane, in either direction."""
     rng = np.random.default_rng(11)
     now = compare.surfaces(rng, 40, 50)
     before = compare.previous(rng, now, turn=0.1)
-    # Planes a few shares of their depth apart, so that the distance decides.
+    # Planes apart by a few hundredths of their depth, so that the distance decides.
     before["previous_depth"] = (now["depth"] * rng.uniform(0.98, 1.02, now["depth"].shape)).astype(np.float32)
     motion = np.zeros((40, 50, 3), np.float32)
     named = {**now, **before, "previous_camera": compare.camera(rng, 50, 40)}
@@ -122,7 +122,7 @@ def test_a_pair_of_equals_is_the_number(name):
 
 @pytest.mark.parametrize("name", SOFT)
 def test_ramps_lie_between_their_ends(name):
-    """The first threshold trusts less, the second more; and what is rejected is what the second rejects."""
+    """The first threshold alone trusts less, the second alone more; a tap is rejected where the second rejects it."""
     rng = np.random.default_rng(3)
     motion = rng.normal(0, 1, (40, 50, 3)).astype(np.float32)
     tests = {"relative_depth": ["depth"], "plane_distance": ["plane"], "normal_angle": ["normal"]}
@@ -138,7 +138,7 @@ def test_ramps_lie_between_their_ends(name):
 
 
 def test_every_pixel_has_its_bits():
-    """Speed and luminance leave their own, and none to what lies outside or is still."""
+    """Speed and luminance set their own bits, but none outside the image or without motion."""
     motion = np.zeros((1, 5, 2), np.float32)
     motion[0, :, 0] = [0, 1, -2, 9, np.nan]
     dark, bright = np.full((1, 5, 3), 0.1, np.float32), np.ones((1, 5, 3), np.float32)

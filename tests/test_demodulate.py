@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, tensor
+from compare import SIZES, TAILS, assert_close, each, tensor
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_reference(height, width):
     rng = np.random.default_rng(width)
     color, emission = compare.colors(rng, height, width), compare.colors(rng, height, width)
@@ -19,7 +19,7 @@ def test_reference(height, width):
             got = getattr(yester, name)(color, albedo, **named)
             want = getattr(reference, name)(tensor(color), tensor(albedo), **tensor(named)).numpy()
             assert got.dtype == np.float32
-            # Differences of numbers about one, divided by as little as a 32nd.
+            # Differences of numbers near one, divided by 1/32 or more.
             scale = 32 if name == "demodulate" else 1
             missing = ~np.isfinite(want).all(-1)
             np.testing.assert_array_equal(~np.isfinite(got).all(-1), missing)
@@ -63,7 +63,7 @@ def test_light_never_explodes():
 
 
 def test_one_channel_of_three_may_be_black():
-    """A red without green and blue is a reflectance all the same."""
+    """Pure red is a valid reflectance."""
     light = yester.demodulate(np.ones((1, 1, 3), np.float32), np.float32([[[0.5, 0, 0]]]))
     np.testing.assert_array_equal(light, [[[2, 32, 32]]])
 

@@ -3,17 +3,17 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_same_bits, each, tensor
 
 NEAREST, LONGEST = {"choose": "nearest"}, {"choose": "longest"}
 
 
-@pytest.mark.parametrize("size", SIZES + TAILS[::6])
+@each("size", SIZES + TAILS[::6])
 @pytest.mark.parametrize("window", ["3x3", "cross"])
 @pytest.mark.parametrize("choose", ["nearest", "longest"])
 @pytest.mark.parametrize("channels", [2, 3])
 def test_reference(size, window, choose, channels):
-    """It only chooses: to the bit, ties included."""
+    """It only selects: bit for bit, ties included."""
     rng = np.random.default_rng([*size, channels])
     motion = compare.motions(rng, *size, channels)
     depth = compare.surfaces(rng, *size)["depth"].round(1)  # so that there are ties

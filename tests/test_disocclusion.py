@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import BAND, SIZES, TAILS, tensor
+from compare import BAND, SIZES, TAILS, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,14 +29,14 @@ def test_reference(seed, size, channels, separation):
     check(depth, compare.motions(rng, *size, channels), separation=separation)
 
 
-@pytest.mark.parametrize("size", SIZES + TAILS[::3])
+@each("size", SIZES + TAILS[::3])
 def test_sizes(size):
     rng = np.random.default_rng(size[1])
     check(compare.surfaces(rng, *size)["depth"], compare.motions(rng, *size, 3))
 
 
 def moving_square(step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """In front of a wall, having come `step` pixels to the right; and where the wall was hidden before."""
+    """A square in front of a wall, moved `step` pixels to the right; and the mask of newly visible wall."""
     depth, motion = np.full((20, 30), 5, np.float32), np.zeros((20, 30, 2), np.float32)
     depth[6:14, 12:20], motion[6:14, 12:20, 0] = 2, -step
     hidden = np.zeros((20, 30), bool)
@@ -48,7 +48,7 @@ def test_what_was_behind_is_told():
     for step in (3, 5):
         depth, motion, hidden = moving_square(step)
         share = check(depth, motion)
-        # The edge itself, a pixel wide, moves with the square, and so does its mark.
+        # The edge itself, one pixel wide, moves with the square, and so does its mark.
         assert (share[6:14, 12 - step : 11] == 1).all()
         assert (share[7:13, 13:19] == 0).all()
         around = np.pad(hidden, 1)

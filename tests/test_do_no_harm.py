@@ -15,12 +15,14 @@ from yester.study.compare.ablation import ABLATIONS
 from yester.study.rendered import recording, scenes, sequences
 from yester.study.rendered.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 #: The study's size and length; the frames and the size of the window; which of its frames have references.
 WIDTH, HEIGHT, FRAMES = 256, 192, 16
 PART, WINDOW, CLEAN = slice(4, 12), (80, 60), range(5, 8)
-#: The size at which components are timed, which nobody looks at here.
+#: The size at which components are timed; these times are not used here.
 TIMED = (64, 48)
-#: Where the middle of the window is, as fractions of the image.
+#: The middle of the window, in fractions of the image.
 MIDDLES = {
     "black_plastic": (0.62, 0.6),
     "glassware": (0.45, 0.6),
@@ -34,7 +36,7 @@ MIDDLES = {
 #: The rule's limits, 0.1 dB and 2 %, plus three standard deviations of a gain from one seed of the noise to another:
 #: 0.11 dB, 9 %, 1.1 % and 2 %, root mean squares over the components and doors of such windows.
 LIMITS = {"psnr": 0.45, "relmse": 0.3, "flip": 0.06, "temporal_error": 0.08}
-#: What harms all the same, and why it is on: `yester chart --ablate` lists the same of whole images.
+#: Known harm, and why the component is on all the same: `yester chart --ablate` lists whole images.
 KNOWN = {
     "SVGF - passes after 1, black_plastic": "reflections that more passes blur; `switched_light` has 3 dB of them",
     "SVGF - passes after 2, black_plastic": "as above",
@@ -98,7 +100,7 @@ def test_components(record, tmp_path, name):
 
 @pytest.mark.parametrize("name", MIDDLES)
 def test_later_frames(record, tmp_path, name):
-    """SVGF with the frames on both sides, as `yester denoise` has it, is not worse than with the earlier ones alone."""
+    """SVGF with earlier and later frames, as in `yester denoise`, is not worse than with earlier ones alone."""
     (later,) = (each for each in ABLATIONS if each.component == "later frames")
     (effect,) = ablation.ablate([record(name)], tmp_path, ablations=[later], size=TIMED)
     assert effect.name == "SVGF + later frames"

@@ -10,8 +10,10 @@ from yester.study.compare.doors import DOORS, FULL, Worth, measure_doors, throug
 from yester.study.compare.methods import Method, Result
 from yester.study.rendered.recording import record
 
+pytestmark = pytest.mark.slow
+
 BY_NAME = {door.name: door for door in DOORS}
-#: By door, the buffers of a whole frame that are absent behind it.
+#: By door: the buffers of a full frame that it removes.
 ABSENT = {
     FULL: (),
     "no emission": ("emission",),
@@ -30,7 +32,7 @@ ABSENT = {
     "depth alone": ("albedo", "emission", "normal", "object_normal", "ids", "position", "camera"),
     "motion alone": ("albedo", "emission", "normal", "object_normal", "ids", "position", "camera", "depth"),
 }
-#: By door, what is there but otherwise.
+#: By door: the buffers that it changes.
 OTHER = {
     "raw albedo": {"albedo"},
     "raw albedo, no emission": {"albedo"},
@@ -49,7 +51,7 @@ def recording(tmp_path_factory):
 
 
 def seen(door, recording):
-    """The frames that a method gets through a door."""
+    """The frames that a method receives through a door."""
     frames = []
 
     def run(given):
@@ -64,7 +66,7 @@ def seen(door, recording):
 
 @pytest.mark.parametrize("door", DOORS, ids=lambda door: door.name)
 def test_doors(door, recording):
-    """What is named is absent or other, and everything else has the same bits."""
+    """The named buffers are absent or changed; all others have the same bits."""
     absent, other = ABSENT[door.name], OTHER.get(door.name, set())
     for i, frame in enumerate(seen(door, recording)):
         whole = recording.frame(i)
@@ -92,7 +94,7 @@ def test_doors_of_misses():
 
 
 def test_richer_doors_give_more():
-    """Each names doors that there are, whose frames lack less."""
+    """Each door names existing doors whose frames lack less."""
     assert BY_NAME.keys() == ABSENT.keys()
     assert BY_NAME[FULL].richer == ()
     for door in DOORS[1:]:
@@ -103,7 +105,7 @@ def test_richer_doors_give_more():
 
 
 def test_colour_alone_passes_all_doors():
-    """Doors can be gone through by frames that have nothing to lose."""
+    """Frames without anything to remove pass through every door."""
     frame = yester.Frame(np.ones((2, 3, 3)))
     for door in DOORS:
         passed = door.take(frame, None)
@@ -111,7 +113,7 @@ def test_colour_alone_passes_all_doors():
 
 
 def test_measured(recording, tmp_path):
-    """What is compared are the pipelines on the frames as they come; what is kept is read again."""
+    """The pipelines are compared on the frames as they come; stored results are read again."""
     starts = []
 
     def run(frames):
@@ -147,14 +149,14 @@ def test_measured(recording, tmp_path):
 
 
 def test_what_is_told():
-    """Losses against the full door on average and at worst; and where giving more makes it worse."""
+    """Losses against the full door, mean and worst; and cases in which more buffers make it worse."""
     full = {"psnr": 30.0, "relmse": 0.01}
     found = [
         Worth("grass", "SVGF", "no ids", FULL, {"psnr": 29.0, "relmse": 0.02}, full),
         Worth("cut", "SVGF", "no ids", FULL, {"psnr": 30.0, "relmse": 0.009}, full),
         Worth("cut", "SVGF", "no albedo", FULL, {"psnr": 20.0, "relmse": 0.02}, full),
         Worth("cut", "SVGF", "no albedo", "raw albedo", {"psnr": 20.0, "relmse": 0.02}, {"psnr": 19.0, "relmse": 0.01}),
-        # Between these is more than one buffer.
+        # These doors differ by more than one buffer.
         Worth("cut", "SVGF", "raw albedo, no emission", FULL, {"psnr": 31.0, "relmse": 0.01}, full),
     ]
     _, ids, albedo, raw = doors.table(found).splitlines()

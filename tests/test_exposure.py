@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, colors, tensor
+from compare import SIZES, TAILS, colors, each, tensor
 
 
-@pytest.mark.parametrize("size", SIZES + TAILS)
+@each("size", SIZES + TAILS)
 def test_reference(size):
     """With holes and negative colours."""
     rng = np.random.default_rng(size[1])
@@ -30,7 +30,7 @@ def test_goes_with_radiance(scale):
 
 
 def test_a_lamp_moves_it_little():
-    """A thousandth of the pixels, a hundred thousand times as bright as the rest."""
+    """A lamp in a thousandth of the pixels, a hundred thousand times as bright as the rest."""
     color = np.full((50, 80, 3), 0.1, np.float32)
     before = yester.exposure(color)
     color[20, 10:14] *= 1e5

@@ -12,16 +12,17 @@ from compare import assert_same_bits
 from hypothesis import given
 from hypothesis import strategies as st
 from yester import io
+from yester.io import mitsuba as door
 
 COMMON = ("albedo", "normal", "depth", "motion", "ids", "position", "emission")
 BUFFERS = (*COMMON, "object_normal", "replay", "hit_distance")
 
 
 def buffers(rng, height, width, *, motion=3):
-    """One of each kind, with everything that is not a number in it."""
+    """One buffer of each kind, with infinities and NaN in it."""
     names = ("color", "albedo", "normal", "position", "emission", "object_normal", "replay")
     arrays = {name: compare.colors(rng, height, width) for name in names}
-    arrays["color"] *= 1e5  # beyond float16
+    arrays["color"] *= 1e5  # outside the range of float16
     arrays["motion"] = compare.motions(rng, height, width, motion)
     arrays["depth"] = compare.surfaces(rng, height, width)["depth"]
     arrays["hit_distance"] = np.where(rng.random((height, width)) < 0.1, np.inf, arrays["depth"]).astype(np.float32)
@@ -31,7 +32,7 @@ def buffers(rng, height, width, *, motion=3):
 
 def store(path, header, channels):
     header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION, **header}
-    OpenEXR.File(header, dict(channels)).write(str(path))  # it puts its own objects into the dictionary
+    OpenEXR.File(header, dict(channels)).write(str(path))  # as OpenEXR replaces its values
 
 
 def rgb(height, width):
@@ -72,7 +73,7 @@ def test_colour_alone(tmp_path):
 
 
 def same_camera(got, want):
-    """Points in view appear where they did, to what single precision leaves."""
+    """Points in view project to the same pixels, to single precision."""
     assert (got.width, got.height) == (want.width, want.height)
     y, x = np.mgrid[: want.height, : want.width] + 0.5
     points = want.unproject(np.stack([x, y], -1), 1 + x)
@@ -84,7 +85,7 @@ def same_camera(got, want):
 def cameras():
     rng = np.random.default_rng(7)
     views = [compare.camera(rng, 31, 17, spread=spread) for spread in (0.3, 3, 3, 3)]
-    # Where a matrix looks like its transpose: at the origin, along an axis.
+    # A matrix that resembles its transpose: at the origin, along an axis.
     views.append(yester.Camera.from_look_at([0, 0, 0], [0, 0, -1], [0, 1, 0], 60, 31, 17))
     views.append(yester.Camera.from_look_at([0, 0, 0], [1, 0, 0], [0, 1, 0], 60, 31, 17, principal_point=(9, 5)))
     views.append(yester.Camera.from_look_at([5, 0, 0], [0, 0, 0], [0, 1, 0], 60, 31, 17))
@@ -143,7 +144,7 @@ def test_unusable_cameras(tmp_path):
                 read(path)
 
 
-# Files of others
+# Files of other programs
 
 AOVS = "albedo:albedo,dd.y:depth,nn:sh_normal,pos:position,si:shape_index,pi:prim_index,uv:uv"
 
@@ -183,6 +184,7 @@ def mitsuba_file(path, *, component="float32", spp=1, aovs=AOVS):
     return {field.name: pixels[..., index] for index, field in enumerate(bitmap.struct_())}, sensor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("component", ["float32", "float16"])
 def test_mitsuba(tmp_path, component):
     path = tmp_path / "mitsuba.exr"
@@ -209,12 +211,13 @@ def test_mitsuba(tmp_path, component):
     assert "along the ray" in told.notes["depth"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("aovs", "tolerance"), [("d:depth,pos:position", 1e-6), ("d:depth", 0.02)])
 def test_mitsuba_depth(tmp_path, aovs, tolerance):
     """With a camera in the header, a distance along the ray becomes that along the axis."""
     path = tmp_path / "a.exr"
     wrote, sensor = mitsuba_file(path, aovs="truth:position," + aovs)
-    camera = yester.Camera.from_mitsuba(sensor)
+    camera = door.camera(sensor)
     io.write_exr(tmp_path / "camera.exr", yester.Frame(np.zeros((24, 32, 3)), camera=camera))
     attributes = OpenEXR.File(str(tmp_path / "camera.exr"), header_only=True).header()
     header = {name: attributes[name] for name in ("worldToCamera", "worldToNDC")}
@@ -229,6 +232,7 @@ def test_mitsuba_depth(tmp_path, aovs, tolerance):
     assert "camera axis" in io.describe(path).notes["depth"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("aovs", "layer"), [("si:shape_index,pos:position", "pos."), ("p:position", "p.")])
 def test_mitsuba_without_depth(tmp_path, aovs, layer):
     wrote, _ = mitsuba_file(tmp_path / "a.exr", aovs=aovs)
@@ -241,7 +245,7 @@ def test_mitsuba_without_depth(tmp_path, aovs, layer):
 @pytest.mark.parametrize("prefix", ["", "ViewLayer.", "Shot 3.Main."])
 @pytest.mark.parametrize("kind", [np.float16, np.float32])
 def test_vector_of_cycles(tmp_path, prefix, kind):
-    """A surface that went from (3, 5) over (10, 4) to (18, 2), rows counted from the top: y points up in the file."""
+    """A surface that moves from (3, 5) over (10, 4) to (18, 2), rows counted from the top; y points up in the file."""
     value = dict(zip("XYZW", (3 - 10, 4 - 5, 10 - 18, 2 - 4), strict=True))
     vector = {f"{prefix}Vector.{name}": np.full((4, 6), value[name], kind) for name in "XYZW"}
     store(tmp_path / "frame.exr", {}, rgb(4, 6) | vector)
@@ -251,15 +255,16 @@ def test_vector_of_cycles(tmp_path, prefix, kind):
     known = io.describe(tmp_path / "frame.exr")
     assert not known.unrecognised
     assert known.notes.keys() == {"motion", "motion_next"}
-    # Our own layers come first.
+    # Layers written by Yester take precedence.
     own = {f"motion.{name}": np.ones((4, 6), np.float32) for name in "XYZ"}
     store(tmp_path / "own.exr", {}, rgb(4, 6) | vector | own)
     assert (io.read_exr(tmp_path / "own.exr").motion == 1).all()
     assert "motion" not in io.describe(tmp_path / "own.exr").notes
 
 
+@pytest.mark.slow
 def test_averaged_ids(tmp_path):
-    """Above one sample per pixel Mitsuba averages ids: no object is made up where the mean is a fraction."""
+    """Above one sample per pixel Mitsuba averages ids: a fraction yields no object."""
     wrote, _ = mitsuba_file(tmp_path / "a.exr", spp=16)
     ids = io.read_exr(tmp_path / "a.exr").ids
     mixed = wrote["si.I"] % 1 != 0
@@ -303,7 +308,7 @@ def test_parts(tmp_path):
     assert set(io.read_exr(tmp_path / "a.exr").buffers()) == {"color"}
 
 
-# What cannot be read
+# Unreadable files
 
 
 @pytest.mark.parametrize("parts", [1, 2])
@@ -320,7 +325,7 @@ def test_truncated(tmp_path, capfd, parts, share):
         io.read_exr(path)
     if parts == 1:
         with pytest.raises(ValueError, match=r"a\.exr: truncated or corrupt: ."):
-            io.describe(path)  # which reads no pixels
+            io.describe(path)  # `describe` reads no pixels
     assert capfd.readouterr().out == ""
 
 
@@ -365,7 +370,7 @@ def test_without_openexr(tmp_path, monkeypatch):
         io.write_sequence(tmp_path, [])
 
 
-# What cannot be written
+# Unwritable files
 
 COLOR = np.full((8, 9, 3), 0.25, np.float32)
 
@@ -380,7 +385,7 @@ def test_no_folder(tmp_path):
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
 def test_interrupted(tmp_path, monkeypatch, error):
-    """The old file stays, and nothing else does."""
+    """The old file stays, and no other file is left."""
     io.write_exr(tmp_path / "a.exr", COLOR)
 
     def interrupt(*_):
@@ -473,7 +478,7 @@ def test_bad_sequence_output(tmp_path):
             io.write_sequence(tmp_path, [COLOR] * count, names=["a.exr", "b.exr"])
 
 
-# What is told
+# Descriptions
 
 
 def test_describe(tmp_path):
@@ -497,7 +502,7 @@ def test_describe(tmp_path):
 
 
 def test_an_interrupt_leaves_nothing_half_written(tmp_path, monkeypatch):
-    """Nor an empty file: a signal comes as soon as there is one."""
+    """Nor an empty file: the signal comes as soon as a file exists."""
     touch = Path.touch
 
     def interrupted(path):

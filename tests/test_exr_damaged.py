@@ -14,7 +14,7 @@ from yester.io.stdout import kept_output
 
 
 def put(name, *numbers, kind="i", at=0):
-    """A damage: numbers within the value of an attribute."""
+    """Damage that writes numbers into the value of an attribute."""
 
     def damage(data):
         (header, *_), _ = layout.headers(bytes(data))
@@ -48,7 +48,7 @@ def offset(value, index=0):
 
 
 def chunk(value, at):
-    """A number of the first chunk."""
+    """Damage to a number of the first chunk."""
 
     def damage(data):
         _, table = layout.headers(bytes(data))
@@ -66,7 +66,7 @@ def cut(count):
 
 
 def many_channels(data):
-    """Five thousand channels where there were few, and offsets that still point to the chunks."""
+    """Damage: five thousand channels instead of a few, with offsets that still point to the chunks."""
     (header, *_), table = layout.headers(bytes(data))
     (first,) = struct.unpack_from("<Q", data, table)
     new = b"".join(b"c%d\0" % i + struct.pack("<4i", 2, 0, 1, 1) for i in range(5000))
@@ -128,6 +128,18 @@ DAMAGES = {
 }
 
 
+def the_same_chunk(data):
+    """All offsets of the first part are that of its largest chunk: a copy of them would be larger than the file."""
+    _, table = layout.headers(bytes(data))
+    places = [struct.unpack_from("<Q", data, table + 8 * i)[0] for i in range(2)]
+    largest = max(places, key=lambda place: struct.unpack_from("<i", data, place + 8)[0])
+    for i in range(2):
+        struct.pack_into("<Q", data, table + 8 * i, largest)
+
+
+DAMAGES["offsets of one chunk"] = ("more parts", the_same_chunk, ".")
+
+
 @pytest.mark.parametrize("name", DAMAGES)
 def test_damaged(tmp_path, name):
     sample, damage, complaint = DAMAGES[name]
@@ -141,12 +153,12 @@ def test_damaged(tmp_path, name):
 
 
 def test_mutated():
-    """The first of many: `python tests/fuzz_exr.py 100000` reads as many, and did, without a fault."""
+    """The first mutations: `python tests/fuzz_exr.py 100000` read all of them without a fault."""
     assert fuzz_exr.main(2000) == 0
 
 
 def test_the_fuzzer_tells_of_faults(monkeypatch, capfd):
-    """Of an exception, of a process that dies, and of one that hangs."""
+    """An exception, a process that dies, and one that hangs."""
     broken = """
 import ctypes, sys, time
 sys.path[:] = {path!r}
@@ -173,7 +185,7 @@ fuzz_exr.work(first, last)
 
 
 def test_a_part_that_cannot_be_decoded(tmp_path, capfd):
-    """OpenEXR prints the reason instead of raising it: it is raised, and not printed."""
+    """OpenEXR prints the reason; Yester raises it, and nothing is printed."""
     path = tmp_path / "a.exr"
     io.write_exr(path, np.ones((24, 32, 3)))
     path.write_bytes(path.read_bytes()[:-16] + bytes(16))
@@ -183,7 +195,7 @@ def test_a_part_that_cannot_be_decoded(tmp_path, capfd):
 
 
 def test_other_threads_print_while_one_reads(tmp_path, capsys):
-    """All that they print appears, and standard output is what it was afterwards."""
+    """All their output appears, and standard output is restored afterwards."""
     path = tmp_path / "a.exr"
     io.write_exr(path, np.random.default_rng(0).random((300, 400, 3)))
     before, count = sys.stdout, 0
@@ -204,7 +216,7 @@ def test_other_threads_print_while_one_reads(tmp_path, capsys):
 
 
 def test_kept_output(capsys):
-    """What this thread prints is kept, also where it is nested, and what another one prints is not."""
+    """Captures the output of this thread, also when nested, and not that of other threads."""
     with kept_output() as outer:
         print("a")
         with kept_output() as inner:

@@ -63,6 +63,7 @@ def test_resumed_bytes_are_those_of_a_whole_run(shots, tmp_path, capsys):
         assert before.items() <= {path.name: path.stat().st_mtime_ns for path in out.iterdir()}.items()
 
 
+@pytest.mark.slow
 def test_resume_after_a_kill(shots, tmp_path):
     """Killed at once, not asked to stop: what it left half-written goes."""
     for i in range(9, 80):
@@ -80,6 +81,7 @@ def test_resume_after_a_kill(shots, tmp_path):
     assert contents(out) == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_resume_of_another_run(shots, tmp_path, capsys):
     run("denoise", shots, "-o", tmp_path / "out", "--alpha", 0.5)
     (tmp_path / "out" / "a5.exr").unlink()
@@ -91,6 +93,7 @@ def test_resume_of_another_run(shots, tmp_path, capsys):
     assert len(contents(tmp_path / "out")) == 11
 
 
+@pytest.mark.slow
 def test_resume_of_an_upscaled_and_an_automatic_run(shots, tmp_path):
     for given in (("upscale",), ("denoise", "--method", "auto")):
         out = tmp_path / given[-1]
@@ -102,6 +105,7 @@ def test_resume_of_an_upscaled_and_an_automatic_run(shots, tmp_path):
         assert contents(out) == whole
 
 
+@pytest.mark.slow
 def test_outputs_that_exist(shots, tmp_path, capsys):
     """Neither replaced nor computed, unless told so."""
     (tmp_path / "out").mkdir()
@@ -119,6 +123,7 @@ def test_outputs_that_exist(shots, tmp_path, capsys):
         main(["denoise", str(shots), "-o", str(tmp_path / "out"), "--overwrite", "--resume"])
 
 
+@pytest.mark.slow
 def test_a_full_disk_and_then_room(shots, tmp_path, capsys):
     """The file is named, those before are whole, and the rest comes when there is room."""
     run("denoise", shots, "-o", tmp_path / "whole")
@@ -225,6 +230,7 @@ def test_cycles_round_trip(tmp_path, capsys, parts):
         assert replaced == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", layouts.RENDERERS)
 def test_every_renderer_is_denoised(tmp_path, name):
     """Better than it came, also where motion and camera are not known."""
@@ -234,7 +240,7 @@ def test_every_renderer_is_denoised(tmp_path, name):
     given = {"arnold": ["--map", "motion=motionvector.R,motionvector.G"]}
     given["renderman"] = ["--map", "motion=backward.r,backward.g", "--map", "motion_next=-forward.r,-forward.g"]
     run("denoise", tmp_path / "in", "-o", tmp_path / "out", *given.get(name, ()))
-    shot = layouts.scene.shoot(3, layouts.WIDTH, layouts.HEIGHT)
+    shot = layouts.flight.shoot(3, layouts.WIDTH, layouts.HEIGHT)
     hit = shot.ids > 0
     mapping = {"color": ["ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"]}
     clean = io.read_exr(tmp_path / "out" / "frame.3.exr", mapping=mapping if name == "cycles" else None).color
@@ -315,6 +321,7 @@ def test_a_view_of_a_stereo_file(tmp_path, capsys):
     assert_same_bits(io.read_exr(tmp_path / "out.exr", view="right").color, want)
 
 
+@pytest.mark.slow
 def test_plan_and_chart_take_mappings(tmp_path, capsys):
     (tmp_path / "in").mkdir()
     for i in range(1, 7):
@@ -327,7 +334,7 @@ def test_plan_and_chart_take_mappings(tmp_path, capsys):
     assert "no colour" in capsys.readouterr().err
     run("plan", tmp_path / "in", "--map", mapping)
     assert "motion" in capsys.readouterr().out
-    given = "--metrics", "warped", "--methods", "TAA", "--no-peers", "--time-size", "32x24"
+    given = "--metrics", "warped_error", "--methods", "TAA", "--no-peers", "--time-size", "32x24"
     run("chart", tmp_path / "in", "--map", mapping, "-o", tmp_path / "chart", *given)
     assert (tmp_path / "chart" / "points.csv").exists()
     run("chart", "-o", tmp_path / "chart", "--map", mapping, code=2)

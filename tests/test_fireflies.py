@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_variance import surface
@@ -67,13 +67,13 @@ def test_surfaces_and_history_reference(seed, size, buffers, predicted, **named)
 
 
 @pytest.mark.parametrize("redistribute", [True, False])
-@pytest.mark.parametrize("size", SIZES + TAILS)
+@each("size", SIZES + TAILS)
 def test_sizes(size, redistribute):
     check(image(np.random.default_rng(size[1]), *size), radius=2, redistribute=redistribute)
 
 
 def test_negative_light():
-    """Below zero nothing is a firefly, and no limit lies there."""
+    """Negative light is no firefly, and limits are not negative."""
     rng = np.random.default_rng(0)
     color = rng.normal(-0.5, 1, (30, 31, 3)).astype(np.float32)
     got, _ = check(color, threshold=0.5, radius=2)
@@ -104,7 +104,7 @@ def test_what_is_below_its_limit_and_far_from_fireflies_stays_to_the_bit():
 
 
 def test_a_firefly_gives_its_light_away():
-    """All of it, in its own hue, in equal parts to its window."""
+    """All its excess goes to its window, in its own hue and in equal parts."""
     rng = np.random.default_rng(0)
     color = rng.uniform(0.9, 1.1, (21, 21, 3)).astype(np.float32)
     color[10, 10] = (9, 6, 3)
@@ -117,14 +117,14 @@ def test_a_firefly_gives_its_light_away():
 
 
 def test_surfaces_are_apart():
-    """A firefly is judged by its own surface, and gives nothing to another."""
+    """A firefly's limit comes from its own surface, and its excess stays there."""
     rng = np.random.default_rng(0)
     color = rng.uniform(0.9, 1.1, (20, 20, 3)).astype(np.float32)
     color[:, 10:] *= 20
     color[10, 9] = 15
     ids = np.repeat(np.arange(20) // 10 + 1, 20).reshape(20, 20).T.astype(np.uint32)
     alone, _ = yester.suppress_fireflies(color, threshold=4.0)
-    assert_same_bits(alone, color)  # beside what is as bright
+    assert_same_bits(alone, color)  # beside pixels that are as bright
     got, removed = yester.suppress_fireflies(color, ids=ids, threshold=4.0)
     assert np.argwhere(removed).tolist() == [[10, 9]]
     assert_same_bits(got[:, 10:], color[:, 10:])
@@ -137,7 +137,7 @@ def test_what_history_predicted_is_none():
     color[10, 10] = 8
     expected = np.ones_like(color)
     _, removed = yester.suppress_fireflies(color, expected=expected)
-    assert removed[10, 10] == pytest.approx(5, abs=0.01)  # above three times what is expected
+    assert removed[10, 10] == pytest.approx(5, abs=0.01)  # above three times the expected light
     expected[10, 10] = 3
     got, removed = yester.suppress_fireflies(color, expected=expected, threshold=4.0)
     assert_same_bits(got, color)
@@ -155,7 +155,7 @@ def test_what_history_predicted_is_none():
     redistribute=st.booleans(),
 )
 def test_light_is_kept_or_reported(seed, size, redistribute, **named):
-    """Redistributed, luminance stays, however many fireflies share a window; otherwise what is lost is reported."""
+    """Redistribution keeps total luminance, also of fireflies that share a window; otherwise the loss is reported."""
     color = image(np.random.default_rng(seed), *size)
     got, removed = yester.suppress_fireflies(color, redistribute=redistribute, **named)
     assert (removed >= 0).all()
@@ -164,7 +164,7 @@ def test_light_is_kept_or_reported(seed, size, redistribute, **named):
 
 
 def test_only_what_stands_out_is_cut():
-    """A firefly beside noise: cut to what its neighbours have; without redistribution the rest keeps its bits."""
+    """A firefly beside noise: cut to its neighbours' limit; without redistribution the rest keeps its bits."""
     rng = np.random.default_rng(0)
     color = rng.uniform(0.9, 1.1, (30, 30, 3)).astype(np.float32)
     color[10, 12], color[20, 5] = 500, 60
@@ -179,7 +179,7 @@ def test_only_what_stands_out_is_cut():
 
 @pytest.mark.parametrize("brightness", [1e2, 1e4, 1e6, 1e8])
 def test_however_bright(brightness):
-    """What remains of a firefly is its limit, which does not depend on how bright it was."""
+    """A firefly is cut to its limit, which does not depend on its brightness."""
     rng = np.random.default_rng(0)
     color = rng.uniform(0.5, 1.5, (9, 9, 3)).astype(np.float32)
     light = np.delete(luminance(color).ravel(), 40)
@@ -189,7 +189,7 @@ def test_however_bright(brightness):
 
 
 def test_too_few_to_judge_by():
-    """One neighbour has no deviation to speak of; and nobody, no limit at all."""
+    """With one neighbour the deviation is 0; without any there is no limit."""
     for color in (np.float32([[[9, 9, 9]]]), np.float32([[[1, 1, 1], [90, 90, 90]]])):
         got, removed = yester.suppress_fireflies(color, threshold=0.0)
         assert_same_bits(got, color)
@@ -221,7 +221,7 @@ def test_scale_does_not_matter():
 
 @pytest.mark.parametrize("brightness", [1e-40, 1e-36, 1e-30, 1e-20])
 def test_however_dark(brightness):
-    """Squares of such luminances are zero, and some of the numbers have few digits; light is light all the same."""
+    """Squares of such luminances underflow, and some are denormal; fireflies are found all the same."""
     color = (np.random.default_rng(5).random((32, 32, 3)) * brightness).astype(np.float32)
     held, removed = yester.suppress_fireflies(color, redistribute=False)
     assert np.isfinite(held).all()

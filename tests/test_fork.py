@@ -13,7 +13,7 @@ import yester
 from calls import arrays, calls
 from compare import assert_same_bits
 
-TIMEOUT = 60  # seconds: of a deadlock, not of the work
+TIMEOUT = 60  # seconds; only a deadlock takes as long
 # Forking a process with threads is what is tested here; from 3.12 on Python warns of it.
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 
@@ -32,7 +32,7 @@ def send(queue, seed: int) -> None:
 
 
 def test_fork_after_use():
-    work(0)  # the parent's threads exist now, and do not come along
+    work(0)  # Starts the parent's threads, which a fork does not copy.
     context = multiprocessing.get_context("fork")
     queue = context.Queue()
     children = [context.Process(target=send, args=(queue, seed), daemon=True) for seed in (1, 1)]
@@ -73,7 +73,7 @@ def test_many_threads_at_once():
 
 
 def test_one_pipeline_in_two_threads():
-    """A pipeline has one state: calls from two threads take turns, or are refused, but none is lost or mixed up."""
+    """A pipeline has one state: calls from two threads take turns, or are refused; none is lost or mixed up."""
     svgf = yester.SVGF()
     frame = yester.Frame(np.ones((64, 64, 3), np.float32))
     with ThreadPoolExecutor(4) as pool:
@@ -85,7 +85,7 @@ def test_one_pipeline_in_two_threads():
 
 
 def test_python_runs_on_during_a_kernel():
-    """Another thread advances while a kernel works: the lock is released. That it moves is tested, not how fast."""
+    """Another thread advances while a kernel works: the lock is released. Tests that it advances, not how fast."""
     color, variance = np.ones((1024, 1024, 3), np.float32), np.ones((1024, 1024), np.float32)
     inside, stop, seen = threading.Event(), threading.Event(), []
 
@@ -96,7 +96,7 @@ def test_python_runs_on_during_a_kernel():
             time.sleep(0)
 
     interval = sys.getswitchinterval()
-    # With turns this long the watcher moves only where the lock is given away, not where it is taken away.
+    # With an interval this long the watcher advances only where the lock is released, not where it is taken away.
     sys.setswitchinterval(1000)
     watcher = threading.Thread(target=watch)
     watcher.start()

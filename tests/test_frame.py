@@ -2,11 +2,11 @@ import pickle
 from dataclasses import replace
 
 import compare
+import flight
 import numpy as np
 import pytest
 import torch
 import yester
-from scene import camera
 
 
 def buffers(height=4, width=6):
@@ -20,9 +20,9 @@ def buffers(height=4, width=6):
 
 
 def test_keeps_what_is_canonical():
-    """Without a copy, in canonical order, with the sizes at hand."""
+    """Without a copy, in canonical order, with its sizes as attributes."""
     given = buffers()
-    frame = yester.Frame(**given, camera=camera(0, 6, 4))
+    frame = yester.Frame(**given, camera=flight.camera(0, 6, 4))
     order = ["color", "albedo", "normal", "depth", "motion", "ids", "position", "emission"]
     order += ["object_normal", "replay", "hit_distance"]
     assert list(frame.buffers()) == order
@@ -31,7 +31,7 @@ def test_keeps_what_is_canonical():
         assert np.shares_memory(buffer, given[name])
         assert getattr(frame, name) is buffer
     assert (frame.height, frame.width, frame.shape) == (4, 6, (4, 6))
-    assert frame.camera == camera(0, 6, 4)
+    assert frame.camera == flight.camera(0, 6, 4)
 
 
 def test_everything_but_colour_is_optional():
@@ -88,7 +88,7 @@ def test_read_only():
 
 
 def test_replace_makes_another_without_copies():
-    frame = yester.Frame(**buffers(), camera=camera(0, 6, 4), jitter=(0.25, -0.5))
+    frame = yester.Frame(**buffers(), camera=flight.camera(0, 6, 4), jitter=(0.25, -0.5))
     other = replace(frame, depth=None)
     assert other.depth is None
     assert other.color is frame.color
@@ -98,7 +98,7 @@ def test_replace_makes_another_without_copies():
 
 
 def test_pickles():
-    frame = yester.Frame(**buffers(), camera=camera(0, 6, 4), jitter=(0.25, -0.5))
+    frame = yester.Frame(**buffers(), camera=flight.camera(0, 6, 4), jitter=(0.25, -0.5))
     again = pickle.loads(pickle.dumps(frame))
     assert again.camera == frame.camera
     assert again.jitter == frame.jitter
@@ -122,7 +122,7 @@ def test_bad_buffers(name):
         (np.ones_like(given[name], np.float32 if name == "ids" else np.int32), TypeError),
     ]:
         if name == "color" and np.shape(wrong)[-1] == 3 and np.ndim(wrong) == 3 and error is ValueError:
-            continue  # another size of colour is the others' fault
+            continue  # another size of colour is reported for the other buffers
         with pytest.raises(error, match=name):
             yester.Frame(**{**given, name: wrong})
 
@@ -135,7 +135,7 @@ def test_bad_colour(shape):
 
 def test_bad_camera():
     with pytest.raises(ValueError, match="camera"):
-        yester.Frame(buffers()["color"], camera=camera(0, 5, 4))
+        yester.Frame(buffers()["color"], camera=flight.camera(0, 5, 4))
     with pytest.raises(TypeError, match="camera"):
         yester.Frame(buffers()["color"], camera=np.eye(4))
 

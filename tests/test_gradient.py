@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 
 def images(rng, height, width, *, holes=0.05):
-    """A noisy frame and a noisy past, half of it in another light; in some places black, or negative."""
+    """A noisy frame and a noisy previous one, half of it in other light; in places black or negative."""
     color = compare.colors(rng, height, width, holes=holes)
     previous = compare.colors(rng, height, width, holes=holes)
     previous[:, width // 2 :] *= rng.choice([0.1, 1, 3])
@@ -25,7 +25,7 @@ def check(color, previous, **named):
     got = yester.temporal_gradient(color, previous, **named)
     want, lost = reference.temporal_gradient(*tensor([color, previous]), margin=True, **named)
     assert got.dtype == np.float32
-    # A variance is as precise as the squares it is the difference of.
+    # A variance is a difference of squares, and only as precise as they are.
     assert_close("temporal_gradient", got, want, scale=lost.numpy())
     return got
 
@@ -45,7 +45,7 @@ def test_reference(seed, size, passes, wider, holes, **named):
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
-@pytest.mark.parametrize("size", SIZES + TAILS)
+@each("size", SIZES + TAILS)
 def test_sizes(size, noise):
     check(*images(np.random.default_rng(size[1]), *size), noise=noise)
 
@@ -69,7 +69,7 @@ def test_the_same_light_has_no_gradient(noise):
 
 @pytest.mark.parametrize("passes", [0, 1, 3, 8])
 def test_half_the_light_is_a_half(passes):
-    """Whatever the texture; to the bit, as all sums halve."""
+    """For any texture; bit for bit, as all sums halve."""
     color, _ = images(np.random.default_rng(0), 30, 31, holes=0.1)
     color = np.abs(color)
     for now, before in ((color, color / 2), (color / 2, color)):
@@ -79,7 +79,7 @@ def test_half_the_light_is_a_half(passes):
 
 
 def test_noise_is_no_gradient():
-    """Frames of equal mean: three standard errors are rarely exceeded, and hardly; without them all is gradient."""
+    """Frames of equal mean rarely differ by three standard errors, and hardly more; a margin of 0 shows all noise."""
     rng = np.random.default_rng(0)
     color, previous = (compare.colors(rng, 256, 256, holes=0.0) for _ in range(2))
     got = yester.temporal_gradient(color, previous, noise=3.0)
@@ -103,7 +103,7 @@ def test_a_step_is_found_where_it_is():
 
 
 def test_the_largest_counts():
-    """Of every blur from the smallest to the widest."""
+    """The largest gradient of all blurs, from the smallest to the widest, is returned."""
     color, previous = images(np.random.default_rng(2), 50, 60)
     got = yester.temporal_gradient(color, previous, passes=2, widest=5)
     single = [yester.temporal_gradient(color, previous, passes=n, widest=n) for n in range(2, 6)]
@@ -121,7 +121,7 @@ def test_wide_blurs_see_what_is_faint():
 
 
 def test_signs_and_scales_do_not_matter():
-    """Brighter or darker, and in whatever unit: the same bits."""
+    """Brighter or darker, and in any unit: the same bits."""
     color, previous = images(np.random.default_rng(3), 30, 33)
     got = yester.temporal_gradient(color, previous, noise=1.0)
     assert got.any()
@@ -131,7 +131,7 @@ def test_signs_and_scales_do_not_matter():
 
 
 def test_missing_pixels():
-    """Whatever is infinite in either counts in neither; where nothing is near nothing is known: 0."""
+    """A pixel that is not finite in either frame counts in neither; without valid neighbours the gradient is 0."""
     rng = np.random.default_rng(4)
     color, previous = images(rng, 30, 40, holes=0)
     holes = rng.random((30, 40)) < 0.4

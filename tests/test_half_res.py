@@ -1,11 +1,12 @@
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import composed
+import flight
 import numpy as np
 import pytest
 import reference
-import scene
 import yester
 from compare import assert_close, assert_same_bits, tensor
 from composed import sequence
@@ -17,7 +18,7 @@ BARE = {"iterations": 0, "reflections": (), "antialias": False}
 
 
 def traced(color, number):
-    """Another pixel of each 2×2 in each frame."""
+    """Keep one pixel of each 2×2, a different one in each frame."""
     x, y = yester.HalfRes.offset(number)
     kept = np.full_like(color, np.nan)
     kept[y::2, x::2] = color[y::2, x::2]
@@ -70,7 +71,7 @@ def test_sizes(size):
 
 @pytest.mark.parametrize("named", [{}, {"weight": 0.5, "antialias": False}], ids=str)
 def test_reference(named):
-    """The whole pipeline against its composition in float64, where decisions may flip in a few pixels."""
+    """The pipeline against its float64 composition, in which decisions may flip in a few pixels."""
     half_res, other = yester.HalfRes(reflections=(), **named), reference.HalfRes(**named)
     absent = dict.fromkeys(("object_normal", "replay", "hit_distance", "jitter"))
     for number, frame in enumerate(sequence(6)):
@@ -95,7 +96,7 @@ def test_whole_frames_need_nothing():
 
 
 def test_offsets_take_turns():
-    """All four pixels in any four frames, diagonal ones in each pair."""
+    """Any four consecutive frames trace all four pixels; the two of a pair trace diagonal ones."""
     offsets = [yester.HalfRes.offset(number) for number in range(12)]
     assert all(set(offsets[i : i + 4]) == set(itertools.product((0, 1), repeat=2)) for i in range(9))
     for (x, y), (u, v) in zip(offsets[::2], offsets[1::2], strict=True):
@@ -106,7 +107,7 @@ def test_offsets_take_turns():
 
 
 def test_history_converges_to_the_mean_of_the_pixels_own_samples():
-    """However different its neighbours are, of which ever less remains."""
+    """However different its neighbours are: their weight vanishes over time."""
     y, x = np.mgrid[:32, :33]
     truth = np.where((x // 2 + y // 3) % 2, np.float32(1.5), np.float32(0.5))[..., None] * np.ones(3, np.float32)
     half_res, errors = yester.HalfRes(alpha=0.0, innovation=False, **BARE), []
@@ -122,17 +123,17 @@ def test_history_converges_to_the_mean_of_the_pixels_own_samples():
 
 @pytest.mark.parametrize("share", [1 / 2, 1 / 4, 1 / 16])
 def test_any_pattern_and_share(share):
-    """Random pixels, as many or as few as there are: no holes in the output, and a smaller error than theirs."""
+    """Random pixels at any density: no holes in the output, and less error than in the samples."""
     rng = np.random.default_rng(0)
-    shot = scene.shoot(0, 96, 64)
+    shot = flight.shoot(0, 96, 64, moving=False)
     half_res = yester.HalfRes(radius=4 if share < 0.1 else 2)
     seen = shot.ids > 0
     errors = []
     for _ in range(12):
-        color = scene.noisy(shot, rng)
+        color = flight.noisy(shot, rng)
         raw = np.mean((color - shot.color)[seen] ** 2)
         color[rng.random(seen.shape) > share] = np.nan
-        out = half_res.step(yester.Frame(color, **shot.buffers()))
+        out = half_res.step(replace(shot, color=color))
         assert abs(1 - share - out.missing / seen.size) < 0.03
         errors.append(np.mean((out.color - shot.color)[seen] ** 2))
     assert np.mean(errors[6:]) < (0.02 if share > 0.1 else 0.05) * raw
@@ -140,33 +141,30 @@ def test_any_pattern_and_share(share):
 
 
 def errors_in_motion(step, *, light=lambda number: 1.0):
-    """Of a flying camera and a travelling sphere."""
+    """Errors of the flight, per frame."""
     rng = np.random.default_rng(0)
     errors = []
     for number in range(24):
-        now = scene.shoot(number, 96, 64)
-        motion = yester.motion_vectors(
-            now.position, now.camera, scene.camera(number - 1, 96, 64), ids=now.ids, transforms=scene.transforms(number)
-        )
-        color = scene.noisy(now, rng) * np.float32(light(number))
-        out = step(number, color, {"motion": motion, **now.buffers()})
+        now = flight.shoot(number, 96, 64)
+        color = flight.noisy(now, rng) * np.float32(light(number))
+        out = step(number, color, now)
         truth = now.color * light(number)
         errors.append(np.mean((out.color - truth)[now.ids > 0] ** 2))
     return np.array(errors)
 
 
 def spread(color, number):
-    """The naive way: each 2×2 shows its traced pixel."""
+    """The naive method: each 2×2 repeats its traced pixel."""
     x, y = yester.HalfRes.offset(number)
     return np.kron(color[y::2, x::2], np.ones((2, 2, 1), np.float32))
 
 
 def fed(pipeline, pattern):
-    return lambda number, color, buffers: pipeline.step(yester.Frame(pattern(color, number), **buffers))
+    return lambda number, color, frame: pipeline.step(replace(frame, color=pattern(color, number)))
 
 
 def test_it_beats_what_is_simpler():
-    """Of the same samples: a better picture than from copies of them, and little worse than from four times as many."""
+    """From the same samples, less error than from copies of them, and little more than from four times as many."""
     whole = errors_in_motion(fed(yester.SVGF(), lambda color, _: color))[12:].mean()
     half = errors_in_motion(fed(yester.HalfRes(), traced))[12:].mean()
     copies = errors_in_motion(fed(yester.SVGF(), spread))[12:].mean()
@@ -175,7 +173,7 @@ def test_it_beats_what_is_simpler():
 
 
 def test_light_that_is_switched_reaches_what_is_not_traced():
-    """In a frame or two, where histories that wait for samples of their own need four."""
+    """In a frame or two; histories that wait for samples of their own need four."""
 
     def switch(number):
         return 3.0 if number >= 16 else 1.0

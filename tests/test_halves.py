@@ -1,4 +1,4 @@
-"""The two-buffer estimate: the formula pixel by pixel, without bias, and beside the judge by prediction."""
+"""The two-buffer estimate: its formula pixel by pixel, its bias, and its agreement with the predictive error."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,11 @@ from yester.study.compare import halves, judging
 from yester.study.compare.halves import two_buffer_error
 from yester.study.rendered.recording import record
 
+pytestmark = pytest.mark.slow
+
 
 def blurred(image, share):
-    """With so much of its own mean."""
+    """Blended with its mean by this weight."""
     return ((1 - share) * image + share * image.mean((0, 1))).astype(np.float32)
 
 
@@ -20,7 +22,7 @@ def weights(mean):
 
 
 def test_by_hand():
-    """Two frames of few pixels, one sample of them missing: with the variance, which cancels."""
+    """Two frames of few pixels with one missing sample; the variance terms cancel."""
     rng = np.random.default_rng(3)
     samples = rng.uniform(0, 1.5, (2, 3, 3, 4, 3)).astype(np.float32)
     first, second = rng.uniform(0, 1.2, (2, 2, 3, 3, 4, 3)).astype(np.float32)
@@ -49,7 +51,7 @@ def test_by_hand():
 
 
 def test_without_bias(monkeypatch):
-    """The mean over many halves is the difference of the errors of the mean results, but for noise in the weights."""
+    """The mean over many halves is the difference of the errors of the mean results, up to noise in the weights."""
     monkeypatch.setattr(halves, "_WEIGHTS", dict.fromkeys(halves.WEIGHTINGS, np.ones_like))
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:24, :32] / 24
@@ -85,7 +87,7 @@ def test_refuses(start):
 
 
 def test_judged(tmp_path, monkeypatch):
-    """Both estimates of every component, by prediction as of each half alone, and the table of the judge."""
+    """Both estimates of every component, the predictive error from each half alone, and their table."""
     names = ("demodulation", "choice", "antialiasing")
     some = [each for each in halves.ABLATIONS if each.whole.name == "SVGF" and each.component in names]
     for module in (halves, judging):

@@ -6,19 +6,21 @@ import yester
 from test_scenes import ids, render
 from yester.study.rendered import held_out, scenes
 
+pytestmark = pytest.mark.slow
+
 
 def some(sequence, *moments):
-    """The sequence at these moments alone."""
+    """The sequence at these moments only."""
     states = (sequence.cameras, sequence.transforms, sequence.parameters)
     return scenes.Sequence(sequence.scene, *([each[i] for i in moments] for each in states))
 
 
 @pytest.mark.parametrize("name", held_out.NAMES)
 def test_pace_and_motion(name):
-    """Pixels move at the pace that was meant, normals face the camera, and motion forth is motion back, inverted."""
+    """Pixels move at the intended pace, normals face the camera, and forward motion is backward motion, inverted."""
     one, other = render(some(getattr(held_out, name)(24, 80, 60), 11, 12), next=True)
     speed = np.linalg.norm(other.motion[..., :2], axis=-1)
-    # Of the size that was meant, 320x240.
+    # At the intended size, 320x240.
     assert 0.25 < 4 * np.median(speed) < 16
     assert one.motion_next[one.ids > 0].any()
     assert not other.motion_next.any()
@@ -33,7 +35,7 @@ def test_pace_and_motion(name):
 
 
 def test_opening_door():
-    """What stands still is lit more and more; the door turns about its hinge, which stays where it is."""
+    """Static surfaces are lit more and more; the door turns about its hinge, which stays in place."""
     sequence = held_out.opening_door(5, 48, 36)
     still = scenes.Sequence(sequence.scene, sequence.cameras[:1] * 3, sequence.transforms[::2], [{}] * 3)
     light = [np.percentile(frame.color.mean(-1), 60) for frame in render(still, spp=64, buffers=False)]
@@ -48,7 +50,7 @@ def test_opening_door():
 
 
 def test_passing_day():
-    """The camera turns where it stands; the sun is up, and never in view, and half of the ground changes its light."""
+    """The camera turns in place; the sun is up and never in view, and half of the ground changes its light."""
     sequence = held_out.passing_day(9, 64, 48)
     places = np.array([camera.position for camera in sequence.cameras])
     assert np.ptp(places, axis=0).max() < 1e-6
@@ -64,7 +66,7 @@ def test_passing_day():
 
 
 def test_glass_shelf():
-    """Glass, metal and paint in small pieces, about as much of each."""
+    """Glass, metal and paint in small pieces, in about equal amounts."""
     sequence = held_out.glass_shelf(1, 96, 72)
     (frame,) = render(sequence)
     number = ids(sequence)
@@ -79,7 +81,7 @@ def test_glass_shelf():
 
 
 def test_carousel():
-    """It turns as one, riders rise and sink, and the camera's field of view shrinks from where it stands."""
+    """It turns as a whole, riders rise and sink, and a fixed camera zooms in."""
     sequence = held_out.carousel(7, 48, 36)
     places = np.array([camera.position for camera in sequence.cameras])
     assert np.ptp(places, axis=0).max() < 1e-6
@@ -100,7 +102,7 @@ def test_carousel():
 
 
 def test_neon_corridor():
-    """Its signs are its only lights: print of the frames' own emission, mirrored in the floor."""
+    """Its signs are its only lights: textured emission, mirrored in the floor."""
     sequence = held_out.neon_corridor(2, 96, 72)
     frames = render(sequence)
     number = ids(sequence)
@@ -113,5 +115,5 @@ def test_neon_corridor():
         assert (frame.emission[~sign] == 0).all()
         bright = frame.emission[sign].max(-1)
         assert bright.max() > 10 * np.median(bright)
-    # A pan: nothing of one side is seen from the other end of it.
+    # A pan: its first and last views do not overlap.
     assert np.linalg.norm(frames[1].motion[..., :2], axis=-1).min() > 48

@@ -3,14 +3,14 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_variance import surface
 
 
 def inputs(rng, height, width, holes=0.05):
-    """Half of the history is as long as it gets, the rest from nothing to a little, and fractions."""
+    """Half of the history has full length, the rest 0 to a few samples, with fractions."""
     length = rng.choice(
         np.float32([0, 0.5, 1, 2, 2.25, 3, 20]), (height, width), p=[0.15, 0.05, 0.1, 0.1, 0.05, 0.05, 0.5]
     )
@@ -21,7 +21,7 @@ def check(color, length, **named):
     got = yester.fix_history(color, length, **named)
     want, weights = reference.fix_history(*tensor([color, length]), margin=True, **tensor(named))
     assert got.dtype == np.float32
-    # Where nobody is really alike, weights that nearly vanish decide, and are cut to none at a bound.
+    # With no similar tap, near-zero weights dominate, and are cut to zero at a bound.
     sure = (weights.numpy() > 1e-12) | (weights.numpy() == 0)
     assert (~sure).sum() <= 2 + 0.1 * sure.size
     assert_close("fix_history", got, want, rtol=2e-5, where=sure)
@@ -46,7 +46,7 @@ def test_reference(seed, size, buffers, holes, **named):
 
 
 @pytest.mark.parametrize("buffers", [[], ["depth", "ids"], ["camera", "ids"]])
-@pytest.mark.parametrize("size", SIZES + TAILS)
+@each("size", SIZES + TAILS)
 def test_sizes(size, buffers):
     rng = np.random.default_rng(size[1])
     check(*inputs(rng, *size), stride=4.0, **surface(rng, *size, buffers))
@@ -64,7 +64,7 @@ def test_long_history_keeps_its_bits():
 
 @pytest.mark.parametrize(("length", "step"), [(0, 14), (1, 7), (2, 5)])
 def test_taps_are_where_they_should_be(length, step):
-    """One short pixel among long ones: the mean of the 5x5 taps at its stride, itself as little as it knows."""
+    """One short history among long ones: the mean of the 5x5 taps at its stride, with little weight on itself."""
     rng = np.random.default_rng(length)
     color = rng.exponential(1, (61, 61, 3)).astype(np.float32)
     lengths = rng.integers(3, 20, (61, 61)).astype(np.float32)
@@ -78,7 +78,7 @@ def test_taps_are_where_they_should_be(length, step):
 
 
 def test_nothing_crosses():
-    """Not between ids, surfaces and background, nor over steps in depth and corners."""
+    """Neither ids, nor the border to the background, nor steps in depth, nor corners."""
     rng = np.random.default_rng(0)
     color = np.ones((32, 64, 3), np.float32)
     color[:, 32:] = 100
@@ -103,7 +103,7 @@ def test_nothing_crosses():
 
 
 def test_no_noise_from_short_history():
-    """Taps count as much as they have seen: pixels without any history lend nothing, however many they are."""
+    """A tap's weight is its length: pixels without history lend nothing, however many they are."""
     rng = np.random.default_rng(0)
     color = np.full((40, 40, 3), 0.5, np.float32)
     length = rng.choice(np.float32([0, 8]), (40, 40), p=[0.8, 0.2])
@@ -125,7 +125,7 @@ def test_constant_stays():
 
 
 def test_scale_passes_to_the_bit():
-    """In another light the weights are the same, and by powers of two so are the bits."""
+    """Scaled light has the same weights; by powers of two, the same bits."""
     rng = np.random.default_rng(0)
     color, length = inputs(rng, 24, 33)
     buffers = surface(rng, 24, 33, ["camera", "ids"])
@@ -135,7 +135,7 @@ def test_scale_passes_to_the_bit():
 
 
 def test_holes_are_filled_and_never_spread():
-    """Missing pixels of short history are filled where a tap is present; infinities and NaN lengths reach nobody."""
+    """Missing pixels of short history are filled where a tap is present; infinities and NaN lengths do not spread."""
     rng = np.random.default_rng(0)
     color = compare.colors(rng, 40, 50, holes=0.3)
     length = rng.integers(0, 6, (40, 50)).astype(np.float32)

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference.innovation import around
 
 
 def images(rng, height, width, *, holes=0.05) -> dict:
-    """New samples and a prediction, half of it of another light; in some places black, or negative."""
+    """New samples and a prediction, half of it in other light; in places black or negative."""
     prediction = compare.colors(rng, height, width, holes=holes)
     with np.errstate(invalid="ignore"):
         color = prediction * rng.gamma(rng.choice([1, 16]), 1, (height, width, 1)).astype(np.float32)
@@ -25,7 +25,7 @@ def images(rng, height, width, *, holes=0.05) -> dict:
 
 
 def evidence_of(rng, height, width, *, holes=0.05):
-    """As an earlier frame may have left it, of blocks of 2×2 pixels."""
+    """Evidence as an earlier frame may leave it, per block of 2×2 pixels."""
     evidence = rng.normal(0, 0.5, (-(-height // 2), -(-width // 2), 4)).astype(np.float32)
     evidence[..., 3] = rng.exponential(0.1, evidence.shape[:2])
     evidence[rng.random(evidence.shape) < holes / 4] = rng.choice([np.nan, np.inf, -np.inf])
@@ -33,7 +33,7 @@ def evidence_of(rng, height, width, *, holes=0.05):
 
 
 def motions(rng, height, width, channels=2):
-    """In 64ths of a pixel, so that which block is nearest is decided the same in either precision."""
+    """In 64ths of a pixel, so that both precisions find the same nearest block."""
     return (np.rint(compare.motions(rng, height, width, channels) * 64) / 64).astype(np.float32)
 
 
@@ -52,7 +52,7 @@ def check(given, **named):
         present = (np.isfinite(color) & np.isfinite(prediction)).all(-1)
         unit = black + around(tensor(prediction)).numpy() if named.get("sparse") else light
         seen = rms(((color - prediction) / unit).clip(-50, 50)[present])
-    # What is left after subtraction is as precise as the differences that were averaged.
+    # The remainder of a subtraction is as precise as the differences that were averaged.
     seen = max(seen, rms(given["evidence"][..., :3]) if given.get("evidence") is not None else 0)
     assert all(image.dtype == np.float32 for image in got)
     assert_close("innovation", got[0], want[0], scale=seen * light)
@@ -76,7 +76,7 @@ def check(given, **named):
     holes=st.sampled_from([0.0, 0.05, 0.8]),
 )
 def test_reference(seed, size, carried, channels, holes, **named):
-    """Motion within the image, out of it, and unknown."""
+    """With motion inside the image, out of it, and unknown."""
     rng = np.random.default_rng(seed)
     given = images(rng, *size, holes=holes)
     if carried:
@@ -86,8 +86,8 @@ def test_reference(seed, size, carried, channels, holes, **named):
     check(given, **named)
 
 
-@pytest.mark.parametrize("carried", [False, True])
-@pytest.mark.parametrize("size", [*SIZES, *TAILS, (3, 160), (4, 161), (2, 319), (5, 322)])
+@each("carried", [False, True])
+@each("size", [*SIZES, *TAILS, (3, 160), (4, 161), (2, 319), (5, 322)])
 def test_sizes(size, carried):
     rng = np.random.default_rng(size[1])
     given = images(rng, *size)
@@ -108,7 +108,7 @@ def test_images_smaller_than_the_coarsest_block(size, levels):
 
 
 def test_everything_between_none_and_all_is_kept():
-    """Of a change that grows from the left to the right, in noise."""
+    """For a change that grows from left to right, in noise."""
     rng = np.random.default_rng(1)
     given = steady(64, 512, rng.gamma(4, 1 / 4, (64, 512, 1)) * (1 + np.linspace(0, 1, 512)[:, None] ** 2))
     found, _ = check(given)
@@ -119,7 +119,7 @@ def test_everything_between_none_and_all_is_kept():
 
 
 def steady(height, width, color, length=32.0) -> dict:
-    """New samples where 1 was predicted."""
+    """New samples, with a prediction of 1."""
     prediction = np.ones((height, width, 3), np.float32)
     color = (color * prediction).astype(np.float32)
     return {"color": color, "prediction": prediction, "history_length": np.full((height, width), length, np.float32)}
@@ -139,7 +139,7 @@ def test_what_was_predicted_is_no_news(size, strictness):
 @pytest.mark.parametrize("change", [-0.9, -0.1, 0.01, 0.2, 5.0])
 @pytest.mark.parametrize(("length", "rtol"), [(1.0, 0.025), (32.0, 0.005)])
 def test_a_change_of_all_light_is_found_at_once(change, length, rtol):
-    """Without noise, nearly whole, least in corners: few blocks decide there."""
+    """Without noise nearly all of it is found, least in corners, where few blocks contribute."""
     given = steady(96, 128, 1 + change, length)
     found, evidence = check(given)
     np.testing.assert_allclose(found, change, rtol=rtol)
@@ -147,7 +147,7 @@ def test_a_change_of_all_light_is_found_at_once(change, length, rtol):
 
 
 def test_differences_are_bounded():
-    """A light that comes on is found by fifty times the sum of prediction and black in the first frame."""
+    """Of a light that comes on, the first frame finds fifty times the sum of prediction and black."""
     found, _ = check(steady(64, 64, 1e6), exposure=16.0)
     np.testing.assert_allclose(found, 50 * 2, rtol=0.01)
     dark = {**steady(64, 64, 1e6), "prediction": np.zeros((64, 64, 3), np.float32)}
@@ -159,8 +159,10 @@ def test_differences_are_bounded():
 @pytest.mark.parametrize("levels", [1, 4, 8])
 @pytest.mark.parametrize("size", [(48, 96), (47, 95), (33, 41), (5, 7), (1, 5), (9, 1)])
 def test_one_bright_sample_is_no_news(size, value, levels):
-    """Its squared mean is no larger than its variance at any level, so that at 1.01 times that nothing is kept: inside,
-    in corners, and in the last blocks of odd sizes. Neither is anything kept in the frames after, which are exact."""
+    """Its squared mean does not exceed its variance at any level, so a strictness of 1.01 keeps nothing of it.
+
+    Inside, in corners, and in the last blocks of odd sizes; nor in later frames, which are exact.
+    """
     rng = np.random.default_rng(0)
     rows, columns = ([0, side // 2, side - 2, side - 1] for side in size)
     inside = [(rng.integers(size[0]), rng.integers(size[1])) for _ in range(6)]
@@ -181,14 +183,14 @@ def test_one_bright_sample_is_no_news(size, value, levels):
 @pytest.mark.parametrize(
     ("noise", "bounds"),
     [
-        # Twice what is measured: of noise of 1, 0.25 and 0.3 of the light, 0.039, 0.009 and 0.01 of it.
+        # Twice the measured values: of noise of 1, 0.25 and 0.3 of the light, 0.039, 0.009 and 0.01 of it.
         ("exponential", (0.08, 0.01)),
         ("gamma", (0.018, 0.001)),
         ("normal", (0.02, 0.001)),
     ],
 )
 def test_noise_is_hardly_news(noise, bounds):
-    """Samples right in the mean: less is added than blocks of 2×2 alone would, and the stricter, the less."""
+    """Unbiased samples: less is added than by blocks of 2×2 alone, and the stricter, the less."""
     rng = np.random.default_rng(0)
     samples = {"exponential": rng.exponential(1, (128, 128, 1)), "gamma": rng.gamma(16, 1 / 16, (128, 128, 1))}
     given = steady(128, 128, samples.get(noise, 1 + 0.3 * rng.normal(0, 1, (128, 128, 1))))
@@ -200,7 +202,7 @@ def test_noise_is_hardly_news(noise, bounds):
 
 
 def test_own_samples_prove_nothing():
-    """A prediction made of few samples, among them these, is doubted less: 1 + 4/N² times the noise."""
+    """A prediction from N samples that include the new ones is doubted less: 1 + 4/N² times the noise."""
     rng = np.random.default_rng(0)
     color = rng.gamma(4, 1 / 4, (64, 64, 1))
     found = [rms(check(steady(64, 64, color, length))[0]) for length in (0, 1, 2, 4, np.inf)]
@@ -210,7 +212,7 @@ def test_own_samples_prove_nothing():
 
 
 def test_what_persists_is_found_sooner():
-    """A twentieth more light in a square, in noise of a half: no frame alone shows it, but several together."""
+    """A twentieth more light in a square, in noise of a half: no single frame shows it, several together do."""
     rng = np.random.default_rng(0)
     truth = np.ones((128, 128, 1))
     truth[40:88, 40:88] = 1.05
@@ -230,7 +232,7 @@ def test_what_persists_is_found_sooner():
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 1.0])
 def test_evidence_by_hand(share):
-    """E, a mean over frames, and its variance; so strict that nothing of it is kept. A lost frame changes neither.
+    """E, a mean over frames, and its variance; so strict that no correction is made. A lost frame changes neither.
 
     Each sample's difference is 1 in three channels, or 2 in every second frame, and a prediction of 4 samples adds a
     quarter to its square. The last blocks of odd sizes have fewer samples, whose mean varies more.
@@ -254,12 +256,11 @@ def test_evidence_by_hand(share):
 
 @pytest.mark.parametrize(
     ("noise", "bound"),
-    # Twice what is measured; the frames before find 0.02 and 0.009 of the light.
+    # Twice the measured values; the frames before find 0.02 and 0.009 of the light.
     [("exponential", 0.011), ("gamma", 0.005)],
 )
 def test_a_lost_frame_does_not_believe_the_noise_before(noise, bound):
-    """The variance is remembered with the evidence: without samples, noise proves no more than it did, and less is left
-    of it from frame to frame."""
+    """Evidence has a variance: without samples, noise proves no more than before, and fades from frame to frame."""
     rng = np.random.default_rng(0)
     given, evidence, errors = steady(128, 128, 1.0), None, []
     for frame in range(12):
@@ -274,7 +275,7 @@ def test_a_lost_frame_does_not_believe_the_noise_before(noise, bound):
 
 
 def test_evidence_follows_motion():
-    """By whole blocks to the same bits; beyond the image, and where motion is not known, there is none."""
+    """By whole blocks, bit for bit; from outside the image, or where motion is unknown, there is none."""
     rng = np.random.default_rng(2)
     given = images(rng, 24, 30)
     evidence = evidence_of(rng, 24, 30, holes=0)
@@ -292,7 +293,7 @@ def test_evidence_follows_motion():
 
 
 def test_evidence_that_is_not_finite_is_none():
-    """In any channel: as where motion is unknown."""
+    """In any channel: treated as unknown motion."""
     rng = np.random.default_rng(7)
     given, evidence = images(rng, 24, 30), evidence_of(rng, 24, 30, holes=0)
     motion = np.zeros((24, 30, 2), np.float32)
@@ -306,12 +307,11 @@ def test_evidence_that_is_not_finite_is_none():
 
 
 def test_evidence_comes_from_the_nearest_block():
-    """E and V, by the mean motion of a block's pixels, halved; between two of them the one below or to the right, and
-    none where that lies outside."""
+    """E and V, by half the mean motion of a block's pixels; ties go down or right, and give none outside the image."""
     evidence = np.zeros((4, 5, 4), np.float32)
     evidence[..., :3] = np.arange(1, 21).reshape(4, 5, 1)
     evidence[..., 3] = 4 * evidence[..., 0]
-    # Every block is right in the mean: nothing is corrected, and half of the evidence is left.
+    # Every block is right in the mean: nothing is corrected, and half of the evidence remains.
     given = steady(7, 9, np.tile(np.float32([[0.75, 1.25], [1.25, 0.75]]), (4, 5))[:7, :9, None])
     noise = 3 * (0.25 / (1 + 1 / 16)) ** 2 * (1 + 4 / 32**2) / 4
     places = {
@@ -336,7 +336,7 @@ def test_evidence_comes_from_the_nearest_block():
 
 @pytest.mark.parametrize("length", [0.0, 1.0, -3.0, np.nan])
 def test_young_pixels_have_no_evidence(length):
-    """A prediction that begins with these samples is no longer what the evidence speaks of."""
+    """A prediction that begins with these samples is not the one that the evidence is about."""
     rng = np.random.default_rng(3)
     given = images(rng, 21, 30)
     given["history_length"][:] = length
@@ -347,7 +347,7 @@ def test_young_pixels_have_no_evidence(length):
 
 @pytest.mark.parametrize("power", [-12, 9])
 def test_scale_does_not_matter(power):
-    """All light in another unit: the same evidence, and the correction in that unit, to the bit."""
+    """Light in another unit: the same evidence, and the correction in that unit, bit for bit."""
     rng = np.random.default_rng(4)
     given = images(rng, 33, 170) | {"evidence": evidence_of(rng, 33, 170), "motion": motions(rng, 33, 170)}
     found, evidence = yester.innovation(**given, exposure=2.0)
@@ -360,7 +360,7 @@ def test_scale_does_not_matter(power):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_missing_samples_tell_nothing(value):
-    """Whatever channel is not finite; their pixels are corrected by what those around tell."""
+    """Samples with any channel not finite; their pixels are corrected by their neighbours."""
     rng = np.random.default_rng(5)
     given = steady(40, 50, 1.5 * rng.gamma(16, 1 / 16, (40, 50, 1)))
     holes = rng.random((40, 50)) < 0.5
@@ -378,7 +378,7 @@ def test_missing_samples_tell_nothing(value):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_missing_predictions_learn_nothing(value):
-    """As without samples there; and the others' corrections are the same."""
+    """As if there were no samples; other pixels' corrections are unchanged."""
     rng = np.random.default_rng(6)
     given = steady(40, 50, 1.5 * rng.gamma(16, 1 / 16, (40, 50, 1)))
     holes = rng.random((40, 50)) < 0.3
@@ -395,7 +395,7 @@ def test_missing_predictions_learn_nothing(value):
 
 
 def test_nothing_is_there():
-    """Neither samples nor evidence: no correction, and nothing to remember."""
+    """Neither samples nor evidence: no correction, and no new evidence."""
     given = steady(9, 11, np.nan)
     found, evidence = yester.innovation(**given)
     np.testing.assert_array_equal(found, 0)
@@ -404,7 +404,7 @@ def test_nothing_is_there():
 
 @pytest.mark.parametrize("exposure", [1.0, 1e-44])
 def test_all_black(exposure):
-    """Stays black; light in it is found by a share of the exposure, which may be as small as numbers are."""
+    """Black stays black; light in it is found relative to a fraction of the exposure, however small that is."""
     black = np.zeros((20, 30, 3), np.float32)
     length = np.full((20, 30), 9, np.float32)
     found, evidence = yester.innovation(black, black, length, exposure=exposure)
@@ -445,7 +445,7 @@ def test_bad_input():
 
 @pytest.mark.parametrize("fed_back", [True, False])
 def test_what_stays_wrong_is_found_whole(fed_back):
-    """A prediction that is wrong by as much in every frame, or gets what was found."""
+    """A constant error is found whole, whether the prediction is corrected or not."""
     wrong = np.full((48, 48, 3), 0.5, np.float32)
     truth, length, evidence = wrong * 1.4, np.full((48, 48), 9, np.float32), None
     shown = wrong
@@ -457,8 +457,10 @@ def test_what_stays_wrong_is_found_whole(fed_back):
 
 
 def test_sparse_samples_tell_of_blocks_without():
-    """Of one pixel in 16, twice as bright as predicted: a frame finds it all, everywhere. Blocks without samples, if
-    they count as such that agree, hold most of it back. They stay unknown."""
+    """One pixel in 16 is sampled, twice as bright as predicted: one frame finds all of the change, everywhere.
+
+    If blocks without samples counted as agreement, they would suppress most of it; they count as unknown.
+    """
     given = steady(32, 48, np.full((32, 48, 1), 2.0))
     rows, columns = np.indices((32, 48))
     seen = (rows % 4 == 0) & (columns % 4 == 0)
@@ -470,7 +472,7 @@ def test_sparse_samples_tell_of_blocks_without():
     np.testing.assert_array_equal(np.isnan(sparse[1][..., 3]), ~sampled)
     assert np.isfinite(sparse[1][..., :3]).all()
     assert np.isfinite(dense[1]).all()
-    # What is known lasts, without a sample, where history is long.
+    # Without samples, evidence lasts where history is long.
     given["color"] = np.full_like(given["color"], np.nan)
     _, later = yester.innovation(**given, evidence=sparse[1], exposure=0.16, sparse=True)
     np.testing.assert_array_equal(np.isnan(later[..., 3]), ~sampled)
@@ -478,8 +480,7 @@ def test_sparse_samples_tell_of_blocks_without():
 
 
 def test_noise_of_a_sparse_prediction_is_no_light():
-    """Predictions that are as noisy as the samples: relative to themselves, the light seems to grow; to what is around,
-    it stays."""
+    """The prediction is as noisy as the samples: the light seems to grow relative to it, not to its surroundings."""
     rng = np.random.default_rng(0)
     color, prediction = rng.gamma(3, 1 / 3, (2, 128, 128, 1)).astype(np.float32).repeat(3, -1)
     given = {"color": color, "prediction": prediction, "history_length": np.full((128, 128), 8, np.float32)}

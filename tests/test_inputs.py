@@ -1,4 +1,4 @@
-"""What the array functions accept, and how they refuse the rest: one valid call each, varied in one argument."""
+"""Accepted and refused inputs of the array functions: one valid call each, varied in one argument."""
 
 import re
 
@@ -7,7 +7,7 @@ import pytest
 import torch
 import yester
 from calls import arrays, calls
-from compare import assert_same_bits
+from compare import assert_same_bits, each
 
 CALLS = calls()
 IMAGES = [
@@ -18,8 +18,8 @@ IMAGES = [
 ]
 # Images that may have any number of channels.
 ANY = {("reproject", "history"), ("splat", "color"), ("pull_push", "color"), ("resample", "image")}
-each_call = pytest.mark.parametrize("name", CALLS)
-each_image = pytest.mark.parametrize(("name", "argument"), IMAGES)
+each_call = each("name", CALLS)
+each_image = each(("name", "argument"), IMAGES)
 
 
 def call(name, **change):
@@ -58,7 +58,7 @@ LAYOUTS = {
 
 
 @each_call
-@pytest.mark.parametrize("layout", LAYOUTS)
+@each("layout", LAYOUTS)
 def test_layouts_are_one(name, layout):
     _, given = CALLS[name]
     converted = {k: LAYOUTS[layout](v) if isinstance(v, np.ndarray) else v for k, v in given.items()}
@@ -90,7 +90,7 @@ def test_results_are_new_float32(name):
 
 
 @each_image
-@pytest.mark.parametrize("dtype", [bool, np.complex64, object, "U3", "M8[s]"])
+@each("dtype", [bool, np.complex64, object, "U3", "M8[s]"])
 def test_wrong_kind_of_elements(name, argument, dtype):
     value = np.zeros(CALLS[name][1][argument].shape).astype(dtype)
     refused(name, TypeError, argument, **{argument: value})
@@ -107,18 +107,18 @@ def test_integers_are_not_floats_nor_floats_integers(name, argument):
 def test_wrong_shapes(name, argument):
     value = CALLS[name][1][argument]
     wrong = [value[None], value[:0], value[:, :0], np.zeros((), value.dtype)]
-    if argument != "image":  # which may have one channel or several
+    if argument != "image":  # one channel or several
         wrong.append(value[0])
     if value.ndim == 3 and (name.split("(")[0], argument) not in ANY:
         wrong += [np.concatenate([value, value], -1), value[..., :1], value[..., :0]]
     for array in wrong:
-        # A position with one axis less is a depth, of another size than the camera.
+        # A position with one axis less is taken for a depth, whose size differs from the camera's.
         refused(name, ValueError, "geometry|camera" if argument == "geometry" else argument, **{argument: array})
 
 
 @each_image
 def test_sizes_must_agree(name, argument):
-    """One image of another size: the message names it, or the one it does not fit."""
+    """One image of another size: the message names it, or the one that it does not fit."""
     given = CALLS[name][1]
     if sum(isinstance(v, np.ndarray) for v in given.values()) > 1:
         for cut in (np.s_[:-1], np.s_[:, :-1]):
@@ -127,7 +127,7 @@ def test_sizes_must_agree(name, argument):
 
 
 @each_call
-@pytest.mark.parametrize("cut", [np.s_[:0], np.s_[:, :0]], ids=["no rows", "no columns"])
+@each("cut", [np.s_[:0], np.s_[:, :0]])
 def test_empty(name, cut):
     given = CALLS[name][1]
     images = {k: v[cut] for k, v in given.items() if isinstance(v, np.ndarray)}
@@ -144,7 +144,7 @@ def test_not_arrays(name, argument):
 
 
 @each_call
-@pytest.mark.parametrize("argument", ["camera", "previous_camera"])
+@each("argument", ["camera", "previous_camera"])
 def test_cameras(name, argument):
     given = CALLS[name][1]
     if argument in given:
@@ -155,7 +155,7 @@ def test_cameras(name, argument):
 
 
 def test_channels_first_motion_is_explained():
-    """The most common mistake: the message names the argument, what was expected and what came."""
+    """The most common mistake: the message names the argument, the expected shape and the actual one."""
     motion = np.zeros((2, 6, 9), np.float32)
     for name in ("reproject", "consistency"):
         function, given = CALLS[name]
@@ -179,7 +179,7 @@ ADVICE = {
 
 @pytest.mark.parametrize("mistake", ADVICE)
 def test_common_mistakes_are_explained(mistake):
-    """One sentence that says what to do, from kernels and frames alike."""
+    """Kernels and frames give the same one-sentence advice."""
     change, error, advice = ADVICE[mistake]
     color = np.ones((6, 9, 3), np.float32)
     for function in (yester.suppress_fireflies, yester.Frame):
@@ -250,14 +250,14 @@ RANGES = {
 }
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "argument", "value"), [(n, a, v) for n, ranges in RANGES.items() for a, vs in ranges.items() for v in vs]
 )
 def test_out_of_range(name, argument, value):
     refused(name, ValueError, argument, **{argument: value})
 
 
-@pytest.mark.parametrize(("name", "argument"), [(n, a) for n, ranges in RANGES.items() for a in ranges])
+@each(("name", "argument"), [(n, a) for n, ranges in RANGES.items() for a in ranges])
 def test_parameters_of_another_type(name, argument):
     refused(name, TypeError, argument, **{argument: [1, 2]})
 

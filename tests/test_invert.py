@@ -3,17 +3,17 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from yester import Camera
 
 
-@pytest.mark.parametrize("size", SIZES + TAILS[::6])
+@each("size", SIZES + TAILS[::6])
 @pytest.mark.parametrize("channels", [2, 3])
 @pytest.mark.parametrize("absent", [(), ("depth",), ("still",), ("depth", "still")])
 def test_reference(size, channels, absent):
-    """It only chooses: to the bit, ties included."""
+    """It only selects: bit for bit, ties included."""
     rng = np.random.default_rng([*size, channels])
     motion = compare.motions(rng, *size, channels)
     given = {
@@ -28,7 +28,7 @@ def test_reference(size, channels, absent):
 @settings(max_examples=50)
 @given(dx=st.integers(-5, 5), dy=st.integers(-5, 5), size=st.tuples(st.integers(1, 20), st.integers(1, 20)))
 def test_whole_pixels_are_inverted_exactly(dx, dy, size):
-    """Known where the image moves to, unknown where it comes in."""
+    """Known where pixels move to, unknown where the image enters."""
     height, width = size
     motion = np.broadcast_to(np.float32([dx, dy]), (height, width, 2))
     got = yester.invert_motion(motion)
@@ -41,13 +41,13 @@ def test_the_nearest_surface_stays():
     motion = np.float32([[[0, 0], [0, 0], [-1, 0]]])
     assert yester.invert_motion(motion, np.float32([[3, 2, 1]]))[0, 1, 0] == 1
     assert yester.invert_motion(motion, np.float32([[3, 1, 2]]))[0, 1, 0] == 0
-    # Depth is that of this frame.
+    # Depth is of this frame.
     motion = np.float32([[[0, 0, 0], [0, 0, 0], [-1, 0, 3]]])
     np.testing.assert_array_equal(yester.invert_motion(motion, np.float32([[3, 2, 1]]))[0, 1], [0, 0, 0])
 
 
 def test_cracks_are_closed_and_holes_stay():
-    """Points that move apart by 5 % leave no pixel between them; what was uncovered is known to nobody."""
+    """Points that move apart by 5 % leave no gap between them; uncovered pixels stay unknown."""
     y, x = np.mgrid[:40, :60].astype(np.float32)
     motion = np.stack([0.05 * (x - 30), 0.05 * (y - 20)], -1)
     assert np.isfinite(yester.invert_motion(motion)).all()
@@ -57,7 +57,7 @@ def test_cracks_are_closed_and_holes_stay():
 
 
 def test_it_undoes_the_motion_of_a_turning_plane():
-    """Inverted motion, and the motion that cameras give, differ by what motion changes within half a pixel."""
+    """Inverted motion differs from the cameras' motion by no more than motion changes within half a pixel."""
     one, two = (Camera.from_look_at([x, 0.3, 5], [0, 0, 0], [0, 1, 0], 50, 64, 48) for x in (0.0, 0.4))
     height = np.linspace(-1, 1, 48, dtype=np.float32)[:, None]
     depth = np.broadcast_to(5 + height, (48, 64))
@@ -67,9 +67,9 @@ def test_it_undoes_the_motion_of_a_turning_plane():
     seen = np.isfinite(got[..., 0])
     assert seen.mean() > 0.9
     assert np.abs(got - there)[seen][:, :2].max() < 0.5
-    # With the still scene's motion it is exact wherever nothing else moves.
+    # With the static scene's motion it is exact wherever nothing else moves.
     assert_same_bits(yester.invert_motion(motion, depth, still=there), there)
-    # A block that moves by itself keeps its own motion.
+    # A moving block keeps its own motion.
     motion[20:30, 20:30, 0] += 6
     got = yester.invert_motion(motion, depth - (motion[..., 0] > motion[0, 0, 0] + 3), still=there)
     assert 80 <= (np.abs(got - there)[..., 0] > 3).sum() <= 120

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_variance import surface
@@ -24,7 +24,7 @@ def compare_with_reference(function, color, **named):
     got = getattr(yester, function)(color, **named)
     want, weights = getattr(reference, function)(tensor(color), margin=True, **tensor(named))
     assert got.dtype == np.float32
-    # Where nobody is really alike, weights that nearly vanish decide, and are cut to none at a bound.
+    # With no similar tap, near-zero weights dominate, and are cut to zero at a bound.
     sure = (weights.numpy() > 1e-12) | (weights.numpy() == 0)
     assert (~sure).sum() <= 9 + 0.15 * sure.size
     assert_close(function, got, want, rtol=2e-5, where=sure)
@@ -32,7 +32,7 @@ def compare_with_reference(function, color, **named):
 
 
 def traced(color, number, scale=2):
-    """Missing but for one pixel of each block."""
+    """A colour of which only one pixel of each block is traced."""
     order = list(itertools.product(range(scale), repeat=2))
     y, x = order[number % len(order)]
     kept = np.full_like(color, np.nan)
@@ -55,7 +55,7 @@ def test_reconstruct_reference(seed, size, buffers, holes, **named):
 
 
 @pytest.mark.parametrize("buffers", [[], ["depth", "ids"], ["camera", "ids"]])
-@pytest.mark.parametrize("size", SIZES + TAILS)
+@each("size", SIZES + TAILS)
 def test_reconstruct_sizes(size, buffers):
     rng = np.random.default_rng(size[1])
     color = traced(compare.colors(rng, *size), size[1])
@@ -63,7 +63,7 @@ def test_reconstruct_sizes(size, buffers):
 
 
 def low_inputs(rng, height, width, scale, buffers, lows, offset):
-    """A low-resolution colour, the full buffers, and those of the samples where they have their own."""
+    """A low-resolution colour, the full buffers, and the samples' own low-resolution buffers."""
     buffers = set(buffers) | (set() if {*buffers} - {"camera"} else {"ids"})
     full = surface(rng, height, width, buffers | ({"depth", "normal"} if "camera" in buffers else set()))
     low = -(-height // scale), -(-width // scale)
@@ -93,7 +93,7 @@ def test_upsample_reference(seed, size, scale, buffers, lows, offset, **named):
 
 
 @pytest.mark.parametrize("buffers", [["depth"], ["camera", "ids"]])
-@pytest.mark.parametrize("size", SIZES + TAILS)
+@each("size", SIZES + TAILS)
 def test_upsample_sizes(size, buffers):
     rng = np.random.default_rng(size[1])
     color, more = low_inputs(rng, *size, 2, buffers, set(), None)
@@ -115,7 +115,7 @@ def test_samples_keep_their_bits(buffers):
 
 @pytest.mark.parametrize("scale", [2, 3])
 def test_upsampling_is_reconstruction_of_samples_in_their_pixels(scale):
-    """What lies in whole pixels and has no sample is filled alike, to the bit."""
+    """With samples in pixel centres, both fill missing pixels alike, bit for bit."""
     rng = np.random.default_rng(scale)
     height, width = 10 * scale - 1, 13 * scale + 1
     buffers = surface(rng, height, width, ["camera", "ids"])
@@ -131,7 +131,7 @@ def test_upsampling_is_reconstruction_of_samples_in_their_pixels(scale):
 
 @pytest.mark.parametrize("scale", [2, 3, 4])
 def test_straight_slopes_stay_straight(scale):
-    """Where the samples lie is known: a wide window in the middle of a ramp gives the ramp back, for every offset."""
+    """Sample positions are used: a wide window in the middle of a ramp reproduces the ramp, for every offset."""
     height, width = 24 * scale, 26 * scale
     y, x = np.mgrid[:height, :width].astype(np.float32)
     ids = np.ones((height, width), np.uint32)
@@ -141,12 +141,12 @@ def test_straight_slopes_stay_straight(scale):
         got = yester.joint_bilateral_upsample(low, ids=ids, scale=scale, offset=offset, radius=4, sigma=1.0)
         inner = np.s_[5 * scale : -5 * scale, 5 * scale : -5 * scale]
         want = np.stack([x, y, np.ones_like(x)], -1)
-        # The window's cut and the spacing of the samples leave some percent of a sample's distance.
+        # The cut-off of the window and the sample spacing leave an error of a few percent of that spacing.
         np.testing.assert_allclose(got[inner], want[inner], atol=0.05 * scale)
 
 
 def test_nothing_crosses():
-    """Not between ids, surfaces and background, nor over steps in depth and corners."""
+    """Neither ids, nor the border to the background, nor steps in depth, nor corners."""
     color = np.ones((32, 64, 3), np.float32)
     color[:, 32:] = 100
     ids = np.ones((32, 64), np.uint32)
@@ -174,7 +174,7 @@ def test_nothing_crosses():
 
 
 def test_what_the_samples_show_is_theirs():
-    """An edge through the middle of the blocks: samples that say on which side they are go there."""
+    """An edge through the middle of the blocks: with buffers of their own, samples go to their own side."""
     color = np.ones((16, 16, 3), np.float32)
     color[:, 8:] = 100
     ids = np.ones((32, 32), np.uint32)

@@ -4,6 +4,8 @@ import yester
 from yester.study.compare import judging
 from yester.study.rendered.recording import record
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
@@ -13,7 +15,7 @@ def recordings(tmp_path_factory):
 
 
 def test_the_judge_beside_the_truth(recordings):
-    """With the references as samples it knows what is worse; with noisy ones, within its standard errors."""
+    """With references as samples it finds the worse result; with noisy samples, within its standard errors."""
     found = {each.component: each for each in judging.judged(recordings[1])}
     assert {"antialiasing", "choice", "demodulation", "all passes"} < set(found)
     assert found["demodulation"].gains["psnr"] > 0

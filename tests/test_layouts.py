@@ -7,7 +7,7 @@ import pytest
 import yester
 from compare import assert_same_bits
 from yester import io
-from yester.io import channels
+from yester.io import channels, exr
 
 HALF_STEP = 2.0**-10
 
@@ -173,7 +173,7 @@ def test_motion_from_pbrt(tmp_path):
             views.append(io.read_exr(tmp_path / f"{index}.exr"))
         motion = yester.motion_vectors(views[1].position, views[1].camera, views[0].camera)[..., :2]
         shot = layouts.frame(3)
-        still = hit(shot) & (shot.ids != layouts.scene.MOVER)
+        still = hit(shot) & (shot.ids != layouts.flight.MOVER)
         assert np.abs(shot.motion[still]).max() > 1
         np.testing.assert_allclose(motion[still], shot.motion[still], atol=tolerance)
 
@@ -455,7 +455,7 @@ def test_lossless_compressions_are_kept(tmp_path, shot, name):
 
 
 def test_compression_as_told(tmp_path, shot):
-    for name in io.COMPRESSIONS:
+    for name in exr.COMPRESSIONS:
         io.write_exr(tmp_path / "a.exr", shot.color, half=True, compression=name)
         header = OpenEXR.File(str(tmp_path / "a.exr"), header_only=True).header()
         assert header["compression"] == getattr(OpenEXR, f"{'NO' if name == 'none' else name.upper()}_COMPRESSION")

@@ -1,4 +1,4 @@
-"""Sequences denoised from both sides: two histories that join before the filter, or the average of two runs."""
+"""Sequences denoised in both directions: two histories that join before the filter, or the average of two runs."""
 
 import copy
 import pickle
@@ -14,7 +14,7 @@ from compare import assert_close, assert_same_bits
 from yester import Frame
 
 NAMES = ("color", "variance", "choice", "history_length", "confidence", "rejection")
-#: Those that join histories, beside their compositions of public kernels.
+#: Pipelines that join histories, with their compositions of public kernels.
 JOINING = {
     "svgf": (yester.SVGF, composed.SVGF, {}),
     "textbook": (
@@ -26,7 +26,7 @@ JOINING = {
     "half res": (yester.HalfRes, composed.HalfRes, {}),
     "half res, choice": (yester.HalfRes, composed.HalfRes, {"choice": True, "antialias": False}),
 }
-#: The others' results are averaged.
+#: Pipelines whose two results are averaged.
 AVERAGED = {
     "bmfr": yester.BMFR,
     "taa": yester.TAA,
@@ -41,8 +41,8 @@ def frames(count, **named) -> list[Frame]:
 
 
 def still(count) -> list[Frame]:
-    """Frames of a scene at rest, whose motion the cameras alone tell."""
-    names = ("motion", "replay", "jitter", "object_normal")  # object normals turn from frame to frame
+    """Frames of a static scene, with motion from the cameras alone."""
+    names = ("motion", "replay", "jitter", "object_normal")  # these object normals turn from frame to frame
     return [without(frame, *names) for frame in frames(count, moving=False)]
 
 
@@ -61,7 +61,7 @@ def same(got, want, names=NAMES):
 
 
 def turned(given: list[Frame]) -> list[Frame]:
-    """Every frame as one of the reversed sequence, the last one first: with the motion to the one after it."""
+    """The reversed sequence, the last frame first: each with its motion to the next frame."""
     frames, following = [], None
     for frame in reversed(given):
         motion = None
@@ -77,7 +77,7 @@ def turned(given: list[Frame]) -> list[Frame]:
 
 
 def backwards(given: list[Frame], look) -> list:
-    """One chunk by hand: what a pipeline makes of it from the last frame, which knows no other, to the first."""
+    """The backward pass over one chunk, by hand: from the last frame, without history, to the first."""
     return [look(frame) for frame in turned(given)][::-1]
 
 
@@ -88,13 +88,13 @@ def averaged(given: list[Frame], pipeline, *, motions: list[Frame] | None = None
 
 
 def joined(given: list[Frame], forward, back) -> list:
-    """Of pipelines without output stage: each frame with the history that the later ones leave."""
+    """For pipelines without output stage: each frame joined with the history of the later ones."""
     *later, _ = backwards(given, back.recall)
     return [forward.step(frame, later=other) for frame, other in zip(given, [*later, None], strict=True)]
 
 
 def average(one, other) -> SimpleNamespace:
-    """By history length; a side that knows the frame alone does not count."""
+    """Average weighted by history length; a side that knows only this frame does not count."""
     if not (one.confidence.any() and other.confidence.any()):
         return one if one.confidence.any() or not other.confidence.any() else other
     ahead, behind = one.history_length, other.history_length
@@ -132,7 +132,7 @@ def test_it_is_the_average_of_both_directions(name):
 
 @pytest.mark.parametrize("name", JOINING)
 def test_histories_join_before_the_filter(name):
-    """To the bits of public kernels; then the output stage runs in both directions."""
+    """Bit for bit as the public kernels; then the output stage runs in both directions."""
     make, compose, named = JOINING[name]
     given, bare = frames(6), {**named, "antialias": False}
     want = joined(given, compose(**bare), compose(**bare))
@@ -177,7 +177,7 @@ def test_the_pipeline_is_svgf_and_stays_as_it_is():
 
 
 def test_recalling_goes_on_as_a_step_does():
-    """What history expects of a frame is what it would be merged with; and the next frame goes on from both alike."""
+    """`recall` returns the history that `step` would merge; the next frame goes on alike from either."""
     given = frames(5)
     pipeline, other = (yester.SVGF(choice=False, antialias=False) for _ in range(2))
     for frame in given:
@@ -191,7 +191,7 @@ def test_recalling_goes_on_as_a_step_does():
 
 
 def test_a_history_can_be_anybodys():
-    """Of the truth, worth a million samples, the result is the truth."""
+    """A history that is the reference, with a length of a million samples, gives the reference."""
     frame = yester.Frame(np.random.default_rng(0).exponential(1, (20, 30, 3)).astype(np.float32))
     truth = np.full((20, 30, 3), 0.5, np.float32)
     moments = np.dstack([truth[..., 0], truth[..., 0] ** 2])
@@ -202,7 +202,7 @@ def test_a_history_can_be_anybodys():
     output = svgf.step(frame, later=known)
     np.testing.assert_allclose(output.color, truth, rtol=1e-5)
     assert_same_bits(output.history_length, 1e6 * sure + 1)
-    # It is not handed on.
+    # It is not passed on to the next frame.
     assert svgf.step(frame).history_length.max() == 2
     for copied in (copy.copy(known), pickle.loads(pickle.dumps(known))):
         assert_same_bits(copied.color, known.color)
@@ -224,7 +224,7 @@ def test_histories_of_another_shape_are_refused():
 
 
 def test_chunks_begin_behind_their_end():
-    """With a lookahead of 1, five frames are worked on at a time, from the sixth to the first."""
+    """With a lookahead of 1, chunks are of five frames, processed from the sixth to the first."""
     given = still(12)
     forward, named = composed.SVGF(antialias=False), {"antialias": False}
     want = []
@@ -249,16 +249,18 @@ def test_any_number_of_frames(count):
 
     for number, output in enumerate(yester.denoise(source(), lookahead=1)):
         assert output.color.shape == given[number].color.shape
-        # No more are held than it says: of two stages, each works on chunks of its own.
+        # No more frames are held than documented: each of two stages has its own chunks.
         assert len(taken) <= (number // 5 + 2) * 5 + 2
     assert len(taken) == count
 
 
 @pytest.mark.parametrize("pipeline", [yester.SVGF, yester.BMFR])
 def test_the_reversed_sequence_has_the_reversed_result(pipeline):
-    """Without what only one direction remembers: choice and innovation look at results, and reflections at light, that
-    both sides know, and hand what they find on in time's direction; the gradient raises the sample's share beside the
-    history that goes on."""
+    """Without the components that keep state in one direction.
+
+    Choice, innovation and reflections compare light of both sides, and pass their findings on forward in time; the
+    gradient raises the sample's weight relative to the forward history.
+    """
     given, named = still(6), {}
     if pipeline is yester.SVGF:
         named = dict.fromkeys(("innovation", "choice", "gradient"), False) | {"reflections": ()}
@@ -269,7 +271,7 @@ def test_the_reversed_sequence_has_the_reversed_result(pipeline):
 
 
 def test_the_reversed_sequence_is_as_good():
-    """With everything on, the two differ by far less than the results from the truth."""
+    """With everything on, the two results differ by far less than from the reference."""
     given = still(12)
     truth = composed.supersampled(given[0].camera)
     there = [output.color for output in yester.denoise(given)]
@@ -279,7 +281,7 @@ def test_the_reversed_sequence_is_as_good():
 
 
 def test_what_comes_into_view_is_known_from_later_on():
-    """A cut to another view, seen from the frame behind it: the frames before know nothing."""
+    """A cut to another view: earlier frames have no history for the frame after it, later ones do."""
     given = still(8)
     away = yester.Camera(given[0].camera.world_to_clip @ np.diag([1.0, 1, -1, 1]), 61, 43)
     given = [Frame(**frame.buffers(), camera=away) if i < 3 else frame for i, frame in enumerate(given)]
@@ -292,7 +294,7 @@ def test_what_comes_into_view_is_known_from_later_on():
 
 
 def test_given_motion_to_the_next_frame_is_used():
-    """Instead of what can be computed: here, motion out of the image, so that nothing is known from later on."""
+    """Instead of computed motion: here motion out of the image, so that later frames contribute nothing."""
     given = still(4)
     away = np.full((*given[0].shape, 2), 1e4, np.float32)
     told = [Frame(**frame.buffers(), motion_next=away, camera=frame.camera) for frame in given]
@@ -302,7 +304,7 @@ def test_given_motion_to_the_next_frame_is_used():
 
 @pytest.mark.parametrize("place", range(1, 6))
 def test_what_a_cut_separates_stays_apart(place):
-    """Both sides of a cut are as if there were no other."""
+    """Each side of a cut is denoised as if alone."""
     first, second = still(place), [without(frame, "ids") for frame in still(6)[place:]]
     turned = [
         Frame(**{name: np.ascontiguousarray(buffer[:, ::-1]) for name, buffer in frame.buffers().items()})
@@ -365,7 +367,7 @@ def test_bad_input():
 
 
 def test_frames_are_read_when_they_are_wanted():
-    """Nothing is taken before the first result is asked for, and an endless sequence gives results."""
+    """No frame is read before the first result is requested, and an endless sequence gives results."""
     given = still(2)
 
     def endless():

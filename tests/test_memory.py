@@ -1,4 +1,4 @@
-"""Sizes, addresses and threads: what cannot be had is an error, or done without, before anything is written."""
+"""Sizes, memory and threads: what is unavailable is an error, or done without, before anything is written."""
 
 import ctypes
 import signal
@@ -15,7 +15,7 @@ MATRIX = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -1], [0, 0, 1, 0]]
 
 
 def run(code: str) -> None:
-    """In a process of its own, whose limits do not matter to the others."""
+    """Run in a process of its own, so that its limits do not affect other tests."""
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -35,7 +35,7 @@ def test_cameras_of_too_many_pixels():
 
 @pytest.mark.parametrize("shape", [(2**23, 1), (1, 2**23), (9_000_000, 1)])
 def test_sides_whose_pixels_cannot_be_told_apart(shape):
-    """Pages of zeros that nobody writes to cost nothing."""
+    """Zero pages that are never written take no memory."""
     with pytest.raises(ValueError, match=r"^color: expected sides below 2²³"):
         yester.Frame(np.zeros((*shape, 3), np.float32))
     with pytest.raises(ValueError, match=r"^depth: expected sides below 2²³"):
@@ -49,17 +49,19 @@ def test_results_of_absurd_size():
         yester.Upscaler(4).step(yester.Frame(np.zeros((2**21, 1, 3), np.float32)))
 
 
+@pytest.mark.slow
 def test_memory_that_cannot_be_had():
     """A MemoryError in the middle of a step leaves the pipeline as after `reset`, and usable."""
     run("""
         import resource
         import numpy as np
+        import psutil
         import yester
 
         pipeline, fresh = yester.SVGF(), yester.SVGF()
         small = yester.Frame(np.random.default_rng(0).random((20, 30, 3), np.float32))
         want = fresh.step(small)
-        used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+        used = psutil.Process().memory_info().vms
         large = yester.Frame(np.ones((200000, 1, 3), np.float32))
         resource.setrlimit(resource.RLIMIT_AS, (used + (100 << 20), used + (100 << 20)))
         for _ in range(3):
@@ -75,21 +77,23 @@ def test_memory_that_cannot_be_had():
     """)
 
 
+@pytest.mark.slow
 def test_threads_that_cannot_be_started():
     run("""
         import resource
         import numpy as np
+        import psutil
         import yester
 
         image = np.random.default_rng(0).random((200, 30, 3), np.float32)
-        used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+        used = psutil.Process().memory_info().vms
         resource.setrlimit(resource.RLIMIT_AS, (used + (1 << 20), used + (1 << 20)))
         assert np.isfinite(yester.suppress_fireflies(image)[0]).all()
     """)
 
 
 def aliases(shape, memory):
-    """Two arrays of this shape in the same memory, neither of which knows the other."""
+    """Two arrays of this shape in the same memory, without a common base."""
     count = int(np.prod(shape))
     yield np.frombuffer(memory, np.float32, count).reshape(shape)
     yield np.ctypeslib.as_array(ctypes.cast(memory, ctypes.POINTER(ctypes.c_float)), (count,)).reshape(shape)
@@ -133,7 +137,7 @@ def test_outputs_of_one_buffer():
     twice = yester.Output(output.color, flat, flat, output.rejection)
     with pytest.raises(ValueError, match=r"^out: expected arrays that share no memory"):
         yester.TAA().step(yester.Frame(color), out=twice)
-    # Neighbours share nothing.
+    # Adjacent arrays share no memory.
     both = np.empty(color.size + flat.size, np.float32)
     parts = both[: color.size].reshape(color.shape), both[color.size :].reshape(flat.shape)
     for got, want in zip(yester.atrous(color, flat, out=parts), yester.atrous(color, flat), strict=True):

@@ -12,6 +12,8 @@ from yester.io import mitsuba as door
 from yester.io.mitsuba import render_sequence
 from yester.study.rendered.scenes import cornell_box
 
+pytestmark = pytest.mark.slow
+
 if mi.variant() is None:
     mi.set_variant("scalar_rgb")
 T = mi.ScalarTransform4f
@@ -26,7 +28,7 @@ def sensor(kind="perspective", film=None, **named):
 
 
 def scene(poses=None, **named):
-    """A sphere, a cube, a rectangle that is a light, a disk and an instance, on a floor, under a sky."""
+    """A sphere, a cube, a rectangular light, a disk and an instance, on a floor, under a sky."""
     poses = {name: T(np.asarray(matrix)) for name, matrix in (poses or {}).items()}
 
     def at(name, transform):
@@ -68,7 +70,7 @@ def matrix(transform):
 
 
 def dance(count):
-    """Everything but the floor moves, in its own way; the disk only in the second half."""
+    """Everything but the floor moves, each thing differently; the disk only in the second half."""
     for i in range(count):
         poses = {
             "ball": T().translate([0.05 * i, 0.02 * i, 0]),
@@ -87,7 +89,7 @@ def cells():
 
 
 def inside_pixels(pixels, where):
-    """Every sample was taken inside its pixel, and they spread over it."""
+    """Samples lie inside their pixels and spread over them."""
     offset = (pixels - np.stack(np.mgrid[: pixels.shape[0], : pixels.shape[1]][::-1], -1))[where]
     assert where.sum() > 50
     assert offset.min() > -5e-3
@@ -120,10 +122,9 @@ SENSORS = [
 
 @pytest.mark.parametrize("description", SENSORS)
 def test_camera(description):
-    """Rays of the camera are those of Mitsuba, and what Mitsuba hits is projected where it was sampled."""
+    """The camera's rays are those of Mitsuba, and Mitsuba's hits project to the sampled positions."""
     source = mi.load_dict(description)
-    camera = yester.Camera.from_mitsuba(source)
-    assert camera == door.camera(source)
+    camera = door.camera(source)
     assert [camera.width, camera.height] == list(source.film().crop_size())
     size = np.array([camera.width, camera.height])
     for place in np.random.default_rng(0).random((20, 2)):
@@ -156,20 +157,20 @@ def test_vectorised_layout():
 
 def test_no_camera():
     with pytest.raises(ValueError, match="sensor: expected a perspective or thinlens sensor, got OrthographicCamera"):
-        yester.Camera.from_mitsuba(mi.load_dict({"type": "orthographic", "film": {"type": "hdrfilm"}}))
+        door.camera(mi.load_dict({"type": "orthographic", "film": {"type": "hdrfilm"}}))
     with pytest.raises(ValueError, match="got int"):
         door.camera(3)
 
 
 @pytest.mark.parametrize("lens", ["perspective", "thinlens"])
 def test_any_camera(lens):
-    """Cameras of every size, field of view and principal point, whatever the scene's own."""
+    """Cameras of any size, field of view and principal point, independent of the scene's own."""
     point = None if lens == "thinlens" else (12.0, 15.0)
     cameras = [
         yester.Camera.from_look_at([1, 2, 4], [0, 0.3, 0], [0.1, 1, 0], 50, 40, 20, principal_point=point),
         yester.Camera.from_look_at([-2, 1, 4], [0, 0.3, 0], [0, 1, 0], 30, 40, 20, fov_axis="y"),
     ]
-    # Focused where the objects are, hits stay near their pixels.
+    # With the focus at the objects, hits stay near their pixels.
     extra = {"aperture_radius": 1e-4, "focus_distance": 4.0} if lens == "thinlens" else {}
     for frame, camera in zip(render_sequence(scene(sensor=sensor(lens, **extra)), cameras), cameras, strict=True):
         assert frame.camera == camera
@@ -187,9 +188,9 @@ def test_buffers():
     assert set(np.unique(frame.ids)) == {0, *range(1, 7)}
     pixels, depth = frame.camera.project(frame.position)
     inside_pixels(pixels, hit)
-    own = yester.Camera.from_mitsuba(mi.load_dict(sensor()))
+    own = door.camera(mi.load_dict(sensor()))
     np.testing.assert_allclose(frame.camera.world_to_clip[[0, 1, 3]], own.world_to_clip[[0, 1, 3]], atol=1e-5)
-    # z along the axis, not the distance, and not from the near plane
+    # depth along the axis: neither the distance, nor measured from the near plane
     assert_same_bits(frame.depth[hit], depth[hit].astype(np.float32))
     assert (frame.depth[~hit] == np.inf).all()
     np.testing.assert_array_equal(np.isnan(frame.position).all(-1), ~hit)
@@ -204,7 +205,7 @@ def test_buffers():
 
 
 def test_metals_are_not_demodulated():
-    """What Mitsuba gives as the albedo of gold changes with the view, from 0 to 6 and more."""
+    """Mitsuba's albedo of gold changes with the view, from 0 to above 6."""
     gold = {"type": "roughconductor", "material": "Au", "alpha": 0.2}
     shapes = scene()
     shapes["ball"]["bsdf"] = {"type": "twosided", "nested": gold}
@@ -216,7 +217,7 @@ def test_metals_are_not_demodulated():
 
 
 def test_emission():
-    """The sky and the lamp's front, exactly; what remains of the colour is light that fell on something."""
+    """The sky and the lamp's front, exactly; the rest of the colour is reflected light."""
     (frame,) = render_sequence(scene(), [VIEW])
     lamp = frame.ids == 1 + SHAPES.index("lamp")
     front = lamp & (((frame.camera.position - frame.position) * frame.normal).sum(-1) > 0)
@@ -228,7 +229,7 @@ def test_emission():
 
 
 def test_no_emission():
-    # Not with the path integrator: Mitsuba 3.9.1 ends the process when that is to hide lights.
+    # Not with the path integrator: Mitsuba 3.9.1 aborts the process when it is set to hide lights.
     (frame,) = render_sequence(scene(integrator={"type": "direct", "hide_emitters": True}), [VIEW])
     assert frame.color.max() > 0
     np.testing.assert_array_equal(frame.emission, 0)
@@ -237,7 +238,7 @@ def test_no_emission():
 
 
 def test_samples():
-    """Colours are means over all samples, the rest belongs to one."""
+    """Colours are means over all samples; the other buffers are of one sample."""
     one, many = (next(render_sequence(scene(), [VIEW], spp=spp)) for spp in (1, 64))
     for name in ("normal", "depth", "motion", "ids", "position"):
         assert_same_bits(many.buffers()[name], one.buffers()[name])
@@ -249,7 +250,7 @@ def test_samples():
 
 
 def test_colour_alone():
-    """For references: the same image, without the rest."""
+    """For references: the same image, without other buffers."""
     for poses in (None, dance(2)):
         full, alone = (
             list(render_sequence(scene(), flight(2), spp=32, transforms=poses and dance(2), buffers=buffers))
@@ -278,7 +279,7 @@ def test_seeds():
 def test_motion(step):
     """Traced back: the ray of the previous camera along the motion meets the same point of the same shape.
 
-    The previous scene is built from nothing, with every shape where it was, and asked with Mitsuba's own rays.
+    The previous scene is built anew, with every shape at its previous place, and hit by Mitsuba's own rays.
     """
     poses, views = list(dance(4)), flight(4)
     frames = list(render_sequence(scene(), views, transforms=poses))
@@ -300,27 +301,27 @@ def test_motion(step):
         hit = former.ray_intersect(mi.RayDifferential3f(ray))
         reach = np.linalg.norm(point[:3] - np.array(ray.o))
         if hit.t < reach - 0.02:
-            continue  # hidden then
+            continue  # hidden in the previous frame
         pixel, depth = then.camera.project(point[:3])
         np.testing.assert_allclose(target[y, x], pixel, atol=2e-3)
         assert abs(now.depth[y, x] + now.motion[y, x, 2] - depth) < 1e-4
-        # Where a surface turns away from the eye, a thousandth of a pixel is far on it.
+        # At grazing angles a thousandth of a pixel is far along the surface.
         slant = abs(np.dot(np.array(hit.n), np.array(ray.d))) if hit.is_valid() else 0
         if slant > 0.2:
             assert hit.t == pytest.approx(reach, abs=2e-3)
             met[name] += 1
     assert min(met.values()) >= 3, met
     assert sum(met.values()) > 0.75 * (now.ids > 0).sum()
-    # The sky turns with the camera: none of it is without motion.
+    # The sky turns with the camera, so all of it has motion.
     assert np.isfinite(now.motion[now.ids == 0]).all()
     np.testing.assert_array_equal(now.motion[now.ids == 0][:, 2], 0)
 
 
 def test_motion_to_the_next_frame():
-    """What a sequence that runs backwards has as its motion: the same cameras, shapes and samples."""
+    """Equal to the motion of the reversed sequence: the same cameras, shapes and samples."""
     there = list(render_sequence(scene(), flight(3), transforms=dance(3), next=True))
     back = list(render_sequence(scene(), flight(3)[::-1], transforms=[*dance(3)][::-1], next=True))[::-1]
-    # The frame in the middle has the seed of the middle, whichever end comes first.
+    # The middle frame has the same seed in both directions.
     np.testing.assert_array_equal(there[1].motion_next, back[1].motion)
     np.testing.assert_array_equal(there[1].motion, back[1].motion_next)
     assert not there[2].motion_next.any()
@@ -328,7 +329,7 @@ def test_motion_to_the_next_frame():
 
 
 def test_motion_by_the_buffers():
-    """Reprojected positions of the previous frame are those of this one, moved back, but for half a pixel."""
+    """Reprojected positions of the previous frame match this frame's, moved back, within half a pixel."""
     poses, views = list(dance(2)), flight(2)
     then, now = render_sequence(scene(), views, transforms=poses)
     moved = now.position.astype(np.float64)
@@ -341,7 +342,7 @@ def test_motion_by_the_buffers():
     inside = (x >= 0) & (y >= 0) & (x < WIDTH) & (y < HEIGHT) & (now.ids > 0)
     x, y = x * inside, y * inside
     same = inside & (then.ids[y, x] == now.ids)
-    # Two points of one pixel are near each other, up to the slant of the surface.
+    # Two points of one pixel are close, up to the slant of the surface.
     distance = np.linalg.norm(then.position[y, x] - moved, axis=-1)
     footprint = 2 * np.tan(np.radians(20)) / WIDTH * now.depth
     slant = np.abs((now.normal * (now.camera.position - now.position)).sum(-1)) / now.depth
@@ -351,7 +352,7 @@ def test_motion_by_the_buffers():
 
 
 def test_poses():
-    """A scene moved about renders like one that was built so, normals included; and it is put back in the end."""
+    """A transformed scene renders like one that was built so, normals included; at the end it is restored."""
     loaded = mi.load_dict(scene(), parallel=False, optimize=False)
     before = {name: np.array(getattr(v, "matrix", v)) for name, v in mi.traverse(loaded) if is_pose(name)}
     assert len(before) >= len(SHAPES)
@@ -380,7 +381,7 @@ def is_pose(name):
 
 
 def test_smooth_mesh(tmp_path):
-    """Normals that are not those of the faces turn with the mesh."""
+    """Interpolated normals turn with the mesh."""
     mesh = mi.Mesh("bent", 3, 1, has_vertex_normals=True)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = [-1.0, -1, 0, 1, -1, 0, 0, 1, 0]
@@ -400,7 +401,7 @@ def test_smooth_mesh(tmp_path):
 
 
 def test_object_normals():
-    """They do not turn: a shape's normals are those that the scene gives it, and the others' are in the world."""
+    """They do not turn: moving shapes keep the normals of the given scene, other shapes have world normals."""
     views = [VIEW] * 3
     frames = list(render_sequence(scene(), views, transforms=dance(3)))
     for frame, poses in zip(frames, dance(3), strict=True):
@@ -409,7 +410,7 @@ def test_object_normals():
             here = frame.ids == 1 + SHAPES.index(name)
             assert here.any()
             want[here] = want[here] @ pose[:3, :3]
-        want /= np.maximum(np.linalg.norm(want, axis=-1, keepdims=True), 1e-9)  # the cube's turns are a little skewed
+        want /= np.maximum(np.linalg.norm(want, axis=-1, keepdims=True), 1e-9)  # the cube's are skewed
         np.testing.assert_allclose(frame.object_normal, want, atol=1e-5)
         cube = frame.object_normal[frame.ids == 1 + SHAPES.index("cube")]
         np.testing.assert_allclose(np.abs(cube).max(-1), 1, atol=1e-5)  # its faces are along the axes
@@ -425,13 +426,13 @@ def test_object_normals():
     assert still.object_normal is None
 
 
-# What changes besides
+# Changes other than motion
 
 LAMP, SKY = "lamp.emitter.radiance.value", "sky.radiance.value"
 
 
 def test_parameters():
-    """Each frame is that of a scene built with its values; in the end all is as it was."""
+    """Each frame equals that of a scene built with its values; at the end the values are restored."""
     picture = np.random.default_rng(0).random((4, 4, 3)).astype(np.float32)
     bitmap = {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True}
 
@@ -633,12 +634,12 @@ def test_halves_that_are_not_used_up():
     np.testing.assert_array_equal(np.array(mi.traverse(loaded)["cube.vertex_positions"]), before)
 
 
-# The previous frame once more
+# Replay
 
 
 @pytest.mark.parametrize("spp", [1, 3])
 def test_replay_of_a_still_scene(spp):
-    """Bit for bit the previous frame, however the camera moves."""
+    """Bit for bit the previous frame, for any camera motion."""
     first, *frames = render_sequence(scene(), flight(4), spp=spp, gradient=True)
     assert first.replay is None
     for before, frame in zip([first, *frames], frames, strict=False):
@@ -651,7 +652,7 @@ def test_replay_of_a_still_scene(spp):
 
 
 def test_replay_of_a_switched_light():
-    """Where its light fell, the replay is darker by just that; where it did not, and before, it has the old bits."""
+    """Where its light fell, the replay is darker by exactly that; elsewhere, and before, it has the old bits."""
     values = [{}, {}, {LAMP: 0}, {LAMP: 0}]
     frames = list(render_sequence(scene(), flight(4), parameters=values, gradient=True))
     for index in (1, 3):
@@ -667,13 +668,13 @@ def test_replay_of_a_switched_light():
 
 
 def test_replay_of_moving_shapes():
-    """Missing where one was or is; what they shade is there, and what they do not keeps its bits."""
+    """Missing where a moving shape was or is; surfaces in its shadow change, all others keep their bits."""
     lift = [{"ball": T().translate([0.2 * i, 0, 0])} for i in (0, 0, 1, 2)]
     frames = list(render_sequence(scene(), [VIEW] * 4, transforms=lift, gradient=True))
     assert_same_bits(frames[1].replay, frames[0].color)
     for index in (2, 3):
         then, now = frames[index - 1], frames[index]
-        # The samples are those of the frame before, so where the ball is now is known but for its edge.
+        # Samples are those of the previous frame, so the ball's new place is known but for its edge.
         ball = [frame.ids == 1 + SHAPES.index("ball") for frame in (then, now)]
         gone = np.isnan(now.replay)
         np.testing.assert_array_equal(gone.any(-1), gone.all(-1))
@@ -687,7 +688,7 @@ def test_replay_of_moving_shapes():
 
 
 def test_replay_of_a_bent_mesh():
-    """What parameters move is missing as well; a push too small to see is not."""
+    """Vertices moved by parameters make pixels missing, too; an invisible displacement does not."""
     cube = mi.load_dict(scene(), parallel=False, optimize=False).shapes()[SHAPES.index("cube")]
     corners = np.array(mi.traverse(cube)["vertex_positions"])
     values = [{"cube.vertex_positions": corners + push} for push in (0, 0.02, 0.02 + 1e-6)]
@@ -733,7 +734,7 @@ def test_sources(tmp_path):
     frame = first[1]
     assert set(np.unique(frame.ids)) == {0, 1, 2}
     assert frame.shape == (HEIGHT, WIDTH)
-    assert frame.motion[frame.ids == 1][:, 1].min() > 0.5  # it was lower, and y points down
+    assert frame.motion[frame.ids == 1][:, 1].min() > 0.5  # it was lower before, and y points down
     np.testing.assert_array_equal(frame.motion[frame.ids != 1], 0)
 
 
@@ -806,7 +807,7 @@ def test_without_mitsuba(monkeypatch):
 
 
 def test_threads_do_not_change_bits():
-    """More of them than the image has blocks."""
+    """More threads than the image has blocks."""
     sequence = cornell_box(2, 48, 36)
     before = drjit.thread_count()
 

@@ -3,14 +3,14 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from reference.morphological import brightness
 
 
 def coverage(height, width, slope, offset) -> np.ndarray:
-    """The share of each pixel that lies above the line y = slope · x + offset, exactly; slope > 0."""
+    """The exact coverage of each pixel by the half plane above the line y = slope · x + offset; slope > 0."""
 
     def below_zero_or_one(v):  # the antiderivative of v clamped to [0, 1]
         return np.where(v < 1, np.maximum(v, 0) ** 2 / 2, v - 0.5)
@@ -44,7 +44,7 @@ def assert_as_reference(image, **parameters):
 
 
 def is_clear(image, threshold) -> bool:
-    """Whether nothing is near the threshold, where a single flip would change a whole line."""
+    """Whether no edge is near the threshold, where one flip would change a whole line."""
     light = brightness(tensor(image)).numpy()
     differences = [np.abs(np.diff(light, axis=axis)) for axis in (0, 1)]
     return not any(((np.abs(d - threshold) < compare.BAND) & (d > 0)).any() for d in differences)
@@ -62,7 +62,7 @@ def test_reference(seed, size, threshold, max_length):
     assert_as_reference(image, threshold=threshold, max_length=max_length)
 
 
-@pytest.mark.parametrize("size", SIZES)
+@each("size", SIZES)
 def test_reference_on_noise(size):
     image = compare.colors(np.random.default_rng(size), *size)
     assert is_clear(image, 0.1)
@@ -72,7 +72,7 @@ def test_reference_on_noise(size):
 @pytest.mark.parametrize("max_length", [1, 3, 8, 128])
 @pytest.mark.parametrize("run", [1, 2, 7, 16, 17, 300])
 def test_reference_at_the_end_of_the_search(run, max_length):
-    """Stairs of one length, to both sides, with the last step cut short by the image."""
+    """Stairs of one length in both directions, the last step cut off by the image."""
     stairs = np.repeat(np.arange(4), run)[None, : 4 * run - run // 2]
     image = np.where(np.arange(6)[:, None, None] > stairs[..., None], 1, [0.1, 0.2, 0.3]).astype(np.float32)
     for turned in (image, image[:, ::-1].copy(), image.swapaxes(0, 1).copy()):
@@ -86,7 +86,7 @@ def row(*values):
 def test_shapes():
     """L, Z, U and a lone pixel, by hand."""
     ell = yester.morphological_aa(row([0, 1, 1, 1], [1, 1, 1, 1]))
-    # A line of one that ends with the image at the left: the triangle under half of it, in rows and columns alike.
+    # A line of length one that ends at the left border: the triangle under half of it, in rows and columns alike.
     np.testing.assert_allclose(ell, row([1 / 8, 1, 1, 1], [1, 1, 1, 1]))
     zed = yester.morphological_aa(row([1, 0, 0, 0, 0, 0], [1, 1, 1, 1, 1, 0]))
     want = row([1, 3 / 8, 1 / 8, 0, 0, 0], [1, 1, 1, 7 / 8, 5 / 8, 0])
@@ -129,7 +129,7 @@ def test_within_the_neighborhood(seed, threshold):
     assert (smooth <= high + 1e-6 * (1 + np.abs(high)))[there].all()
 
 
-@pytest.mark.parametrize("size", SIZES)
+@each("size", SIZES)
 def test_without_edges_the_bits_stay(size):
     for value in (0, -0.0, 0.3, -7, 3e38, np.nan, np.inf, -np.inf):
         image = np.full((*size, 3), value, np.float32)
@@ -160,9 +160,9 @@ def test_the_largest_floats():
     ("slope", "times"), [(0.07, 18), (0.13, 10), (0.2, 5), (0.31, 4), (0.45, 2.9), (0.618, 2.5), (1.0, 1.4)]
 )
 def test_slanted_edges_come_closer_to_the_truth(slope, times):
-    """The truth is the area under the line. Lines of equal stairs are told apart by nobody: the mean over several."""
+    """The reference is the area under the line; a mean over several lines, as some have equal stairs."""
     before = after = 0
-    inner = np.s_[:, 20:-20]  # without the lines that end with the image
+    inner = np.s_[:, 20:-20]  # without lines that end at the border
     for offset in 10 + (np.arange(8) + 0.5) / 8:
         want = coverage(200, 160, slope, offset)
         y, x = np.mgrid[:200, :160] + 0.5

@@ -1,16 +1,17 @@
-"""Motion in other directions or units is noticed at the second frame, and no other motion is."""
+"""Motion of another direction or unit is reported at the second frame; valid motion never is."""
 
 import re
 import warnings
+from dataclasses import replace
 
+import flight
 import numpy as np
 import pytest
-import scene
 import yester
 
 HEIGHT, WIDTH = 120, 160
 PIPELINES = [yester.SVGF, yester.TAA, yester.BMFR, yester.HalfRes, yester.Upscaler, yester.Recirculation]
-#: What motion is multiplied by, and the advice.
+#: Factors on the motion, and the advice of the warning.
 MISTAKES = {
     "y up": ((1, -1), "y up: multiply x by 1 and y by -1"),
     "negated": ((-1, -1), "from previous to current position: multiply x by -1 and y by -1"),
@@ -31,22 +32,14 @@ def sequence(buffers, factors=(1.0, 1.0), numbers=(0, 1), *, moving=True):
     """Frames of the scene with some buffers and motion that is multiplied by factors."""
     rng, before = np.random.default_rng(0), None
     for number in numbers:
-        shot = scene.shoot(number, WIDTH, HEIGHT, moving=moving)
-        if not moving:  # but for the ball
-            position, normal, ids = scene.cast(number, shot.camera, scene.centres(shot.camera))
-            shot.position, shot.ids, shot.normal = position.astype(np.float32), ids, normal.astype(np.float32)
-            shot.albedo = scene.ALBEDO[ids].astype(np.float32)
-            depth = shot.camera.project(position)[1]
-            shot.depth = np.where(ids > 0, depth, np.inf).astype(np.float32)
-        motion = np.zeros((HEIGHT, WIDTH, 3), np.float32)
-        if before is not None:
-            last, camera = before
-            back = {scene.MOVER: scene.mover(last) @ np.linalg.inv(scene.mover(number))}
-            motion = yester.motion_vectors(shot.position, shot.camera, camera, ids=shot.ids, transforms=back)
+        now = flight.scene(number, flight.camera(number if moving else 0, WIDTH, HEIGHT))
+        shot, before = flight.sample(now, before or now), now
+        motion = shot.motion.copy()
         motion[..., :2] *= np.float32(factors)
-        before = number, shot.camera
-        known = {**shot.buffers(), "albedo": texture(shot)}
-        yield yester.Frame(scene.noisy(shot, rng), motion=motion, **{name: known[name] for name in buffers})
+        left_out = {name: None for name in ("albedo", "normal", "depth", "ids", "position", "camera")}
+        known = {"albedo": texture(shot), **{name: getattr(shot, name) for name in buffers if name != "albedo"}}
+        known = {name: known[name] for name in buffers}
+        yield replace(shot, **left_out | known, color=flight.noisy(shot, rng), motion=motion)
 
 
 CAMERAS, SURFACES = ("depth", "camera"), ("albedo", "normal")
@@ -68,7 +61,7 @@ def test_mistakes_are_named(buffers, mistake):
         UserWarning, match=rf"^motion: expected previous minus current .*{advice}.*\(`yester check` tells more\)$"
     ):
         steps.step(second)
-    # Once a sequence.
+    # Once per sequence.
     steps.step(second)
     steps.reset()
     steps.step(first)
@@ -83,9 +76,9 @@ def test_every_pipeline_looks_and_computes_the_same(pipeline):
         warnings.simplefilter("always")
         outputs = [steps.step(frame) for frame in sequence(CAMERAS, (1, -1), (0, 1, 2))]
     assert [str(warning.message)[:7] for warning in caught] == ["motion:"]
-    # Without cameras to compare with, and one buffer of the surface only, nothing is plain.
+    # Without cameras, and with only one buffer of the surface, there is no clear evidence.
     quiet = pipeline()
-    if pipeline is not yester.Recirculation:  # which needs cameras
+    if pipeline is not yester.Recirculation:  # needs cameras
         for frame, output in zip(sequence(("depth",), (1, -1), (0, 1, 2)), outputs, strict=True):
             assert quiet.step(frame).color.shape == output.color.shape
 
@@ -93,7 +86,7 @@ def test_every_pipeline_looks_and_computes_the_same(pipeline):
 @pytest.mark.parametrize("buffers", [CAMERAS, SURFACES, ("albedo",), ("depth",), ()])
 @pytest.mark.parametrize("numbers", [(0, 1), (3, 4), (0, 4), (8, 2), (0, 40)], ids=str)
 def test_no_false_alarms(buffers, numbers):
-    """The suite turns warnings into errors: slow and fast flights, there and back, and a far jump."""
+    """Slow and fast flights, forward and back, and a long jump; pytest turns warnings into errors."""
     steps = yester.TAA()
     for frame in sequence(buffers, numbers=numbers):
         steps.step(frame)
@@ -110,7 +103,7 @@ def test_no_false_alarms_when_only_the_ball_moves(buffers, factors):
 @pytest.mark.parametrize("buffers", [CAMERAS, SURFACES, ("albedo",), ()])
 @pytest.mark.parametrize("factors", [(1, 1), (0.5, 0.5), (0, 0)])
 def test_no_false_alarms_at_a_cut(buffers, factors):
-    """Another view with the motion of an unbroken flight, or none."""
+    """A cut to another view, with the motion of a continuous flight, or none."""
     first, second = sequence(buffers, factors)
     cut = {name: np.roll(buffer[:, ::-1], 31, 0) for name, buffer in first.buffers().items() if name != "motion"}
     steps = yester.TAA()
@@ -129,7 +122,7 @@ def test_no_false_alarms_from_noise():
 
 
 def test_no_false_alarms_from_whole_pixels():
-    """A still image whose motion is claimed to be a pixel: wrong, but none of the mistakes that have a name."""
+    """A static image with a motion of one pixel: wrong, but none of the known mistakes."""
     rng = np.random.default_rng(0)
     color = rng.random((HEIGHT, WIDTH, 3), np.float32)
     for shift in ([1, 1], [-1, -1], [2, 0], [0, -1]):
@@ -139,7 +132,7 @@ def test_no_false_alarms_from_whole_pixels():
 
 
 def test_the_advice_is_right():
-    """Multiplied as the warning says, motion is as it should be."""
+    """Multiplied by the factors of the warning, motion is right."""
     (_, second), (_, right) = sequence(CAMERAS, (2 / WIDTH, -2 / HEIGHT)), sequence(CAMERAS)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,7 +19,7 @@ PLAIN = [case for case in CASES if "tonemapped" not in case[2]]
 
 
 def images(rng, height, width):
-    """A noisy frame, and history that lies about half inside its boxes; with holes and negative colours."""
+    """A noisy frame, and history about half of which lies inside its boxes; with holes and negative colours."""
     color = rng.normal(1, 0.4, (height, width, 3))
     history = color + rng.normal(0, 0.5, color.shape) * rng.choice([0, 0.3, 2], (height, width, 1))
     color[rng.random((height, width)) < 0.05] = np.nan
@@ -51,7 +51,7 @@ def test_reference(seed, size, case, **named):
     check(*images(np.random.default_rng(seed), *size), box=box, response=response, space=space, **named)
 
 
-@pytest.mark.parametrize(("box", "response", "space"), CASES)
+@each(("box", "response", "space"), CASES)
 def test_every_mode(box, response, space):
     """Both sides of every box occur."""
     history, color = (np.abs(image) for image in images(np.random.default_rng(3), 33, 41))
@@ -61,14 +61,14 @@ def test_every_mode(box, response, space):
 
 
 @pytest.mark.parametrize("named", [{}, *({"box": box, "response": "current"} for box in HULLS)])
-@pytest.mark.parametrize("size", SIZES + TAILS[::8])
+@each("size", SIZES + TAILS[::8])
 def test_sizes(size, named):
     check(*images(np.random.default_rng(size[1]), *size), **named)
 
 
-@pytest.mark.parametrize(("box", "response", "space"), PLAIN)
+@each(("box", "response", "space"), PLAIN)
 def test_inside_keeps_its_bits(box, response, space):
-    """Each pixel's own colour is inside its range; the neighbourhood's mean is inside every box."""
+    """Each pixel's own colour lies in its range; the neighbourhood's mean lies in every box."""
     rng = np.random.default_rng(5)
     color = rng.random((8, 9, 3), np.float32)
     color[:, 1::2] = 1 - color[:, :-1:2]  # around grey
@@ -77,9 +77,9 @@ def test_inside_keeps_its_bits(box, response, space):
     assert_same_bits(got[2:-2, 2:-2], history[2:-2, 2:-2])
 
 
-@pytest.mark.parametrize(("box", "response", "space"), CASES)
+@each(("box", "response", "space"), CASES)
 def test_a_uniform_neighbourhood_leaves_one_colour(box, response, space):
-    """No variance, no range: history becomes that colour, whatever it was."""
+    """Without variance or range, any history becomes that colour."""
     color = np.full((5, 6, 3), (0.5, 0.25, 0.125), np.float32)
     history = np.random.default_rng(0).exponential(3, color.shape).astype(np.float32)
     got = yester.clip_history(history, color, box=box, response=response, space=space)
@@ -97,7 +97,7 @@ def test_what_comes_out_is_inside(box, response):
 
 
 def test_a_firefly_does_not_save_bad_history():
-    """The current colour is outside its own variance box; history that is as bad comes back inside all the same."""
+    """The current colour lies outside its own variance box; equal history is clipped all the same."""
     color = np.full((5, 5, 3), 0.1, np.float32)
     color[2, 2] = 50
     history = np.full_like(color, 50)
@@ -106,10 +106,10 @@ def test_a_firefly_does_not_save_bad_history():
     assert (got <= color[1:4, 1:4, 0].mean() + deviation * 1.0001).all()
 
 
-@pytest.mark.parametrize("brightness", [1e4, 1e8])
-@pytest.mark.parametrize(("box", "response", "space"), [case for case in PLAIN if case[1] == "current"])
+@each("brightness", [1e4, 1e8])
+@each(("box", "response", "space"), [case for case in PLAIN if case[1] == "current"])
 def test_fireflies_in_history_leave_no_trace(box, response, space, brightness):
-    """However far outside history lies, what comes back is as precise as the colours around."""
+    """However far outside history lies, the result is as precise as the colours around."""
     rng = np.random.default_rng(13)
     color = rng.random((20, 20, 3), np.float32)
     history = rng.uniform(0.5, 1, color.shape).astype(np.float32) * np.float32(brightness)
@@ -130,7 +130,7 @@ def test_scale_does_not_matter():
 @pytest.mark.parametrize("window", ["3x3", "5x5"])
 @pytest.mark.parametrize("steps", [2, 4, 8])
 def test_hulls_of_few_colours(box, window, steps):
-    """Exact in float32: equal points, points in line, history on edges and corners. What is on them stays."""
+    """Exact in float32: equal points, collinear points, history on edges and corners, which stays."""
     rng = np.random.default_rng(steps)
     color = rng.integers(-1, steps, (40, 41, 3)).astype(np.float32)
     history = color + rng.integers(-1, 2, color.shape).astype(np.float32)
@@ -143,7 +143,7 @@ def test_hulls_of_few_colours(box, window, steps):
     got = yester.clip_history(history, color, **named)
     want, grazing = (part.numpy() for part in reference.clip_history(*tensor([history, color]), margin=True, **named))
     assert_close("clip_history", got, want, scale=steps * grazing[..., None])
-    present = np.isfinite(color).all(-1)  # a mean is not exact, and grazes what it should lie on
+    present = np.isfinite(color).all(-1)  # a mean is rounded, and only nearly touches the hull that it lies on
     room = 1e-5 if box == "exact-hull" else 1e-6  # its flat hulls are a millionth thick
     np.testing.assert_allclose(got[present], want[present], atol=room * steps)
     stays = (want == history).all(-1)
@@ -168,7 +168,7 @@ def clipped(request):
 
 
 def beyond(box, points, around):
-    """How far (P,) points lie outside of the hull, in the worst of its directions, or of many."""
+    """How far points (P,) lie outside the hull, in the worst of its directions, or of many directions."""
     if box == "exact-hull":
         corners = np.stack([around[list(three)] for three in itertools.combinations(range(9), 3)])  # (84, 3, P, 3)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # (84, P, 3)
@@ -186,14 +186,14 @@ def beyond(box, points, around):
 
 
 def test_what_leaves_a_hull_comes_back_to_it(clipped):
-    """Onto its surface, on the straight way to the current colour or the mean; what is inside stays."""
+    """To its surface, along the segment to the current colour or the mean; history inside stays."""
     box, history, color, got, around = clipped
     target = np.where(np.isfinite(color), color, np.nanmean(around, 0))
     moved = (got != history).any(-1)
     outside = beyond(box, history, around)
     assert 0.2 < moved.mean() < 0.9
     assert moved[outside > 1e-6].all()
-    inside = outside < (-1e-3 if box == "exact-hull" else -1e-2)  # the last is looked at from some sides
+    inside = outside < (-1e-3 if box == "exact-hull" else -1e-2)  # the last is tested along some directions
     assert inside.mean() > 0.1
     assert not moved[inside].any()
     assert beyond(box, got, around).max() < 3e-6
@@ -202,13 +202,13 @@ def test_what_leaves_a_hull_comes_back_to_it(clipped):
     assert t.min() > 0
     assert t.max() < 1 + 1e-5
     np.testing.assert_allclose(gone, t[:, None] * way, atol=3e-6)
-    # A step back would be outside again: less of the way is not enough. Rounded directions see a corner late.
+    # A shorter step would stay outside: the result lies on the surface. Rounded directions detect a corner late.
     before = history[moved] + (t * 0.97)[:, None] * way
     assert (beyond(box, before, around[:, moved]) > 0).mean() > 0.97
 
 
 def test_hulls_are_tighter_than_boxes():
-    """Around a ramp from red to green the box has corners that no mixture reaches: yellow and black."""
+    """A ramp from red to green: its box has corners that no mixture reaches, yellow and black."""
     x = np.linspace(0, 1, 9, dtype=np.float32).reshape(3, 3)
     color = np.stack([x, 1 - x, 0 * x], -1)
     yellow = np.full_like(color, (1, 1, 0))
@@ -216,13 +216,13 @@ def test_hulls_are_tighter_than_boxes():
     assert_same_bits(in_box, yellow[1, 1])
     in_hull = yester.clip_history(yellow, color, box="hull", response="current", space="rgb")[1, 1]
     np.testing.assert_allclose(in_hull, [0.5, 0.5, 0], atol=1e-6)
-    # Chroma alone does not know how bright it is; Y has a range of its own, here from 1/4 to 1/2.
+    # Chroma does not limit brightness; Y has a range of its own, here from 1/4 to 1/2.
     in_chroma = yester.clip_history(yellow, color, box="chroma-hull", response="current")[1, 1]
     np.testing.assert_allclose(in_chroma, [0.5, 0.5, 0], atol=1e-6)
 
 
 def test_the_exact_hull_is_the_tightest():
-    """Of four colours it is a tetrahedron, around which six sides of the 26-DOP leave a lot; their mixtures stay."""
+    """The hull of four colours is a tetrahedron, much tighter than the 26-DOP; mixtures of them stay."""
     corners = np.float32([[0, 0, 0], [1, 2, 0], [2, 0, 1], [0, 1, 3]])
     color = corners[[0, 1, 2, 3, 0, 1, 2, 3, 0]].reshape(3, 3, 3)
     shares = np.random.default_rng(0).dirichlet(np.ones(4), 500)
@@ -236,7 +236,7 @@ def test_the_exact_hull_is_the_tightest():
     for mixture in (shares @ corners).astype(np.float32):
         inside = mixture * np.float32(0.999) + np.float32(0.001) * corners.mean(0)
         assert_same_bits(clip(inside, "exact-hull"), inside)
-    # Behind the side of the last three, on the way from the first through a point of it.
+    # Outside the facet of the last three, on the ray from the first through a point of the facet.
     for share in np.random.default_rng(1).dirichlet(np.ones(3), 100):
         on_it = share @ corners[1:]
         np.testing.assert_allclose(clip(1.5 * on_it, "exact-hull"), on_it, rtol=1e-6, atol=1e-6)
@@ -247,7 +247,7 @@ def test_the_exact_hull_is_the_tightest():
 
 
 def test_flat_hulls_are_a_millionth_thick():
-    """A material of one hue lies on a line, one of two lights in a plane, but for rounding: mixtures stay."""
+    """A material of one hue lies on a line, one under two lights in a plane, up to rounding: mixtures stay."""
     rng = np.random.default_rng(0)
     hues = np.float32([[0.7, 0.6, 0.5], [0.1, 0.5, 0.9]])
     for lights, kept in ((1, 0.9), (2, 0.6)):
@@ -266,7 +266,7 @@ def of_ycocg(*colors):
 
 
 def test_two_chrominances_are_a_segment():
-    """What is on it stays to the bit, what is beside it or behind its ends goes to the current colour."""
+    """Points on it keep their bits; points beside it or beyond its ends become the current colour."""
     color = of_ycocg((0.5, -0.25, 0.125), (1, 0.25, -0.125))
 
     def clip(*history):
@@ -279,17 +279,17 @@ def test_two_chrominances_are_a_segment():
     for beside in ((0.75, 0, 0.125), (0.75, 0.25, 0.25), (0.75, -0.5, 0.25), (0.75, 0, 2.0**-10)):
         got, _ = clip(*beside)
         ends = color
-        if beside == (0.75, -0.5, 0.25):  # in line: to the nearer end on the way
+        if beside == (0.75, -0.5, 0.25):  # collinear: to the nearer end on the way
             ends = of_ycocg((2 / 3, -0.25, 0.125), (0.75 + 0.25 / 3, -0.25, 0.125))
-            ends[0, 0] = color[0, 0]  # its own end
+            ends[0, 0] = color[0, 0]  # the colour at that end
         np.testing.assert_allclose(got, ends, atol=1e-6)
-    # Too bright: as far towards each colour as Y needs.
+    # Too bright: moved towards the colour until Y is in range.
     got, _ = clip(1.5, 0, 0)
     np.testing.assert_allclose(got, of_ycocg((1, -0.125, 0.0625), (1, 0.25, -0.125)), atol=1e-6)
 
 
 def test_one_chrominance_is_a_point():
-    """Greys differ in Y alone: of a coloured history nothing remains, a grey one is held to their range."""
+    """Greys differ in Y alone: coloured history is replaced, grey history is clamped to their range."""
     grey = np.float32([[[0.25] * 3, [0.5] * 3, [1] * 3]])
     named = {"box": "chroma-hull", "response": "current"}
     coloured = np.full_like(grey, (0.5, 0.375, 0.5))
@@ -303,7 +303,7 @@ def test_one_chrominance_is_a_point():
 
 @pytest.mark.parametrize("box", HULLS)
 def test_hulls_of_what_is_left(box):
-    """A missing current colour: towards the mean of the others. An infinite channel is as missing as NaN."""
+    """A missing current colour: towards the mean of the others. An infinite channel counts as missing."""
     rng = np.random.default_rng(2)
     history, color = (rng.random((7, 8, 3), np.float32) for _ in range(2))
     history[::2] -= 1
@@ -317,7 +317,7 @@ def test_hulls_of_what_is_left(box):
 
 
 def test_missing_pixels():
-    """Holes do not count, nor does history vanish where there is nothing else."""
+    """Missing pixels do not count, and history stays where there is nothing else."""
     color = np.full((4, 4, 3), np.nan, np.float32)
     history = np.ones_like(color)
     assert_same_bits(yester.clip_history(history, color), history)
@@ -331,7 +331,7 @@ def test_missing_pixels():
 
 @pytest.mark.parametrize("response", ["center", "current", "clamp", "ellipsoid"])
 def test_rounding_does_not_decide_where_the_box_is_flat(response):
-    """A material of one hue lies on a line in YCoCg, but for rounding, and history on the same line is kept."""
+    """A material of one hue lies on a line in YCoCg, up to rounding; history on that line is kept."""
     rng = np.random.default_rng(0)
     hue = np.float32([0.7, 0.6, 0.5])
     color = rng.uniform(0.8, 1.2, (24, 31, 1)).astype(np.float32) * hue
@@ -363,10 +363,10 @@ def test_bad_input():
         yester.clip_history(image[..., 0], image)
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
-@pytest.mark.parametrize("scale", [2.0**-20, 2.0**20])
+@each("case", CASES)
+@each("scale", [2.0**-20, 2.0**20])
 def test_radiance_has_no_scale(case, scale):
-    """With the exposure that goes with it: what is brighter everywhere is clipped alike."""
+    """Colours and exposure scaled together are clipped alike."""
     box, response, space = case
     named = {"box": box, "response": response, "space": space}
     history, color = images(np.random.default_rng(4), 12, 14)
@@ -374,9 +374,9 @@ def test_radiance_has_no_scale(case, scale):
     np.testing.assert_allclose(scaled / scale, yester.clip_history(history, color, **named), rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if "tonemapped" in case[2]], ids=str)
+@each("case", [case for case in CASES if "tonemapped" in case[2]])
 def test_tone_mapped_boxes_do_not_brighten(case):
-    """Their corners lie beyond the range of the curve, where it would be undone to anything."""
+    """Their corners lie outside the range of the tone curve, where its inverse is undefined."""
     box, response, space = case
     rng = np.random.default_rng(6)
     color = rng.exponential(200, (20, 24, 3)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The learned denoiser: what goes in, what comes out, and what it is between temporal stages."""
+"""The learned denoiser: its inputs and outputs, alone and between temporal stages."""
 
 import subprocess
 import sys
@@ -10,6 +10,8 @@ import yester
 from compare import assert_same_bits
 from composed import find_motion
 from test_peers import frames
+
+pytestmark = pytest.mark.slow
 
 NAMES = ("color", "history_length", "confidence", "rejection")
 
@@ -59,7 +61,7 @@ def test_between_temporal_stages_it_is_their_list(innovation):
 
 
 def test_time_steadies_it():
-    """Its output on a still scene flickers less, and errs less."""
+    """On a static scene its output flickers less and has less error."""
     still = next(iter(frames(1)))
     rng, truth = np.random.default_rng(1), still[1]
     named = {name: value for name, value in still[0].buffers().items() if name != "color"}
@@ -86,7 +88,7 @@ def test_missing_samples(temporal):
         out = oidn.step(yester.Frame(**given))
         assert np.isfinite(out.color).all()
         assert out.missing == (~np.isfinite(given["color"]).all(-1)).sum()
-    # What surfaces lack is not spread either.
+    # Missing auxiliary buffers do not spread either.
     oidn.reset()
     out = oidn.step(yester.Frame(color, albedo=broken, normal=broken))
     assert np.isfinite(out.color).all()
@@ -127,7 +129,7 @@ def test_wrong_arguments():
 
 
 def test_without_the_package():
-    """It is asked for when it is needed, and named with the line that installs it."""
+    """Where it is needed, the error names the command that installs it."""
     code = "import sys; sys.modules['pyoidn'] = None; import yester; yester.SVGF(); yester.OIDN()"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 1

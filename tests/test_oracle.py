@@ -1,4 +1,4 @@
-"""Oracles choose tile by tile, by errors of this frame or of those before."""
+"""Oracles choose per tile, by errors of this frame or of earlier ones."""
 
 from dataclasses import replace
 
@@ -10,6 +10,8 @@ from yester.study.compare import oracle
 from yester.study.compare.methods import pipeline
 from yester.study.rendered.recording import record
 
+pytestmark = pytest.mark.slow
+
 SHAPE = {"frames": 4, "width": 36, "height": 20, "reference_spp": 16}
 
 
@@ -20,7 +22,7 @@ def recording(tmp_path_factory):
 
 @pytest.mark.parametrize("size", [(1, 1), (8, 8), (17, 30)])
 def test_tiles(size):
-    """Each tile is that of the better image; tiles at the border are smaller."""
+    """Each tile comes from the better image; tiles at the border are smaller."""
     rng = np.random.default_rng(0)
     reference = rng.uniform(0.5, 1, (*size, 3)).astype(np.float32)
     better = rng.random((-(-size[0] // 8), -(-size[1] // 8))) < 0.5
@@ -39,7 +41,7 @@ def test_tile_error():
 
 
 def test_earlier_errors_decide():
-    """What was worse so far is not taken, even if it is better now."""
+    """A candidate that was worse so far is not taken, even if it is better now."""
     truth = {i: np.ones((8, 8, 3), np.float32) for i in range(3)}
     one, other = ({i: truth[i] + np.float32(d) for i, d in enumerate(errors)} for errors in ((0, 1, 0), (1, 0, 1)))
     found = oracle._best([one, other], truth, "before")
@@ -49,7 +51,7 @@ def test_earlier_errors_decide():
 
 
 def test_gains(recording):
-    """Over the default, by the frames with a reference but the first."""
+    """Gains over the default, in frames with a reference except the first."""
     found = {gain.candidates: gain for gain in oracle.gains(recording)}
     passes = found.pop("passes").gains
     assert set(passes) == {"now", "before", "none"}
@@ -60,7 +62,7 @@ def test_gains(recording):
     )
     truth = recording.reference(3)
     assert passes["none"]["psnr"] == pytest.approx(psnr(default[3], truth) - psnr(usual[3], truth))
-    # What is chosen by this frame's own errors has no greater error than either.
+    # A choice by this frame's own errors has no greater error than either candidate.
     without = [result.color for result in pipeline(yester.SVGF, antialias=False)(frames)]
     both = [oracle.tile_errors(image, truth) for image in (default[3], without[3])]
     best = oracle.chosen([default[3], without[3]], both)

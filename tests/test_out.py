@@ -1,4 +1,4 @@
-"""`out=`: the same bits in memory that the caller owns, which may be the input's."""
+"""`out=`: the same bits in the caller's memory, which may be that of an input."""
 
 import re
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import yester
 from calls import arrays, calls
-from compare import assert_same_bits
+from compare import assert_same_bits, each
 
 # Of a size that has more than one tile of 8×8 along each side.
-CALLS = {name: call for name, call in calls(10, 13).items() if name != "exposure"}  # which is a number
+CALLS = {name: call for name, call in calls(10, 13).items() if name != "exposure"}  # returns a number
 # The inputs that results may replace, in the order of the results.
 IN_PLACE = {
     "reproject": ("history", None),
@@ -30,7 +30,7 @@ IN_PLACE = {
     "pull_push": ("color", "quality"),
     "recirculate": ("filled", "reprojected_quality"),
 }
-each_call = pytest.mark.parametrize("name", CALLS)
+each_call = each("name", CALLS)
 
 
 def results(name) -> list[np.ndarray]:
@@ -64,7 +64,7 @@ def test_parts_may_be_left_out(name):
             assert_same_bits(array, want)
 
 
-@pytest.mark.parametrize("name", IN_PLACE)
+@each("name", IN_PLACE)
 def test_in_place(name):
     change = {argument: CALLS[name][1][argument].copy() for argument in IN_PLACE[name] if argument}
     parts = [change.get(argument) for argument in IN_PLACE[name]]
@@ -86,7 +86,7 @@ def test_lists_of_history():
 
 
 def broken(part):
-    """Arrays that will not do, by what is wrong with them."""
+    """Unusable arrays, with the error that each raises."""
     wide = np.zeros((*part.shape[:-1], 2 * part.shape[-1]), part.dtype)
     frozen = np.zeros_like(part)
     frozen.flags.writeable = False

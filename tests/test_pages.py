@@ -1,4 +1,4 @@
-"""Tables of README and documentation come from measurements, and are those of the measurements that are kept."""
+"""Tables of README and documentation are written from measurements, and match the stored ones."""
 
 import csv
 from pathlib import Path
@@ -92,7 +92,7 @@ def table(name, data):
 
 @pytest.mark.parametrize("name", pages.TABLES)
 def test_tables(data, name):
-    """Each can be written; rows have as many cells as the head."""
+    """Each table can be written; rows have as many cells as the head."""
     text = pages.TABLES[name](data)
     if text.startswith("|"):
         assert len({line.count("|") for line in text.splitlines()}) == 1
@@ -121,7 +121,7 @@ def test_what_they_say(data):
 
 
 def test_write(data, tmp_path, capsys):
-    """What stands between the marks is replaced, and nothing else; twice is as once."""
+    """The text between the marks is replaced and nothing else; writing again changes nothing."""
     page = tmp_path / "page.md"
     page.write_text("before\n\n<!-- table: machine -->\nold\n<!-- end: machine -->\n\nafter\n")
     arguments = ["write", str(page), "--data", str(data)]
@@ -154,9 +154,9 @@ def test_bad_pages(data, tmp_path, text, message):
 
 
 def test_measure(tmp_path, monkeypatch, capfd):
-    """Commands run, and what they write or print is kept."""
+    """Commands run, and their files and output are stored."""
     monkeypatch.setitem(pages.RUNS, "oracle", pages.Source("platform", ""))
-    # A module that writes what it was told to.
+    # A module that writes its arguments.
     (tmp_path / "staged.py").write_text(
         "import sys; print('case', 'still', sep='\\n', file=open(sys.argv[2] + '/stress.csv', 'w'))"
     )

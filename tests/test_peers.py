@@ -1,31 +1,29 @@
 import sys
 
+import flight
 import numpy as np
 import pyoidn
 import pytest
-import scene
 import yester
 from compare import assert_same_bits
 from yester.metrics import relmse
 from yester.study.compare import peers as module
 from yester.study.compare.peers import peers
 
+pytestmark = pytest.mark.slow
+
 FOUND, MISSING = peers()
 
 
 def frames(count, *names):
-    """The analytic scene with noise; its buffers, or some of them."""
-    rng, before = np.random.default_rng(0), None
+    """Noisy frames of the flight and their references; with all buffers, or some."""
+    rng = np.random.default_rng(0)
     for number in range(count):
-        shot = scene.shoot(number, 96, 64)
-        buffers = shot.buffers()
-        if before is not None:
-            moves = scene.transforms(number)
-            motion = yester.motion_vectors(shot.position, shot.camera, before.camera, ids=shot.ids, transforms=moves)
-            buffers["motion"] = motion
-        before = shot
-        given = {name: buffers[name] for name in names or buffers if name in buffers}
-        yield yester.Frame(scene.noisy(shot, rng), **given), shot.color
+        shot = flight.shoot(number, 96, 64)
+        known = {**shot.buffers(), "camera": shot.camera, "color": flight.noisy(shot, rng)}
+        if number == 0:
+            del known["motion"]
+        yield yester.Frame(**{name: known[name] for name in ({"color", *names} if names else known)}), shot.color
 
 
 def test_all_are_here():
@@ -43,13 +41,13 @@ def test_each_denoises(method):
     for frame, truth, result in zip(given, truths, method.run(given), strict=True):
         assert result.color.shape == truth.shape
         assert result.color.dtype == np.float32
-        # Non-local means take the noise of single samples for texture.
+        # Non-local means mistake the noise of single samples for texture.
         most = 1.0 if method.family == "non-local means" else 0.5
         assert relmse(result.color, truth) < most * relmse(frame.color, truth)
 
 
 def holed(frame):
-    """Without some samples."""
+    """The frame with some samples missing."""
     color = frame.color.copy()
     color[5, 7] = np.nan
     color[9, 9, 1] = np.inf
@@ -108,7 +106,7 @@ def test_what_is_missing_is_named(monkeypatch):
 
 
 def test_a_peer_that_does_not_start_is_missing(monkeypatch):
-    """As one whose libraries the system has not."""
+    """As one whose system libraries are missing."""
 
     def broken(name):
         raise OSError("libtbb.so.12: cannot open shared object file")

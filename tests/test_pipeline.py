@@ -1,4 +1,4 @@
-"""What all pipelines have in common: they say their parameters, can be copied and pickled, and start anew."""
+"""Common behaviour of all pipelines: parameters in the repr, copies, pickling, reset."""
 
 import copy
 import inspect
@@ -54,7 +54,7 @@ def test_copies_begin_a_sequence_of_their_own(call, way):
     got = other.step(first)
     for name in NAMES:
         np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
-    # And the original goes on with its history.
+    # The original continues with its history.
     again = CALLS[call]()
     again.step(first)
     for frame in rest:

@@ -1,10 +1,10 @@
-"""The judge without a reference, and the plan that it makes."""
+"""The predictive error, which needs no reference, and the plan that it decides."""
 
 from dataclasses import replace
 
+import flight
 import numpy as np
 import pytest
-import scene
 import yester
 from compare import assert_same_bits
 from test_cli import refused, run
@@ -20,16 +20,11 @@ def frames(count=8, *, moving=True, light=lambda t: 1.0, size=SIZE, **changes):
     rng = np.random.default_rng(0)
     result = []
     for t in range(count):
-        shot = scene.shoot(t, *size, moving=moving)
-        motion = np.zeros((*shot.depth.shape, 3), np.float32)
-        if moving:
-            before = scene.camera(t - 1, *size)
-            motion = yester.motion_vectors(
-                shot.position, shot.camera, before, ids=shot.ids, transforms=scene.transforms(t)
-            )
+        shot = flight.shoot(t, *size, moving=moving)
+        motion = shot.motion if moving else np.zeros((*shot.shape, 3), np.float32)
         named = {name: value(rng, shot) if callable(value) else value for name, value in changes.items()}
-        given = {"color": scene.noisy(shot, rng) * np.float32(light(t)), **shot.buffers(), "motion": motion, **named}
-        result.append(yester.Frame(**given))
+        color = flight.noisy(shot, rng) * np.float32(light(t))
+        result.append(replace(shot, **{"color": color, "motion": motion, **named}))
     return result
 
 
@@ -43,11 +38,11 @@ def still():
     return frames(moving=False)
 
 
-# The judge
+# The predictive error
 
 
 def flat(colors):
-    """Frames that stand still, on a single surface."""
+    """Static frames of a single surface."""
     shape = colors[0].shape
     return [yester.Frame(color, motion=np.zeros((*shape[:2], 2)), ids=np.ones(shape[:2], int)) for color in colors]
 
@@ -66,7 +61,7 @@ def test_a_tile_by_hand():
 
 
 def test_estimates_the_difference_of_errors():
-    """Against the known truth, within the standard errors, although noise is much larger than both errors."""
+    """Against a known reference: within the standard errors, although noise is much larger than both errors."""
     rng = np.random.default_rng(0)
     truth = rng.uniform(0.2, 0.8, (96, 128, 3)).astype(np.float32)
     a, b = (truth + rng.normal(0, error, truth.shape).astype(np.float32) for error in (0.04, 0.02))
@@ -112,7 +107,7 @@ def test_bad_input_of_the_judge(moving):
     images = [frame.color for frame in moving]
     with pytest.raises(ValueError, match="frames: expected as many as results, got 7 results and 8 frames"):
         predictive_error(images[:7], images, moving)
-    with pytest.raises(ValueError, match="frames: expected at least two from the start, got 8 and a start at 7"):
+    with pytest.raises(ValueError, match="frames: expected at least two from `start` on, got 8 and start 7"):
         predictive_error(images, images, moving, start=7)
     with pytest.raises(ValueError, match="tile: expected at least 1, got 0"):
         predictive_error(images, images, moving, tile=0)
@@ -122,7 +117,7 @@ def test_bad_input_of_the_judge(moving):
 
 
 def test_a_plan_has_evidence(moving):
-    """For every stage and buffer there is; the decisions are the same every time."""
+    """For every stage and every given buffer; decisions are deterministic."""
     found = yester.plan(moving)
     names = ["reflections", "albedo", "normal", "depth", "ids", "motion", "camera", "choice", "pass 3", "pass 2"]
     assert [stage.name for stage in found.stages] == [*names, "gradient", "innovation"]
@@ -147,12 +142,12 @@ def test_the_table(moving):
 
 
 def test_a_broken_buffer_is_left_out(moving):
-    """Albedo that is noise: with the plan, the result is better."""
+    """Albedo of pure noise: the plan improves the result."""
     broken = frames(albedo=lambda rng, shot: rng.uniform(0.02, 1, shot.color.shape))
     found = yester.plan(broken)
     assert "albedo" in found.without
     assert "without albedo" in found.summary() or "albedo" in found.summary()
-    truth = scene.shoot(7, *SIZE).color
+    truth = flight.shoot(7, *SIZE).color
     results = []
     for pipeline in (found.pipeline(), yester.SVGF()):
         images = [pipeline.step(frame).color for frame in broken]
@@ -161,13 +156,13 @@ def test_a_broken_buffer_is_left_out(moving):
 
 
 def test_what_stands_still_is_averaged(still):
-    """As long as the light is constant: over 32 frames, the error is smaller, and reflections cost nothing."""
+    """Under constant light: over 32 frames the error is smaller, and reflections are off."""
     found = yester.plan(still)
     assert found.static
     assert found.options["alpha"] == 0
     assert found.options["reflections"] == ()
     assert "static" in found.summary()
-    truth, errors = scene.shoot(0, *SIZE, moving=False).color, []
+    truth, errors = flight.shoot(0, *SIZE, moving=False).color, []
     long = frames(32, moving=False)
     for pipeline in (found.pipeline(), yester.SVGF()):
         images = [pipeline.step(frame).color for frame in long]
@@ -177,7 +172,7 @@ def test_what_stands_still_is_averaged(still):
 
 
 def test_the_pipeline_is_svgf(moving):
-    """With the plan's options, on the buffers that it uses."""
+    """SVGF with the plan's options, on the buffers that it uses."""
     chosen = yester.Plan({"iterations": 2}, yester.plan(moving).buffers, ("ids", "camera"))
     planned, svgf = chosen.pipeline(), yester.SVGF(iterations=2)
     for frame in (*moving[:3], *moving[:2]):
@@ -232,7 +227,7 @@ def test_no_file(tmp_path):
 
 
 def test_a_plan_for_other_buffers(moving):
-    """Only the first frame may lack some, such as motion."""
+    """Only the first frame may lack buffers, such as motion."""
     found = yester.plan(moving)
     first, second = (yester.Frame(f.color, **{n: getattr(f, n) for n in ("albedo", "normal")}) for f in moving[:2])
     pipeline = found.pipeline()
@@ -259,7 +254,7 @@ def test_a_plan_for_other_buffers(moving):
     ids=["few", "none", "no guides", "NaN", "black", "constant"],
 )
 def test_nothing_to_judge_by(given, reason):
-    """Says so and is the default."""
+    """The plan says so and is the default."""
     with pytest.warns(UserWarning, match=f"plan: {reason}"):
         found = yester.plan(given())
     assert reason in found.reason
@@ -272,7 +267,7 @@ def test_nothing_to_judge_by(given, reason):
 
 
 def test_some_frames_of_nan(moving):
-    """Are none, and the others are judged."""
+    """Such frames do not count; the others are compared."""
     holes = [*moving]
     holes[4] = yester.Frame(
         **moving[4].buffers() | {"color": np.full_like(moving[4].color, np.nan)}, camera=moving[4].camera
@@ -292,7 +287,7 @@ def test_bad_input(moving):
 
 
 def test_windows():
-    """Of large images, apart and inside; a camera of its own sees what the whole one sees there."""
+    """Windows of large images are disjoint and inside; each has a camera with the same rays as the whole image's."""
     assert _windows(64, 96) == [(slice(0, 64), slice(0, 96))]
     for height, width in ((720, 1280), (2160, 3840), (60, 8000), (5000, 40)):
         found = _windows(height, width)
@@ -312,10 +307,10 @@ def test_windows():
 
 
 def test_large_images_are_judged_by_parts():
-    """Also where some have nothing to judge by, such as sky in the first."""
+    """Also where some windows have no valid samples, here sky in the first."""
 
     def sky(rng, shot):
-        color = scene.noisy(shot, rng)
+        color = flight.noisy(shot, rng)
         color[:150, :256] = np.nan
         return color
 
@@ -335,8 +330,9 @@ def folder(tmp_path_factory, still):
     return place
 
 
+@pytest.mark.slow
 def test_commands(folder, tmp_path):
-    """The plan is printed and written; denoise takes it, or makes its own."""
+    """The plan is printed and written; `denoise` reads it, or makes its own."""
     path = tmp_path / "plan.toml"
     result = run("plan", folder, "-o", path)
     assert result.stdout.splitlines()[0] == yester.Plan.load(path).summary()
@@ -351,6 +347,7 @@ def test_commands(folder, tmp_path):
             assert_same_bits(read_exr(tmp_path / place / frame.name).color, want.color)
 
 
+@pytest.mark.slow
 def test_commands_refuse(folder, tmp_path):
     assert "--plan: expected no --method" in refused(
         "denoise", folder, "-o", tmp_path / "out", "--plan", tmp_path / "x.toml", "--method", "taa"
@@ -365,8 +362,9 @@ def test_commands_refuse(folder, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_single_file_is_denoised_by_default(folder, tmp_path):
-    """And it says why."""
+    """The message says why."""
     said = run("denoise", folder / "frame_0000.exr", "-o", tmp_path / "one.exr", "--method", "auto").stderr
     assert "plan: the default: expected at least 5 frames to judge by, got 1" in said
     assert "Warning" not in said

@@ -1,4 +1,4 @@
-"""What a file holds besides a frame, and what the command line makes of files: run in this process."""
+"""The contents of a file besides a frame, and how the command line treats files: run in this process."""
 
 from fractions import Fraction
 
@@ -51,7 +51,7 @@ def layers(seed=0):
 
 
 def plate(path, *, parts=False, seed=0, **header):
-    """A plate as a compositor's: a crop with other layers and attributes."""
+    """A plate as from a compositor: a crop with other layers and attributes."""
     header = STORAGE | {"dataWindow": DATA, "displayWindow": DISPLAY} | ATTRIBUTES | header
     found = [OpenEXR.Part(header, layers(seed), "beauty" if parts else "")]
     if parts:
@@ -76,7 +76,7 @@ def equal(one, other):
 
 
 def carried(want, got):
-    """All but the colour is the same: parts in their order, attributes, channels and their types."""
+    """All but the colour is unchanged: the order of parts, attributes, channels and their types."""
     for (header, channels), (header_got, channels_got) in zip(want, got, strict=True):
         assert header.keys() == header_got.keys()
         for name in header.keys() - {"channels"}:
@@ -102,7 +102,7 @@ def test_all_but_the_colour_stays(tmp_path, parts, half):
 
 
 def test_tiles_and_lossy_compression_are_not_kept(tmp_path):
-    """A second lossy compression would change what is carried."""
+    """A second lossy compression would change the other channels."""
     tiles = OpenEXR.TileDescription()
     header = {"dataWindow": DATA, "displayWindow": DISPLAY, "tiles": tiles, "lineOrder": OpenEXR.LineOrder.RANDOM_Y}
     header |= {"type": OpenEXR.tiledimage, "compression": OpenEXR.B44_COMPRESSION}
@@ -185,7 +185,7 @@ def test_upscale_scales_the_plate(tmp_path, capsys):
 
 @pytest.mark.parametrize("command", ["denoise", "upscale"])
 def test_history_begins_anew(shots, tmp_path, capsys, command):
-    """With another shot and behind a gap; and that is said."""
+    """At another shot and after a gap, with a message."""
     run(command, shots, "-o", tmp_path / "out")
     said = capsys.readouterr().err.splitlines()
     warned = [line for line in said if "shot as" in line or "jump" in line]
@@ -214,7 +214,7 @@ def frames(folder, **buffers):
 
 
 def test_what_is_used_and_missing_is_said(tmp_path, capsys):
-    """Once; and that frames are denoised in place, if neither motion nor cameras tell where they were."""
+    """Once; and a warning that history is accumulated in place if there are neither motion nor cameras."""
     run("denoise", frames(tmp_path / "bare", albedo=np.ones((24, 32, 3))), "-o", tmp_path / "out")
     said = capsys.readouterr().err.splitlines()
     (warned,) = [line for line in said if line.startswith("warning: ")]
@@ -256,7 +256,7 @@ def test_one_file_to_one_file(tmp_path, capsys):
     for command in ("denoise", "upscale"):
         run(command, one, two, "-o", tmp_path / "out.exr", code=2)
         said = capsys.readouterr().err
-        assert said == f"yester: error: -o {tmp_path / 'out.exr'}: expected a folder for 2 files, got the name of one\n"
+        assert said == f"yester: error: -o {tmp_path / 'out.exr'}: expected a folder for 2 files, got a file name\n"
         run(command, one, "-o", one, code=2)
         assert "overwrite this input" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == there

@@ -10,7 +10,7 @@ def point(method="a", ms=1.0, scene="s", **values):
 
 
 def test_front_by_hand():
-    """From the fastest to the best, without the slower of equal results and what is beaten."""
+    """From the fastest to the best, without dominated points and the slower of equal ones."""
     points = [
         point("slow", 9, psnr=34),
         point("fast", 1, psnr=30),

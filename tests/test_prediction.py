@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 
 def images(rng, height, width, *, holes=0.05):
-    """Two guesses at a noisy frame, one of them better here and there; some places dark, one pixel negative."""
+    """Two predictions of a noisy frame, one of them better in places; some dark pixels, one negative."""
     candidate, base, color = (compare.colors(rng, height, width, holes=holes) for _ in range(3))
     with np.errstate(invalid="ignore"):
         candidate[height // 2 :] = color[height // 2 :] * rng.choice([1, 1.1])
@@ -40,7 +40,7 @@ def test_reference(seed, size, with_ids, radius, holes):
 
 
 @pytest.mark.parametrize("with_ids", [False, True])
-@pytest.mark.parametrize("size", SIZES + TAILS)
+@each("size", SIZES + TAILS)
 def test_sizes(size, with_ids):
     rng = np.random.default_rng(size[1])
     ids = {"ids": compare.surfaces(rng, *size)["ids"]} if with_ids else {}
@@ -48,7 +48,7 @@ def test_sizes(size, with_ids):
 
 
 def test_the_difference_of_squared_errors():
-    """Without a window, of a pixel by hand; and per pixel it is what its name says."""
+    """Without a window: one pixel by hand, then every pixel."""
     k, h, c = (np.full((1, 1, 3), value, np.float32) for value in ((1, 2, 3), (2, 2, 1), (1, 1, 1)))
     want = (0 + 1 + 4 - 1 - 1 - 0) / (4 + 4 + 1 + 0.01)
     assert yester.prediction_gain(k, h, c, radius=0)[0, 0] == pytest.approx(want, rel=1e-6)
@@ -67,24 +67,24 @@ def test_equal_predictions_gain_nothing():
 
 
 def test_unbiased_by_noise():
-    """The mean over many noisy frames is the gain against the truth; as squared errors themselves it would not be."""
+    """The mean over many noisy frames is the gain against the reference, as the noise cancels."""
     rng = np.random.default_rng(0)
     truth = rng.uniform(0.5, 1.5, (12, 13, 3)).astype(np.float32)
     base = truth * rng.uniform(0.8, 1.2, truth.shape).astype(np.float32)
     candidate = truth * rng.uniform(0.9, 1.3, truth.shape).astype(np.float32)
     want = (((candidate - truth) ** 2 - (base - truth) ** 2).sum(-1)) / ((base**2).sum(-1) + 0.01)
-    noise = rng.exponential(1, (3000, *truth.shape)).astype(np.float32)  # its variance is far above both errors
+    noise = rng.exponential(1, (3000, *truth.shape)).astype(np.float32)  # the noise's variance is far above both errors
     frames = np.stack([yester.prediction_gain(candidate, base, truth * factor, radius=0) for factor in noise])
     error = frames.std(0) / np.sqrt(len(frames))
     assert np.abs((frames.mean(0) - want) / error).mean() == pytest.approx(np.sqrt(2 / np.pi), abs=0.2)
     assert np.abs((frames.mean(0) - want) / error).max() < 5
-    assert np.abs(want / error).mean() > 3 * np.sqrt(2 / np.pi)  # which a biased mean would miss by as much
+    assert np.abs(want / error).mean() > 3 * np.sqrt(2 / np.pi)  # a biased mean would be wrong by as much
     window = np.stack([yester.prediction_gain(candidate, base, truth * factor)[6, 6] for factor in noise[:1000]])
     assert window.mean() == pytest.approx(want[3:10, 3:10].mean(), abs=4 * window.std() / np.sqrt(1000))
 
 
 def test_sees_which_is_better():
-    """Half of the image changes its light: there the candidate that knows is better, elsewhere it is worse."""
+    """Half of the image changes its light: there the candidate with new light is better, elsewhere worse."""
     rng = np.random.default_rng(0)
     stays, changed = np.ones((32, 64, 3), np.float32), np.full((32, 64, 3), 1.5, np.float32)
     color = stays.copy()
@@ -118,7 +118,7 @@ def test_nothing_crosses_ids():
 
 
 def test_missing_pixels():
-    """A hole in any of the three is none of it; where nothing is known the gain is 0."""
+    """A pixel missing in any of the three images does not count; without valid pixels the gain is 0."""
     rng = np.random.default_rng(0)
     k, h, c = images(rng, 20, 30, holes=0)
     holes = rng.random((20, 30)) < 0.3

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -39,7 +39,7 @@ def test_reference(seed, size, holes, factor, levels, weighted):
     check(color, quality if weighted else None, factor=factor, levels=levels)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::4])
+@each(("height", "width"), SIZES + TAILS[::4])
 def test_sizes(height, width):
     check(*images(np.random.default_rng(width), height, width, 0.8))
 
@@ -85,7 +85,7 @@ def test_one_point_fills_all():
 
 @pytest.mark.parametrize("levels", [None, 1])
 def test_all_holes_stay(levels):
-    """Nothing valid on any level: NaN of quality 0, and no error."""
+    """Without valid pixels on any level: NaN with quality 0, and no error."""
     for color, quality in (
         (np.full((9, 10, 3), np.nan), None),
         (np.ones((9, 10, 3)), np.zeros((9, 10))),
@@ -97,7 +97,7 @@ def test_all_holes_stay(levels):
 
 
 def test_the_pyramid_of_the_textbook():
-    """1, 4, 16 and back: holes are filled half a block of sixteen beyond what is known, and half a block of four."""
+    """Levels 1, 4, 16: holes are filled up to half a block of sixteen plus half a block of four from valid pixels."""
     color = np.full((64, 64), np.nan, np.float32)
     color[:16, :16] = 1
     got, _ = check(color, factor=4, levels=2)
@@ -107,7 +107,7 @@ def test_the_pyramid_of_the_textbook():
 
 
 def test_better_pixels_override():
-    """Holes between a good and a poor point take after the good one; twice as good counts twice in a block."""
+    """Holes between a good and a poor point resemble the good one; twice the quality counts twice in a block."""
     color, quality = np.full((2, 2), np.nan), np.zeros((2, 2))
     color[0] = 1, 4
     quality[0] = 2, 1

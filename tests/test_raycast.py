@@ -14,13 +14,13 @@ SHAPES = {
 
 
 def distance(points):
-    """From the wire's axis, found by trying."""
+    """Distance from the wire's axis, by search over its points."""
     axis = np.array([-0.4, -0.3, 0.1]) + np.linspace(0, 1, 2001)[:, None] * [0.9, 0.7, -0.3]
     return np.array([np.linalg.norm(axis - p, axis=1).min() for p in points.T])
 
 
 def camera(width=3, height=3, x=0.0, z=4.0) -> yester.Camera:
-    """Its focal length is half the width; an odd image's middle pixel looks along -z."""
+    """A camera with a focal length of half the width; the middle pixel of an odd image looks along -z."""
     return yester.Camera.from_look_at([x, 0, z], [x, 0, 0], [0, 1, 0], 90, width, height)
 
 
@@ -30,7 +30,7 @@ def middle(*things, **options) -> raycast.Hits:
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_first_hit(name):
-    """Random rays end on the surface, have met nothing before, and miss it only if they never come near."""
+    """Random rays end on the surface, hit nothing before, and miss only if they stay away from it."""
     shape, outside = SHAPES[name]
     rng = np.random.default_rng(1)
     origin = rng.normal(0, 1, (3, 300))
@@ -83,7 +83,7 @@ def test_sphere_by_hand():
 
 
 def test_plane_by_hand():
-    """A corner's ray: right and up one for every one ahead, at the edge of a 90° view."""
+    """The corner's ray of a 90° view: one right and one up for each one ahead."""
     scene = Scene((Thing(Rectangle(), translate(0, 0, 1)),), camera())
     hits = raycast.cast(scene, [[3, 0], [0, 3]])
     np.testing.assert_allclose(hits.position, [[3, 3, 1], [-3, -3, 1]], atol=1e-12)
@@ -106,7 +106,7 @@ def test_the_nearest_counts():
 
 
 def test_place_is_rigid_motion():
-    """To turn a thing and everything around it changes nothing but the directions."""
+    """Moving a thing and the camera alike changes directions alone."""
     move = translate(0.3, -0.2, 0.4) @ turn([1, 2, 0.5], 50)
     box = Thing(Box((1, 0.6, 0.8)), turn([0, 1, 0], 30), raycast.checker((1, 0, 0), (0, 1, 0), 0.2))
     moved = Thing(box.shape, move @ box.place, box.albedo)
@@ -147,7 +147,7 @@ def test_motion_agrees_with_the_library():
 
 
 def test_motion_by_hand():
-    """What goes one unit to the right, 2.5 before a camera of focal length 1.5, was 0.6 pixels to the left."""
+    """A point that moved one unit right, 2.5 in front of a camera of focal length 1.5, was 0.6 pixels to the left."""
     now, before = (Scene((Thing(Sphere(0.5), translate(x, 0, 1)),), camera()) for x in (0, -1))
     hits = raycast.cast(now, [1.5, 1.5])
     np.testing.assert_allclose(raycast.motion(hits, now, before), [-0.6, 0, 0], atol=1e-12)
@@ -161,7 +161,7 @@ def test_motion_from_behind_the_camera():
 
 
 def test_history_shows_the_same_surface():
-    """Motion leads to a place where the frame before sees the same point, or something before it."""
+    """Motion leads to where the previous frame sees the same point, or something in front of it."""
     before, now = moving(0), moving(1)
     hits = raycast.cast(now, raycast.centres(now.camera))
     moved = raycast.motion(hits, now, before)
@@ -175,7 +175,7 @@ def test_history_shows_the_same_surface():
 
 
 def test_lamp_by_hand():
-    """From 2 away at 60° to the normal: a quarter, and half of that."""
+    """At a distance of 2 and 60° to the normal: a quarter, times one half."""
     floor = Thing(Rectangle(), albedo=(0.5, 0.5, 0.5))
     lamp = Light((2 * np.sin(np.pi / 3), 0, 1), (8, 4, 0))
     hits = middle(floor, lights=(lamp,), ambient=(0.1, 0.1, 0.1))
@@ -208,7 +208,7 @@ def test_light_from_behind():
 
 
 def test_mirror():
-    """At 45° it shows what is to the right, darkened by its tint and lit as it is."""
+    """At 45° it shows the thing to the right with its own light, multiplied by the tint."""
     mirror = Thing(Rectangle(), turn([0, 1, 0], 45), (0.5, 1, 1), mirror=True)
     wall = Thing(Rectangle(), translate(3, 0, 0) @ turn([0, 1, 0], 90), (0.8, 0.4, 0.2), (0, 0, 1))
     hits = middle(mirror, wall, ambient=(1, 1, 1))
@@ -219,7 +219,7 @@ def test_mirror():
 
 
 def test_reflection_by_hand():
-    """Half as far to the right as ahead, it meets the mirror at (4, 0, -4) and goes on half as far back as right."""
+    """A ray with slope 1/2 to the right meets the mirror at (4, 0, -4) and continues right, with slope 1/2 back."""
     mirror = Thing(Rectangle(), turn([0, 1, 0], 45), (1, 1, 1), mirror=True)
     place = translate(10, 0, 0) @ turn([0, 1, 0], 90)
     wall = Thing(Rectangle(), place, (0, 0, 0), emission=lambda point: point)
@@ -229,7 +229,7 @@ def test_reflection_by_hand():
 
 
 def test_seen_from_behind():
-    """Normals look at the camera."""
+    """Normals face the camera."""
     hits = middle(Thing(Rectangle(), turn([0, 1, 0], 180)))
     np.testing.assert_allclose(hits.normal, [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(hits.object_normal, [0, 0, -1], atol=1e-12)
@@ -249,7 +249,7 @@ def test_textures_by_hand():
 
 
 def test_value_noise():
-    """Continuous, between its colours, different by seed; at the corners of the lattice the values themselves."""
+    """Continuous, between its colours, different by seed; equal to the values at the corners of the lattice."""
     rng = np.random.default_rng(0)
     points = rng.uniform(-5, 5, (3, 2000))
     texture = raycast.value_noise((0.2, 0.2, 0.2), (0.8, 0.4, 0.2), 0.5, seed=1)
@@ -265,7 +265,7 @@ def test_value_noise():
 
 
 def test_truth_of_an_edge():
-    """Four places a pixel each way, of which a wall from 0.2 to 1.3 hides three, one and none."""
+    """Four samples per pixel along x, of which a wall from 0.2 to 1.3 hides three, one and none."""
     # Three pixels are 8 units wide at a depth of 4.
     wall = Thing(Rectangle(1.1 * 8 / 3, 20), translate(-2, 0, 0), emission=(1, 1, 1))
     image = raycast.truth(Scene((wall,), camera(), ambient=(0, 0, 0)))
@@ -296,7 +296,7 @@ def test_frame_has_all_that_is_known():
     np.testing.assert_allclose(np.linalg.norm(frame.normal[hit], axis=-1), 1, atol=1e-6)
     pixels, depth = frame.camera.project(np.float64(frame.position[hit]))
     np.testing.assert_allclose(depth, frame.depth[hit], rtol=1e-5)
-    # Samples are spread over their pixels, and all buffers are of the same one.
+    # Samples are spread over their pixels, and all buffers of a pixel are of the same sample.
     offset = pixels - raycast.centres(frame.camera)[hit]
     assert np.abs(offset).max() < 0.5001
     assert offset.std() == pytest.approx(np.sqrt(1 / 12), rel=0.05)

@@ -1,13 +1,13 @@
-"""`recirculate`, and the pipeline that it is a part of."""
+"""The kernel `recirculate` and its pipeline."""
 
 import compare
 import composed
+import flight
 import numpy as np
 import pytest
 import reference
-import scene
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from composed import sample, sequence
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -36,12 +36,12 @@ def check(given: tuple, **named) -> tuple:
     assert all(image.dtype == np.float32 for image in got)
     clear = None
     if named.get("fetch"):
-        # Means by next to no weight are not precise.
+        # Means with near-zero total weight are not precise.
         known = (given[3] > 0).astype(np.float32)
         whole = {"fetch": True, "fade": np.inf, "limit": np.inf}
         weight = yester.recirculate(given[0], 0 * known, given[2], known, given[4], **whole)[1]
         clear = (weight == 0) | (weight > 0.05)
-    # Where a place lies on the border of what is known, a weight of almost nothing decides whether it is.
+    # At the border of known pixels, a near-zero weight decides whether a value is known.
     assert_close("recirculate color", got[0], want[0], rtol=2e-5, where=clear, flips=got[1].size // 500)
     assert_close("recirculate quality", got[1], want[1])
     return got
@@ -61,14 +61,14 @@ def test_reference(seed, size, **named):
     check(images(np.random.default_rng(seed), *size), **named)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::4])
+@each(("height", "width"), SIZES + TAILS[::4])
 @pytest.mark.parametrize("fetch", [False, True])
 def test_sizes(height, width, fetch):
     check(images(np.random.default_rng(width), height, width), fetch=fetch)
 
 
 def test_shares_and_what_is_carried():
-    """By quality, within the range; what is old counts for half after `fade` pixels; sums go on, up to the limit."""
+    """Weights by quality, within their range; old quality halves after `fade` pixels; sums grow up to the limit."""
     new, old = np.zeros((1, 4, 3), np.float32), np.ones((1, 4, 3), np.float32)
     one, three = np.full((1, 4), 1, np.float32), np.float32([[3, 3, 3, 0]])
     motion = np.zeros((1, 4, 2), np.float32)
@@ -85,7 +85,7 @@ def test_shares_and_what_is_carried():
 
 
 def test_three_places_along_the_motion():
-    """A bright pixel leaves a third of itself a quarter of the motion away, on both sides, and none is lost."""
+    """A bright pixel spreads a third to a quarter of the motion away on each side; the sum is kept."""
     image, known = np.zeros((9, 30, 3), np.float32), np.ones((9, 30), np.float32)
     image[4, 15] = 3
     motion = np.full((9, 30, 2), np.float32([16, 0]))
@@ -102,7 +102,7 @@ def test_three_places_along_the_motion():
 
 
 def test_the_old_image_is_fetched_from_where_motion_leads():
-    """With its quality; not from outside; in place where motion is not known."""
+    """With its quality; nothing from outside; without offset where motion is unknown."""
     image = np.arange(30, dtype=np.float32)[:, None] * np.ones((9, 30, 3), np.float32)
     nothing, known = np.zeros((9, 30), np.float32), np.float32(1 + np.arange(30)) * np.ones((9, 1), np.float32)
     motion = np.full((9, 30, 2), np.float32([4.5, 0]))
@@ -176,7 +176,7 @@ PATTERN = {2: (0, 3, 1, 2), 4: (0, 10, 2, 8, 5, 15, 7, 13, 1, 11, 3, 9, 4, 14, 6
 
 
 def traced(number: int, side: int, height: int, width: int) -> np.ndarray:
-    """One pixel of each block of side × side, another in every frame."""
+    """Mask of one pixel per block of side × side, a different one in every frame."""
     turn = PATTERN[side][number % side**2]
     mask = np.zeros((height, width), bool)
     mask[turn // side :: side, turn % side :: side] = True
@@ -184,7 +184,7 @@ def traced(number: int, side: int, height: int, width: int) -> np.ndarray:
 
 
 def sparse(frame: dict, mask: np.ndarray) -> dict:
-    """Nothing is known where nothing is traced."""
+    """The frame's buffers, missing where no pixel is traced."""
     some = {}
     for name in ("color", "depth", "position", "motion"):
         if name in frame:
@@ -229,7 +229,7 @@ def test_bits_are_those_of_the_functions(names, options):
 
 @pytest.mark.parametrize("options", [{}, {"nearness": 2}, {"preset": "textbook"}])
 def test_reference_pipeline(options):
-    """As the references give it, but for points on borders of pixels, of which each frame passes on a few."""
+    """Equal to the references, but for points on borders between pixels, which accumulate over frames."""
     pipeline, other = yester.Recirculation(**options), reference.Recirculation(**options)
     for frame in frames_of(("depth", "motion"), count=4):
         got = pipeline.step(frame)
@@ -251,8 +251,8 @@ def test_the_preset_is_what_it_says():
 
 
 def test_near_samples_override_distant_ones():
-    """Where holes between them are filled, in any unit of depth; the background yields to all."""
-    camera = scene.camera(0.0, 8, 4)
+    """In filled holes between them, in any unit of depth; everything overrides the background."""
+    camera = flight.camera(0.0, 8, 4)
     color, depth = (np.full((4, 8, *channels), np.nan, np.float32) for channels in ((3,), ()))
     color[1, 2], color[1, 5] = 1, 0
 
@@ -272,16 +272,16 @@ def test_near_samples_override_distant_ones():
     assert both.mean() > 0.25
     np.testing.assert_allclose(image[both], 1, rtol=1e-6)
     assert (counts <= 2 * counted).all()
-    # Of one depth, all weigh alike, and count as ever.
+    # At equal depth all have equal weight, and qualities are unchanged.
     image, counts = filled(2, 3, 3)
     np.testing.assert_allclose(image, even, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(counts, counted, rtol=1e-5)
 
 
 def test_fetched_history_comes_from_where_motion_leads():
-    """A camera that moves past a plane finds all of it again that was in the image."""
+    """A camera moving past a plane finds all of it that was in the previous image."""
     rng, pipeline = np.random.default_rng(0), yester.Recirculation(history="fetch", blur=0)
-    cameras = [scene.camera(0.0, 61, 43), scene.camera(5.0, 61, 43)]
+    cameras = [flight.camera(0.0, 61, 43), flight.camera(5.0, 61, 43)]
     depth, picture = np.full((43, 61), 4, np.float32), rng.random((43, 61, 3), np.float32)
     pipeline.step(yester.Frame(picture, depth=depth, camera=cameras[0]))
     motion = yester.motion_vectors(depth, *cameras[::-1])
@@ -299,7 +299,7 @@ def test_fetched_history_comes_from_where_motion_leads():
 
 
 def still_frames(count, side, color=None):
-    camera = scene.camera(0.0, 61, 43)
+    camera = flight.camera(0.0, 61, 43)
     whole = sample(camera)
     whole["color"] = whole["color"] if color is None else color
     for i in range(count):
@@ -309,8 +309,8 @@ def still_frames(count, side, color=None):
 
 @pytest.mark.parametrize("side", [2, 4])
 def test_what_stands_still_converges_to_the_full_picture(side):
-    """Once every pixel has been traced the picture is nearly whole, and it comes ever nearer."""
-    whole, pipeline = sample(scene.camera(0.0, 61, 43))["color"], yester.Recirculation()
+    """Once every pixel has been traced the image is nearly complete, and the error keeps falling."""
+    whole, pipeline = sample(flight.camera(0.0, 61, 43))["color"], yester.Recirculation()
     found = [psnr(pipeline.step(frame).color, whole) for frame in still_frames(16 * side**2, side)]
     turn = side**2 - 1
     assert found[turn] > found[0] + 3
@@ -319,7 +319,7 @@ def test_what_stands_still_converges_to_the_full_picture(side):
 
 
 def test_all_traced_is_shown_as_it_is():
-    camera = scene.camera(0.0, 61, 43)
+    camera = flight.camera(0.0, 61, 43)
     whole, pipeline = sample(camera), yester.Recirculation()
     for number in range(1, 11):
         output = pipeline.step(yester.Frame(whole["color"], depth=whole["depth"], camera=camera))
@@ -331,10 +331,10 @@ def test_all_traced_is_shown_as_it_is():
 
 
 def test_a_moving_camera_is_better_off_than_without_memory():
-    """At a sixteenth of the pixels and half a pixel of motion, half the squared error of what is filled."""
+    """At a sixteenth of the pixels and half a pixel of motion: half the squared error of filling alone."""
     errors, pipeline = [], yester.Recirculation()
     for i in range(24):
-        frame = sample(scene.camera(0.25 * i, 96, 64))
+        frame = sample(flight.camera(0.25 * i, 96, 64))
         some = sparse(frame, traced(i, 4, 64, 96))
         output = pipeline.step(yester.Frame(some["color"], depth=some["depth"], camera=frame["camera"]))
         alone, _ = yester.pull_push(some["color"])
@@ -345,9 +345,9 @@ def test_a_moving_camera_is_better_off_than_without_memory():
 
 
 def test_noise_is_averaged():
-    """Of a noisy picture at rest, each sample counts for less, up to the limit."""
+    """On a static noisy image, each new sample has less weight, down to a limit."""
     rng, pipeline = np.random.default_rng(0), yester.Recirculation()
-    camera, depth = scene.camera(0.0, 61, 43), np.full((43, 61), 4, np.float32)
+    camera, depth = flight.camera(0.0, 61, 43), np.full((43, 61), 4, np.float32)
     for _ in range(30):
         noisy = rng.uniform(0, 2, (43, 61, 3)).astype(np.float32)
         output = pipeline.step(yester.Frame(noisy, depth=depth, camera=camera))
@@ -356,8 +356,8 @@ def test_noise_is_averaged():
 
 
 def test_moving_things_go_on_with_motion_and_stay_behind_without():
-    """A bright square flies past, a fourth of it traced each frame: it leaves light behind only if nobody tells."""
-    camera = scene.camera(0.0, 61, 43)
+    """A bright square flies past, a fourth of it traced in each frame: it ghosts only where motion is not supplied."""
+    camera = flight.camera(0.0, 61, 43)
 
     def picture(i):
         square = np.zeros((43, 61), bool)
@@ -375,13 +375,13 @@ def test_moving_things_go_on_with_motion_and_stay_behind_without():
             buffers = {"depth": frame["depth"], **({"motion": frame["motion"]} if told else {})}
             output = pipeline.step(yester.Frame(frame["color"], **buffers, camera=camera))
         errors[told] = np.mean((output.color - color) ** 2)
-        # The tail is forgotten, and said to be.
+        # The tail's history is dropped, and reported as rejected.
         assert (output.rejection == 2).any() or told
     assert 4 * errors[True] < errors[False]
 
 
 def test_nothing_traced_at_all():
-    """Black at first; later, what was known, but for what its last samples showed to be wrong."""
+    """Black at first; later the history, corrected by the last samples' innovation."""
     nothing = np.full((43, 61, 3), np.nan, np.float32)
     frames = list(still_frames(5, 2))
     dark = yester.Frame(nothing, depth=nothing[..., 0], camera=frames[0].camera)
@@ -403,7 +403,7 @@ def test_nothing_traced_at_all():
 
 
 def test_cuts_start_anew():
-    """What the camera has never seen comes from this frame alone."""
+    """Pixels that the camera has not seen before come from this frame alone."""
     pipeline, frames = yester.Recirculation(), list(still_frames(5, 2))
     for frame in frames[:4]:
         pipeline.step(frame)
@@ -416,7 +416,7 @@ def test_cuts_start_anew():
 
 
 def test_what_frames_need():
-    camera = scene.camera(0.0, 6, 5)
+    camera = flight.camera(0.0, 6, 5)
     color, depth = np.ones((5, 6, 3), np.float32), np.ones((5, 6), np.float32)
     pipeline = yester.Recirculation()
     with pytest.raises(ValueError, match="camera"):
@@ -426,7 +426,7 @@ def test_what_frames_need():
     with pytest.raises(TypeError, match="frame"):
         pipeline.step(color)
     pipeline.step(yester.Frame(color, depth=depth, camera=camera))
-    other = yester.Frame(color[1:], depth=depth[1:], camera=scene.camera(0.0, 6, 4))
+    other = yester.Frame(color[1:], depth=depth[1:], camera=flight.camera(0.0, 6, 4))
     with pytest.raises(ValueError, match="reset"):
         pipeline.step(other)
     assert (pipeline.step(yester.Frame(color, depth=depth, camera=camera)).history_length == 2).all()
@@ -443,7 +443,7 @@ def test_reset_forgets():
 
 
 def test_one_pixel():
-    camera, pipeline = scene.camera(0.0, 1, 1), yester.Recirculation()
+    camera, pipeline = flight.camera(0.0, 1, 1), yester.Recirculation()
     for number, value in enumerate((1.0, 3.0), 1):
         frame = yester.Frame(np.full((1, 1, 3), value), depth=np.full((1, 1), 4.0), camera=camera)
         output = pipeline.step(frame)
@@ -469,8 +469,8 @@ LIT = [{}, {"preset": "textbook", "innovation": True}, {"history": "fetch"}]
 
 
 def lit_frames(side, count, change, *, size=(64, 96), noise=0.3):
-    """A scene at rest, a part of it traced, with noise, whose light changes at frame `change`; and what is true."""
-    rng, whole = np.random.default_rng(0), sample(scene.camera(0.0, size[1], size[0]))
+    """Partly traced, noisy frames of a static scene whose light changes at frame `change`; and references."""
+    rng, whole = np.random.default_rng(0), sample(flight.camera(0.0, size[1], size[0]))
     for number in range(count):
         truth = whole["color"] * np.float32(3 if number >= change else 1)
         noisy = truth * rng.gamma(1 / noise**2, noise**2, (*size, 1)).astype(np.float32)
@@ -481,7 +481,7 @@ def lit_frames(side, count, change, *, size=(64, 96), noise=0.3):
 @pytest.mark.parametrize("options", LIT)
 @pytest.mark.parametrize(("side", "change", "bound"), [(2, 12, 0.6), (4, 36, 0.9)])
 def test_a_changed_light_is_found_sooner(options, side, change, bound):
-    """Of its error, in the frames after the change; before it, all is as good as without innovation."""
+    """Less error in the frames after the change; before it, no more than without innovation."""
     corrected, plain = yester.Recirculation(**options), yester.Recirculation(**options | {"innovation": False})
     errors = []
     for frame, truth in lit_frames(side, change + 4, change):
@@ -496,7 +496,7 @@ def test_a_changed_light_is_found_sooner(options, side, change, bound):
 
 @pytest.mark.parametrize("options", LIT)
 def test_innovation_needs_a_frame_before(options):
-    """A first frame is as without, and so is the first after a reset, whatever came before."""
+    """The first frame, and the first after a reset, are as without innovation."""
     corrected, plain = yester.Recirculation(**options), yester.Recirculation(**options | {"innovation": False})
     frames = [frame for frame, _ in lit_frames(2, 5, 3)]
     for _ in range(2):
@@ -510,7 +510,7 @@ def test_innovation_needs_a_frame_before(options):
 @pytest.mark.parametrize("options", LIT)
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (3, 2), (15, 9)])
 def test_innovation_of_small_images_and_of_nothing(options, size):
-    """Smaller than the coarsest window, and frames in which nothing was traced."""
+    """Images smaller than the coarsest window, and frames without traced pixels."""
     pipeline, other = yester.Recirculation(**options), composed.Recirculation(**options)
     for number, (frame, _) in enumerate(lit_frames(2, 8, 4, size=size)):
         if number in (0, 5):

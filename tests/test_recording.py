@@ -16,16 +16,18 @@ from yester.io.mitsuba import render_sequence
 from yester.study.rendered import scenes
 from yester.study.rendered.recording import open_recording, record
 
+pytestmark = pytest.mark.slow
+
 TINY = {"frames": 3, "width": 24, "height": 18, "reference_spp": 4}
 
 
 def files(folder):
-    """Whatever is there, hidden files too, with its bytes."""
+    """All files, hidden ones too, with their bytes."""
     return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_record(tmp_path):
-    """Frames as the renderer gives them, references of the second half that are the truth of them."""
+    """Frames as rendered, with references for the second half of them."""
     recording = record("cornell_box", tmp_path / "new" / "cache", **TINY, seed=5)
     assert recording.name == "cornell_box"
     assert recording.size == (24, 18)
@@ -50,7 +52,7 @@ def test_record(tmp_path):
 
 @pytest.mark.parametrize("name", ["spinning_shapes", "switched_light"])
 def test_missing_files_come_back_as_they_were(tmp_path, name):
-    """Any of them, and only them."""
+    """Any missing file is made again, and no other."""
     recording = record(name, tmp_path, **{**TINY, "frames": 5}, seed=3)
     whole = files(tmp_path)
     assert len(whole) == 5 + 3
@@ -65,12 +67,12 @@ def test_missing_files_come_back_as_they_were(tmp_path, name):
 
 
 def test_every_file_has_its_own_noise(tmp_path):
-    """Frames and references of all seeds; seeds share their references."""
+    """Frames and references of all seeds; all seeds share the references."""
     recordings = [record("cornell_box", tmp_path, **{**TINY, "reference_spp": 1}, seed=seed) for seed in (0, 3)]
     assert recordings[0].references == recordings[1].references
     paths = {path for recording in recordings for path in (*recording.frames, *recording.references.values())}
     assert len(paths) == 6 + 2
-    # In the frames of one view, half of the pixels at least differ.
+    # In frames of one view, at least half of the pixels differ.
     for i in (1, 2):
         images = [recording.frame(i).color for recording in recordings] + [recordings[0].reference(i)]
         for a, b in ((0, 1), (0, 2), (1, 2)):
@@ -78,7 +80,7 @@ def test_every_file_has_its_own_noise(tmp_path):
 
 
 def test_other_recordings_are_other_files(tmp_path):
-    """Each number that makes another picture has its own place in the cache."""
+    """Each parameter that changes the images has its own place in the cache."""
     base = {**TINY, "frames": 1, "references": [0]}
     variants = [{}, {"width": 25}, {"height": 19}, {"frames": 2}, {"seed": 1}, {"reference_spp": 5}]
     recordings = [record("cornell_box", tmp_path, **{**base, **variant}) for variant in variants]
@@ -101,8 +103,9 @@ def test_variants(tmp_path):
         record("cornell_box", tmp_path, **TINY, variants=-1)
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_interrupted(tmp_path):
-    """By Ctrl-C after the first file: what is there is whole, and another call makes the rest, all with the same bits.
+    """Ctrl-C after the first file leaves complete files; another call makes the rest, all with the same bits.
 
     Another thread sends the signal.
     """
@@ -189,7 +192,7 @@ def test_without_mitsuba(monkeypatch, tmp_path):
         record("cornell_box", tmp_path, **TINY)
 
 
-# A user's own
+# A user's own files
 
 
 def image(value, height=6, width=8, **buffers):
@@ -197,7 +200,7 @@ def image(value, height=6, width=8, **buffers):
 
 
 def shot(folder, names, **options):
-    """Files whose colour is the number in their name."""
+    """Files whose colour is their number."""
     folder.mkdir(exist_ok=True)
     for name in names:
         write_exr(folder / name, image(float("".join(filter(str.isdecimal, name))), **options))
@@ -206,12 +209,12 @@ def shot(folder, names, **options):
 
 @pytest.fixture
 def noisy(tmp_path):
-    """Twelve frames, named so that the order of letters is not theirs."""
+    """Twelve frames whose names do not sort alphabetically into their order."""
     return shot(tmp_path / "noisy", [f"shot{i}.exr" for i in range(12)], albedo=np.ones((6, 8, 3)))
 
 
 def numbers(recording):
-    """By the index of the frame, what its reference shows."""
+    """By frame index: the number that its reference shows."""
     return {i: float(recording.reference(i).mean()) for i in recording.references}
 
 
@@ -227,7 +230,7 @@ def test_open(noisy, tmp_path):
 
 
 def test_references_by_name(noisy, tmp_path):
-    """However few, and in whatever order the frames are."""
+    """For any number of references and any order of the frames."""
     clean = shot(tmp_path / "clean", ["shot7.exr", "shot10.exr", "shot2.exr"])
     assert numbers(open_recording(noisy, clean)) == {2: 2, 7: 7, 10: 10}
     assert list(open_recording(noisy, clean).references) == [2, 7, 10]
@@ -238,7 +241,7 @@ def test_references_by_name(noisy, tmp_path):
 def test_references_by_order(noisy, tmp_path):
     clean = shot(tmp_path / "clean", [f"truth_{100 + i}.EXR" for i in range(12)])
     assert numbers(open_recording(noisy, clean)) == {i: 100 + i for i in range(12)}
-    # Two takes have the same names twice: what belongs together is where it stands.
+    # Two takes have the same names: files belong together by position.
     takes = [shot(tmp_path / name, ["a1.exr", "a2.exr"]) for name in ("take", "retake")]
     truths = [shot(tmp_path / f"true {take.name}", [path.name for path in takes[0].iterdir()]) for take in takes]
     for number, path in enumerate(path for folder in truths for path in sorted(folder.iterdir())):
@@ -257,7 +260,7 @@ def test_references_that_fit_nothing(noisy, tmp_path):
 
 @pytest.mark.parametrize("role", ["frames", "references"])
 def test_bad_files(noisy, tmp_path, role):
-    """The file at fault is named, whichever it is."""
+    """The error names the bad file."""
     clean = shot(tmp_path / "clean", [path.name for path in noisy.iterdir()])
     bad = (noisy if role == "frames" else clean) / "shot3.exr"
 

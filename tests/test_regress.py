@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 
 def inputs(rng, height, width, buffers, holes=0.05):
-    """Light that bends over tilted planes, noisy; what is in `buffers` of the surfaces."""
+    """Noisy light that varies nonlinearly over tilted planes, with the named buffers of the surfaces."""
     now = compare.surfaces(rng, height, width)
     camera = compare.camera(rng, width, height)
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -64,7 +64,7 @@ def test_depth_with_a_camera(buffers, features):
     assert sure.mean() > 0.5
 
 
-@pytest.mark.parametrize("size", SIZES + TAILS)
+@each("size", SIZES + TAILS)
 def test_sizes(size):
     rng = np.random.default_rng(size[1])
     color, surface = inputs(rng, *size, ["normal", "position"])
@@ -101,7 +101,7 @@ def test_constant_features_are_not_modelled():
 
 
 def test_rank_deficiency():
-    """On a plane, three coordinates are two; squares of two features are features of the same; copies add nothing."""
+    """Dependent features are left out: on a plane one coordinate of three, on a line two, and copies."""
     rng = np.random.default_rng(0)
     color = rng.exponential(1, (32, 32, 3)).astype(np.float32)
     position = plane(32, 32)
@@ -123,7 +123,7 @@ def test_rank_deficiency():
 
 
 def test_the_fewest_are_few_where_little_is_to_be_told():
-    """Pure noise needs the constant; one trend one more; a curved one a square; all of them cost the noise a little."""
+    """Pure noise needs the constant; a trend one feature more; a curve a square. Each feature fits some noise."""
     rng = np.random.default_rng(0)
     position = plane(64, 64)
     noise = rng.normal(1, 0.1, (64, 64, 3)).astype(np.float32)
@@ -145,7 +145,7 @@ def test_the_fewest_are_few_where_little_is_to_be_told():
 
 
 def test_blocks():
-    """Each is fitted alone; an image smaller than a block is one; slivers belong to their neighbours."""
+    """Each block is fitted alone; an image smaller than a block is one; narrow blocks join their neighbours."""
     rng = np.random.default_rng(0)
     color = rng.exponential(1, (40, 70, 3)).astype(np.float32)
 
@@ -181,7 +181,7 @@ def test_missing_pixels_are_filled_and_spread_nothing():
     color[holes] = np.nan
     color[3, 4] = (1, np.inf, 1)
     fitted, used = yester.regress(color, geometry=position)
-    inside = np.s_[:, 1:-1]  # held to what was seen
+    inside = np.s_[:, 1:-1]  # clamped to the range of the samples
     np.testing.assert_allclose(fitted[inside], light[inside], rtol=0.02)
     assert (used > 0).all()
     weight = np.where(holes, 0, 1).astype(np.float32)

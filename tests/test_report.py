@@ -1,4 +1,4 @@
-"""Charts and the page: the page as its readers use it, in a browser."""
+"""Charts, and the page in a browser."""
 
 import base64
 import io
@@ -21,6 +21,8 @@ from yester.study.compare.points import ALL, Point, means, pareto
 from yester.study.compare.report import draw, save_images, stored_images, write_figures, write_report
 from yester.study.rendered.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 WIDTH, HEIGHT = 48, 36
 SCENES = ("room", "balls")
 FRAMES = (4, 5, 7)
@@ -38,7 +40,7 @@ TOLERANCE = 6  # WebP
 
 
 def shade(scene: str, source: str, frame: int) -> tuple[int, int, int]:
-    """The colour of an image, which no other has."""
+    """A colour unique to an image."""
     names = ["reference", *(method[0] for method in METHODS)]
     return 30 + 33 * names.index(source), 40 + 80 * FRAMES.index(frame), 60 + 120 * SCENES.index(scene)
 
@@ -228,7 +230,7 @@ def test_what_takes_no_time_is_a_line_across():
 
 
 def test_names_of_families_cover_neither_each_other_nor_points():
-    """Twelve families of three points each in a narrow column, as presets of one method are."""
+    """Twelve families of three points each in a narrow column, like the presets of one method."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     rng = np.random.default_rng(5)
@@ -252,7 +254,7 @@ def test_names_of_families_cover_neither_each_other_nor_points():
 def test_figures_as_files(material, tmp_path):
     paths = write_figures(material[0], tmp_path / "figures")
     assert sorted(path.name for path in paths) == sorted(path.name for path in (tmp_path / "figures").iterdir())
-    # The means lack FLIP, which one scene has not.
+    # The means lack FLIP, as one scene has none.
     expected = {f"{key}_{scene}" for key in ("psnr", "relmse", "ssim") for scene in (ALL, *SCENES)} | {"flip_room"}
     assert {path.stem for path in paths} == expected
     svg = (tmp_path / "figures" / "psnr_room.svg").read_text()
@@ -324,7 +326,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def page(browser, report) -> Iterator[Page]:
-    """The page without a network; at the end, it has asked for nothing and complained of nothing."""
+    """The page without a network; at the end, it must have requested nothing and logged nothing."""
     context = browser.new_context(viewport={"width": 1400, "height": 1000}, offline=True)
     page = context.new_page()
     page.set_default_timeout(5000)
@@ -346,7 +348,7 @@ def shows(page: Page, scene: str, frame: int, left: str, right: str) -> None:
 
 
 def pixel(page: Page, x: float, y: float = 0.1) -> tuple[int, int, int]:
-    """The colour at a place of the canvas, 0 to 1 from the upper left, as on the screen."""
+    """The colour on the screen at a position of the canvas, 0 to 1 from the upper left."""
     image = Image.open(io.BytesIO(page.locator("canvas").screenshot()))
     return image.convert("RGB").getpixel((x * (image.width - 1), y * (image.height - 1)))
 
@@ -472,7 +474,7 @@ def test_frames(page):
 
 
 def test_zoom_to_pixels(page):
-    """Four by four white pixels; what is under the pointer stays there."""
+    """Four by four white pixels; the point under the pointer stays in place."""
     page.locator("#split").focus()
     page.keyboard.press("End")
     canvas = page.locator("canvas")
@@ -548,7 +550,7 @@ def test_maps(page):
     right.select_option("error")
     shows(page, "room", 4, "SVGF, 2 passes: rejection", "SVGF: error (FLIP)")
     assert sum(pixel(page, 0.8)) > 30
-    # What others do not know falls back to the image.
+    # Methods without this map show their image.
     page.locator(".source").nth(0).select_option("OIDN high")
     shows(page, "room", 4, "OIDN high", "SVGF: error (FLIP)")
     assert left.locator("option:disabled").count() == 4

@@ -1,13 +1,14 @@
 import compare
+import flight
 import numpy as np
 import pytest
 import reference
 import yester
-from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-RAMP = 0.3 * BAND / 1e-5  # the share of the tolerance that a ramp multiplies
+RAMP = 0.3 * BAND / 1e-5  # the part of the tolerance that a ramp multiplies
 WIDE = ["catmull-rom", "catmull-rom-5", "lanczos-2"]
 TESTS = ["depth", "normal", "ids", "plane", "object_normal", "color"]
 # Hard and soft; whole-pixel motion lies on none of them.
@@ -51,7 +52,7 @@ def check(history, motion, **named) -> np.ndarray:
     sure = margin.numpy() > BAND
     decisions = 4 if named.get("filter") in WIDE else 1  # 16 taps instead of 4
     assert (~sure).sum() <= decisions * (2 + 0.005 * sure.size)
-    # What ramps make of roundings in the weights, and what that is of their sum.
+    # Roundings in the weights as multiplied by ramps, relative to the sum of weights.
     extra = RAMP * steepness.numpy()
     part = np.where(coverage > 0, extra / np.maximum(coverage, 1e-30), 0)
     for value, want in zip(*((values, wants) if isinstance(history, list) else ([values], [wants])), strict=True):
@@ -89,7 +90,7 @@ def test_reference(seed, size, channels, motion, filter, fallback, dering, tests
 
 
 @pytest.mark.parametrize("tests", [[], ["depth", "ids"], ["plane", "ids"]])
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width, tests):
     rng = np.random.default_rng(width)
     color, moments = compare.colors(rng, height, width), compare.colors(rng, height, width, 2)
@@ -98,7 +99,7 @@ def test_sizes(height, width, tests):
 
 
 @pytest.mark.parametrize("filter", ["nearest", "bilinear", *WIDE])
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::4])
+@each(("height", "width"), SIZES + TAILS[::4])
 def test_sizes_of_ramps(height, width, filter):
     rng = np.random.default_rng(width)
     history, motion = compare.colors(rng, height, width), compare.motions(rng, height, width, 3)
@@ -118,7 +119,7 @@ def test_both_sides_of_every_test(tests):
 
 @pytest.mark.parametrize("name", ["depth", "normal", "plane", "color", "speed"])
 def test_in_the_band_of_the_threshold(name):
-    """Around the threshold itself both decisions occur, each in its order, and the band is as narrow as promised."""
+    """Around the threshold both decisions occur, one on each side, and the band is as narrow as documented."""
     size = (8, 512)
     off = np.linspace(-4 * BAND, 4 * BAND, 512) * np.ones(size)
     ones = np.ones(size, np.float32)
@@ -137,7 +138,7 @@ def test_in_the_band_of_the_threshold(name):
         tilted = np.stack([np.sin(angle), np.cos(angle), 0 * angle], -1).astype(np.float32)
         named = {"normal": np.broadcast_to(np.float32([0, 1, 0]), (*size, 3)), "previous_normal": tilted}
     else:
-        # Facing the previous camera, where a plane's distance is a difference of depths; centre rays have length one.
+        # Facing the previous camera, the distance from a plane is a difference of depths; centre rays have length one.
         forward = np.broadcast_to(camera.forward.astype(np.float32), (*size, 3))
         named = {"depth": 3 * ones, "previous_depth": (3 * (1.01 + off)).astype(np.float32)}
         named |= {"normal": forward, "previous_normal": forward, "previous_camera": camera}
@@ -149,7 +150,7 @@ def test_in_the_band_of_the_threshold(name):
 
 
 def test_identity_is_the_identity():
-    """Still pixels are not filtered: the same bits, whatever the filter, with every test passing."""
+    """Pixels without motion are not filtered: the same bits for every filter, with every test passing."""
     rng = np.random.default_rng(0)
     history = compare.colors(rng, 13, 29, holes=0)
     now = compare.surfaces(rng, 13, 29)
@@ -179,7 +180,7 @@ def test_whole_pixels_move_whole_pixels(filter):
 
 @pytest.mark.parametrize("filter", ["nearest", "bilinear"])
 def test_constant_and_scale(filter):
-    """Weights sum to one: a constant stays, and a power of two passes through to the bit."""
+    """Weights sum to one: a constant stays, and scaling by a power of two scales the result, bit for bit."""
     rng = np.random.default_rng(0)
     motion = compare.motions(rng, 31, 33)
     constant = np.full((31, 33, 3), 0.7, np.float32)
@@ -260,7 +261,7 @@ def test_without_motion_there_is_no_history():
 
 
 def test_background_is_a_surface():
-    """Infinite depth finds infinite depth and nothing else; depths that are none find nothing."""
+    """Infinite depth matches infinite depth alone; invalid depths match nothing."""
     depth = np.float32([[np.inf, np.inf, 1, np.nan, 0, -1, 1]])
     before = np.float32([[np.inf, 1, np.inf, np.nan, 0, -1, 1]])
     normal = np.zeros((1, 7, 3), np.float32)
@@ -284,11 +285,8 @@ def test_depth_motion_moves_the_expected_depth():
 
 def test_plane_keeps_what_slopes_away():
     """On a floor seen at a grazing angle the depths of neighbours differ by more than any bound; the plane does not."""
-    import scene
-
-    before, now = scene.shoot(0, 64, 48), scene.shoot(1, 64, 48)
-    floor = now.ids == scene.GROUND
-    motion = yester.motion_vectors(now.position, now.camera, before.camera)
+    before, now = flight.shoot(0, 64, 48), flight.shoot(1, 64, 48)
+    floor, motion = now.ids == flight.GROUND, now.motion
     named = {"depth": now.depth, "previous_depth": before.depth, "normal": now.normal, "previous_normal": before.normal}
     _, relative = yester.reproject(before.color, motion, relative_depth=0.01, fallback=False, **named)
     _, plane = yester.reproject(before.color, motion, previous_camera=before.camera, fallback=False, **named)
@@ -302,9 +300,9 @@ def glide(image, x, y=0.0, **named):
 
 
 @pytest.mark.parametrize("filter", WIDE)
-@pytest.mark.parametrize("size", TAILS[::7])
+@each("size", TAILS[::7])
 def test_wide_filters_against_the_reference(filter, size):
-    """Without holes, so that the wide kernels serve nearly everywhere."""
+    """Without holes, so that the wide filters cover nearly every pixel."""
     rng = np.random.default_rng(size[1])
     size = (size[0] + 5, size[1])
     motion = compare.motions(rng, *size)
@@ -315,7 +313,7 @@ def test_wide_filters_against_the_reference(filter, size):
 
 @pytest.mark.parametrize("filter", WIDE)
 def test_wide_filters_stay_sharp(filter):
-    """Eight half-pixel steps to the right and eight back leave of a fine wave more than bilinear does."""
+    """After eight half-pixel steps to the right and eight back, more of a fine wave is left than with bilinear."""
     wave = np.sin(np.arange(64, dtype=np.float32) * 1.2)[None].repeat(9, 0)
 
     def left(filter):
@@ -378,14 +376,14 @@ def test_an_unknown_filter_is_told_the_known_ones():
 @pytest.mark.parametrize("filter", ["nearest", "bilinear", *WIDE])
 @pytest.mark.parametrize("name", SOFT)
 def test_a_pair_of_equals_is_the_number(name, filter):
-    """Bit for bit, given as the number, or not at all; and a ramp is neither."""
+    """A pair of equal thresholds gives the number's bits; a ramp gives neither these nor the untested result."""
     rng = np.random.default_rng(2)
     history, motion = compare.colors(rng, 30, 40), compare.motions(rng, 30, 40, 3)
     named = surface(rng, 30, 40, TESTS) | {"filter": filter}
     threshold = {"relative_depth": 0.1, "plane_distance": 0.01, "normal_angle": 25.0, "relative_luminance": 0.5}
     number = threshold.get(name, 1.3)
     if name == "relative_depth":
-        del named["previous_camera"]  # whose plane would judge instead
+        del named["previous_camera"]  # the plane test would replace this one
     calls = [{name: number}, {name: (number, number)}, *([{}] if name in threshold else [])]
     results = [yester.reproject(history, motion, **named, **call) for call in calls]
     for values, coverage in results[1:]:
@@ -396,13 +394,13 @@ def test_a_pair_of_equals_is_the_number(name, filter):
 
 
 def still(value, **named):
-    """History and coverage where nothing moves and nothing falls back."""
+    """History and coverage without motion and fallback."""
     return yester.reproject(value, np.zeros((*value.shape[:2], 3), np.float32), fallback=False, **named)
 
 
 @pytest.mark.parametrize("name", ["depth", "plane", "normal", "object_normal", "color", "speed"])
 def test_ramps_are_linear(name):
-    """From one at the first threshold to none at the second: in depth, distance, cosine, luminance and length."""
+    """Trust falls from 1 at the first threshold to 0 at the second: of depth, distance, cosine, luminance, speed."""
     size, amount = (4, 301), np.linspace(0, 0.3, 301)
     full, none = 0.1, 0.2
     want = np.clip((none - amount) / (none - full), 0, 1) * np.ones(size)
@@ -420,20 +418,20 @@ def test_ramps_are_linear(name):
         named = {"color": up, "previous_color": dark, "relative_luminance": (full, none)}
     elif name == "speed":
         motion[..., 1] = amount
-        want *= 1 - amount * (np.arange(4) == 3)[:, None]  # the last row looks outside
+        want *= 1 - amount * (np.arange(4) == 3)[:, None]  # the last row fetches from outside
         named = {"speed": (full, none)}
     else:
         tilted = np.stack([np.sqrt(1 - (1 - amount) ** 2), 1 - amount, 0 * amount], -1).astype(np.float32)
         angles = tuple(np.degrees(np.arccos([1 - full, 1 - none])).tolist())
         named = {name: up, f"previous_{name}": np.broadcast_to(tilted, up.shape), "normal_angle": angles}
     _, coverage = yester.reproject(ones, motion, fallback=False, **named)
-    want[want < 0.01] = 0  # too little of the footprint
+    want[want < 0.01] = 0  # too little trust in the footprint
     sure = np.abs(amount - 0.199) > 1e-4
     np.testing.assert_allclose(coverage[:, sure], want[:, sure], atol=5e-6)
 
 
 def test_trust_weighs_the_taps():
-    """Half a pixel to the right of a row: one tap trusted fully, the other by half; and the fallback alike."""
+    """Half a pixel to the right: one tap is trusted fully, the other by half; in the fallback, too."""
     history, depth = np.float32([[0, 3, 9]]), np.ones((1, 3), np.float32)
     before = np.float32([[1, 1.15, 1.3]])
     motion = np.zeros((1, 3, 2), np.float32)
@@ -442,16 +440,16 @@ def test_trust_weighs_the_taps():
     for filter in ("bilinear", *WIDE):
         values, coverage = yester.reproject(history, motion, filter=filter, **named)
         assert (values[0, 0], coverage[0, 0]) == pytest.approx((1, 0.75), rel=1e-5)
-    # The last pixel trusts none of its footprint, and takes 3 of the trust one half.
+    # The last pixel trusts no tap of its footprint; its fallback is 3, with a trust of one half.
     assert (values[0, 2], coverage[0, 2]) == pytest.approx((3, 0.5 / 9), rel=1e-5)
-    motion[0, 1, 0] = 1  # the middle one looks there: nothing, and falls back to the same
+    motion[0, 1, 0] = 1  # the middle pixel fetches there: no trust, and the same fallback
     values, coverage = yester.reproject(history, motion, **named)
     assert (values[0, 1], coverage[0, 1]) == pytest.approx((3, 0.5 / 9), rel=1e-5)
 
 
 @pytest.mark.parametrize("filter", WIDE)
 def test_wide_filters_serve_unless_a_tap_has_no_trust(filter):
-    """With their own weights, whatever the trust is; coverage is that of the nearest four."""
+    """With their own weights, whatever the trust; coverage is that of the bilinear taps."""
     rng = np.random.default_rng(4)
     history, motion = rng.random((20, 20), np.float32), np.full((20, 20, 2), 0.25, np.float32)
     ones = np.ones((20, 20), np.float32)
@@ -485,7 +483,7 @@ def test_constants_pass_through_ramps(filter):
 
 
 def test_object_normals_stand_in_for_normals():
-    """A turned object keeps them; where they differ, equal normals do not help; the plane test asks for the others."""
+    """A rotated object keeps them; where they differ, equal world normals do not help; the plane test uses these."""
     rng = np.random.default_rng(8)
     ones = np.ones((5, 6), np.float32)
     here = rng.normal(0, 1, (5, 6, 3)).astype(np.float32)
@@ -505,7 +503,7 @@ def test_object_normals_stand_in_for_normals():
 
 
 def test_luminance_compares_what_is_there():
-    """Black is black, a hole passes, and only the luminance counts."""
+    """Black matches black, a missing colour passes, and only luminance counts."""
     color = np.float32([[[0, 0, 0], [np.nan, 0, 0], [1, 1, 1], [0, 0, 0], [1, 1, 1], [0.7152, 0, 0], [-1, -1, -1]]])
     before = np.float32([[[0, 0, 0], [9, 9, 9], [1, np.inf, 1], [1, 1, 1], [0.4, 0.4, 0.4], [0, 0.2126, 0], [1, 1, 1]]])
     named = {"color": color, "previous_color": before}
@@ -520,7 +518,7 @@ def test_luminance_compares_what_is_there():
 def test_speed_is_the_length_of_motion():
     motion = np.zeros((1, 5, 3), np.float32)
     motion[0, :, 0] = [0, 3, 0, 2, -4]
-    motion[0, :, 2] = 100  # depth is no speed
+    motion[0, :, 2] = 100  # the change of depth does not count
     ones = np.ones((1, 5), np.float32)
     for speed, want in (
         (0, [1, 0, 1, 0, 0]),

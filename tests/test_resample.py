@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 
 FILTERS = ["lanczos-2", "catmull-rom", "bilinear", "nearest"]
 
@@ -11,7 +11,7 @@ FILTERS = ["lanczos-2", "catmull-rom", "bilinear", "nearest"]
 def check(image, size, offset=(0.0, 0.0), **named):
     got, weight = yester.resample(image, size, offset=offset, **named)
     want, wanted, sums = reference.resample(tensor(image), size, offset=offset, margin=True, **named)
-    # Where negative lobes nearly cancel the rest, so does precision, and where they do, which side of it is chance.
+    # Where negative lobes nearly cancel the other weights, precision is lost, and with it the sign of the sum.
     sums = sums.numpy()
     narrow = np.clip(sums, 1e-6, 1)
     narrow = narrow[..., None] if image.ndim == 3 else narrow
@@ -24,7 +24,7 @@ def check(image, size, offset=(0.0, 0.0), **named):
 
 
 @pytest.mark.parametrize("filter", FILTERS)
-@pytest.mark.parametrize("size", SIZES + TAILS[::6])
+@each("size", SIZES + TAILS[::6])
 @pytest.mark.parametrize(("grid", "channels"), [((2.0, 2.0), None), ((1.3, 3.0), 3), ((0.5, 0.7), 2)])
 def test_reference(filter, size, grid, channels):
     rng = np.random.default_rng(size[1])
@@ -55,7 +55,7 @@ def test_its_own_grid_is_the_image(filter):
 
 @pytest.mark.parametrize("filter", ["lanczos-2", "catmull-rom", "bilinear"])
 def test_samples_of_a_slope_say_what_it_is_elsewhere(filter):
-    """Offsets, their signs and the grid's place: a plane, sampled where the samples are, comes back as itself."""
+    """Offsets, their signs and the grid's position: samples of a linear ramp reproduce the ramp."""
     y, x = np.mgrid[:12, :14] + 0.5
     v, u = np.mgrid[:24, :35] + 0.5
     for dx, dy in yester.jitter(16):
@@ -76,7 +76,7 @@ def test_dering_holds_to_the_samples_around():
 
 @pytest.mark.parametrize("scale", [1.3, 2, 3])
 def test_weights_count_samples(scale):
-    """On average over offsets, as many to a pixel of the grid as there are; all of them where one hits its centre."""
+    """On average over offsets, weights are the samples per pixel of the grid; largest where one hits a centre."""
     size = tuple(round(scale * side) for side in (20, 30))
     weights = [yester.resample(np.ones((20, 30)), size, offset=o)[1] for o in yester.jitter(256, sequence="r2")]
     mean = np.mean(weights, 0)[5:-5, 5:-5]

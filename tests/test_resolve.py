@@ -1,16 +1,16 @@
 import compare
+import flight
 import numpy as np
 import pytest
 import reference
-import scene
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 
 FILTERS = ["box", "tent", "blackman-harris", "mitchell"]
 
 
 @pytest.mark.parametrize("filter", FILTERS)
-@pytest.mark.parametrize("size", SIZES + TAILS[::8])
+@each("size", SIZES + TAILS[::8])
 @pytest.mark.parametrize("channels", [None, 1, 3])
 def test_reference(filter, size, channels):
     rng = np.random.default_rng(size[1])
@@ -18,7 +18,7 @@ def test_reference(filter, size, channels):
     samples = samples if channels else [image[..., 0] for image in samples]
     offsets = yester.jitter(5, sequence="r2")
     want = reference.resolve(tensor(samples), offsets, filter=filter).numpy()
-    # Where negative lobes nearly cancel the rest, so does precision.
+    # Where negative lobes nearly cancel the other weights, precision is lost.
     got = yester.resolve(samples, offsets, filter=filter)
     assert_close("resolve", got, want, scale=np.abs(want[np.isfinite(want)]).max(initial=1))
 
@@ -39,7 +39,7 @@ def test_constant_in_constant_out(filter):
 
 @pytest.mark.parametrize("filter", FILTERS)
 def test_samples_of_a_slope_say_what_it_is_at_the_centre(filter):
-    """Offsets and their signs: a plane, sampled where the samples are, comes back as itself."""
+    """Offsets and their signs: samples of a linear ramp reproduce the ramp."""
     offsets = yester.jitter(64, sequence="rotated-grid")
     y, x = np.mgrid[:12, :14] + 0.5
     samples = [(x + dx + 3 * (y + dy)).astype(np.float32) for dx, dy in offsets]
@@ -48,12 +48,11 @@ def test_samples_of_a_slope_say_what_it_is_at_the_centre(filter):
 
 
 def test_a_jittered_camera_is_antialiased():
-    """Albedo of a real scene, through jittered cameras: nearer to many samples than any one of them is."""
-    camera = scene.camera(0, 48, 36)
+    """Albedo through jittered cameras: less error against many samples than any single one has."""
+    camera = flight.camera(0, 48, 36)
 
     def albedo(offset):
-        _, _, ids = scene.cast(0, camera.jittered(offset), scene.centres(camera))
-        return scene.ALBEDO[ids].astype(np.float32)
+        return flight.sample(flight.scene(0, camera.jittered(offset))).albedo
 
     truth = np.mean([albedo(offset) for offset in yester.jitter(256, sequence="r2")], 0)
     offsets = yester.jitter(8)

@@ -8,6 +8,8 @@ from compare import assert_same_bits
 from yester.io.mitsuba import render_sequence
 from yester.study.rendered import scenes
 
+pytestmark = pytest.mark.slow
+
 NAMES = scenes.SEQUENCES
 
 
@@ -32,7 +34,7 @@ def render(sequence, **options):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_sequence(name):
-    """It renders, shows something that moves at about the exposure of a photograph, and is the same every time."""
+    """It renders, contains motion, is exposed like a photograph, and is the same every time."""
     first, again = (getattr(scenes, name)(2, 24, 18) for _ in range(2))
     assert len(first.cameras) == len(first.transforms) == len(first.parameters) == 2
     assert first.transforms[0].keys() == first.transforms[1].keys()
@@ -52,7 +54,7 @@ def test_sequence(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_pace(name):
-    """A few pixels a frame, at the size and length that were meant."""
+    """A few pixels per frame, at the intended size and length."""
     whole = getattr(scenes, name)()
     assert {(camera.width, camera.height) for camera in whole.cameras} == {(320, 240)}
     assert len(whole.cameras) == len(whole.transforms) == len(whole.parameters) == 24
@@ -64,7 +66,7 @@ def test_pace(name):
 
 
 def test_switched_light():
-    """Three frames: the ceiling's light, the ball alone, and then the lamp."""
+    """Three frames: the ceiling's light, the ball's light alone, the lamp."""
     sequence = scenes.switched_light(3, 24, 18)
     bright, dim, red = (frame.color for frame in render(sequence, spp=32, buffers=False))
     light = [np.percentile(color, 75) for color in (bright, dim, red)]
@@ -81,7 +83,7 @@ def test_switched_light():
 
 
 def test_thicket_is_finer_than_pixels():
-    """Neighbours are different things, and samples of one pixel too."""
+    """Neighbouring pixels, and samples of one pixel, show different things."""
     sequence = scenes.thicket(1)
     one, other = (render(sequence, seed=seed)[0].ids for seed in (0, 1))
     names = [shape.id() for shape in mi.load_dict(sequence.scene, parallel=False, optimize=False).shapes()]
@@ -91,20 +93,20 @@ def test_thicket_is_finer_than_pixels():
 
 
 def still(sequence, *moments):
-    """What moves at these moments, from the first one's camera: replays, and where samples met the same point."""
+    """Moments of the sequence from the first one's camera: replays, and the mask of samples that hit the same point."""
     views = [sequence.cameras[moments[0]]] * len(moments)
     states = [[each[i] for i in moments] for each in (sequence.transforms, sequence.parameters)]
     return render(scenes.Sequence(sequence.scene, views, *states), gradient=True)
 
 
 def ids(sequence):
-    """By name, the id of each shape."""
+    """The id of each shape, by name."""
     shapes = mi.load_dict(sequence.scene, parallel=False, optimize=False).shapes()
     return {shape.id(): number for number, shape in enumerate(shapes, 1)}
 
 
 def test_mirror_room_reflects_what_moves():
-    """With the same random numbers and a still camera, the mirror's picture changes where it does not move itself."""
+    """With the same random numbers and a static camera, the mirror's image changes while the mirror stays."""
     sequence = scenes.mirror_room(8, 80, 60)
     before, frame = still(sequence, 3, 4)
     mirror = before.ids == ids(sequence)["mirror"]
@@ -113,7 +115,7 @@ def test_mirror_room_reflects_what_moves():
     assert known.sum() > 500
     assert 0.03 < changed[known].mean() < 0.5
     assert not frame.motion[frame.ids == ids(sequence)["mirror"]].any()
-    # It rolls and does not slide, on the floor.
+    # It rolls on the floor without sliding.
     for then, now in pairwise(moment["ball"] for moment in sequence.transforms):
         turn = now[:3, :3] @ then[:3, :3].T
         assert now[0, 3] - then[0, 3] == pytest.approx(-0.45 * np.arctan2(turn[1, 0], turn[0, 0]))
@@ -121,7 +123,7 @@ def test_mirror_room_reflects_what_moves():
 
 
 def test_many_lights():
-    """Each sample is lit by another one, so that noise has colours of its own."""
+    """Each sample is lit by a different light, so that the noise is coloured."""
     sequence = scenes.many_lights(1, 48, 36)
     number = ids(sequence)
     lights = [sequence.scene[name]["emitter"]["radiance"]["value"] for name in number if name.startswith("light")]
@@ -136,7 +138,7 @@ def test_many_lights():
 
 
 def test_sunlit_teapot():
-    """The sun is where it is said to be, and lights a table more than all the rest."""
+    """The sun is at the documented place, and lights the table more than all other light."""
     sun = np.array([-0.55, 0.5, 0.45])
     sky = scenes.sunlit_teapot(1).scene["sky"]
     camera = yester.Camera.from_look_at([0, 0, 0], sun, [0, 1, 0], 20, 21, 21)
@@ -151,7 +153,7 @@ def test_sunlit_teapot():
 
 
 def test_moving_light_sweeps_over_what_stands_still():
-    """The same surfaces are in other light from frame to frame; the lamp is in view in the middle."""
+    """Light on static surfaces changes from frame to frame; the lamp is in view in the middle of the sequence."""
     sequence = scenes.moving_light(9, 64, 48)
     number = ids(sequence)
     lamp = [number[name] for name in ("lamp", "shade", "lid")]
@@ -168,7 +170,7 @@ def test_moving_light_sweeps_over_what_stands_still():
 
 
 def test_tapestry_is_as_fine_as_pixels():
-    """Two samples of one pixel of its textures meet different colours, and the noise in them is nothing else's."""
+    """Two samples of one pixel hit different texture colours, which cause all of the noise."""
     sequence = scenes.tapestry(1)
     one, other = (render(sequence, seed=seed)[0] for seed in (0, 1))
     number = ids(sequence)

@@ -1,4 +1,4 @@
-"""Whole sequences, rendered by Mitsuba, against many samples per pixel of the same renderer."""
+"""Whole sequences rendered by Mitsuba, against references of many samples per pixel."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,8 @@ import yester
 from yester.io.mitsuba import render_sequence
 from yester.metrics import psnr, srgb
 from yester.study.rendered.scenes import cornell_box
+
+pytestmark = pytest.mark.slow
 
 WIDTH, HEIGHT, FRAMES = 96, 72, 16
 # Accumulation and filter alone.
@@ -37,7 +39,7 @@ def test_a_still_scene_converges():
     sequence = cornell_box(FRAMES, WIDTH, HEIGHT)
     still = [sequence.cameras[0]] * FRAMES, [sequence.transforms[0]] * FRAMES
     frames = list(render_sequence(sequence.scene, still[0], transforms=still[1]))
-    # In place and across surfaces, as the renderer's own mean would be: its edges are those of many samples.
+    # Without validation, as the renderer's own mean: its edges are those of many samples.
     svgf = yester.SVGF(alpha=0, iterations=0, choice=False, innovation=False, **PLAIN)
     outputs = [svgf.step(yester.Frame(frame.color)) for frame in frames]
     np.testing.assert_allclose(
@@ -51,7 +53,7 @@ def test_a_still_scene_converges():
 
 @pytest.fixture(scope="module")
 def flown():
-    """A moving camera in a still scene, where no light changes; its truth, and where it has no edges."""
+    """A moving camera in a static scene under constant light; references, and masks without edges."""
     sequence = cornell_box(FRAMES, WIDTH, HEIGHT)
     sequence.transforms[:] = sequence.transforms[-1:] * FRAMES
     frames = list(render_sequence(sequence.scene, sequence.cameras, transforms=sequence.transforms))
@@ -70,10 +72,9 @@ def last(frames, **parameters):
 
 
 def test_history_and_filter_each_help(flown):
-    """Noisy is worse than filtered alone or accumulated alone, and both of these are worse than both together.
+    """Filter and accumulation each reduce the error of the noisy input, and together reduce it further.
 
-    Away from edges of surfaces and of texture, which stay as jagged as those of one sample, while the reference's are
-    smooth.
+    Away from edges of surfaces and textures, which stay as jagged as with one sample, while the reference's are smooth.
     """
     frames, reference, within = flown
 
@@ -89,7 +90,7 @@ def test_history_and_filter_each_help(flown):
 
 
 def test_more_stages_help(flown):
-    """Fireflies held down, where there are no edges; antialiasing, where there are; and all of it together."""
+    """Firefly suppression away from edges, antialiasing at edges, and all stages together."""
     frames, reference, within = flown
 
     def error(color, where=slice(None)):
@@ -103,7 +104,7 @@ def test_more_stages_help(flown):
 
 
 def test_exact_motion_beats_none(moving):
-    """What the motion vectors are for."""
+    """Motion vectors reduce the error."""
     frames, reference = moving
 
     def quality(keep, **named):
@@ -112,14 +113,14 @@ def test_exact_motion_beats_none(moving):
 
     for named in ({}, PLAIN):
         exact = quality(lambda buffers: buffers, **named)
-        # Without them the cameras still tell where everything but the cube was.
+        # Without them the cameras still give the motion of everything but the cube.
         cameras = quality(lambda buffers: {name: value for name, value in buffers.items() if name != "motion"}, **named)
         none = quality(lambda buffers: {name: buffers[name] for name in ("color", "albedo", "emission")}, **named)
         assert exact > cameras > none
 
 
 def test_later_frames_help():
-    """Both sides are better than one; and motion to the next frame need not be given, as it can be inverted."""
+    """Both directions are better than one; motion to the next frame need not be given, as motion can be inverted."""
     sequence = cornell_box(FRAMES, WIDTH, HEIGHT)
     frames = list(render_sequence(sequence.scene, sequence.cameras, transforms=sequence.transforms, next=True))
     bare = [

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_same_bits, each, tensor
 
 
-@pytest.mark.parametrize("size", SIZES + TAILS[::4])
+@each("size", SIZES + TAILS[::4])
 @pytest.mark.parametrize(("strength", "exposure"), [(0.0, 1.0), (0.3, 1.0), (0.5, 0.2), (1.0, 3.0)])
 def test_reference(size, strength, exposure):
     rng = np.random.default_rng(size[1])
@@ -14,7 +14,7 @@ def test_reference(size, strength, exposure):
     color[rng.random(size) < 0.05] *= -1
     got = yester.sharpen(color, strength=strength, exposure=exposure)
     want = reference.sharpen(tensor(color), strength=strength, exposure=exposure).numpy()
-    # Tone curves take a digit from bright colours.
+    # Tone curves cost bright colours one digit of precision.
     bright = np.where(np.isfinite(color).all(-1), np.abs(np.nan_to_num(color)).max(-1), 0)
     scale = (1 + np.max(bright, initial=0) / exposure) * np.max(bright, initial=1)
     compare.assert_close("sharpen", got, want, scale=scale)

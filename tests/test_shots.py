@@ -1,4 +1,4 @@
-"""Shots and missing frames, told from names."""
+"""Shots and missing frames, detected from file names."""
 
 from pathlib import Path
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from yester import Camera
@@ -16,7 +16,7 @@ def view(x=0.0, z=5.0, size=(60, 40), fov=50.0, target=(0, 0, 0)) -> Camera:
 
 
 def points(rng, height, width) -> dict:
-    """Surfaces with background and holes, anywhere in their pixels, drifting a little."""
+    """Points of surfaces and background with holes, anywhere in their pixels, with a small drift."""
     quality = rng.uniform(0.1, 3, (height, width)).astype(np.float32)
     broken = rng.random(quality.shape) < 0.05
     quality[broken] = rng.choice([np.nan, 0, -1, np.inf], int(broken.sum()))
@@ -32,7 +32,7 @@ def points(rng, height, width) -> dict:
 def check(given: dict, camera: Camera, previous: Camera, **named) -> tuple:
     got = yester.splat(**given, camera=camera, previous_camera=previous, **named)
     want = reference.splat(**tensor(given), camera=camera, previous_camera=previous, **named)
-    # A point on the border between two pixels, of which a large one covers a whole row, falls to either.
+    # A point on the border between two pixels may go to either; a large one covers a whole row.
     flips = min(got[1].size // 12, 16)
     for name, image, other in zip(RESULTS, got, want, strict=True):
         assert image.dtype == np.float32
@@ -61,7 +61,7 @@ def test_reference(seed, size, spread, nearer, tolerance, reach, absent):
     check(given, *cameras, tolerance=float(tolerance), reach=reach)
 
 
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS[::4])
+@each(("height", "width"), SIZES + TAILS[::4])
 def test_sizes(height, width):
     rng = np.random.default_rng(width)
     check(points(rng, height, width), *(compare.camera(rng, width, height, spread=0.05) for _ in range(2)))
@@ -77,7 +77,7 @@ def test_images_of_any_channels():
 
 
 def test_between_equal_cameras_all_stays():
-    """Bit for bit, wherever the points are in their pixels; what is no point is a hole."""
+    """Bit for bit, for any position within the pixels; missing points are holes."""
     rng = np.random.default_rng(0)
     given = points(rng, 40, 60)
     del given["drift"]
@@ -106,7 +106,7 @@ def test_constant_stays_constant():
 
 
 def test_points_land_where_they_project():
-    """One point: in the pixel, at the place in it and at the depth that the camera says."""
+    """One point: pixel, offset and depth are those of the camera's projection."""
     color, depth = np.full((40, 60), np.nan, np.float32), np.full((40, 60), 5, np.float32)
     color[13, 22] = 1
     offset = np.full((40, 60, 2), np.float32([0.3, -0.2]))
@@ -120,7 +120,7 @@ def test_points_land_where_they_project():
 
 
 def test_points_that_come_near_cover_what_they_should():
-    """At a third of the distance a point covers three times three pixels, at 1/81 of the weight; no hole is left."""
+    """At a third of the distance a point covers 3×3 pixels, at 1/81 of the weight; no hole is left."""
     color, depth = np.full((40, 60), np.nan, np.float32), np.full((40, 60), 6, np.float32)
     color[20, 30] = 1
     _, _, offset, quality = yester.splat(color, depth, view(z=2), view(z=6))
@@ -136,7 +136,7 @@ def test_points_that_come_near_cover_what_they_should():
 
 
 def test_the_nearest_is_seen():
-    """A near point hides a far one in its pixel, whatever their quality; a hair farther, both count by it."""
+    """A near point hides a far one in its pixel at any quality; at nearly equal depth, both count by quality."""
     for gap, expected in ((1.0, 1.0), (0.001, (1 + 3 * 0.99 * 5) / (1 + 3 * 0.99))):
         color, depth = np.full((1, 60), np.nan, np.float32), np.full((1, 60), 1, np.float32)
         color[0, [10, 50]] = 1, 5
@@ -154,7 +154,7 @@ def test_background_is_behind_and_turns_with_the_camera():
     color = np.ones((40, 60), np.float32)
     depth = np.full((40, 60), np.inf, np.float32)
     moved = yester.splat(color, depth, view(3.0, target=(3, 0, 0)), view())
-    # It is as far away as before, and nothing of it moves.
+    # It stays at infinite distance, without drift.
     assert_same_bits(moved[3], color)
     assert_same_bits(moved[1], depth)
     turned = yester.splat(color, depth, view(target=(1, 0, 0)), view())
@@ -190,7 +190,7 @@ def test_nothing_is_left_of_nothing():
 
 
 def test_a_walk_with_offsets_does_not_blur():
-    """Thirty steps of a third of a pixel: with offsets the picture moves along, sharp; without, it stays behind."""
+    """Thirty steps of a third of a pixel: with offsets the image follows sharply; without, it stays behind."""
     rng = np.random.default_rng(0)
     color, depth = rng.random((40, 60)).astype(np.float32), np.full((40, 60), 5, np.float32)
     step = 5 / 60 * 2 * np.tan(np.radians(25)) / 3  # a third of a pixel
@@ -210,7 +210,7 @@ def test_a_walk_with_offsets_does_not_blur():
 
 
 def test_points_stand_in_where_no_other_is():
-    """Within half a pixel of its square, with a sixteenth of its weight, and never where another covers."""
+    """Within half a pixel of its square, with a sixteenth of its weight, and never where another point covers."""
     color, depth = np.full((9, 9), np.nan, np.float32), np.full((9, 9), 5, np.float32)
     color[4, 4], color[4, 3] = 1, 7
     offset = np.zeros((9, 9, 2), np.float32)

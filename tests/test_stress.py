@@ -14,7 +14,7 @@ FRAMES = 8
 
 
 def method(name, change, *, oracle=()):
-    """What `change` makes of the number and the frame, or where it is known of the truth in its stead."""
+    """A method that applies `change` to the frame's number and colour, or to the reference if `oracle` has one."""
 
     def run(frames):
         for number, frame in enumerate(frames):
@@ -29,7 +29,7 @@ def truths(scenario, frames=FRAMES):
 
 
 def trial(name, change, frames=FRAMES):
-    """Of a method that knows the truth and spoils it."""
+    """The trial of a method that degrades the reference."""
     scenario = NAMED[name]
     _, result = stress.examine(scenario, [method("broken", change, oracle=truths(scenario, frames))], frames=frames)
     return result
@@ -47,7 +47,7 @@ def test_every_failure_is_staged():
 
 @pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.name)
 def test_scenario(scenario):
-    """It is the same every time, measures the frames from the event on, and the truth holds in every respect."""
+    """It is deterministic, measures frames from the event on, and the reference passes every check."""
     shots = list(scenario.shots(frames=2))
     assert [shot.truth is None for shot in shots] == [scenario.warm_up, False]
     last = shots[-1]
@@ -65,7 +65,7 @@ def test_scenario(scenario):
         for shot, frame in zip(shots, frames, strict=True):
             for name, array in shot.frame.buffers().items():
                 assert_same_bits(array, frame.buffers()[name])
-            # The former image is that before the event.
+            # The former image is the one before the event.
             true = last.former if shot.truth is None else shot.truth
             yield Result(frame.color if true is None else true)
 
@@ -78,7 +78,7 @@ def test_scenario(scenario):
 
 @pytest.mark.parametrize("name", ["object passes, noisy", "past a mirror, noisy", "wires sway, noisy", "view races"])
 def test_there_is_something_to_see(name):
-    """What moves all the time moves before the event, and each frame differs from the one before."""
+    """Continuous motion starts before the event, and each frame differs from the previous one."""
     shots = list(NAMED[name].shots(frames=4))
     assert [bool(np.abs(shot.frame.motion).max() > 0.1) for shot in shots] == [False, True, True, True]
     assert np.abs(shots[-1].truth - shots[-2].truth).max() > 0.05
@@ -90,14 +90,14 @@ def test_noise_depends_on_the_seed():
 
 
 def test_uncovered():
-    """What a box leaves behind, and nothing else."""
+    """The pixels that a box leaves, and no others."""
     scenario = NAMED["object passes"]
     before, now = scenario.stage(0), scenario.stage(1)
     mask = failures.uncovered(now, before)
     shot = list(scenario.shots(frames=8))[-1]
     assert 0.005 < mask.mean() < 0.05
     assert not failures.uncovered(now, now).any()
-    # Three pixels wide, on the side from which the box comes.
+    # Three pixels wide, on the box's trailing side.
     columns = np.flatnonzero(mask.any(0))
     box = np.flatnonzero((shot.frame.ids == 3).any(0))
     assert np.ptp(columns) < 6
@@ -152,11 +152,11 @@ def test_samples_are_missing_before_the_event():
     assert shown.values["lost"] == 0
 
 
-# Methods that are wrong in one respect, and the verdict that they deserve.
+# Methods with one fault each, and the expected verdict.
 
 
 def test_one_that_stands_still():
-    """It shows for ever what was before the event."""
+    """It shows the image from before the event for ever."""
     former = list(NAMED["light goes off"].shots(frames=20))[10].former
     result = trial("light goes off", lambda number, image: former, 20)
     assert result.verdict == "fails"
@@ -173,7 +173,7 @@ def test_one_that_takes_three_frames():
 
 
 def test_one_that_is_four_frames_late():
-    """A trail is as long as that."""
+    """The same lag as a trail of four frames."""
     scenario = NAMED["shadow travels, noisy"]
     shots = list(scenario.shots(frames=12))
     assert_same_bits(shots[11].former, shots[7].truth)
@@ -185,7 +185,7 @@ def test_one_that_is_four_frames_late():
 
 
 def test_one_that_averages_for_long():
-    """The usual cause: a fixed share of the new frame."""
+    """The usual cause: a constant blend factor."""
     scenario = NAMED["light comes on"]
     memory = {}
 
@@ -214,7 +214,7 @@ def test_one_that_is_early():
 
 
 def test_pipelines_that_use_later_frames_are_judged_in_both_directions():
-    """Only they can be early: a light that goes off makes them a little too dark before."""
+    """Only these can be early: before a light goes off they are slightly too dark."""
     svgf, both = (PIPELINES[0], *(one for one in PIPELINES if one.name == "SVGF, both sides"))
     _, alone, other = stress.examine(NAMED["light goes off"], [svgf, both])
     assert abs(alone.values["early"]) < 0.01 < other.values["early"]
@@ -268,7 +268,7 @@ def test_one_that_does_nothing():
 
 
 def test_one_that_is_a_frame_late():
-    """It loses the last frame of a sequence, as files of some tools do."""
+    """It drops the last frame of a sequence, as some tools' files do."""
     scenario = NAMED["three frames"]
     first, second, _ = truths(scenario)
     _, result = stress.examine(scenario, [method("late", identity, oracle=[first, first, second])])
@@ -295,7 +295,7 @@ def test_one_that_loses_a_frame():
         NAMED["cut"], [Method("ahead", "ahead", read_ahead), Method("short", "short", shortened)], frames=FRAMES
     )
     assert ahead.values["lost"] == 0
-    assert (short.verdict, short.reason) == ("fails", "ValueError: expected an image for each frame, got 1 less")
+    assert (short.verdict, short.reason) == ("fails", "ValueError: expected an image for each frame, got 1 fewer")
 
 
 @pytest.mark.parametrize(
@@ -335,7 +335,7 @@ def test_limits():
 
 @pytest.mark.parametrize("case", stress.STRAINS, ids=lambda case: case.name)
 def test_strain(case):
-    """A method that does nothing stands everything but that its only buffer goes missing."""
+    """The identity passes everything except that its only buffer goes missing."""
     [result] = stress.strain(case, [method("same", identity)])
     if case.name == "color of one frame all NaN":
         assert result.verdict == "fails"
@@ -354,7 +354,7 @@ def test_strain_of_what_depends_on_the_exposure():
 
 
 def test_strain_of_one_that_spreads_to_the_first_frame():
-    """Whatever is wrong in the middle, neither end shows it."""
+    """A fault in the middle that neither end shows."""
     named = {case.name: case for case in stress.STRAINS}
 
     def mean(frames):
@@ -386,7 +386,7 @@ def endured(change, frames=700, moving=False):
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_endurance(moving):
-    """A method that does nothing keeps the energy, the error and the memory."""
+    """The identity keeps energy, error and memory constant."""
     result = endured(identity, moving=moving)
     assert result.case == f"700 frames, {'moving' if moving else 'still'}"
     assert result.verdict == "holds" or result.reason.startswith("drift")
@@ -413,7 +413,7 @@ def test_endurance_of_one_that_leaks():
     kept = []
 
     def leak(number, image):
-        kept.append(np.ones((100, 4000)))  # 3.2 MB: more than what earlier tests still give back
+        kept.append(np.ones((100, 4000)))  # 3.2 MB: more than earlier tests may still release
         return image
 
     result = endured(leak, frames=200)
@@ -490,14 +490,14 @@ def test_run_of_all_parts(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"scenarios": ["cuts"]}, "scenarios: unknown 'cuts'; there are .*'cut'"),
-        ({"methods": ["SVGF", "NRD"]}, "methods: unknown 'NRD'; there are 'SVGF'"),
+        ({"scenarios": ["cuts"]}, "scenarios: expected some of .*'cut'.*, got 'cuts'"),
+        ({"methods": ["SVGF", "NRD"]}, "methods: expected some of 'SVGF'.*, got 'NRD'"),
         ({"frames": 1}, "frames: expected at least 2, got 1"),
         ({"endurance": 50}, "endurance: expected 0 or at least 100, got 50"),
     ],
 )
 def test_bad_wishes(tmp_path, options, message):
-    """They are refused before anything is done."""
+    """Refused before any work."""
     with pytest.raises(ValueError, match=message):
         stress.run(tmp_path / "new", **options)
     assert not (tmp_path / "new").exists()

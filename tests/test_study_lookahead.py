@@ -1,5 +1,6 @@
-"""The study of later frames: its errors are the chart's, its new pixels those without history, its costs real."""
+"""The study of later frames: its errors are the chart's, its new pixels those without history, its costs measured."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,8 @@ from yester.study.compare.lookahead import Cost, Revealed, Worth, costs, ends, e
 from yester.study.compare.methods import PIPELINES, Result
 from yester.study.compare.points import Point
 from yester.study.rendered.recording import record
+
+pytestmark = pytest.mark.slow
 
 METHODS = [PIPELINES[0], next(method for method in PIPELINES if method.name == "SVGF, both sides")]
 SHAPE = {"frames": 6, "width": 48, "height": 36, "reference_spp": 16, "references": (0, 2, 3, 5)}
@@ -53,7 +56,7 @@ def test_places(length):
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_errors_are_those_of_the_chart(recordings, found, tmp_path, number):
-    """And times are of this run."""
+    """Times are of this run."""
     _, *charted = measure(recordings[number], METHODS, tmp_path, metrics=("psnr", "relmse", "flip", "temporal_error"))
     for point, other in zip(found[number].points, charted, strict=True):
         assert point.values == pytest.approx(other.values)
@@ -67,7 +70,7 @@ def test_errors_are_those_of_the_chart(recordings, found, tmp_path, number):
 
 
 def test_new_pixels_by_hand(recordings, found):
-    """Those that the pipeline knows nothing of but their sample, and all with history within three pixels."""
+    """Pixels with this frame's sample alone, and pixels with history within three pixels of these."""
     recording = recordings[1]
     given = [recording.frame(i) for i in range(6)]
     runs = {method.name: [*method.run(iter(given))] for method in METHODS}
@@ -90,7 +93,7 @@ def test_new_pixels_by_hand(recordings, found):
 
 
 def test_no_new_pixels_where_there_are_none_or_only_such():
-    """A first frame, one in which nothing comes into view, and one after a cut."""
+    """The first frame, one without disocclusion, and one after a cut."""
 
     def result(confidence):
         return Result(np.zeros((4, 5, 3), np.float32), confidence=np.float32(confidence) * np.ones((4, 5), np.float32))
@@ -106,7 +109,7 @@ def test_no_new_pixels_where_there_are_none_or_only_such():
 
 
 def worths():
-    """Two sequences with errors that are known."""
+    """Two sequences with known errors."""
 
     def one(scene, factor):
         frames = {
@@ -148,7 +151,7 @@ def test_tables_by_hand():
     assert mean == ["mean", "50.00", "%", "3.2667", "3.3333", "3.1333", "3.3333"]
     assert median == ["median", "25.00", "%", "0.6000", "0.5000", "0.3000", "0.5000"]
     assert len(table(revealed([both[0], both[1]._replace(revealed={}, share=0.0)]))) == 4
-    assert revealed([both[0]._replace(revealed={}, share=0.0)]) == "nothing comes into view"
+    assert revealed([both[0]._replace(revealed={}, share=0.0)]) == "no disoccluded pixels"
 
 
 def test_frames_that_not_all_sequences_have():
@@ -158,20 +161,19 @@ def test_frames_that_not_all_sequences_have():
 
 
 def test_costs():
-    """More frames are held with more lookahead."""
+    """A larger lookahead holds more frames."""
     alone, ahead = costs((0, 6), (160, 96))
     assert (alone.lookahead, ahead.lookahead) == (0, 6)
     assert min(alone.ms, ahead.ms) > 0
-    if alone.memory is None:
-        pytest.skip("the system does not report memory")
-    # Of seven frames, each of color, albedo, normal, motion, depth and ids.
-    assert ahead.memory - alone.memory > 7 * 160 * 96 * 14 * 4e-6
+    if sys.platform == "linux":  # Others do not report the peak.
+        # Seven frames, each of color, albedo, normal, motion, depth and ids.
+        assert ahead.memory - alone.memory > 7 * 160 * 96 * 14 * 4e-6
     text = lookahead._costs([Cost(0, 5.0, 10.2), Cost(8, 12.0, None)])
     assert table(text)[1:] == [["0", "5.0", "1.00", "10"], ["8", "12.0", "2.40"]]
 
 
 def test_command(recordings, cache, capsys, monkeypatch):
-    """It prints everything, of the sequences that are asked for."""
+    """It prints everything, for the requested sequences."""
     monkeypatch.setattr(lookahead, "methods", lambda: METHODS)
     shape = ("--length", "6", "--size", "48x36", "--references", "0", "2", "3", "5", "--reference-spp", "16")
     names = ("--sequences", "passer_by", "cornell_box", "passer_by")

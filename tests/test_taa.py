@@ -2,12 +2,12 @@ import itertools
 from types import SimpleNamespace
 
 import composed
+import flight
 import numpy as np
 import pytest
 import reference
-import scene
 import yester
-from compare import SIZES, assert_close, assert_same_bits, colors, motions, tensor
+from compare import SIZES, assert_close, assert_same_bits, colors, each, motions, tensor
 from composed import sample, sequence, supersampled
 from reference.taa import PRESETS
 
@@ -55,7 +55,7 @@ def frames_of(names, count=4, **options) -> list[yester.Frame]:
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_pipeline_is_its_kernels(preset):
-    """With any subset of the buffers that it knows, bit for bit."""
+    """With any subset of its buffers, bit for bit."""
     for count in range(len(NAMES)):
         for names in itertools.combinations(NAMES[1:], count):
             check_bits(frames_of(("color", *names), 3), preset)
@@ -75,7 +75,7 @@ def test_overrides_are_the_kernels_arguments(preset, overrides):
 @pytest.mark.parametrize("preset", ["best", "karis"])
 @pytest.mark.parametrize("doubts", DOUBTS)
 def test_doubts_are_the_kernels_arguments(preset, doubts):
-    """Also where some of the buffers are missing, or appear late. Without tests history is trusted more."""
+    """Also where buffers are missing or appear late. Without validation, history is trusted more."""
     frames = frames_of(SURFACE, 5)
     check_bits(frames, preset, **doubts)
     late = [yester.Frame(frame.color, motion=frame.motion) for frame in frames[:2]] + frames[2:]
@@ -91,7 +91,7 @@ def test_doubts_are_the_kernels_arguments(preset, doubts):
 
 @pytest.mark.parametrize("doubts", [doubts for doubts in DOUBTS if doubts.get("filter") != "nearest"])
 def test_doubts_are_as_the_reference_has_them(doubts):
-    """Whose rejection is that of 2×2 pixels in any case."""
+    """With the rejection of the 2×2 footprint in any case."""
     taa, other = yester.TAA(**doubts), reference.TAA(**doubts)
     absent = dict.fromkeys((*NAMES, *SURFACE))
     for frame in sequence(5):
@@ -115,10 +115,10 @@ def test_doubts_are_as_the_reference_has_them(doubts):
     ],
 )
 def test_another_surface_lends_no_history(doubts, bits):
-    """Where the colours are alike, clipping sees nothing: the history of what was there before stays without a test."""
+    """With equal colours, clipping does not remove the old surface's history; validation does."""
     rng = np.random.default_rng(0)
     size = (12, 16)
-    camera = scene.camera(0.0, size[1], size[0])
+    camera = flight.camera(0.0, size[1], size[0])
 
     def frame(changed: bool) -> yester.Frame:
         there = (np.arange(size[1]) >= 8) & changed
@@ -146,7 +146,7 @@ def test_another_surface_lends_no_history(doubts, bits):
 
 
 def test_light_that_goes_shortens_history():
-    """All of it at once: the gradient sees it; so does anti-lag where history had to be clipped far."""
+    """When all light changes at once, the gradient detects it; so does anti-lag where history was clipped far."""
     rng = np.random.default_rng(0)
     for doubts in ({"gradient": True}, {"anti_lag": 1.0}):
         taa, plain = yester.TAA(**doubts), yester.TAA()
@@ -161,14 +161,16 @@ def test_light_that_goes_shortens_history():
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("scale", [3.0, 0.25])
 def test_innovation_follows_a_light_that_changes(preset, scale):
-    """Under noise: of the error of the mean light a fifth is gone in the first frame after the change and two fifths in
-    the next; steady light before it loses nothing. Lengths of history are the same."""
-    rng, shot = np.random.default_rng(0), scene.shoot(0, 96, 64)
+    """In noise, the error of mean light is a fifth less in the first frame after a change, two fifths in the next.
+
+    Steady light before it is not harmed, and history lengths are the same.
+    """
+    rng, shot = np.random.default_rng(0), flight.shoot(0, 96, 64, moving=False)
     seen, errors, light_errors = shot.ids > 0, [], []
     taa, plain = yester.TAA(preset, innovation=True), yester.TAA(preset)
     for number in range(14):
         light = np.float32(scale if number >= 10 else 1)
-        frame, truth = yester.Frame(scene.noisy(shot, rng) * light), shot.color * light
+        frame, truth = yester.Frame(flight.noisy(shot, rng) * light), shot.color * light
         outs = taa.step(frame), plain.step(frame)
         np.testing.assert_array_equal(outs[0].history_length, outs[1].history_length)
         errors.append([np.sqrt(error(out.color[seen], truth[seen])) for out in outs])
@@ -180,7 +182,7 @@ def test_innovation_follows_a_light_that_changes(preset, scale):
 
 
 def flicker(colors, preset, **options):
-    """How much (mean over the pixels) the last 16 images of a plain sequence vary."""
+    """Mean variation of the last 16 images of a uniform sequence."""
     taa = yester.TAA(preset, **options)
     images = [taa.step(yester.Frame(np.broadcast_to(color, (12, 17, 3)).astype(np.float32))).color for color in colors]
     return np.std(images[-16:], 0).mean(), images
@@ -189,7 +191,7 @@ def flicker(colors, preset, **options):
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("length", [1, 2, 3])
 def test_red_and_green_that_fill_the_neighbourhood_are_mixed(preset, length):
-    """Clipping alone gives what the newest frame shows."""
+    """Clipping alone shows the newest frame."""
     red, green = np.float32([0.8, 0.15, 0.1]), np.float32([0.1, 0.7, 0.15])
     colors = ([red] * length + [green] * length) * (48 // length)
     full, _ = flicker(colors, preset)
@@ -197,7 +199,7 @@ def test_red_and_green_that_fill_the_neighbourhood_are_mixed(preset, length):
     assert full > 0.12
     assert calm < 0.25 * full
     np.testing.assert_allclose(np.mean(images[-24:], 0)[5, 5], (red + green) / 2, rtol=0.15)
-    # Once one of them stays, so it does here, within a few frames.
+    # Once one of them stays, the output follows within a few frames.
     _, images = flicker(colors + [green] * 12, preset, alternation=True)
     np.testing.assert_allclose(images[-1][5, 5], green, atol=0.02)
 
@@ -209,7 +211,7 @@ def test_a_change_of_light_is_no_alternation(preset):
     np.testing.assert_array_equal(plain, other)
 
 
-@pytest.mark.parametrize("size", SIZES)
+@each("size", SIZES)
 def test_any_size_and_wild_motion(size):
     rng = np.random.default_rng(0)
     frames = [
@@ -251,7 +253,7 @@ def test_everything_is_used_that_is_there():
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("names", [NAMES, ("color", "position", "camera"), ("color", "motion", "jitter")])
 def test_reference(preset, names):
-    """The whole against its composition in float64, where decisions may flip in a few pixels."""
+    """The pipeline against its float64 composition, in which decisions may flip in a few pixels."""
     taa, other = yester.TAA(preset), reference.TAA(preset)
     absent = dict.fromkeys((*NAMES, *SURFACE))
     for frame in sequence(6):
@@ -271,17 +273,17 @@ def error(image, truth) -> float:
     return float(np.mean((image - truth) ** 2))
 
 
-def flight(number: int) -> yester.Camera:
+def view(number: int) -> yester.Camera:
     """About half a pixel a frame."""
-    return scene.camera(0.25 * number, 96, 64)
+    return flight.camera(0.25 * number, 96, 64)
 
 
 @pytest.mark.parametrize(
     ("preset", "factor"), [("best", 20), ("denoised", 15), ("textbook", 35), ("karis", 15), ("filament", 14)]
 )
 def test_a_still_image_converges_to_the_supersampled(preset, factor):
-    """From the sixteenth frame on, by the factor below the error of samples at the centres, and never above it."""
-    camera, taa = flight(0), yester.TAA(preset)
+    """From the sixteenth frame on: the error of samples at the centres divided by this factor, and never above it."""
+    camera, taa = view(0), yester.TAA(preset)
     truth, alone, errors = supersampled(camera), sample(camera)["color"], []
     for offset in (*yester.jitter(16), *yester.jitter(32)):
         frame = sample(camera, offset)
@@ -295,10 +297,10 @@ def test_a_still_image_converges_to_the_supersampled(preset, factor):
     ("preset", "factors"), [("best", (1.9, 1.5)), ("denoised", (2.3, 1.8)), ("filament", (2.1, 1.7))]
 )
 def test_a_moving_camera_sees_it_too(preset, factors):
-    """By the factors below the errors of the jittered samples and of samples at the centres."""
+    """The errors of jittered samples, and of samples at the centres, divided by these factors."""
     errors, taa = [], yester.TAA(preset)
     for number, offset in enumerate(yester.jitter(24)):
-        camera = flight(number)
+        camera = view(number)
         frame = sample(camera, offset)
         names = ("color", "depth", "position", "camera")
         image = taa.step(yester.Frame(**{name: frame[name] for name in names}, jitter=offset)).color
@@ -311,7 +313,7 @@ def test_a_moving_camera_sees_it_too(preset, factors):
 
 @pytest.mark.parametrize("preset", ["best", "karis", "filament"])
 def test_a_thin_line_does_not_vanish(preset):
-    """0.7 pixels wide: single samples miss it in some columns, in which it is to stay visible all the same."""
+    """0.7 pixels wide: single samples miss it in some columns; it must stay visible there."""
 
     def draw(offset):
         y, x = np.mgrid[:48, :64] + 0.5
@@ -345,7 +347,7 @@ def test_constant_stays(preset):
 
 
 def test_length_counts_samples():
-    """Equal shares at first, then at least alpha: the mean of the first ten samples, where nothing is clipped."""
+    """Equal weights at first, then at least alpha: the mean of the first ten samples, where nothing is clipped."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(0.4, 0.6, (14, 8, 9, 3)).astype(np.float32)
     taa = yester.TAA("textbook", alpha=0.1, fast_alpha=0.1, gamma=1e6, box="variance")
@@ -369,7 +371,7 @@ def test_length_counts_samples():
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_missing_samples_are_survived(preset):
-    """A lost frame shows the history and does not count; at the very start it is black, and heals afterwards."""
+    """A lost frame shows the history and does not count; at the start it is black, until the next sample."""
     good, taa = np.full((8, 9, 3), 0.6, np.float32), yester.TAA(preset)
     lost = yester.Frame(np.full_like(good, np.nan), jitter=(0.2, 0.1))
     out = taa.step(lost)
@@ -421,7 +423,7 @@ def test_one_pixel():
         out = taa.step(yester.Frame(np.full((1, 1, 3), value, np.float32), jitter=(0.4, 0.4)))
         assert out.color.shape == (1, 1, 3)
         assert out.history_length == number
-        # Its neighbourhood is itself.
+        # Its neighbourhood is the pixel itself.
         np.testing.assert_allclose(out.color, value, rtol=1e-6)
 
 
@@ -472,7 +474,7 @@ def test_not_a_frame():
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_radiance_has_no_scale(preset):
-    """Whatever the unit of radiance: no preset takes a bright image for another than a dark one."""
+    """In any unit of radiance, every preset gives the same image, scaled."""
 
     def last(scale):
         rng, taa = np.random.default_rng(0), yester.TAA(preset)
@@ -486,7 +488,7 @@ def test_radiance_has_no_scale(preset):
 
 
 def test_history_of_another_albedo_is_refused():
-    """A texture is swapped on the right half: only there history begins anew."""
+    """A texture is swapped on the right half: history restarts only there."""
     taa = yester.TAA(relative_albedo=0.2)
     for number in range(4):
         albedo = np.full((20, 30, 3), 0.5, np.float32)

@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import BAND, SIZES, TAILS, tensor
+from compare import BAND, SIZES, TAILS, each, tensor
 
 
 @pytest.mark.parametrize("similarity", [1.0, 1.05, 1.5])
-@pytest.mark.parametrize("size", SIZES + TAILS[::4])
+@each("size", SIZES + TAILS[::4])
 def test_reference(size, similarity):
     rng = np.random.default_rng(size[1])
     color = compare.colors(rng, *size)
@@ -15,7 +15,7 @@ def test_reference(size, similarity):
     color[rng.random(size) < 0.05] *= -1
     got = yester.thin_features(color, similarity=similarity)
     want, slack = reference.thin_features(tensor(color), similarity=similarity, margin=True)
-    # Luminances that are equal are so in either precision.
+    # Equal luminances are equal in either precision.
     clear = (slack.numpy() > BAND) | (slack.numpy() == 0)
     compare.assert_close("thin_features", got, want, where=clear)
     assert set(np.unique(got)) <= {0, 1}
@@ -27,7 +27,7 @@ def test_lines_are_thin_and_edges_are_not():
         color[:, 4] = bright
         assert yester.thin_features(color)[1:-1, 4].all()
         assert not np.delete(yester.thin_features(color), 4, 1).any()
-        color[:, 5] = bright  # two pixels are not
+        color[:, 5] = bright  # a line of two pixels is not thin
         assert not yester.thin_features(color).any()
         color[:, 4:] = bright
         assert not yester.thin_features(color).any()

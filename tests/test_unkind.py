@@ -10,6 +10,8 @@ from yester.study.rendered import held_out, recording, scenes, sequences, unkind
 from yester.study.rendered.recording import record
 from yester.study.rendered.sequences import GROUPS, LATE, NAMES
 
+pytestmark = pytest.mark.slow
+
 
 def test_names():
     """Each sequence is in one group, and is found by its name."""
@@ -27,7 +29,7 @@ def test_names():
 
 
 def test_recordings_outlive_other_sequences(monkeypatch):
-    """What a sequence does not use may change, and its recordings stay valid; what it uses may not."""
+    """Recordings stay valid when code changes that their sequence does not use, and become invalid otherwise."""
     source = inspect.getsource
 
     def digests(changed):
@@ -44,7 +46,7 @@ def test_recordings_outlive_other_sequences(monkeypatch):
 
 @pytest.mark.parametrize("name", [*NAMES[len(scenes.SEQUENCES) :], *LATE])
 def test_sequence(name):
-    """It renders at about the exposure of a photograph, and is the same every time."""
+    """It renders, is exposed like a photograph, and is the same every time."""
     first, again = (sequences.find(name)(2, 24, 18) for _ in range(2))
     assert len(first.cameras) == len(first.transforms) == len(first.parameters) == 2
     frames = render(first)
@@ -60,7 +62,7 @@ def test_sequence(name):
 
 
 def test_black_plastic():
-    """A tenth of the image and more has an albedo that light cannot be divided by, beside white and gold."""
+    """At least a tenth of the image has an albedo too dark for division, beside white and gold."""
     (frame,) = render(unkind.black_plastic(1, 48, 36))
     albedo = frame.albedo.max(-1)
     assert ((albedo > 0) & (albedo < 0.004)).mean() > 0.2
@@ -69,7 +71,7 @@ def test_black_plastic():
 
 
 def test_glassware():
-    """Surfaces without any diffuse part fill much of the image, and noise shows the checks behind them."""
+    """Surfaces without a diffuse part fill much of the image, and noise shows the checks behind them."""
     (frame,) = render(unkind.glassware(1, 48, 36))
     number = ids(unkind.glassware(1))
     assert (frame.albedo == 1).all(-1).mean() > 0.15
@@ -77,7 +79,7 @@ def test_glassware():
 
 
 def test_naked_lamps():
-    """The lamps are seen directly, and nothing else is a light."""
+    """The lamps are directly visible, and are the only lights."""
     sequence = unkind.naked_lamps(1, 96, 72)
     (frame,) = render(sequence, spp=4)
     seen = frame.emission.max(-1) > 0
@@ -88,7 +90,7 @@ def test_naked_lamps():
 
 
 def test_grass_before_the_sky():
-    """Neighbours are blades and sky by turns, and the sky is the brighter one."""
+    """Neighbouring pixels alternate between blades and the brighter sky."""
     (frame,) = render(unkind.grass(1, 48, 36))
     miss = frame.ids == 0
     assert 0.2 < miss.mean() < 0.7
@@ -99,7 +101,7 @@ def test_grass_before_the_sky():
 
 @pytest.mark.parametrize("frames", [2, 16, 24])
 def test_fast_dolly(frames):
-    """Depth along the axis changes by 12 % a frame, however many there are."""
+    """Depth along the axis changes by 12 % per frame, for any number of frames."""
     cameras = unkind.fast_dolly(frames, 24, 18).cameras
     distance = np.array([np.linalg.norm(camera.position) for camera in cameras])
     np.testing.assert_allclose(distance[1:16] / distance[:15][: len(distance[1:16])], 0.88)
@@ -110,7 +112,7 @@ def test_fast_dolly(frames):
 
 
 def test_brushed_metal():
-    """Roughness and normals vary where no buffer shows it: the reference has detail within one surface."""
+    """Roughness and normals vary without showing in any buffer: the reference has detail within one surface."""
     sequence = unseen.brushed_metal(1, 64, 48)
     number = ids(sequence)
     (guide,) = render(sequence)
@@ -122,7 +124,7 @@ def test_brushed_metal():
 
 
 def test_mist():
-    """The guides show the box of the mist, and its light is scattered."""
+    """Buffers show the box that contains the mist; its light is scattered."""
     sequence = unseen.mist(1, 48, 36)
     (frame,) = render(sequence)
     bank = frame.ids == ids(sequence)["bank"]
@@ -133,7 +135,7 @@ def test_mist():
 
 
 def test_caustics():
-    """On the table, one sample in thousands is many times brighter than nearly all others, and the mean is bright."""
+    """On the table, one sample in thousands is far brighter than the others, and the mean is bright."""
     sequence = unseen.caustics(1, 48, 36)
     frames, (clean,) = [render(sequence, seed=seed)[0] for seed in range(6)], render(sequence, spp=128, buffers=False)
     table = frames[0].ids == ids(sequence)["table"]
@@ -143,7 +145,7 @@ def test_caustics():
 
 
 def test_passer_by():
-    """It covers a fifth of the image and more, much faster than anything else moves."""
+    """It covers at least a fifth of the image and moves much faster than anything else."""
     frames = render(unseen.passer_by(8, 48, 36))
     ball = ids(unseen.passer_by(1))["ball"]
     assert max((frame.ids == ball).mean() for frame in frames) > 0.2
@@ -161,7 +163,7 @@ def test_cut(frames):
 
 
 def test_shallow_focus(tmp_path):
-    """Samples of one pixel meet different surfaces at different instants, whose mean is the reference."""
+    """Samples of one pixel hit different surfaces at different instants; the reference is their mean."""
     sequence = unseen.shallow_focus(4, 48, 36)
     options = {"frames": 4, "width": 48, "height": 36, "references": [2], "reference_spp": 192}
     one, other = (record("shallow_focus", tmp_path, seed=seed, **options) for seed in (0, 10))
@@ -171,7 +173,7 @@ def test_shallow_focus(tmp_path):
     instants = [camera.position for camera, _ in sequence.instants[2]]
     assert len({tuple(position) for position in instants}) == 6
     assert_same_bits(instants[0], sequence.cameras[2].position)
-    # What the cube passes over while the shutter is open is neither all cube nor all background.
+    # Pixels that the cube crosses while the shutter is open are neither all cube nor all background.
     masks = []
     for instant in (0, 5):
         camera, poses = sequence.instants[2][instant]
@@ -180,7 +182,7 @@ def test_shallow_focus(tmp_path):
     mixed = one.frame(2).ids == ids(sequence)["cube"]
     only = masks[1] & ~masks[0]
     assert 0.05 < mixed[only].mean() < 0.95
-    # Noise is all that frames and the reference differ by.
+    # Frames and the reference differ by noise alone.
     frames = [next(recording._noisy(sequence, range(2, 3), seed))[0].color for seed in range(20, 32)]
     reference = one.reference(2)
     assert abs(np.mean(frames, 0) - reference).mean() < 0.5 * abs(frames[0] - reference).mean()
@@ -188,7 +190,7 @@ def test_shallow_focus(tmp_path):
 
 
 def test_exposures_come_back_as_they_were(tmp_path):
-    """Any file, with the same bits; the first frame stands still, and motion leads to the frame before."""
+    """Any file, with the same bits; the first frame has no motion, later motion leads to the previous frame."""
     options = {"frames": 3, "width": 24, "height": 18, "reference_spp": 6, "seed": 3, "raw_albedo": True}
     recording = record("shallow_focus", tmp_path, **options)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.exr")}
@@ -208,7 +210,7 @@ def test_exposures_come_back_as_they_were(tmp_path):
 
 @pytest.mark.parametrize("name", ["black_plastic", "glassware", "shallow_focus"])
 def test_raw_albedo(tmp_path, name):
-    """It is the albedo of the frame's own samples, except on surfaces without a diffuse part."""
+    """Albedo of the frame's own samples, except on surfaces without a diffuse part."""
     options = {"frames": 2, "width": 48, "height": 36, "references": ()}
     recording = record(name, tmp_path, **options, raw_albedo=True)
     assert record(name, tmp_path, **options).raw_albedo == {}

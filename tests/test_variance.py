@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 import reference
 import yester
-from compare import SIZES, TAILS, assert_close, assert_same_bits, tensor
+from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 
 def inputs(rng, height, width):
-    """Moments of one to a few samples, and history lengths to both sides of every bound."""
+    """Moments of one to a few samples, and history lengths on both sides of every bound."""
     light = rng.exponential(1, (height, width))
     moments = np.stack([light, light**2 * rng.uniform(0.9, 2, light.shape)], -1).astype(np.float32)
     length = rng.choice(np.float32([1, 1, 2, 3, 3.5, 4, 5, 20]), (height, width))
@@ -30,10 +30,10 @@ def check(moments, length, **named):
     got = yester.estimate_variance(moments, length, **named)
     want, weights = reference.estimate_variance(*tensor([moments, length]), margin=True, **tensor(named))
     assert got.dtype == np.float32
-    # Where the pixel itself is missing, neighbours whose weights nearly vanish decide, and are cut to none at a bound.
+    # Where the pixel itself is missing, near-zero weights of neighbours dominate, and are cut to zero at a bound.
     sure = weights.numpy() > 1e-12
     assert (sure | ~np.isfinite(moments).all(-1)).all()
-    # A difference of second moments is as precise as they are.
+    # A difference of second moments is only as precise as they are.
     seen = np.where(np.isfinite(moments).all(-1), moments[..., 1], 0)
     scale = 4 * np.maximum(seen, seen.max(initial=1e-30) * (length < named.get("min_length", 3.5)))
     assert_close("estimate_variance", got, want, scale=scale, where=sure)
@@ -57,7 +57,7 @@ def test_reference(seed, size, buffers, **named):
 
 
 @pytest.mark.parametrize("buffers", [[], ["depth", "ids"], ["camera", "ids"]])
-@pytest.mark.parametrize(("height", "width"), SIZES + TAILS)
+@each(("height", "width"), SIZES + TAILS)
 def test_sizes(height, width, buffers):
     rng = np.random.default_rng(width)
     check(*inputs(rng, height, width), **surface(rng, height, width, buffers))
@@ -74,7 +74,7 @@ def test_long_history_speaks_for_itself():
 
 
 def test_short_history_asks_its_neighbours():
-    """Without buffers all weigh the same: the variance of the 7x7, widened by how short the history is."""
+    """Without buffers all weights are equal: the variance of the 7x7, scaled up for short history."""
     light = np.random.default_rng(0).exponential(1, (7, 7)).astype(np.float32)
     moments = np.stack([light, light**2], -1)
     for length, factor in ((0, 3.5), (1, 3.5), (2, 1.75), (3, 3.5 / 3)):

@@ -1,4 +1,12 @@
-"""Yester: temporal reprojection and denoising of rendered frames, on any CPU."""
+"""Yester: temporal reprojection and denoising of rendered frames, on any CPU.
+
+Pipelines (`SVGF`, `TAA`, `Upscaler` and others) take one `Frame` of numpy arrays after the other; `denoise` runs one
+over a sequence, with the frames on both sides of each. They are composed of kernels, functions on numpy arrays, which
+can be used alone: `motion_vectors`, `reproject`, `consistency`, `accumulate`, `estimate_variance`, `atrous` and others.
+`yester.io` reads and writes EXR files and renders with Mitsuba; `yester.metrics` measures errors.
+
+Examples in docstrings assume ``import numpy as np`` and ``import yester``.
+"""
 
 from enum import IntFlag as _IntFlag
 
@@ -62,7 +70,37 @@ from .sequence import denoise
 
 
 class Rejection(_IntFlag):
-    """The tests that a pixel's history failed: bits of the masks of `consistency` and `Output.rejection`."""
+    """The tests that a pixel's history failed: bits of the masks of `consistency` and `Output.rejection`.
+
+    Attributes
+    ----------
+    OUTSIDE
+        The history lies outside the previous frame.
+    DEPTH
+        It has another depth than expected.
+    NORMAL
+        It has another orientation.
+    ID
+        It is another object.
+    VELOCITY
+        The motion is longer than allowed.
+    LUMINANCE
+        It has another brightness.
+
+    See Also
+    --------
+    consistency : The tests.
+    Output : Its `rejection` has these bits.
+
+    Examples
+    --------
+    >>> rejection = np.array([[0, 2], [6, 1]], np.uint8)
+    >>> yester.Rejection(int(rejection[1, 0]))
+    <Rejection.DEPTH|NORMAL: 6>
+    >>> rejection & yester.Rejection.DEPTH != 0
+    array([[False,  True],
+           [ True, False]])
+    """
 
     OUTSIDE = 1
     """The history lies outside the previous frame."""
@@ -73,7 +111,7 @@ class Rejection(_IntFlag):
     ID = 8
     """It is another object."""
     VELOCITY = 16
-    """It has come too fast."""
+    """The motion is longer than allowed."""
     LUMINANCE = 32
     """It has another brightness."""
 

@@ -78,6 +78,45 @@ __version__: str
 
 @final
 class Camera:
+    """A pinhole camera: where world points appear in the image, and the rays of its pixels.
+
+    Parameters
+    ----------
+    world_to_clip : (4, 4) array_like of float
+        Maps column vectors, ``clip = world_to_clip @ [x, y, z, 1]``, with x to the right, y up and w positive in
+        front of the camera: the convention of OpenGL, Direct3D and (with y flipped) Vulkan. Their z rows differ; the z
+        row is not used. The matrix's scale does not matter. It may have an off-axis principal point.
+    width, height : int
+        The image's size in pixels: 1 to 2²³ - 1 each, 2³¹ pixels at most.
+
+    Raises
+    ------
+    ValueError
+        If the matrix has NaN or infinity, is singular or orthographic, or the image has no pixels or too many.
+
+    See Also
+    --------
+    motion_vectors : Motion of static surfaces, from two cameras.
+    jitter : Offsets for `Camera.jittered`.
+
+    Notes
+    -----
+    The pixel of a point is ``((x/w + 1)/2 * width, (1 - y/w)/2 * height)``: x to the right, y down, pixel centres at
+    +0.5. Its depth is the distance along the camera axis, in scene units. Cameras are immutable, compare by value and
+    can be pickled.
+
+    Examples
+    --------
+    >>> camera = yester.Camera.from_look_at([1, 2, 5], [1, 2, 0], [0, 1, 0], fov=90, width=4, height=4)
+    >>> camera
+    Camera(4x4, position=[1.0000, 2.0000, 5.0000], forward=[0.0000, 0.0000, -1.0000])
+    >>> pixels, depth = camera.project([[1, 2, 0], [3.5, 2, 0]])
+    >>> pixels
+    array([[2., 2.],
+           [3., 2.]])
+    >>> depth
+    array([5., 5.])
+    """
     def __new__(cls, world_to_clip: ArrayLike, width: int, height: int) -> Self: ...
     @staticmethod
     def from_look_at(
@@ -90,42 +129,263 @@ class Camera:
         *,
         fov_axis: Literal["x", "y"] = "x",
         principal_point: ArrayLike | None = None,
-    ) -> Camera: ...
-    @staticmethod
-    def from_mitsuba(sensor: Any) -> Camera: ...
+    ) -> Camera:
+        """Make a camera at `origin` that looks at `target`.
+
+        Parameters
+        ----------
+        origin, target, up : (3,) array_like of float
+            World space, right-handed; `up` need not be perpendicular to the view.
+        fov : float
+            Field of view in degrees, in (0, 180).
+        width, height : int
+            The image's size in pixels.
+        fov_axis : {"x", "y"}, default "x"
+            The axis that `fov` spans: the image's width or its height.
+        principal_point : (2,) array_like of float, optional
+            Where the optical axis meets the image, in pixels; the centre by default.
+
+        Returns
+        -------
+        Camera
+            Without jitter.
+
+        Raises
+        ------
+        ValueError
+            If `target` is `origin`, `up` is along the view, or a value is out of range.
+
+        Examples
+        --------
+        >>> camera = yester.Camera.from_look_at([1, 2, 5], [1, 2, 0], [0, 1, 0], fov=90, width=4, height=4)
+        >>> camera.position
+        array([1., 2., 5.])
+        >>> camera.forward
+        array([ 0.,  0., -1.])
+        """
     @property
-    def world_to_clip(self) -> _Doubles: ...
+    def world_to_clip(self) -> _Doubles:
+        """The matrix that was passed to the constructor: (4, 4) float64."""
     @property
-    def world_to_camera(self) -> _Doubles: ...
+    def world_to_camera(self) -> _Doubles:
+        """Rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR files): (4, 4) float64."""
     @property
-    def width(self) -> int: ...
+    def width(self) -> int:
+        """Image width in pixels."""
     @property
-    def height(self) -> int: ...
+    def height(self) -> int:
+        """Image height in pixels."""
     @property
-    def position(self) -> _Doubles: ...
+    def position(self) -> _Doubles:
+        """The centre of projection in world space: (3,) float64."""
     @property
-    def forward(self) -> _Doubles: ...
-    def project(self, points: ArrayLike) -> tuple[_Doubles, _Doubles]: ...
-    def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> _Doubles: ...
-    def rays(self, pixels: ArrayLike | None = None) -> tuple[_Doubles, _Doubles]: ...
-    def jittered(self, offset: ArrayLike) -> Camera: ...
+    def forward(self) -> _Doubles:
+        """The unit vector along the optical axis, in world space: (3,) float64."""
+    def project(self, points: ArrayLike) -> tuple[_Doubles, _Doubles]:
+        """Project world points to pixels.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like of float
+            World space.
+
+        Returns
+        -------
+        pixels : (..., 2) float64
+            Position, x right, y down, pixel centres at +0.5; NaN for points that are not in front of the camera.
+        depth : (...) float64
+            Distance along the camera axis.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of `points` has not three coordinates.
+
+        See Also
+        --------
+        Camera.unproject : From pixels and depths to world points.
+
+        Examples
+        --------
+        >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+        >>> pixels, depth = camera.project([1, 1, 0])
+        >>> pixels
+        array([2.4, 1.6])
+        >>> float(depth)
+        5.0
+        """
+    def unproject(self, pixels: ArrayLike, depth: ArrayLike) -> _Doubles:
+        """Unproject pixels and depths to world points.
+
+        Parameters
+        ----------
+        pixels : (..., 2) array_like of float
+            Position, x right, y down, pixel centres at +0.5.
+        depth : (...) array_like of float
+            Distance along the camera axis; the axes before the last of `pixels`.
+
+        Returns
+        -------
+        points : (..., 3) float64
+            World space.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of `pixels` has not two coordinates, or `depth` another shape than the axes before it.
+
+        See Also
+        --------
+        Camera.project : From world points to pixels.
+
+        Examples
+        --------
+        >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+        >>> camera.unproject([2.5, 1.5], 4)
+        array([1., 1., 1.])
+        """
+    def rays(self, pixels: ArrayLike | None = None) -> tuple[_Doubles, _Doubles]:
+        """Compute the view rays of pixels.
+
+        Parameters
+        ----------
+        pixels : (..., 2) array_like of float, optional
+            By default the centres of all pixels, (height, width, 2).
+
+        Returns
+        -------
+        origin : (3,) float64
+            The camera's position.
+        directions : (..., 3) float64
+            World space, unit length.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of `pixels` has not two coordinates.
+
+        Examples
+        --------
+        >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+        >>> origin, directions = camera.rays()
+        >>> directions.shape
+        (4, 4, 3)
+        >>> directions[0, 0]
+        array([-0.5145,  0.5145, -0.686 ])
+        """
+    def jittered(self, offset: ArrayLike) -> Camera:
+        """Make a camera whose image is shifted by part of a pixel.
+
+        Parameters
+        ----------
+        offset : (2,) array_like of float
+            In pixels, x right, y down, for instance from `jitter`. The new camera's samples at pixel centres are this
+            camera's at pixel centres plus `offset`: points appear at their old pixel positions minus `offset`.
+
+        Returns
+        -------
+        Camera
+            With the same size, position and direction.
+
+        Raises
+        ------
+        ValueError
+            If `offset` is not finite.
+
+        See Also
+        --------
+        jitter : Offsets for the frames of a sequence.
+
+        Notes
+        -----
+        Use the jittered camera for rendering only: `Frame.camera` and `motion_vectors` take cameras without jitter.
+
+        Examples
+        --------
+        >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+        >>> shifted = camera.jittered([0.25, -0.25])
+        >>> shifted.project([0, 0, 0])[0] - camera.project([0, 0, 0])[0]
+        array([-0.25,  0.25])
+        """
     def __eq__(self, other: object, /) -> bool: ...
     def __ne__(self, other: object, /) -> bool: ...
     def __reduce__(self) -> tuple[type[Camera], tuple[_Doubles, int, int]]: ...
 
 @final
 class Accumulated:
+    """Result of `accumulate`.
+
+    Attributes
+    ----------
+    color : (H, W, 3) float32
+        Accumulated colour.
+    moments : (H, W, 2) float32
+        Means of luminance and of its square.
+    history_length : (H, W) float32
+        History length in samples, up to 1/alpha.
+    missing : int
+        Pixels whose new sample was not finite.
+
+    See Also
+    --------
+    accumulate : Returns this.
+
+    Examples
+    --------
+    >>> zeros = np.zeros((2, 2, 3))
+    >>> yester.accumulate(zeros + 1, zeros, zeros[..., :2], zeros[..., 0])
+    Accumulated(2x2, missing=0)
+    """
     @property
-    def color(self) -> _Floats: ...
+    def color(self) -> _Floats:
+        """Accumulated colour: (H, W, 3) float32."""
     @property
-    def moments(self) -> _Floats: ...
+    def moments(self) -> _Floats:
+        """Means of luminance and of its square: (H, W, 2) float32."""
     @property
-    def history_length(self) -> _Floats: ...
+    def history_length(self) -> _Floats:
+        """History length in samples, up to 1/alpha: (H, W) float32."""
     @property
-    def missing(self) -> int: ...
+    def missing(self) -> int:
+        """Number of pixels whose new sample was not finite."""
 
 @final
 class Output:
+    """One denoised frame, with its auxiliary outputs.
+
+    Parameters
+    ----------
+    color : (H, W, 3) float32
+        Linear; finite everywhere.
+    history_length : (H, W) float32
+        Samples that went into each pixel, up to 1/alpha.
+    confidence : (H, W) float32
+        Accepted fraction of the history's footprint, 0 to 1; 0 where history was rejected (disocclusion).
+    rejection : (H, W) uint8
+        Bits of `Rejection`: the tests that taps of the footprint failed (one pixel for filter "nearest", else 2×2).
+    variance : (H, W) float32, optional
+        Estimated variance of the filtered luminance, before remodulation; None from pipelines without an estimate.
+    choice : (H, W) float32, optional
+        Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
+        choice.
+    used : tuple of str, default ()
+        The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
+        "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",
+        "hit_distance" and "jitter".
+    missing : int, default 0
+        Pixels whose sample was not finite.
+
+    See Also
+    --------
+    SVGF.step : Returns an output.
+    Rejection : The bits of `rejection`.
+
+    Examples
+    --------
+    >>> output = yester.SVGF().step(yester.Frame(np.ones((4, 4, 3))))
+    >>> output
+    Output(4x4, used=(), missing=0)
+    """
     def __new__(
         cls,
         color: _Floats,
@@ -139,31 +399,100 @@ class Output:
         missing: int = 0,
     ) -> Self: ...
     @property
-    def color(self) -> _Floats: ...
+    def color(self) -> _Floats:
+        """Linear colour, finite everywhere: (H, W, 3) float32."""
     @property
-    def variance(self) -> _Floats | None: ...
+    def variance(self) -> _Floats | None:
+        """Estimated variance of the filtered luminance, before remodulation: (H, W) float32, or None."""
     @property
-    def choice(self) -> _Floats | None: ...
+    def choice(self) -> _Floats | None:
+        """Number of filter passes of each pixel, fractional where two results are mixed: (H, W) float32, or None."""
     @property
-    def history_length(self) -> _Floats: ...
+    def history_length(self) -> _Floats:
+        """Samples that went into each pixel, up to 1/alpha: (H, W) float32."""
     @property
-    def confidence(self) -> _Floats: ...
+    def confidence(self) -> _Floats:
+        """Accepted fraction of the history's footprint, 0 to 1; 0 at disocclusions: (H, W) float32."""
     @property
-    def rejection(self) -> NDArray[np.uint8]: ...
+    def rejection(self) -> NDArray[np.uint8]:
+        """Tests that taps of the history's footprint failed, as bits of `Rejection`: (H, W) uint8."""
     @property
-    def used(self) -> tuple[str, ...]: ...
+    def used(self) -> tuple[str, ...]:
+        """Names of the buffers that were used."""
     @property
-    def missing(self) -> int: ...
+    def missing(self) -> int:
+        """Number of pixels whose sample was not finite."""
     def __getnewargs_ex__(self) -> tuple[tuple[NDArray[Any], ...], dict[str, Any]]: ...
 
 @disjoint_base
 class Pipeline:
+    """Base class of pipelines, which process a sequence frame by frame.
+
+    The `repr` is the constructor call with the given parameters. Copies (shallow or deep) and unpickled objects are
+    made by this call: they have the same parameters, no history, and start a new sequence.
+
+    Parameters
+    ----------
+    *_args, **_kwargs
+        Parameters of the pipeline, kept for `repr`, copies and pickles.
+
+    See Also
+    --------
+    SVGF : Denoises path-traced frames.
+    denoise : Runs a pipeline over a sequence, from both sides.
+
+    Examples
+    --------
+    >>> import copy
+    >>> pipeline = yester.SVGF(alpha=0.1)
+    >>> copy.copy(pipeline)
+    SVGF(alpha=0.1)
+    >>> isinstance(pipeline, yester.Pipeline)
+    True
+    """
     def __new__(cls, *_args: Any, **_kwargs: Any) -> Self: ...
     def __init__(self, *args: Any, **kwargs: Any) -> None: ...
     def __reduce__(self) -> tuple[Any, tuple[()]]: ...
 
 @final
 class History:
+    """What history expects of a frame's pixels, without the frame's own sample.
+
+    `recall` of a pipeline that runs backwards returns that of later frames, and `step` takes it as `later`.
+
+    Parameters
+    ----------
+    color : (H, W, 3) float32
+        Light: demodulated, if frames have albedo. NaN where nothing is known.
+    moments : (H, W, 2) float32
+        Means of its luminance and of the luminance's square.
+    history_length : (H, W) float32
+        How many samples it is worth: less than went into it where the light has changed.
+    confidence : (H, W) float32
+        As `Output.confidence`.
+    rejection : (H, W) uint8
+        As `Output.rejection`.
+    used : tuple of str, default ()
+        As `Output.used`.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+
+    See Also
+    --------
+    SVGF.recall : Returns a history.
+    combine_histories : Joins two histories.
+
+    Examples
+    --------
+    >>> pipeline = yester.SVGF()
+    >>> for light in (1.0, 1.0):
+    ...     history = pipeline.recall(yester.Frame(np.full((4, 4, 3), light)))
+    >>> history.history_length[0]
+    array([1., 1., 1., 1.], dtype=float32)
+    """
     def __new__(
         cls,
         color: ArrayLike,
@@ -175,21 +504,143 @@ class History:
         used: Sequence[str] = (),
     ) -> Self: ...
     @property
-    def color(self) -> _Floats: ...
+    def color(self) -> _Floats:
+        """Light, demodulated if frames have albedo; NaN where nothing is known: (H, W, 3) float32."""
     @property
-    def moments(self) -> _Floats: ...
+    def moments(self) -> _Floats:
+        """Means of luminance and of its square: (H, W, 2) float32."""
     @property
-    def history_length(self) -> _Floats: ...
+    def history_length(self) -> _Floats:
+        """Number of samples that the history is worth: (H, W) float32."""
     @property
-    def confidence(self) -> _Floats: ...
+    def confidence(self) -> _Floats:
+        """Accepted fraction of the history's footprint, 0 to 1: (H, W) float32."""
     @property
-    def rejection(self) -> NDArray[np.uint8]: ...
+    def rejection(self) -> NDArray[np.uint8]:
+        """Tests that taps of the history's footprint failed, as bits of `Rejection`: (H, W) uint8."""
     @property
-    def used(self) -> tuple[str, ...]: ...
+    def used(self) -> tuple[str, ...]:
+        """Names of the buffers that were used."""
     def __getnewargs_ex__(self) -> tuple[tuple[NDArray[Any], ...], dict[str, Any]]: ...
 
 @final
 class SVGF(Pipeline):
+    """Spatiotemporal variance-guided filtering of a sequence of frames.
+
+    Reprojects history along each pixel's motion, validates that it shows the same surface, merges it with the new
+    sample, estimates the remaining variance and filters in space accordingly. Buffers that a frame lacks drop out of
+    the tests and weights: without albedo, texture is filtered with the light; without normals, depth or ids, their
+    tests are skipped. Without motion, it is computed from the cameras if both frames have one and depth or position is
+    known; otherwise history is read in place.
+
+    Parameters
+    ----------
+    alpha : float, default 0.2
+        Smallest weight of the new sample in the history, 0 to 1. 0.05 averages over four times as many frames: less
+        noise in static regions, more lag of reflections and light.
+    moments_alpha : float, default 0.2
+        Smallest weight of the new sample in the moments of luminance.
+    iterations : int, default 3
+        Passes of the spatial filter, 0 to 16; with `choice`, the number used without evidence.
+    radius : int, default 1
+        Radius of a pass in taps: 1 for 3×3; 2 for the 5×5 of the paper, which reaches twice as far and takes twice the
+        time.
+    sigma_luminance : float, default 3.0
+        The filter's scale of luminance differences, in standard deviations; above 0.
+    sigma_normal : float, default 128.0
+        Sharpness of the filter's normal weight; from 0.
+    sigma_depth : float, default 1.0
+        Scale of depth differences, in multiples of the slope's own; above 0. For frames without
+        camera or normals.
+    sigma_plane : float, default 0.01
+        Scale of plane distances, relative to depth; above 0. For frames with camera, depth and normals.
+    relative_depth : float or (float, float), default 0.1
+        Largest relative difference from the expected depth that history may have; above 0. For frames without camera,
+        normals or motion of 3 channels.
+    plane_distance : float or (float, float), default 0.01
+        Largest distance from the history's plane, relative to depth; above 0. For frames with these.
+    normal_angle : float or (float, float), default 25.0
+        Largest angle between a pixel's normal and its history's, in degrees, 0 to 180.
+    relative_albedo : float or (float, float), optional
+        Largest relative difference between the luminance of a pixel's albedo and its history's, at least 0: rejects
+        history where textures change or move. Illumination usually survives a change of texture, so by default this is
+        not tested.
+    min_length : float, default 3.5
+        History length from which the temporal variance is used; at least 1. The default is fractional so that rounding
+        of resampled lengths does not decide.
+    feedback : bool, default False
+        Use the output of the filter's first pass, instead of its input, as the next frame's history: less noise in
+        motion, more bias.
+    by_confidence : bool, default False
+        Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
+    gradient : bool, default True
+        Shorten history where the light changes. The change is estimated from the new samples and history, where it
+        exceeds the noise. Frames with a `replay` (a re-render with the same random numbers), if the previous frame had
+        one or was the first, show the change without noise: there, unless `innovation` is off, history is first
+        corrected by the change, then shortened by the part that the correction misses, and by at least half of the
+        whole change.
+    fireflies : bool, default False
+        First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
+        their surface (`suppress_fireflies`).
+    reflections : sequence of float, default (0.5, 2.0)
+        Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
+        fetched as well. Where one of these histories predicts the new samples better than the surface's own
+        (`prediction_gain`), it is used instead. Each distance costs time, mostly in tiles of 16 pixels of which at
+        least a sixteenth chose it in the previous frame, and in their neighbours; every eighth frame tests all tiles.
+        Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames
+        with a `hit_distance` use that distance alone. Needs cameras and depth.
+    choice : bool, default True
+        Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
+        history best predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and
+        fine shadows keep their detail, and uniform surfaces are smoothed more. The filter then compares the luminance
+        that history predicts, where that is worth 2.5 samples and the new one is no outlier, instead of the merged one.
+    innovation : bool, default True
+        Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
+        and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
+    antialias : bool, default True
+        End with a stage of temporal antialiasing, `TAA` with preset "denoised".
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range.
+
+    See Also
+    --------
+    denoise : Runs a pipeline over a sequence, from both sides.
+    plan : Finds out which stages and buffers a sequence needs.
+    HalfRes : For frames of which a part is traced.
+    TAA : For frames with little noise.
+
+    Notes
+    -----
+    The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
+    functions and gives their bits: `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
+    `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with
+    `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the
+    history), `remodulate`, and those of `TAA`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples
+    count. The correction by a replay is an `innovation` of history, too: its samples are the replayed ones' change,
+    relative to the samples blurred by `atrous`.
+
+    References
+    ----------
+    .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+       Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+       illumination", High-Performance Graphics, 2017.
+    .. [2] C. Schied, C. Peters, C. Dachsbacher, "Gradient estimation for real-time adaptive temporal filtering",
+       Proceedings of the ACM on Computer Graphics and Interactive Techniques 1(2), 2018.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> frames = [yester.Frame(rng.gamma(1, 0.5, (32, 32, 3))) for _ in range(8)]
+    >>> pipeline = yester.SVGF()
+    >>> outputs = [pipeline.step(frame) for frame in frames]
+    >>> bool(outputs[-1].color.std() < frames[-1].color.std() / 5)
+    True
+    >>> outputs[-1].used
+    ()
+    """
     def __new__(
         cls,
         *,
@@ -215,13 +666,134 @@ class SVGF(Pipeline):
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output: ...
-    def recall(self, frame: Frame) -> History: ...
-    def split(self) -> tuple[SVGF, TAA | None]: ...
-    def reset(self) -> None: ...
+    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
+        """Denoise the next frame of the sequence.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame, of the same size as the previous ones.
+        out : Output, optional
+            An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
+            second frame on, no image memory is then allocated.
+        later : History, optional
+            What later frames know of this frame's pixels: `recall` of a pipeline that runs backwards. It joins the
+            history before the filter, and the sample counts once. What goes on to the next frame is without it.
+
+        Returns
+        -------
+        Output
+            The denoised frame, with its auxiliary outputs.
+
+        Raises
+        ------
+        ValueError
+            If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not
+            fit.
+
+        See Also
+        --------
+        denoise : Runs a pipeline over a sequence.
+        """
+    def recall(self, frame: Frame) -> History:
+        """Go on to the next frame as `step` does, but tell what history expects of its pixels instead of showing it.
+
+        Parameters
+        ----------
+        frame : Frame
+            As for `step`; of a reversed sequence, with the motion to the frame that follows it in time.
+
+        Returns
+        -------
+        History
+            Without the frame's own sample.
+
+        Raises
+        ------
+        ValueError
+            As of `step`.
+        """
+    def split(self) -> tuple[SVGF, TAA | None]:
+        """Make the pipeline without its output stage, and the stage.
+
+        Both are without history. One after the other, they give the results of the whole.
+
+        Returns
+        -------
+        denoiser : Pipeline
+            With the same parameters, but ``antialias=False``.
+        stage : TAA or None
+            For the frames with the denoiser's colours; None without `antialias`.
+        """
+    def reset(self) -> None:
+        """Discard all history; the next frame starts a new sequence."""
 
 @final
 class HalfRes(Pipeline):
+    """Denoise frames of which only a part is traced, such as one pixel of each 2×2, another one in each frame.
+
+    All buffers have full resolution, and colour is NaN where no path was traced. Untraced pixels are reconstructed from
+    traced neighbours on the same surface; a reconstructed colour counts for a fraction of a sample, the smaller the
+    longer the history. Otherwise this is `SVGF`: history is reprojected, validated tap by tap, merged with traced and
+    reconstructed samples, and filtered. Any pattern and density of traced pixels works; the patterns of successive
+    frames should cover all pixels, as those of `HalfRes.offset` do.
+
+    Parameters
+    ----------
+    alpha : float, default 0.2
+        Smallest weight of a traced sample in its pixel's history, 0 to 1: with a quarter of the pixels traced, 0.2
+        averages over as many frames as 0.05 in `SVGF`.
+    weight : float, default 0.1
+        The fraction of a sample that a reconstructed colour counts for without history, above 0 to 1.
+    radius : int, default 2
+        Radius in pixels of the window from which untraced pixels are reconstructed, 1 to 16.
+    iterations : int, default 5
+        Passes of the spatial filter, 0 to 16.
+    sigma_luminance : float, default 4.0
+        The filter's scale of luminance differences, in standard deviations; above 0.
+    by_confidence, fireflies : bool, default False
+        As in `SVGF`.
+    reflections : sequence of float, default (0.5, 2.0)
+        As in `SVGF`.
+    choice : bool, default False
+        As in `SVGF`. It helps in most scenes; highlights that few samples hit can get worse.
+    innovation : bool, default True
+        As in `SVGF`.
+    antialias : bool, default True
+        As in `SVGF`.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range.
+
+    See Also
+    --------
+    SVGF : For frames that are traced as a whole.
+    Recirculation : Keeps history as points, for few traced pixels.
+    reconstruct : Fills untraced pixels.
+
+    Notes
+    -----
+    Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
+    `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
+    length, so that a long history converges to the mean of its own samples. The gradient (with windows twice as wide)
+    and the reflections use traced samples only, and the last stage clips history to 0.6 standard deviations.
+
+    Examples
+    --------
+    >>> half_res = yester.HalfRes()
+    >>> for number in range(4):
+    ...     x, y = yester.HalfRes.offset(number)
+    ...     color = np.full((8, 8, 3), np.nan)
+    ...     color[y::2, x::2] = 1
+    ...     output = half_res.step(yester.Frame(color))
+    >>> output.missing
+    48
+    >>> output.history_length[:2, :2]
+    array([[1.1464, 1.2366],
+           [1.2749, 1.1942]], dtype=float32)
+    """
     def __new__(
         cls,
         *,
@@ -237,15 +809,159 @@ class HalfRes(Pipeline):
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output: ...
-    def recall(self, frame: Frame) -> History: ...
-    def split(self) -> tuple[HalfRes, TAA | None]: ...
-    def reset(self) -> None: ...
+    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
+        """Denoise the next frame of the sequence.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame, of the same size as the previous ones; NaN where nothing was traced.
+        out : Output, optional
+            An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
+            second frame on, no image memory is then allocated.
+        later : History, optional
+            What later frames know of this frame's pixels: `recall` of a pipeline that runs backwards. It joins the
+            history before the filter, and the sample counts once. What goes on to the next frame is without it.
+
+        Returns
+        -------
+        Output
+            `history_length` counts traced samples; `missing` is the number of untraced pixels.
+
+        Raises
+        ------
+        ValueError
+            If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not
+            fit.
+        """
+    def recall(self, frame: Frame) -> History:
+        """Go on to the next frame as `step` does, but tell what history expects of its pixels instead of showing it.
+
+        Parameters
+        ----------
+        frame : Frame
+            As for `step`; of a reversed sequence, with the motion to the frame that follows it in time.
+
+        Returns
+        -------
+        History
+            Without the frame's own sample.
+
+        Raises
+        ------
+        ValueError
+            As of `step`.
+        """
+    def split(self) -> tuple[HalfRes, TAA | None]:
+        """Make the pipeline without its output stage, and the stage.
+
+        Both are without history. One after the other, they give the results of the whole.
+
+        Returns
+        -------
+        denoiser : Pipeline
+            With the same parameters, but ``antialias=False``.
+        stage : TAA or None
+            For the frames with the denoiser's colours; None without `antialias`.
+        """
+    def reset(self) -> None:
+        """Discard all history; the next frame starts a new sequence."""
     @staticmethod
-    def offset(number: int) -> tuple[int, int]: ...
+    def offset(number: int) -> tuple[int, int]:
+        """Choose the pixel of each 2×2 to trace in a frame.
+
+        Four frames cover all pixels, and each even frame and the next a diagonal.
+
+        Parameters
+        ----------
+        number : int
+            Frame number, from 0.
+
+        Returns
+        -------
+        (int, int)
+            Its x and y in the block, 0 or 1.
+
+        Raises
+        ------
+        ValueError
+            If the number is negative.
+
+        Examples
+        --------
+        >>> [yester.HalfRes.offset(number) for number in range(4)]
+        [(0, 0), (1, 1), (1, 0), (0, 1)]
+        """
 
 @final
 class BMFR(Pipeline):
+    """Block-wise multi-order feature regression of a sequence of frames.
+
+    Accumulates samples as `SVGF` does, fits the illumination of each block of pixels to its feature buffers, and
+    accumulates the fits. Detail that no feature describes, such as shadow edges and reflections, is blurred within a
+    block; it returns as history averages blocks at different offsets. Buffers that a frame lacks drop out of the tests
+    and features. Positions are the frame's, or computed from depth and camera.
+
+    Parameters
+    ----------
+    alpha : float, default 0.05
+        Smallest weight of the new sample in the history, 0 to 1.
+    fitted_alpha : float, default 0.1
+        Smallest weight of the new fit in the history of fits, 0 to 1.
+    block : int, default 16
+        Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
+    features : {"fewest", "all"}, default "fewest"
+        As in `regress`.
+    relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
+        As in `SVGF`.
+    by_confidence : bool, default False
+        Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
+    gradient : bool, default True
+        Correct and shorten history where the light changes, as in `SVGF`.
+    fireflies : bool, default False
+        First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
+        their surface (`suppress_fireflies`).
+    innovation : bool, default True
+        Add the error of the fits, as estimated from new samples, to the fits and to the history, as in `SVGF`.
+    antialias : bool, default True
+        End with a stage of temporal antialiasing, `TAA` with preset "denoised".
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range.
+
+    See Also
+    --------
+    regress : Fits one frame.
+    SVGF : Filters instead of fitting.
+
+    Notes
+    -----
+    The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
+    `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`,
+    `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of `TAA`. From frame to frame the grid of
+    blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels
+    with black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
+
+    References
+    ----------
+    .. [1] M. Koskela, K. Immonen, M. Mäkitalo, A. Foi, T. Viitanen, P. Jääskeläinen, H. Kultala, J. Takala, "Blockwise
+       multi-order feature regression for real-time path-tracing reconstruction", ACM Transactions on Graphics 38(5),
+       2019.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> depth = np.full((32, 32), 2.0)
+    >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=32, height=32)
+    >>> pipeline = yester.BMFR()
+    >>> for _ in range(8):
+    ...     frame = yester.Frame(rng.gamma(1, 0.5, (32, 32, 3)), depth=depth, camera=camera)
+    ...     output = pipeline.step(frame)
+    >>> bool(output.color.std() < frame.color.std() / 5)
+    True
+    """
     def __new__(
         cls,
         *,
@@ -262,11 +978,122 @@ class BMFR(Pipeline):
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
-    def reset(self) -> None: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output:
+        """Denoise the next frame of the sequence.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame, of the same size as the previous ones.
+        out : Output, optional
+            An earlier step's output whose arrays are overwritten and returned, instead of new ones.
+
+        Returns
+        -------
+        Output
+            Without a variance.
+
+        Raises
+        ------
+        ValueError
+            If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` does not fit.
+        """
+    def reset(self) -> None:
+        """Discard all history; the next frame starts a new sequence."""
 
 @final
 class TAA(Pipeline):
+    """Temporal antialiasing of a sequence of frames.
+
+    Reprojects history along the motion, clips it to the neighbourhood of the new colour, and blends. For jittered
+    frames with little noise: noise widens the neighbourhoods, so that clipping becomes less effective. Unless tests are
+    switched on, history of different surfaces mixes, which is what antialiases edges. All buffers but colour are
+    optional: without motion, it is computed from the cameras if both frames have one and depth or position is known;
+    otherwise history is read in place.
+
+    Parameters
+    ----------
+    preset : {"best", "denoised", "textbook", "karis", "filament"}, default "best"
+        Source of the parameters that are not given: our own measurements, on frames without noise and on denoised ones;
+        the textbook equation (clamped to the range of the 3×3 pixels, 5 % of the new sample); the talk of Karis (see
+        References); Google's Filament. The last two have the techniques of their sources, but not all constants.
+    alpha : float, optional
+        Smallest weight of the new sample, 0 to 1.
+    fast_alpha : float, optional
+        Smallest weight of the new sample in fast motion, 0 to 1.
+    speed : float or (float, float), optional
+        Pixels up to which motion is slow, and from which it is fast.
+    dilate : {"3x3", "cross", "none"}, optional
+        Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
+    filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
+        As in `reproject`.
+    box, gamma, window, space, response : str or float, optional
+        As in `clip_history`.
+    weighting, flicker : str or float, optional
+        As in `blend`.
+    relative_depth, plane_distance, normal_angle : float or (float, float), optional
+        Tests that history must pass, with thresholds as in `reproject`; by default none. With `plane_distance`, frames
+        with camera, depth, normals and motion of 3 channels are tested by it, others by `relative_depth` if that is
+        given. A test drops out where one of two frames lacks its buffers. Along edges the tests refuse the history that
+        would antialias them.
+    relative_albedo : float or (float, float), optional
+        Largest relative difference of the albedo's luminance: rejects history where textures change or move.
+    ids : bool, default False
+        Reject history with another id.
+    gradient : bool, default False
+        Shorten history where the light changes by more than aliasing and noise explain (`temporal_gradient`). It helps
+        with frames without noise; fireflies and other rare bright samples are mistaken for changes.
+    anti_lag : float, default 0.0
+        Shorten history where it is clipped: the `strength` of `anti_lag`; 0 turns it off. 1 helps with frames without
+        noise, at almost no cost; in noisy frames, noise is clipped as well, and is then averaged less.
+    alternation : bool, default False
+        Do not clip history where the colours of whole neighbourhoods alternate (`alternation`): against flicker where
+        an aliased feature is wider than the neighbourhood. It nearly doubles the time. For `SVGF`, use
+        ``SVGF(antialias=False)`` followed by ``TAA("denoised", alternation=True)``.
+    innovation : bool, default False
+        Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
+        (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
+        Without noise, part of the aliasing is mistaken for change.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range, or a mode unknown (the error lists the modes).
+
+    See Also
+    --------
+    clip_history : Clips history to the neighbourhood.
+    resolve : Makes the image to which antialiasing should converge.
+    Upscaler : Antialiases and upscales.
+    morphological_aa : Antialiases a single image.
+
+    Notes
+    -----
+    Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames
+    that tell their jitter, but for "textbook"), `motion_vectors`, `dilate_motion`, `reproject` without fallback,
+    `blend_factor`, `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient`
+    (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's N-th sample is at least 1/N. With a gradient
+    λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset
+    "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et al. [3]_ survey the field.
+
+    References
+    ----------
+    .. [1] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+       2014.
+    .. [2] Google, "Filament", github.com/google/filament.
+    .. [3] L. Yang, S. Liu, M. Salvi, "A survey of temporal antialiasing techniques", Computer Graphics Forum 39(2),
+       2020.
+
+    Examples
+    --------
+    >>> taa = yester.TAA()
+    >>> for jitter in yester.jitter(8):
+    ...     output = taa.step(yester.Frame(np.ones((8, 8, 3)), jitter=jitter))
+    >>> output.history_length[0]
+    array([8., 8., 8., 8., 8., 8., 8., 8.], dtype=float32)
+    >>> yester.TAA("karis", alpha=0.1)
+    TAA('karis', alpha=0.1)
+    """
     def __new__(
         cls,
         preset: Literal["best", "denoised", "textbook", "karis", "filament"] = "best",
@@ -293,11 +1120,111 @@ class TAA(Pipeline):
         alternation: bool = False,
         innovation: bool = False,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
-    def reset(self) -> None: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output:
+        """Apply antialiasing to the next frame of the sequence.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame, of the same size as the previous ones.
+        out : Output, optional
+            An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
+            second frame on, no image memory is then allocated.
+
+        Returns
+        -------
+        Output
+            Without a variance.
+
+        Raises
+        ------
+        ValueError
+            If the size changes without `reset` in between; if `out` does not fit.
+        """
+    def reset(self) -> None:
+        """Discard all history; the next frame starts a new sequence."""
 
 @final
 class Recirculation(Pipeline):
+    """Complete frames of which only a part of the pixels is traced.
+
+    History is kept as world-space points, one for each pixel, and scattered to where they appear now. The new frame's
+    samples, with holes filled from their surroundings, are blended with it by quality. Untraced pixels need no buffers.
+
+    A pixel counts as traced if its colour is finite and its position is known: `position`, or else `depth`, +inf where
+    nothing was hit. All others are missing, whatever their other buffers contain; mark them by NaN. Every frame needs a
+    camera. The pattern of traced pixels should change from frame to frame, so that each pixel is traced at some time.
+
+    Parameters
+    ----------
+    preset : {"best", "textbook"}, default "best"
+        Source of the parameters that are not given: our own measurements; or the textbook method as its source
+        describes it, with ``factor=4, levels=2, nearness=1, history="fetch", share=(0.1, 0.5)``.
+    factor : int, optional
+        Ratio of the sides of successive levels of hole filling, 2 to 16, as in `pull_push`. "best" has 2.
+    levels : int, optional
+        Number of levels, at least 1. "best" goes down to a single pixel.
+    nearness : int, optional
+        Exponent of inverse depth in the samples' weight for hole filling, 0 to 4: near samples override distant ones.
+        "best" has 0.
+    history : {"splat", "fetch"}, optional
+        Scatter history to where it appears now, or fetch it along the motion of the new samples. "best" has "splat".
+    blur, share, fade, limit : float or (float, float), optional
+        As in `recirculate`. "best" has its defaults. With "splat", history stays free of the blur.
+    tolerance : float, optional
+        As in `splat`; also the largest difference of a sample's depth, relative to it, from that of history at its
+        pixel. Both presets have 0.1. No effect with "fetch".
+    innovation : bool, optional
+        Add the error of the result, as estimated from new samples over blocks of pixels and a few frames, to the result
+        and to history (`innovation`), for changing light. The correction is relative to each pixel's own light, so that
+        fireflies in history grow with the light around them. "best" does it.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range, or a preset or history unknown.
+
+    See Also
+    --------
+    HalfRes : Denoises frames of which a part is traced.
+    splat : Scatters history.
+    recirculate : Blends history and new samples.
+
+    Notes
+    -----
+    After a developer's diary [1]_. Each step consists of this package's functions and gives their bits: `pull_push` (of
+    colour and the inverse of depth), `splat` (with a reach of 0.5), `motion_vectors`, `recirculate`, without blur for
+    the next frame and with it for the result, and from the second frame on `innovation` (``sparse=True``, with the
+    `exposure` of the result, and the motion of `recirculate`). The point of a traced pixel lies where it was sampled
+    (`Frame.position` or `Frame.jitter`, else the centre), that of a pixel with history where history's point lies, and
+    that of a filled pixel at the centre, at the filled depth. Filled colour is ignored where history has eight times
+    its quality; otherwise static pixels would never become as sharp as their samples. With `Frame.motion` at traced
+    pixels, moving objects are extrapolated (`splat`'s drift); without it, they leave a ghost until samples overwrite
+    it.
+
+    In hole filling, a sample at depth ``z`` has weight ``max(z**-nearness, 1e-24)``. The quality of a filled pixel is
+    divided by the weight at its depth, so that it counts samples.
+
+    "fetch" applies one `recirculate` (with `fetch`) to the previous result, including its blur, along the motion of the
+    filled samples. It is not validated against the surface. Interpolation in every frame blurs it, and averages noise:
+    the notebook `recirculation.ipynb` shows both, beside the other choices of "textbook".
+
+    References
+    ----------
+    .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+
+    Examples
+    --------
+    >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=8, height=8)
+    >>> pipeline = yester.Recirculation()
+    >>> for number in range(4):
+    ...     x, y = yester.HalfRes.offset(number)
+    ...     color = np.full((8, 8, 3), np.nan)
+    ...     color[y::2, x::2] = 1
+    ...     output = pipeline.step(yester.Frame(color, depth=np.full((8, 8), 2.0), camera=camera))
+    >>> output.missing, bool(np.isfinite(output.color).all())
+    (48, True)
+    """
     def __new__(
         cls,
         preset: Literal["best", "textbook"] = "best",
@@ -313,11 +1240,93 @@ class Recirculation(Pipeline):
         tolerance: float | None = None,
         innovation: bool | None = None,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
-    def reset(self) -> None: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output:
+        """Complete the next frame of the sequence.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame, of the same size as the previous ones, with camera, and depth or position.
+        out : Output, optional
+            An earlier step's output whose arrays are overwritten and returned, instead of new ones.
+
+        Returns
+        -------
+        Output
+            Without a variance. `history_length` is the quality of the pixel: 1 for a sample, more for several; the
+            farther away the samples, the smaller. `confidence` is 1 where there is history, else 0; `rejection` is
+            OUTSIDE where no point of history arrived, or motion leads to none, and DEPTH where a sample's depth
+            disagrees with history's. Until anything has been traced, colour is black.
+
+        Raises
+        ------
+        ValueError
+            If the frame has no camera, or neither depth nor position; if the size changes without `reset` in between;
+            if `out` does not fit.
+        """
+    def reset(self) -> None:
+        """Discard all history; the next frame starts a new sequence."""
 
 @final
 class Upscaler(Pipeline):
+    """Temporal upscaling of a sequence of frames.
+
+    Every frame is rendered at low resolution with a different sub-pixel offset (`jitter`); a history at output
+    resolution accumulates their samples. All buffers of a frame have the low resolution, and all but colour are
+    optional: without depth, disocclusions are not detected; without motion, it is computed from the cameras if both
+    frames have one and depth or position is known; otherwise history is read in place. A frame without jitter
+    information counts as not jittered, so that no sub-pixel detail can be recovered, however many frames there are.
+
+    Parameters
+    ----------
+    scale : float, default 2.0
+        Ratio of output to input size along each side, 1 to 4; tuned for 1.3 to 3. Output sizes are rounded, halves to
+        even. About ``8 * scale**2`` phases of jitter cover the output grid: ``jitter(32)`` for 2.
+    alpha : float, default 0.06
+        Smallest weight, 0 to 1, of a sample per output pixel in static history.
+    fast_alpha : float, default 0.5
+        Smallest weight in fast motion, 0 to 1.
+    speed : float or (float, float), default (0, 1)
+        Output pixels up to which motion is slow, and from which it is fast.
+    separation : float, default 0.05
+        As in `disocclusion`.
+    lifetime : float, default 16
+        Frames until the lock of a thin feature expires after its last detection; above 0.
+    sharpness : float, default 0.0
+        Strength of `sharpen`, 0 (off) to 1. History is not sharpened.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of range.
+
+    See Also
+    --------
+    resample : Upscales one frame.
+    TAA : Antialiases without upscaling.
+    jitter : Sub-pixel offsets.
+
+    Notes
+    -----
+    Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
+    `dilate_motion`, `disocclusion`, `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"),
+    `reproject` with "catmull-rom" and without tests, `temporal_gradient` between the new samples and the history at
+    their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of weight w is blended into a
+    history of N samples per pixel with w/(N + w). Clipping is undone in static pixels, unless the gradient detects a
+    change of light, and where a thin feature is locked. `Output.history_length` counts samples per output pixel.
+
+    References
+    ----------
+    .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+
+    Examples
+    --------
+    >>> upscaler = yester.Upscaler(2.0)
+    >>> for jitter in yester.jitter(32):
+    ...     output = upscaler.step(yester.Frame(np.ones((8, 8, 3)), jitter=jitter))
+    >>> output.color.shape
+    (16, 16, 3)
+    """
     def __new__(
         cls,
         scale: float = 2.0,
@@ -329,11 +1338,99 @@ class Upscaler(Pipeline):
         lifetime: float = 16.0,
         sharpness: float = 0.0,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None) -> Output: ...
-    def reset(self) -> None: ...
+    def step(self, frame: Frame, out: Output | None = None) -> Output:
+        """Upscale the next frame of the sequence.
 
-def canonical(value: ArrayLike | None, name: str, size: tuple[int, int] | None = None) -> NDArray[Any]: ...
-def jitter(count: int, *, sequence: Literal["halton", "r2", "rotated-grid", "blue-noise"] = "halton") -> _Doubles: ...
+        Parameters
+        ----------
+        frame : Frame
+            The next frame, of the same size as the previous ones. Its `reactive` mask, if any, excludes history.
+        out : Output, optional
+            An earlier step's output whose arrays are overwritten and returned, instead of new ones.
+
+        Returns
+        -------
+        Output
+            At output resolution, without a variance.
+
+        Raises
+        ------
+        ValueError
+            If the size changes without `reset` in between; if `out` does not fit.
+        """
+    def reset(self) -> None:
+        """Discard all history; the next frame starts a new sequence."""
+
+def canonical(value: ArrayLike | None, name: str, size: tuple[int, int] | None = None) -> NDArray[Any]:
+    """Convert a frame's buffer to its canonical form: float32 (uint32 for `ids`) in C order.
+
+    Parameters
+    ----------
+    value : array_like
+        The buffer.
+    name : str
+        Its name in `Frame`, which determines channels and element type.
+    size : (int, int), optional
+        Height and width that it must have.
+
+    Returns
+    -------
+    (H, W) or (H, W, C) ndarray
+        The buffer itself if it is canonical, else a copy.
+
+    Raises
+    ------
+    TypeError, ValueError
+        On a wrong element type, shape or size.
+    """
+
+def jitter(count: int, *, sequence: Literal["halton", "r2", "rotated-grid", "blue-noise"] = "halton") -> _Doubles:
+    """Sub-pixel sample positions for successive frames.
+
+    Parameters
+    ----------
+    count : int
+        Number of phases, at least 1.
+    sequence : {"halton", "r2", "rotated-grid", "blue-noise"}, default "halton"
+        Halton in bases 2 and 3; Roberts' R2; the lattice with one point in each row and column of a `count` x `count`
+        grid and the largest minimum distance, from left to right (for 4, the pattern of rotated-grid multisampling);
+        the same points in an order of which every prefix is well spread.
+
+    Returns
+    -------
+    offsets : (count, 2) float64
+        From the pixel's centre, x right, y down, in pixels from -0.5 to 0.5. For `Camera.jittered`.
+
+    Raises
+    ------
+    ValueError
+        If `count` is below 1 or above 65536, or the sequence is unknown.
+
+    See Also
+    --------
+    Camera.jittered : The camera that renders a jittered frame.
+    resolve : The image that jittered frames amount to.
+
+    Notes
+    -----
+    The points of "halton" and "r2" do not depend on `count`; those of the others do. "halton" has the radical inverses
+    of 1, 2, 3, … in bases 2 and 3 [1]_, "r2" multiples of (1/ρ, 1/ρ²) modulo 1, with ρ³ = ρ + 1 [2]_.
+
+    References
+    ----------
+    .. [1] J. H. Halton, "Algorithm 247: radical-inverse quasi-random point sequence", Communications of the ACM 7(12),
+       1964.
+    .. [2] M. Roberts, "The unreasonable effectiveness of quasirandom sequences", extremelearning.com.au, 2018.
+
+    Examples
+    --------
+    >>> yester.jitter(4)
+    array([[ 0.    , -0.1667],
+           [-0.25  ,  0.1667],
+           [ 0.25  , -0.3889],
+           [-0.375 , -0.0556]])
+    """
+
 def motion_vectors(
     geometry: ArrayLike,
     camera: Camera,
@@ -342,7 +1439,63 @@ def motion_vectors(
     ids: ArrayLike | None = None,
     transforms: Mapping[int, ArrayLike] | None = None,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Motion vectors: where each pixel's surface was in the previous frame.
+
+    Parameters
+    ----------
+    geometry : (H, W) or (H, W, 3) array_like of float
+        Depth, view-space z, +inf where nothing was hit; or world-space position, not finite where nothing was hit.
+        Positions account for the sub-pixel position of each sample.
+    camera, previous_camera : Camera
+        Of the current and the previous frame, without jitter, both of the image's size.
+    ids : (H, W) array_like of int, optional
+        Object id of each pixel.
+    transforms : dict of int to (4, 4) array_like of float, optional
+        Per id, ``previous @ inverse(current)`` of the object's to-world matrices: maps a current world point of the
+        object to its previous position. Objects that are not listed are static. Needs `ids`.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    motion : (H, W, 3) float32
+        Previous minus current x and y in pixels (x right, y down) and previous minus current depth in scene units.
+        Zero for a still camera and object, exactly. Background moves with the camera's rotation alone. NaN where the
+        surface was not in front of the previous camera, or the depth is NaN or not above 0.
+
+    Raises
+    ------
+    ValueError
+        On a wrong shape, a camera of another size, `transforms` without `ids`, or a matrix that is not affine.
+
+    See Also
+    --------
+    virtual_motion : Motion of reflections.
+    dilate_motion : Motion that antialiases edges.
+    reproject : Fetches history along the motion.
+
+    Notes
+    -----
+    With T the `transforms` matrix of the object (the identity for static ones), a point X has the motion
+    ``project(previous_camera, T X) - project(camera, X)``, computed in double precision. Both ends project the same
+    point, so that the jitter of its sample cancels. The third channel is what NRD calls 2.5-D motion [1]_; it makes the
+    depth tests of `reproject` exact under motion.
+
+    References
+    ----------
+    .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+       hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+
+    Examples
+    --------
+    >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    >>> previous = yester.Camera.from_look_at([1, 0, 5], [1, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    >>> motion = yester.motion_vectors(np.full((4, 4), 5.0), camera, previous)
+    >>> motion[0, 0]
+    array([-0.4,  0. ,  0. ], dtype=float32)
+    """
+
 def virtual_motion(
     geometry: ArrayLike,
     hit_distance: ArrayLike,
@@ -350,7 +1503,60 @@ def virtual_motion(
     previous_camera: Camera,
     *,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Virtual motion: where each pixel's reflection was in the previous frame.
+
+    Parameters
+    ----------
+    geometry : (H, W) or (H, W, 3) array_like of float
+        Depth or world-space position of the reflecting surfaces, as for `motion_vectors`.
+    hit_distance : (H, W) array_like of float
+        Distance from the surface to the reflected object, in scene units; +inf for the environment.
+    camera, previous_camera : Camera
+        Of the current and the previous frame, without jitter, both of the image's size.
+    out : (H, W, 2) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    motion : (H, W, 2) float32
+        Previous position of the virtual image minus current position of the pixel, x right, y down. For a distance of 0
+        this is the surface's own motion. NaN where the distance is NaN or negative, or the virtual image was not in
+        front of the previous camera. Background moves with the camera's rotation, whatever its distance.
+
+    Raises
+    ------
+    ValueError
+        On a wrong shape or a camera of another size.
+
+    See Also
+    --------
+    motion_vectors : Motion of the surfaces themselves.
+    prediction_gain : Tells which of two histories predicts new samples better.
+
+    Notes
+    -----
+    The image in a flat mirror lies on the continued view ray, as far behind the surface as the reflected object is in
+    front of it: ``X + hit_distance (X - C)/|X - C|``. For static mirrors; after the virtual motion of NRD's ReBLUR and
+    ReLAX [1]_. Validate history fetched along it by id and normal only: the source pixel shows another point of the
+    mirror.
+
+    References
+    ----------
+    .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+       hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+
+    Examples
+    --------
+    >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    >>> previous = yester.Camera.from_look_at([1, 0, 5], [1, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    >>> depth = np.full((4, 4), 5.0)
+    >>> yester.virtual_motion(depth, np.zeros((4, 4)), camera, previous)[1, 1]
+    array([-0.4,  0. ], dtype=float32)
+    >>> yester.virtual_motion(depth, np.full((4, 4), 5.0), camera, previous)[1, 1]
+    array([-0.2059,  0.    ], dtype=float32)
+    """
+
 def dilate_motion(
     motion: ArrayLike,
     depth: ArrayLike | None = None,
@@ -358,14 +1564,113 @@ def dilate_motion(
     choose: Literal["nearest", "longest"] = "nearest",
     window: Literal["3x3", "cross"] = "3x3",
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Dilated motion: each pixel takes the motion of the nearest surface around it.
+
+    Parameters
+    ----------
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        As `motion_vectors` returns it.
+    depth : (H, W) array_like of float, optional
+        View-space z; NaN or not above 0 counts as infinitely far. Needed for `choose` "nearest".
+    choose : {"nearest", "longest"}, default "nearest"
+        Takes the motion of the neighbour with the smallest depth, or the longest motion in pixels.
+    window : {"3x3", "cross"}, default "3x3"
+        The neighbours that are searched: all eight, or four.
+    out : float32 array like `motion`, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    motion : (H, W, 2) or (H, W, 3) float32
+        All channels of the chosen neighbour. Motion that is not finite is taken only where there is no other. Ties go
+        to the pixel itself, then to the first neighbour from the top left.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, an unknown mode, or "nearest" without depth.
+
+    See Also
+    --------
+    motion_vectors : Motion from cameras.
+    TAA : Uses dilated motion.
+
+    Notes
+    -----
+    With dilation, the history of an edge moves with the foreground as a whole, so that the edge is antialiased [1]_.
+    Without it, histories of different surfaces do not mix.
+
+    References
+    ----------
+    .. [1] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+       2014.
+
+    Examples
+    --------
+    >>> motion = np.zeros((3, 4, 2))
+    >>> motion[1, 1] = 4, 0
+    >>> depth = np.full((3, 4), 9.0)
+    >>> depth[1, 1] = 1
+    >>> yester.dilate_motion(motion, depth)[..., 0]
+    array([[4., 4., 4., 0.],
+           [4., 4., 4., 0.],
+           [4., 4., 4., 0.]], dtype=float32)
+    """
+
 def invert_motion(
     motion: ArrayLike,
     depth: ArrayLike | None = None,
     *,
     still: ArrayLike | None = None,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Inverted motion: where each pixel's surface is in the next frame, from the next frame's motion.
+
+    Parameters
+    ----------
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        `Frame.motion` of the next frame: its pixels' positions in this frame minus their own, in pixels, x right, y
+        down, and the same of depth. Pixels with NaN or infinity are left out.
+    depth : (H, W) array_like of float, optional
+        View-space z of the next frame, +inf where nothing was hit; pixels with NaN, or not above 0, are left out. Where
+        several pixels come from one, the nearest counts. By default all are equally far.
+    still : (H, W, 2) or (H, W, 3) array_like of float, optional
+        Motion to the next frame if nothing moved but the camera, with as many channels as `motion`: `motion_vectors` of
+        this frame with the next frame's camera as the previous one. Exact where that is so; it replaces inverted motion
+        that differs by at most half a pixel, and holds where no pixel of the next frame comes from.
+    out : float32 array like `motion`, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    motion : (H, W, 2) or (H, W, 3) float32
+        Next minus current position in pixels, and depth. NaN where nothing is known.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+
+    See Also
+    --------
+    denoise : Denoises with later frames as well, along inverted motion.
+    motion_vectors : Motion from cameras.
+
+    Notes
+    -----
+    Pixel q of the next frame comes from ``q + motion[q]`` and therefore gives the pixel there ``-motion[q]``. A pixel
+    that none comes from takes the nearest of its neighbours' points that lie less than a pixel away, so that surfaces
+    which move apart have no cracks. Of points at the same depth, the first in rows counts.
+
+    Examples
+    --------
+    >>> motion = np.zeros((1, 4, 2))
+    >>> motion[..., 0] = -1
+    >>> yester.invert_motion(motion)[0, :, 0]
+    array([ 1.,  1.,  1., nan], dtype=float32)
+    """
+
 @overload
 def reproject(
     history: Sequence[_Floats],
@@ -391,7 +1696,99 @@ def reproject(
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
     out: tuple[Sequence[_Floats] | None, _Floats | None] | None = None,
-) -> tuple[list[_Floats], _Floats]: ...
+) -> tuple[list[_Floats], _Floats]:
+    """Reprojection: fetches history along motion vectors, each tap validated.
+
+    Parameters
+    ----------
+    history : (H, W) or (H, W, C) array_like of float, or list of such
+        The previous frame's image, or several, which are faster in one call than in several.
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        Previous minus current position in pixels, x right, y down; the third channel, if given, previous minus current
+        depth. Where it is not finite there is no history.
+    filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, default "bilinear"
+        Interpolation between pixel centres. The last three stay sharp under repeated resampling: the cubic with 16
+        taps, the cubic without its corner taps (as GPUs compute it from five bilinear fetches), and sinc(x) sinc(x/2).
+        They apply where all their taps are valid; elsewhere bilinear does.
+    fallback : bool, default True
+        Take the mean of the valid pixels of a 3×3 window where less than 0.01 of the footprint is valid.
+    dering : bool, default True
+        Clamp the wide filters to the range of the nearest 2×2 taps.
+    depth, previous_depth : (H, W) array_like of float, optional
+        View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+    normal, previous_normal : (H, W, 3) array_like of float, optional
+        World space; only directions count.
+    ids, previous_ids : (H, W) array_like of int, optional
+        Taps with another id fail.
+    object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
+        In object space, where they do not rotate with the object. Their directions are compared instead of those of
+        `normal`.
+    color, previous_color : (H, W, 3) array_like of float, optional
+        Compared by luminance. Missing samples pass.
+    previous_camera : Camera, optional
+        Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
+    relative_depth : float or (float, float), default 0.1
+        Largest ``|previous - expected| / expected`` depth; above 0. Of this and all thresholds below, a pair is a ramp:
+        full trust up to the first, none beyond the second, linear between.
+    plane_distance : float or (float, float), default 0.01
+        Largest distance of the expected point from the tap's plane, relative to the expected depth; above 0.
+    normal_angle : float or (float, float), default 25.0
+        Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
+    relative_luminance : float or (float, float), default 0.5
+        Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
+    speed : float or (float, float), optional
+        Longest motion in pixels; from 0. By default any.
+    out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    values : float32 array like `history`, or list of such
+        The weighted mean of the valid taps; 0 where there is none.
+    coverage : (H, W) float32
+        The valid fraction of the footprint, 0 to 1: the 2×2 weights times their trust, summed, or, where the fallback
+        applied, the fraction of the 3×3 window's pixels. 0 where there is no history.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, an unknown filter, a buffer without its partner, or a threshold out of range.
+
+    See Also
+    --------
+    consistency : Tests history without fetching it.
+    motion_vectors : Motion from cameras.
+    accumulate : Merges new samples into the result.
+
+    Notes
+    -----
+    A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
+    tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of SVGF ([1]_,
+    section 4.1), with every tap tested on its own. "catmull-rom" is the cubic with a = -½ [2]_, "catmull-rom-5" drops
+    its corner taps [3]_. Without motion, the values are those of `history`, bit for bit.
+
+    References
+    ----------
+    .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+       Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+       illumination", High-Performance Graphics, 2017.
+    .. [2] R. G. Keys, "Cubic convolution interpolation for digital image processing", IEEE Transactions on Acoustics,
+       Speech, and Signal Processing 29(6), 1981.
+    .. [3] J. Jimenez, "Filmic SMAA: sharp morphological and temporal antialiasing", Advances in Real-Time Rendering in
+       Games, SIGGRAPH courses, 2016.
+
+    Examples
+    --------
+    >>> history = np.array([[0.0, 1.0, 2.0, 3.0]])
+    >>> motion = np.zeros((1, 4, 2))
+    >>> motion[..., 0] = 0.5
+    >>> values, coverage = yester.reproject(history, motion)
+    >>> values
+    array([[0.5, 1.5, 2.5, 3. ]], dtype=float32)
+    >>> coverage
+    array([[1. , 1. , 1. , 0.5]], dtype=float32)
+    """
+
 @overload
 def reproject(
     history: ArrayLike,
@@ -417,7 +1814,99 @@ def reproject(
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
     out: tuple[_Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats]:
+    """Reprojection: fetches history along motion vectors, each tap validated.
+
+    Parameters
+    ----------
+    history : (H, W) or (H, W, C) array_like of float, or list of such
+        The previous frame's image, or several, which are faster in one call than in several.
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        Previous minus current position in pixels, x right, y down; the third channel, if given, previous minus current
+        depth. Where it is not finite there is no history.
+    filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, default "bilinear"
+        Interpolation between pixel centres. The last three stay sharp under repeated resampling: the cubic with 16
+        taps, the cubic without its corner taps (as GPUs compute it from five bilinear fetches), and sinc(x) sinc(x/2).
+        They apply where all their taps are valid; elsewhere bilinear does.
+    fallback : bool, default True
+        Take the mean of the valid pixels of a 3×3 window where less than 0.01 of the footprint is valid.
+    dering : bool, default True
+        Clamp the wide filters to the range of the nearest 2×2 taps.
+    depth, previous_depth : (H, W) array_like of float, optional
+        View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+    normal, previous_normal : (H, W, 3) array_like of float, optional
+        World space; only directions count.
+    ids, previous_ids : (H, W) array_like of int, optional
+        Taps with another id fail.
+    object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
+        In object space, where they do not rotate with the object. Their directions are compared instead of those of
+        `normal`.
+    color, previous_color : (H, W, 3) array_like of float, optional
+        Compared by luminance. Missing samples pass.
+    previous_camera : Camera, optional
+        Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
+    relative_depth : float or (float, float), default 0.1
+        Largest ``|previous - expected| / expected`` depth; above 0. Of this and all thresholds below, a pair is a ramp:
+        full trust up to the first, none beyond the second, linear between.
+    plane_distance : float or (float, float), default 0.01
+        Largest distance of the expected point from the tap's plane, relative to the expected depth; above 0.
+    normal_angle : float or (float, float), default 25.0
+        Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
+    relative_luminance : float or (float, float), default 0.5
+        Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
+    speed : float or (float, float), optional
+        Longest motion in pixels; from 0. By default any.
+    out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    values : float32 array like `history`, or list of such
+        The weighted mean of the valid taps; 0 where there is none.
+    coverage : (H, W) float32
+        The valid fraction of the footprint, 0 to 1: the 2×2 weights times their trust, summed, or, where the fallback
+        applied, the fraction of the 3×3 window's pixels. 0 where there is no history.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, an unknown filter, a buffer without its partner, or a threshold out of range.
+
+    See Also
+    --------
+    consistency : Tests history without fetching it.
+    motion_vectors : Motion from cameras.
+    accumulate : Merges new samples into the result.
+
+    Notes
+    -----
+    A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
+    tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of SVGF ([1]_,
+    section 4.1), with every tap tested on its own. "catmull-rom" is the cubic with a = -½ [2]_, "catmull-rom-5" drops
+    its corner taps [3]_. Without motion, the values are those of `history`, bit for bit.
+
+    References
+    ----------
+    .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+       Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+       illumination", High-Performance Graphics, 2017.
+    .. [2] R. G. Keys, "Cubic convolution interpolation for digital image processing", IEEE Transactions on Acoustics,
+       Speech, and Signal Processing 29(6), 1981.
+    .. [3] J. Jimenez, "Filmic SMAA: sharp morphological and temporal antialiasing", Advances in Real-Time Rendering in
+       Games, SIGGRAPH courses, 2016.
+
+    Examples
+    --------
+    >>> history = np.array([[0.0, 1.0, 2.0, 3.0]])
+    >>> motion = np.zeros((1, 4, 2))
+    >>> motion[..., 0] = 0.5
+    >>> values, coverage = yester.reproject(history, motion)
+    >>> values
+    array([[0.5, 1.5, 2.5, 3. ]], dtype=float32)
+    >>> coverage
+    array([[1. , 1. , 1. , 0.5]], dtype=float32)
+    """
+
 def consistency(
     motion: ArrayLike,
     *,
@@ -438,7 +1927,87 @@ def consistency(
     relative_luminance: _Threshold = 0.5,
     speed: _Threshold | None = None,
     out: tuple[NDArray[np.uint8] | None, _Floats | None] | None = None,
-) -> tuple[NDArray[np.uint8], _Floats]: ...
+) -> tuple[NDArray[np.uint8], _Floats]:
+    """History validation: the tests that each pixel's history fails, and the confidence in it.
+
+    Tests the bilinear footprint in the previous frame at the end of each pixel's motion.
+
+    Parameters
+    ----------
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        Previous minus current position in pixels; the third channel, if given, previous minus current depth.
+    depth, previous_depth : (H, W) array_like of float, optional
+        View-space z, +inf where nothing was hit. Each pair of buffers is given together or not at all.
+    normal, previous_normal : (H, W, 3) array_like of float, optional
+        World space; only directions count.
+    ids, previous_ids : (H, W) array_like of int, optional
+        Taps with another id fail.
+    object_normal, previous_object_normal : (H, W, 3) array_like of float, optional
+        In object space, where they do not rotate with the object. Their directions are compared instead of those of
+        `normal`.
+    color, previous_color : (H, W, 3) array_like of float, optional
+        Compared by luminance. Missing samples pass.
+    previous_camera : Camera, optional
+        Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
+    relative_depth : float or (float, float), default 0.1
+        Largest ``|previous - expected| / expected`` depth; above 0. Of this and all thresholds below, a pair is a ramp:
+        full trust up to the first, none beyond the second, linear between.
+    plane_distance : float or (float, float), default 0.01
+        Largest distance of the expected point from the tap's plane, relative to the expected depth; above 0.
+    normal_angle : float or (float, float), default 25.0
+        Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
+    relative_luminance : float or (float, float), default 0.5
+        Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
+    speed : float or (float, float), optional
+        Longest motion in pixels; from 0. By default any.
+    out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional
+        Written and returned instead of new arrays. A part may be None.
+
+    Returns
+    -------
+    rejection : (H, W) uint8
+        Bits of `Rejection`: every test that some tap of the footprint fails entirely.
+    confidence : (H, W) float32
+        The taps' weights times their trust, summed: with hard thresholds, the fraction of the footprint that passes all
+        tests. 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, a buffer without its partner, or a threshold out of range.
+
+    See Also
+    --------
+    reproject : Fetches history, with these tests.
+    blend_factor : Turns confidence into a blend factor.
+    Rejection : The tests.
+
+    Notes
+    -----
+    Expected depth is depth plus the motion's third channel, or depth itself. Background (+inf) matches background only;
+    NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR [1]_; the relative test
+    at a tenth and the angle of 25° are customary values.
+
+    References
+    ----------
+    .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+       hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+
+    Examples
+    --------
+    >>> depth = np.array([[1.0, 1.0, 5.0]])
+    >>> previous_depth = np.array([[1.0, 5.0, 5.0]])
+    >>> rejection, confidence = yester.consistency(
+    ...     np.zeros((1, 3, 2)), depth=depth, previous_depth=previous_depth
+    ... )
+    >>> rejection
+    array([[0, 2, 0]], dtype=uint8)
+    >>> yester.Rejection(int(rejection[0, 1]))
+    <Rejection.DEPTH: 2>
+    >>> confidence
+    array([[1., 0., 1.]], dtype=float32)
+    """
+
 def clip_history(
     history: ArrayLike,
     color: ArrayLike,
@@ -451,8 +2020,125 @@ def clip_history(
     exposure: float = 1.0,
     alpha: float | ArrayLike | None = None,
     out: _Floats | None = None,
-) -> _Floats: ...
-def exposure(color: ArrayLike) -> float: ...
+) -> _Floats:
+    """Clip history to the range of the current frame's colours around each pixel.
+
+    Parameters
+    ----------
+    history : (H, W, 3) array_like of float
+        Reprojected colour, linear. Missing pixels stay as they are.
+    color : (H, W, 3) array_like of float
+        The current frame. Missing pixels do not count; history stays where the neighbourhood has no valid pixel.
+    box : {"variance", "minmax", "rounded", "intersection", "hull", "exact-hull", "chroma-hull"}, default "variance"
+        The bounds of the neighbourhood's colours: mean ± `gamma` standard deviations; range; mean of the ranges of the
+        square and of the cross in it; intersection of range and variance box; convex hull, as a polytope of 13 slabs (a
+        26-DOP, which contains the exact hull); exact convex hull, which is slower, much slower for 5×5; exact convex
+        hull of the chrominances, with the range of Y. The hulls need `response` "current", the last also a `space` with
+        chrominances.
+    gamma : float, default 1.0
+        Half the side of the variance box in standard deviations; from 0.
+    window : {"3x3", "5x5"}, default "3x3"
+        The neighbourhood.
+    space : {"ycocg", "rgb", "tonemapped-ycocg", "tonemapped-rgb"}, default "ycocg"
+        The colour space of the box. The last two apply c / (exposure + max(r, g, b)) first, so that a single bright
+        pixel does not open the box to everything; a clipped colour is limited to the brightest of history and
+        neighbourhood.
+    response : {"center", "clamp", "current", "ellipsoid"}, default "center"
+        How a colour outside is moved into the box: towards the box's centre; each channel clamped; towards the current
+        colour, itself clamped into the box; or onto the ellipsoid with half-axes gamma · deviation · (1.7, 1, 1) in
+        YCoCg, (1, 1, 1) in RGB, which needs `box` "variance".
+    exposure : float, default 1.0
+        The radiance that tone-mapped spaces map to 1/2, above 0, as `exposure` returns it.
+    alpha : float or (H, W) array_like of float, optional
+        Weight of the new sample, as in `blend`: also blends the clipped history with `color`, which saves a pass over
+        memory. By default, no blend.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    history : (H, W, 3) float32
+        A colour inside its box keeps its bits. With `alpha`, the bits of ``blend(color, clip_history(...), alpha)``.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, an unknown mode (the error lists the modes), `gamma`, `exposure` or `alpha` out of range.
+
+    See Also
+    --------
+    blend : Blends the result with the new samples.
+    anti_lag : Shortens history where clipping moved its colour.
+    TAA : The pipeline that clips every frame's history.
+
+    Notes
+    -----
+    The range is due to Lottes [1]_, the rounded range in YCoCg to Karis [2]_, the variance box to Salvi [3]_, the clip
+    towards the centre to INSIDE [4]_, the ellipsoid to AMD's FSR 3.1 [5]_, the tone curve to Lottes [6]_.
+
+    References
+    ----------
+    .. [1] T. Lottes, "TSSAA: temporal super-sampling AA", the author's weblog, 2011.
+    .. [2] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+       2014.
+    .. [3] M. Salvi, "An excursion in temporal supersampling", Game Developers Conference, 2016.
+    .. [4] L. J. F. Pedersen (Playdead), "Temporal reprojection anti-aliasing in INSIDE", Game Developers Conference,
+       2016.
+    .. [5] AMD, "FidelityFX Super Resolution 3.1", GPUOpen, 2024.
+    .. [6] T. Lottes, "Optimized reversible tonemapper for resolve", AMD GPUOpen, 2016.
+
+    Examples
+    --------
+    >>> color = np.full((3, 3, 3), 0.5)
+    >>> color[1, 1] = 0.8
+    >>> history = np.full((3, 3, 3), 2.0)
+    >>> yester.clip_history(history, color, box="minmax")[1, 1]
+    array([0.8, 0.8, 0.8], dtype=float32)
+    """
+
+def exposure(color: ArrayLike) -> float:
+    """Measure the scale of a frame's radiance, for tone curves.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear. Missing pixels do not count.
+
+    Returns
+    -------
+    exposure : float
+        ``8 (mean √l)²`` of the luminances l, negative ones as 0: proportional to the frame's radiance, determined by
+        all of its pixels rather than by a few bright ones, and near 1 for images exposed like photographs. 1 for a
+        black frame.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+
+    See Also
+    --------
+    clip_history : Takes the exposure for tone-mapped colour spaces.
+    innovation : Takes the exposure as the scale of differences.
+
+    Notes
+    -----
+    A power mean instead of the log-average of photographic tone reproduction [1]_, which is 0 as soon as a pixel is
+    black.
+
+    References
+    ----------
+    .. [1] E. Reinhard, M. Stark, P. Shirley, J. Ferwerda, "Photographic tone reproduction for digital images", ACM
+       Transactions on Graphics 21(3), 2002.
+
+    Examples
+    --------
+    >>> round(yester.exposure(np.full((2, 2, 3), 0.18)), 3)
+    1.44
+    >>> yester.exposure(np.zeros((2, 2, 3)))
+    1.0
+    """
+
 def blend_factor(
     confidence: ArrayLike,
     motion: ArrayLike | None = None,
@@ -461,10 +2147,112 @@ def blend_factor(
     fast_alpha: float = 0.2,
     speed: _Threshold = (0.0, 1.0),
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Compute the blend factor of the new sample from the confidence in history and from speed.
+
+    Parameters
+    ----------
+    confidence : (H, W) array_like of float
+        0 to 1, as `consistency` or the coverage of `reproject` gives it; clamped, NaN counts as 0.
+    motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+        In pixels. Where it is not finite, the blend factor is 1.
+    alpha : float, default 0.05
+        Blend factor for full confidence and slow motion, 0 to 1.
+    fast_alpha : float, default 0.2
+        Blend factor for full confidence and fast motion, 0 to 1; no effect if below `alpha`.
+    speed : float or (float, float), default (0, 1)
+        Pixels up to which motion is slow, and from which it is fast.
+    out : (H, W) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    alpha : (H, W) float32
+        ``lerp(a, 1, 1 - confidence)`` with ``a = lerp(alpha, max(alpha, fast_alpha), clamp((|motion| - s0)/(s1 -
+        s0)))``.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    blend : Takes the result.
+    consistency : Confidence in history.
+
+    Notes
+    -----
+    History gives way where confidence in it is low, and where motion is fast: there, resampling has blurred it, and its
+    ghosts would be long.
+
+    Examples
+    --------
+    >>> yester.blend_factor([[1.0, 0.5, 0.0]])
+    array([[0.05 , 0.525, 1.   ]], dtype=float32)
+    >>> yester.blend_factor([[1.0, 1.0]], [[[0.5, 0.0], [3.0, 0.0]]])
+    array([[0.125, 0.2  ]], dtype=float32)
+    """
+
 def alternation(
     color: ArrayLike, memory: ArrayLike | None = None, *, exposure: float = 1.0, out: _Floats | None = None
-) -> _Floats: ...
+) -> _Floats:
+    """Detect neighbourhoods whose colours alternate from frame to frame.
+
+    Where an aliased feature is wider than the neighbourhood, clipping follows every frame, and the image flickers. The
+    return of earlier colours distinguishes this from a change of light.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        The new frame, linear. Missing pixels do not count.
+    memory : (H, W, 7) array_like of float, optional
+        The previous frame's result, reprojected; NaN where there is no history. By default there is none.
+    exposure : float, default 1.0
+        The radiance that the tone curve maps to 1/2, above 0, as `exposure` returns it.
+    out : (H, W, 7) float32 array, optional
+        Written and returned instead of a new array.
+
+    Returns
+    -------
+    memory : (H, W, 7) float32
+        In tone-mapped YCoCg the mean of the 3×3 pixels and their mean before its last jump; then a count of returns, 0
+        to 3. ``np.clip(memory[..., 6] - 1, 0, 1)`` is the weight of unclipped history. NaN where no pixel was ever
+        valid.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or an exposure out of range.
+
+    See Also
+    --------
+    clip_history : Makes such neighbourhoods flicker.
+    thin_features : Detects features narrower than the neighbourhood.
+
+    Notes
+    -----
+    A mean jumps if it moves by more than the range of its pixels in some channel, and by more than a fifth of the
+    larger one's largest channel. A jump is a return if the new mean is less than half as far from the mean before the
+    last jump as from the last mean: it increments the count; other jumps reset it. Without a jump, the count and the
+    earlier mean decay by an eighth per frame, so that at most five frames may lie between a colour and its return.
+    AMD's FSR 2.2 [1]_ detects returning luminances of single pixels among the last four frames.
+
+    References
+    ----------
+    .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+
+    Examples
+    --------
+    >>> memory = None
+    >>> for light in (0.1, 1.0, 0.1, 1.0, 0.1):
+    ...     memory = yester.alternation(np.full((3, 3, 3), light), memory)
+    >>> memory[..., 6]
+    array([[3., 3., 3.],
+           [3., 3., 3.],
+           [3., 3., 3.]], dtype=float32)
+    """
+
 def anti_lag(
     history_length: ArrayLike,
     history: ArrayLike,
@@ -472,7 +2260,56 @@ def anti_lag(
     *,
     strength: float = 1.0,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Shorten histories in proportion to the distance that clipping moved them.
+
+    Parameters
+    ----------
+    history_length : (H, W) array_like of float
+        History length in samples.
+    history, clipped : (H, W, 3) array_like of float
+        Colour before and after `clip_history`.
+    strength : float, default 1.0
+        At least 0; 0 leaves lengths unchanged.
+    out : (H, W) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    history_length : (H, W) float32
+        ``N / (1 + strength d N)`` with ``d = |l - l'| / max(|l|, |l'|)`` of the luminances; d is 0 where both are black
+        or one is missing.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or a strength out of range.
+
+    See Also
+    --------
+    clip_history : Clips the history.
+    temporal_gradient : Detects changes of light before clipping.
+
+    Notes
+    -----
+    To be used with a fast history: ``clip_history(slow, fast, window="5x5")`` clips the slow average to the range of
+    the last few frames, and where that moved it, the shortened length gives new samples more weight. After NRD's ReBLUR
+    and ReLAX [1]_, in a similar form. `TAA` applies it to its own clipping if `anti_lag` is above 0.
+
+    References
+    ----------
+    .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+       hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+
+    Examples
+    --------
+    >>> length = np.array([[20.0, 20.0]])
+    >>> history = np.ones((1, 2, 3))
+    >>> clipped = history * [[[1.0], [0.5]]]
+    >>> yester.anti_lag(length, history, clipped)
+    array([[20.    ,  1.8182]], dtype=float32)
+    """
+
 def temporal_gradient(
     color: ArrayLike,
     previous: ArrayLike,
@@ -481,7 +2318,58 @@ def temporal_gradient(
     passes: int = 3,
     widest: int = 3,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Measure the relative change of light, beyond the change that noise explains.
+
+    Parameters
+    ----------
+    color, previous : (H, W, 3) array_like of float
+        Two images of the same pixels. For the exact gradient the previous frame and its `Frame.replay`, a re-render
+        with the same random numbers, and ``noise=0``; for an estimate the new frame and the reprojected history.
+        Illumination (see `demodulate`) if there is albedo. Missing pixels do not count.
+    noise : float, default 2.0
+        Standard errors of the local mean that are attributed to noise; at least 0.
+    passes : int, default 3
+        Passes of the smallest blur, 0 to 8; its radius is 2^passes - 1 pixels.
+    widest : int, default 3
+        Passes of the widest blur, `passes` to 8. Small blurs locate a change of light, wide ones detect changes that
+        are small but extended; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.5``.
+    out : (H, W) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    gradient : (H, W) float32
+        0 (no change, or missing) to 1 (all of the light has appeared or vanished).
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    accumulate : Takes the result, to shorten history.
+    innovation : Corrects what has changed.
+
+    Notes
+    -----
+    With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩ over {1, 2, 1}/4 kernels at steps of
+    1, 2, 4, …, and the standard error s of ⟨δ⟩: ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. The original (Schied et al.
+    [1]_) has exact gradients and no margin for noise.
+
+    References
+    ----------
+    .. [1] C. Schied, C. Peters, C. Dachsbacher, "Gradient estimation for real-time adaptive temporal filtering",
+       Proceedings of the ACM on Computer Graphics and Interactive Techniques 1(2), 2018.
+
+    Examples
+    --------
+    >>> previous = np.ones((4, 4, 3))
+    >>> yester.temporal_gradient(previous / 2, previous, noise=0)[0]
+    array([0.5, 0.5, 0.5, 0.5], dtype=float32)
+    """
+
 def innovation(
     color: ArrayLike,
     prediction: ArrayLike,
@@ -496,7 +2384,88 @@ def innovation(
     fed_back: bool = True,
     sparse: bool = False,
     out: tuple[_Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats]:
+    """Estimate the error of a prediction from new samples.
+
+    New samples are noisy but unbiased; a denoised image is steady, but lags and blurs. Where the mean of their
+    difference is larger than noise explains, it is returned, to be added to the image and to its history.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        New samples; illumination (see `demodulate`) if there is albedo. Missing pixels do not count.
+    prediction : (H, W, 3) array_like of float
+        The image to be corrected.
+    history_length : (H, W) array_like of float
+        Samples in each pixel's prediction. A short prediction is correlated with the newest sample, which is part of
+        it.
+    evidence : (ceil(H / 2), ceil(W / 2), 4) array_like of float, optional
+        The previous frame's result; none for the first frame.
+    motion : (H, W, 2) or (H, W, 3) array_like of float, optional
+        Motion in pixels along which `evidence` is fetched. By default none.
+    exposure : float, default 1.0
+        Exposure of the image, as `exposure` returns it; above 0. Differences are relative to the light plus a sixteenth
+        of it.
+    strictness : float, default 3.0
+        Ratio of a squared mean to its variance up to which the mean counts as noise; at least 0.
+    share : float, default 0.5
+        Weight of the new frame in the evidence, above 0, up to 1, which discards earlier evidence.
+    levels : int, default 4
+        Block sizes, 1 to 8: 2 pixels, 4, 8, ….
+    fed_back : bool, default True
+        The history of the next prediction is corrected as well. If not, the next samples show the same difference
+        again, and the evidence keeps the corrected part.
+    sparse : bool, default False
+        `color` has samples in few pixels, and the prediction is made of few. Differences are then relative to the local
+        mean of the light, as the prediction itself is noisy; and unknown blocks, whose variance in `evidence` is NaN,
+        are left out of the means.
+    out : tuple of (H, W, 3) and (ceil(H / 2), ceil(W / 2), 4) float32 arrays, optional
+        Written and returned instead of new arrays. A part may be None.
+
+    Returns
+    -------
+    correction : (H, W, 3) float32
+        To be added to the prediction; 0 where no error was found.
+    evidence : (ceil(H / 2), ceil(W / 2), 4) float32
+        For the next frame: the relative difference that is not fed back, and its variance.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    temporal_gradient : Detects changes of light, to shorten history.
+    exposure : Exposure of the image.
+
+    Notes
+    -----
+    r = (color - prediction) / (l + exposure / 16) is clamped to ±50; E is its mean over blocks of 2×2 pixels and over
+    frames; l is max(prediction, 0), or with `sparse` its mean over blocks of 4×4 pixels, interpolated between their
+    centres. From the coarsest level to the finest, b is the mean of the rest of E over 3×3 blocks, weighted {1, 2, 1}
+    along both axes; it is multiplied by ``max(0, 1 - strictness v / |b|²)``, with v its variance, estimated from the
+    squares of r, and one factor for the three channels: the shrinkage of James and Stein [1]_, scale by scale as Donoho
+    and Johnstone do [2]_. The difference of sample and prediction is the innovation of the Kalman filter [3]_. A single
+    bright sample has ``|b|² = v`` and never changes the image.
+
+    References
+    ----------
+    .. [1] W. James, C. Stein, "Estimation with quadratic loss", Proceedings of the Fourth Berkeley Symposium on
+       Mathematical Statistics and Probability 1, 1961.
+    .. [2] D. L. Donoho, I. M. Johnstone, "Ideal spatial adaptation by wavelet shrinkage", Biometrika 81(3), 1994.
+    .. [3] R. E. Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic Engineering
+       82(1), 1960.
+
+    Examples
+    --------
+    >>> prediction = np.ones((16, 16, 3))
+    >>> length = np.full((16, 16), 20.0)
+    >>> correction, evidence = yester.innovation(prediction * 1.5, prediction, length)
+    >>> correction[8, 8].round(3)
+    array([0.494, 0.494, 0.494], dtype=float32)
+    """
+
 def choice(
     evidence: ArrayLike,
     motion: ArrayLike,
@@ -506,7 +2475,61 @@ def choice(
     strictness: float = 0.5,
     share: float = 0.1,
     out: tuple[_Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats]:
+    """Choose the best of several predictions, tile by tile, by the evidence of earlier frames.
+
+    Parameters
+    ----------
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float
+        The previous frame's, as `compare_candidates` returns it.
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        Motion in pixels. A tile's evidence comes from where its centre does.
+    coverage : (H, W) array_like of float
+        Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); tiles whose centre was
+        not have no evidence.
+    usual : int, default 0
+        The default candidate: it is chosen without evidence, and all others are compared with it.
+    strictness : float, default 0.5
+        Standard errors by which another candidate must be better; at least 0.
+    share : float, default 0.1
+        Fraction of the evidence that decays per frame; 0 to 1.
+    out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 arrays, optional
+        Written and returned, as choice and evidence, instead of new arrays. A part may be None.
+
+    Returns
+    -------
+    choice : (⌈H/8⌉, ⌈W/8⌉) float32
+        The candidate that each tile of 8×8 pixels should show: an integer from 0 to K - 1. To hide the tiles,
+        interpolate between their centres, and mix two candidates where the result is fractional.
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
+        The evidence where the tiles are in this frame, decayed: `compare_candidates` adds this frame's.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, evidence of fewer than 2 candidates, or parameters out of range.
+
+    See Also
+    --------
+    compare_candidates : Adds a frame's evidence.
+    SVGF : Chooses the number of filter passes in this way.
+
+    Notes
+    -----
+    A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
+    `strictness` standard errors of the steps between it and the default one wins; with fewer than 16 samples in the
+    average, the default candidate stays.
+
+    Examples
+    --------
+    >>> sample = np.ones((8, 8, 3))
+    >>> candidates = np.stack([np.full((8, 8), 0.5), np.full((8, 8), 1.0)], -1)
+    >>> evidence = yester.compare_candidates(sample, candidates)
+    >>> best, evidence = yester.choice(evidence, np.zeros((8, 8, 2)), np.ones((8, 8)))
+    >>> best
+    array([[1.]], dtype=float32)
+    """
+
 def compare_candidates(
     color: ArrayLike,
     candidates: ArrayLike,
@@ -515,7 +2538,59 @@ def compare_candidates(
     exposure: float = 1.0,
     usual: int = 0,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Compare predictions with new samples that none of them has seen, tile by tile.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        The new, noisy samples. Missing pixels do not count.
+    candidates : (H, W, K) array_like of float
+        K predictions of the samples' luminance, at least 2. They are a series, such as the predictions that more and
+        more passes of `atrous` return. Pixels where one is not finite do not count.
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float, optional
+        That of earlier frames, as `choice` returns it.
+    exposure : float, default 1.0
+        `exposure` of the image; above 0. Errors of luminances well below a sixteenth of it count as absolute, of
+        brighter ones as relative.
+    usual : int, default 0
+        The default candidate, relative to which errors are measured.
+    out : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 array, optional
+        Written and returned instead of a new array; it may be the evidence.
+
+    Returns
+    -------
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
+        With this frame's added: the sums of the gains of the K - 1 steps, negative where a step reduces the error; then
+        the sums of their squares; then the number of samples.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, fewer than 2 candidates, or parameters out of range.
+
+    See Also
+    --------
+    choice : Chooses by the evidence.
+    prediction_gain : Compares two histories pixel by pixel.
+    atrous : Returns such predictions.
+
+    Notes
+    -----
+    The gain of step k is ``(a - b)(a + b - 2r)``. Candidates a and b and the sample's luminance r are taken relative to
+    the default candidate: with m its luminance, at least 0, each value v becomes ``(v - m) / (m + exposure / 16)``, and
+    r is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of the difference of two squared
+    errors (see `prediction_gain`).
+
+    Examples
+    --------
+    >>> sample = np.ones((8, 8, 3))
+    >>> candidates = np.stack([np.full((8, 8), 0.5), np.full((8, 8), 1.0)], -1)
+    >>> gain, square, count = yester.compare_candidates(sample, candidates)[0, 0]
+    >>> bool(gain < 0), float(count)
+    (True, 64.0)
+    """
+
 def combine_histories(
     color: ArrayLike,
     moments: ArrayLike,
@@ -526,7 +2601,56 @@ def combine_histories(
     *,
     gradient: ArrayLike | None = None,
     out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats, _Floats]:
+    """Combine two independent histories of the same pixels, such as those of earlier and of later frames.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Mean of the first history's samples.
+    moments : (H, W, 2) array_like of float
+        Means of luminance and of its square.
+    history_length : (H, W) array_like of float
+        Samples in each pixel.
+    other_color, other_moments, other_length : array_like of float
+        The same of the second history.
+    gradient : (H, W) array_like of float, optional
+        Relative change of light in the second history, 0 to 1; NaN counts as 0. It counts as fewer samples there.
+    out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        Mean over the samples of both.
+    moments : (H, W, 2) float32
+        Means of luminance and of its square.
+    history_length : (H, W) float32
+        The sum of both. Where no history has samples, colour and moments are NaN and the length is 0.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+
+    See Also
+    --------
+    accumulate : Merges new samples into a history.
+    denoise : Denoises from both sides.
+
+    Notes
+    -----
+    Each is a mean over its samples, so the mean over all has the lengths for weights: ``c + N'/(N + N') (c' - c)``. A
+    gradient g shortens the second history to ``N' (1 - g)**10``, as in `accumulate`.
+
+    Examples
+    --------
+    >>> color, moments = np.ones((1, 1, 3)), np.ones((1, 1, 2))
+    >>> mean, _, length = yester.combine_histories(color, moments, [[3.0]], 5 * color, moments, [[1.0]])
+    >>> mean, length
+    (array([[[2., 2., 2.]]], dtype=float32), array([[4.]], dtype=float32))
+    """
+
 def prediction_gain(
     candidate: ArrayLike,
     base: ArrayLike,
@@ -535,7 +2659,51 @@ def prediction_gain(
     ids: ArrayLike | None = None,
     radius: int = 3,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Measure how much better one history predicts the new sample than another, without a reference.
+
+    Parameters
+    ----------
+    candidate, base : (H, W, 3) array_like of float
+        Two predictions of `color`, both independent of it.
+    color : (H, W, 3) array_like of float
+        The new, noisy samples. A pixel that is missing in one of the three does not count.
+    ids : (H, W) array_like of int, optional
+        Only pixels of the same id are averaged.
+    radius : int, default 3
+        Radius of the window in pixels, 0 to 16.
+    out : (H, W) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    gain : (H, W) float32
+        The mean over the window of ``Σ (k - h)(k + h - 2c) / (Σ h² + 0.01)``, sums over channels: an unbiased estimate
+        of the difference of relative squared errors, negative where `candidate` is better. 0 without valid pixels.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or a radius out of range.
+
+    See Also
+    --------
+    compare_candidates : Compares a series of predictions, tile by tile.
+    virtual_motion : Motion of the reflections' history.
+
+    Notes
+    -----
+    ``(k - c)² - (h - c)²`` is linear in c, so that the noise of c averages out; after a tone curve or a clamp it would
+    not.
+
+    Examples
+    --------
+    >>> color = np.ones((4, 4, 3))
+    >>> gain = yester.prediction_gain(color, 0.5 * color, color)
+    >>> gain[0].round(4)
+    array([-0.9868, -0.9868, -0.9868, -0.9868], dtype=float32)
+    """
+
 def blend(
     color: ArrayLike,
     history: ArrayLike,
@@ -545,7 +2713,65 @@ def blend(
     flicker: float = 1.0,
     exposure: float = 1.0,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Blend history and new sample.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        The new samples, linear.
+    history : (H, W, 3) array_like of float
+        Reprojected and, as a rule, clipped.
+    alpha : float or (H, W) array_like of float, default 0.05
+        Blend factor: weight of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` returns it. Maps
+        are clamped; NaN counts as 1.
+    weighting : {"none", "tone", "luminance"}, default "none"
+        "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold where
+        luminances differ.
+    flicker : float, default 1.0
+        Factor on alpha, 0 to 1, where history has the lowest or highest luminance of its 3×3 neighbourhood; 1 for no
+        reduction.
+    exposure : float, default 1.0
+        The radiance that counts as 1, above 0, as `exposure` returns it.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    blended : (H, W, 3) float32
+        History where the sample is missing, the sample where history is missing, NaN where both are.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, an unknown weighting (the error lists them), alpha, flicker or exposure out of range.
+
+    See Also
+    --------
+    blend_factor : Blend factors from confidence and speed.
+    clip_history : Clips history, and blends in the same pass.
+    accumulate : Merges by the number of samples.
+
+    Notes
+    -----
+    "none": ``h + alpha (c - h)``. "tone" and `flicker` are those of Karis [1]_. "luminance":
+    ``lerp(4 alpha, alpha, (1 - d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, as in INSIDE [2]_. With
+    ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the neighbourhood's
+    range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``.
+
+    References
+    ----------
+    .. [1] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+       2014.
+    .. [2] L. J. F. Pedersen (Playdead), "Temporal reprojection anti-aliasing in INSIDE", Game Developers Conference,
+       2016.
+
+    Examples
+    --------
+    >>> yester.blend(np.ones((1, 1, 3)), np.zeros((1, 1, 3)), alpha=0.25)
+    array([[[0.25, 0.25, 0.25]]], dtype=float32)
+    """
+
 def accumulate(
     color: ArrayLike,
     history: ArrayLike,
@@ -559,7 +2785,84 @@ def accumulate(
     moments_alpha: float = 0.2,
     warmup: bool = True,
     out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
-) -> Accumulated: ...
+) -> Accumulated:
+    """Merge new samples into the history: temporal accumulation.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        The new samples. A pixel with NaN or infinity is missing.
+    history : (H, W, 3) array_like of float
+        Reprojected colour.
+    history_moments : (H, W, 2) array_like of float
+        Reprojected means of luminance and of its square.
+    history_length : (H, W) array_like of float
+        Reprojected number of samples, fractions included; 0 where there is no history.
+    weight : (H, W) array_like of float, optional
+        The fraction of a sample that each new colour counts for, 0 to 1: below 1 for colours reconstructed from
+        neighbours. 0 and NaN mean missing. By default 1.
+    gradient : (H, W) array_like of float, optional
+        Relative change of light, 0 to 1, as `temporal_gradient` returns it; NaN counts as 0.
+    confidence : (H, W) array_like of float, optional
+        Confidence in history, 0 to 1, such as the coverage of `reproject`; NaN counts as 0. By default 1.
+    alpha : float, default 0.05
+        Smallest weight of the new sample, 0 to 1. With 0, all samples are averaged equally, without a limit.
+    moments_alpha : float, default 0.2
+        Smallest weight of the new sample in the moments.
+    warmup : bool, default True
+        Give the N-th sample a weight of 1/N until that falls to `alpha`, so that the first samples are averaged
+        equally; otherwise the weight is `alpha` from the second sample on.
+    out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
+        Written and returned, as colour, moments and length, instead of new arrays; they may be inputs. A part may be
+        None.
+
+    Returns
+    -------
+    Accumulated
+        With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged;
+        without history either, colour and moments are NaN and the length is 0.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or weights out of range.
+
+    See Also
+    --------
+    reproject : Fetches the history.
+    combine_histories : Merges two histories.
+    blend : Merges with a given weight, without a count of samples.
+
+    Notes
+    -----
+    With w the `weight`, N = min(`history_length` + w, 1/alpha) and l the Rec. 709 luminance:
+    ``color = h + w (c - h)/N`` and ``moments = m + w max(moments_alpha, 1/N) ((l, l*l) - m)`` (SVGF [1]_, section 4.2;
+    the equal start as in the survey by Yang et al. [2]_). A `gradient` g first shortens the history to
+    ``N (1 - g)**10`` and then moves both weights towards 1: ``a + g (1 - a)`` (Schied et al. [3]_; the exponent as in
+    Quake II RTX [4]_). A `confidence` c moves both weights further: ``a + w (1 - c) (1 - a)``.
+
+    References
+    ----------
+    .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+       Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+       illumination", High-Performance Graphics, 2017.
+    .. [2] L. Yang, S. Liu, M. Salvi, "A survey of temporal antialiasing techniques", Computer Graphics Forum 39(2),
+       2020.
+    .. [3] C. Schied, C. Peters, C. Dachsbacher, "Gradient estimation for real-time adaptive temporal filtering",
+       Proceedings of the ACM on Computer Graphics and Interactive Techniques 1(2), 2018.
+    .. [4] NVIDIA, "Quake II RTX", github.com/NVIDIA/Q2RTX, 2019: the denoiser A-SVGF.
+
+    Examples
+    --------
+    >>> color = np.full((1, 1, 3), 4.0)
+    >>> history = np.zeros((1, 1, 3))
+    >>> result = yester.accumulate(color, history, np.zeros((1, 1, 2)), [[3.0]])
+    >>> result.color
+    array([[[1., 1., 1.]]], dtype=float32)
+    >>> result.history_length
+    array([[4.]], dtype=float32)
+    """
+
 def resample(
     image: ArrayLike,
     size: tuple[int, int],
@@ -568,21 +2871,273 @@ def resample(
     filter: Literal["lanczos-2", "catmull-rom", "bilinear", "nearest"] = "lanczos-2",
     dering: bool = True,
     out: tuple[_Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats]:
+    """Resample an image's jittered samples to a grid of another size.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array_like of float
+        Pixels with NaN or infinity are missing.
+    size : (int, int)
+        Height and width of the new grid, each at least 1. It covers the same area as the image.
+    offset : (2,) array_like of float, default (0, 0)
+        A frame's jitter: the samples' positions relative to pixel centres, x right, y down, in the image's pixels.
+    filter : {"lanczos-2", "catmull-rom", "bilinear", "nearest"}, default "lanczos-2"
+        Reconstruction filter, as in `reproject`; "nearest" copies a sample.
+    dering : bool, default True
+        Clamp "lanczos-2" and "catmull-rom" to the range of the nearest 2×2 samples.
+    out : tuple of (H', W') or (H', W', C) and (H', W') float32 arrays, optional
+        Written and returned instead of new arrays. A part may be None.
+
+    Returns
+    -------
+    resampled : (H', W') or (H', W', C) float32
+        NaN without valid samples. Missing samples have weight 0, except that "nearest" copies them.
+    weight : (H', W') float32
+        Density of samples near each pixel of the grid, in samples per pixel: each sample contributes a normal
+        distribution with a standard deviation of 0.33 pixels of the grid. The average over offsets is the ratio of the
+        pixel counts; the maximum is 1.46, where a sample hits a pixel's centre.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, an unknown filter, sizes below 1 or above 65536, or an offset that is not finite.
+
+    See Also
+    --------
+    Upscaler : The pipeline that upscales sequences.
+    jitter : Offsets.
+    joint_bilateral_upsample : Upsamples along the edges of guides.
+
+    Notes
+    -----
+    Lanczos with two lobes, ``sinc(x) sinc(x/2)``, as in AMD's FSR 2 [1]_, normalised by the sum of weights. There is no
+    low-pass filter: downsampling aliases. Frames with different offsets, blended by weight, converge to an image at the
+    grid's full resolution [2]_.
+
+    References
+    ----------
+    .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+    .. [2] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+       2014.
+
+    Examples
+    --------
+    >>> image = np.array([[0.0, 1.0], [0.0, 1.0]])
+    >>> resampled, weight = yester.resample(image, (2, 4), filter="bilinear")
+    >>> resampled
+    array([[0.  , 0.25, 0.75, 1.  ],
+           [0.  , 0.25, 0.75, 1.  ]], dtype=float32)
+    """
+
 def disocclusion(
     depth: ArrayLike, motion: ArrayLike, *, separation: float = 0.05, out: _Floats | None = None
-) -> _Floats: ...
-def thin_features(color: ArrayLike, *, similarity: float = 1.05, out: _Floats | None = None) -> _Floats: ...
-def sharpen(
-    color: ArrayLike, *, strength: float = 0.5, exposure: float = 1.0, out: _Floats | None = None
-) -> _Floats: ...
+) -> _Floats:
+    """Measure the fraction of each pixel's history footprint that was hidden by a nearer surface.
+
+    Parameters
+    ----------
+    depth : (H, W) array_like of float
+        View-space z of the current frame; NaN, +inf or not above 0 counts as infinitely far.
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        As `motion_vectors` returns it; with the third channel, depths are compared as they were.
+    separation : float, default 0.05
+        Smallest depth difference of an occluder, relative to depth, 0 to 1.
+    out : (H, W) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    share : (H, W) float32
+        0 (visible before) to 1 (hidden, or outside the image).
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or a separation out of range.
+
+    See Also
+    --------
+    consistency : Tests history by buffers of the previous frame.
+    Upscaler : The pipeline that upscales sequences.
+
+    Notes
+    -----
+    Needs no buffer of the previous frame: the current depths are scattered to their previous positions, nearest depth
+    wins. A surface that lies behind the result by more than ``separation`` times its depth was hidden; the 2×2 pixels
+    at its previous position count by their bilinear weights. Depth and motion are dilated over 3×3 pixels, as in
+    `dilate_motion`. After AMD's FSR 2 [1]_, whose separation is 1.37e-5 times half the image's width in pixels, the
+    resolution of depth buffers [2]_: 0.013 at 1920 pixels. The default also tolerates slopes.
+
+    References
+    ----------
+    .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+    .. [2] K. Akeley, J. Su, "Minimum triangle separation for correct z-buffer occlusion", Graphics Hardware, 2006.
+
+    Examples
+    --------
+    >>> depth = np.full((3, 12), 9.0)
+    >>> depth[:, :4] = 1
+    >>> motion = np.zeros((3, 12, 2))
+    >>> motion[:, :4, 0] = 4
+    >>> yester.disocclusion(depth, motion)[1]
+    array([0., 0., 0., 0., 0., 1., 1., 1., 1., 0., 0., 0.], dtype=float32)
+    """
+
+def thin_features(color: ArrayLike, *, similarity: float = 1.05, out: _Floats | None = None) -> _Floats:
+    """Detect bright or dark lines narrower than two pixels.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear.
+    similarity : float, default 1.05
+        Largest ratio of luminances that count as similar, at least 1.
+    out : (H, W) float32 array, optional
+        Written and returned instead of a new array.
+
+    Returns
+    -------
+    thin : (H, W) float32
+        1 where a pixel is brighter, or darker, than all dissimilar pixels of its 3×3, and no 2×2 block that contains it
+        is similar throughout; else 0. Neighbours that are missing or outside count as similar.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or a ratio out of range.
+
+    See Also
+    --------
+    Upscaler : Locks thin features.
+    alternation : Detects wider features that flicker.
+
+    Notes
+    -----
+    After the locks of AMD's FSR 2 [1]_: jittered samples miss a thin feature in some frames; there its history must not
+    be clipped to the neighbourhood.
+
+    References
+    ----------
+    .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+
+    Examples
+    --------
+    >>> color = np.full((3, 5, 3), 0.1)
+    >>> color[:, 2] = 1
+    >>> yester.thin_features(color)
+    array([[0., 0., 1., 0., 0.],
+           [0., 0., 1., 0., 0.],
+           [0., 0., 1., 0., 0.]], dtype=float32)
+    """
+
+def sharpen(color: ArrayLike, *, strength: float = 0.5, exposure: float = 1.0, out: _Floats | None = None) -> _Floats:
+    """Sharpen an image in proportion to its local contrast, without halos.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear.
+    strength : float, default 0.5
+        0 (unchanged) to 1.
+    exposure : float, default 1.0
+        The radiance that counts as 1, above 0, as `exposure` returns it.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    sharpened : (H, W, 3) float32
+        Tone-mapped channels stay in the range of the pixel and its four neighbours: there are no halos. Missing pixels
+        stay missing.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, a strength or an exposure out of range.
+
+    See Also
+    --------
+    Upscaler : Sharpens with the option `sharpness`.
+
+    Notes
+    -----
+    Robust contrast-adaptive sharpening, as in AMD's FSR 1 [1]_, on colours ``c / (exposure + max(r, g, b))``: a pixel p
+    with the four neighbours n becomes ``(p + λ Σ n) / (1 + 4λ)``, with `strength` times the strongest λ from -3/16 to 0
+    that keeps the result within 0 to 1.
+
+    References
+    ----------
+    .. [1] AMD, "FidelityFX Super Resolution 1", GPUOpen, 2021: RCAS, robust contrast-adaptive sharpening.
+
+    Examples
+    --------
+    >>> color = np.full((3, 3, 3), 0.4)
+    >>> color[:, 1] = 0.5
+    >>> color[:, 2] = 0.6
+    >>> color[1, 1] = 0.55
+    >>> yester.sharpen(color, strength=1.0)[1, :, 0]
+    array([0.4, 0.6, 0.6], dtype=float32)
+    """
+
 def resolve(
     samples: NDArray[Any] | Sequence[ArrayLike],
     offsets: ArrayLike,
     *,
     filter: Literal["blackman-harris", "box", "tent", "mitchell"] = "blackman-harris",
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Reconstruct one image from the jittered samples of several frames.
+
+    Parameters
+    ----------
+    samples : sequence of (H, W) or (H, W, C) array_like of float
+        One image per frame, all of one shape, or an (N, H, W, C) array. Pixels with NaN or infinity are missing.
+    offsets : (N, 2) array_like of float
+        Each frame's jitter: its samples' positions relative to pixel centres, x right, y down, in pixels from -0.5 to
+        0.5, as `jitter` returns them.
+    filter : {"blackman-harris", "box", "tent", "mitchell"}, default "blackman-harris"
+        Reconstruction filter: the Blackman-Harris window 3.3 pixels wide, the pixel's own samples equally weighted,
+        ``1 - |d|``, or Mitchell and Netravali's cubic with B = C = 1/3.
+    out : float32 array like one of the samples, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    image : float32 array like one of the samples
+        The supersampling sum Σwᵢcᵢ / Σwᵢ; NaN without valid samples.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, an unknown filter, or offsets beyond half a pixel.
+
+    See Also
+    --------
+    jitter : Offsets.
+    resample : Resamples one frame to a grid of another size.
+    TAA : Approaches this image over time.
+
+    Notes
+    -----
+    For a static camera and scene this is the image to which temporal antialiasing should converge. The Blackman-Harris
+    window is that of Karis [1]_, the cubic that of Mitchell and Netravali [2]_.
+
+    References
+    ----------
+    .. [1] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+       2014.
+    .. [2] D. P. Mitchell, A. N. Netravali, "Reconstruction filters in computer graphics", Computer Graphics (SIGGRAPH)
+       22(4), 1988.
+
+    Examples
+    --------
+    >>> samples = [np.zeros((2, 2)), np.ones((2, 2))]
+    >>> yester.resolve(samples, [[0.0, 0.0], [0.0, 0.0]], filter="box")
+    array([[0.5, 0.5],
+           [0.5, 0.5]], dtype=float32)
+    """
+
 def estimate_variance(
     moments: ArrayLike,
     history_length: ArrayLike,
@@ -597,7 +3152,71 @@ def estimate_variance(
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Estimate the variance of luminance: temporal for long histories, spatial for short ones.
+
+    Parameters
+    ----------
+    moments : (H, W, 2) array_like of float
+        Means of luminance and of its square, as `accumulate` returns them.
+    history_length : (H, W) array_like of float
+        History length in samples.
+    depth : (H, W) array_like of float, optional
+        View-space z, +inf where nothing was hit.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length.
+    ids : (H, W) array_like of int, optional
+        Pixels with different ids do not mix.
+    camera : Camera, optional
+        This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
+        `normal`.
+    min_length : float, default 3.5
+        History length from which the temporal variance is used; at least 1. The default is fractional so that rounding
+        of resampled lengths does not decide.
+    radius : int, default 3
+        The spatial window reaches so many pixels to each side, 0 to 16.
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
+        As in `atrous`.
+    out : (H, W) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    variance : (H, W) float32
+        In squared luminance; 0 for values below 1e-30 and for pixels without valid moments in their window.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    accumulate : Returns the moments.
+    atrous : Takes the variance.
+
+    Notes
+    -----
+    A history of at least `min_length` gives ``m2 - m1²``. A shorter one takes the moments' means over the window,
+    weighted as in `atrous` but for kernel and luminance, and multiplies the variance by ``min_length / N``, as SVGF
+    does ([1]_, section 4.2, and its implementation in Falcor [2]_).
+
+    References
+    ----------
+    .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+       Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+       illumination", High-Performance Graphics, 2017.
+    .. [2] NVIDIA, "Falcor", github.com/NVIDIAGameWorks/Falcor, render pass SVGFPass.
+
+    Examples
+    --------
+    >>> moments = np.tile([0.5, 0.35], (4, 4, 1))
+    >>> yester.estimate_variance(moments, np.full((4, 4), 20.0))[0].round(3)
+    array([0.1, 0.1, 0.1, 0.1], dtype=float32)
+    >>> yester.estimate_variance(moments, np.full((4, 4), 1.0))[0].round(3)
+    array([0.35, 0.35, 0.35, 0.35], dtype=float32)
+    """
+
 @overload
 def atrous(
     color: ArrayLike,
@@ -615,7 +3234,97 @@ def atrous(
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,
     out: tuple[_Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats]:
+    """Smooth colour by the edge-avoiding à-trous wavelet filter, guided by variance.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear. Pixels with NaN or infinity are missing: they have weight 0 and are filled from their neighbours.
+    variance : (H, W) array_like of float
+        Variance of the luminance of `color`, as `estimate_variance` returns it; values that are not finite count as 0.
+    prediction : (H, W) array_like of float, optional
+        Luminance that history predicts, without the newest samples. Luminance differences are then its own instead of
+        the colour's, so that weights do not depend on the samples' noise, and it is filtered by the same weights. NaN
+        where nothing is predicted: the colour's luminance is used instead.
+    depth : (H, W) array_like of float, optional
+        View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length.
+    ids : (H, W) array_like of int, optional
+        Pixels with different ids do not mix.
+    camera : Camera, optional
+        This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
+        `normal`.
+    iterations : int, default 5
+        Number of passes, 0 to 16; pass i reaches radius·2^i pixels to each side.
+    radius : int, default 2
+        Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
+    sigma_luminance : float, default 4.0
+        Scale of luminance differences, in standard deviations; above 0.
+    sigma_normal : float, default 128.0
+        Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
+    sigma_depth : float, default 1.0
+        Scale of depth differences, in multiples of the slope's own; above 0. Not used with `camera`.
+    sigma_plane : float, default 0.01
+        Scale of plane distances, relative to depth; above 0. Used with `camera`.
+    out : tuple of (H, W, 3) and (H, W) float32 arrays, and with `prediction` another of (H, W), optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        Filtered; NaN for missing pixels without valid neighbours.
+    variance : (H, W) float32
+        Variance of its luminance, assuming independent samples.
+    prediction : (H, W) float32
+        The filtered prediction, only if one was given. Where a pixel has one, it has not seen the pixel's newest sample
+        either (see `compare_candidates`); where it was NaN, it begins with the colour's luminance.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    estimate_variance : Estimates the variance.
+    accumulate : Returns accumulated colour.
+    SVGF : The pipeline that filters every frame.
+
+    Notes
+    -----
+    A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
+    zero between different ids or between surface and background, and
+
+    - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
+      pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):
+      ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over both axes,
+    - ``ez = |n·(X - X')| / (sigma_plane Z)`` with `camera`, else ``|Z - Z'| / (sigma_depth |∇Z·Δ| + Z/1000)``,
+    - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
+      or the prediction.
+
+    Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
+    variance that of SVGF ([3]_, section 4.3).
+
+    References
+    ----------
+    .. [1] F. Rousselle, M. Manzi, M. Zwicker, "Robust denoising using feature and color information", Computer Graphics
+       Forum 32(7), 2013.
+    .. [2] H. Dammertz, D. Sewtz, J. Hanika, H. P. A. Lensch, "Edge-avoiding à-trous wavelet transform for fast global
+       illumination filtering", High-Performance Graphics, 2010.
+    .. [3] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+       Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+       illumination", High-Performance Graphics, 2017.
+
+    Examples
+    --------
+    >>> noisy = 1 + 0.1 * np.random.default_rng(0).standard_normal((32, 32, 1)) * np.ones(3)
+    >>> color, variance = yester.atrous(noisy, np.full((32, 32), 0.01))
+    >>> bool(color.std() < noisy.std() / 5)
+    True
+    """
+
 @overload
 def atrous(
     color: ArrayLike,
@@ -633,7 +3342,97 @@ def atrous(
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,
     out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats, _Floats]:
+    """Smooth colour by the edge-avoiding à-trous wavelet filter, guided by variance.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear. Pixels with NaN or infinity are missing: they have weight 0 and are filled from their neighbours.
+    variance : (H, W) array_like of float
+        Variance of the luminance of `color`, as `estimate_variance` returns it; values that are not finite count as 0.
+    prediction : (H, W) array_like of float, optional
+        Luminance that history predicts, without the newest samples. Luminance differences are then its own instead of
+        the colour's, so that weights do not depend on the samples' noise, and it is filtered by the same weights. NaN
+        where nothing is predicted: the colour's luminance is used instead.
+    depth : (H, W) array_like of float, optional
+        View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length.
+    ids : (H, W) array_like of int, optional
+        Pixels with different ids do not mix.
+    camera : Camera, optional
+        This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
+        `normal`.
+    iterations : int, default 5
+        Number of passes, 0 to 16; pass i reaches radius·2^i pixels to each side.
+    radius : int, default 2
+        Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
+    sigma_luminance : float, default 4.0
+        Scale of luminance differences, in standard deviations; above 0.
+    sigma_normal : float, default 128.0
+        Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
+    sigma_depth : float, default 1.0
+        Scale of depth differences, in multiples of the slope's own; above 0. Not used with `camera`.
+    sigma_plane : float, default 0.01
+        Scale of plane distances, relative to depth; above 0. Used with `camera`.
+    out : tuple of (H, W, 3) and (H, W) float32 arrays, and with `prediction` another of (H, W), optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        Filtered; NaN for missing pixels without valid neighbours.
+    variance : (H, W) float32
+        Variance of its luminance, assuming independent samples.
+    prediction : (H, W) float32
+        The filtered prediction, only if one was given. Where a pixel has one, it has not seen the pixel's newest sample
+        either (see `compare_candidates`); where it was NaN, it begins with the colour's luminance.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    estimate_variance : Estimates the variance.
+    accumulate : Returns accumulated colour.
+    SVGF : The pipeline that filters every frame.
+
+    Notes
+    -----
+    A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
+    zero between different ids or between surface and background, and
+
+    - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
+      pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):
+      ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over both axes,
+    - ``ez = |n·(X - X')| / (sigma_plane Z)`` with `camera`, else ``|Z - Z'| / (sigma_depth |∇Z·Δ| + Z/1000)``,
+    - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
+      or the prediction.
+
+    Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
+    variance that of SVGF ([3]_, section 4.3).
+
+    References
+    ----------
+    .. [1] F. Rousselle, M. Manzi, M. Zwicker, "Robust denoising using feature and color information", Computer Graphics
+       Forum 32(7), 2013.
+    .. [2] H. Dammertz, D. Sewtz, J. Hanika, H. P. A. Lensch, "Edge-avoiding à-trous wavelet transform for fast global
+       illumination filtering", High-Performance Graphics, 2010.
+    .. [3] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+       Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+       illumination", High-Performance Graphics, 2017.
+
+    Examples
+    --------
+    >>> noisy = 1 + 0.1 * np.random.default_rng(0).standard_normal((32, 32, 1)) * np.ones(3)
+    >>> color, variance = yester.atrous(noisy, np.full((32, 32), 0.01))
+    >>> bool(color.std() < noisy.std() / 5)
+    True
+    """
+
 def regress(
     color: ArrayLike,
     *,
@@ -645,7 +3444,85 @@ def regress(
     offset: tuple[int, int] = (0, 0),
     features: Literal["fewest", "all"] = "fewest",
     out: tuple[_Floats | None, NDArray[np.uint8] | None] | None = None,
-) -> tuple[_Floats, NDArray[np.uint8]]: ...
+) -> tuple[_Floats, NDArray[np.uint8]]:
+    """Fit colour, block by block, to feature buffers: block-wise multi-order feature regression.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear, usually illumination (`demodulate`). Pixels with NaN or infinity are missing.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length; not finite or zero where there is no surface.
+    geometry : (H, W) or (H, W, 3) array_like of float, optional
+        Depth, which needs `camera`, or world-space positions; not finite where there is no surface. Depth up to 0 means
+        no surface, too.
+    camera : Camera, optional
+        This frame's camera.
+    weight : (H, W) array_like of float, optional
+        Weight of each pixel, at least 0; pixels whose weight is not finite or below 0 keep their colour. By default 1.
+    block : int, default 32
+        Side of the blocks in pixels, 4 to 256. An image smaller than that is one block.
+    offset : (int, int), default (0, 0)
+        Offset of the grid of blocks, right and down, in pixels. Changed from frame to frame, it lets blocks' edges
+        average out in time. Blocks that the border cuts to less than half are merged with their neighbours.
+    features : {"fewest", "all"}, default "fewest"
+        The fewest features that the block needs, or all that vary in it.
+    out : tuple of (H, W, 3) float32 and (H, W) uint8 arrays, optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    fitted : (H, W, 3) float32
+        Clamped to the range of the block's colours. Missing pixels, and those of weight 0, get the fitted colour.
+        Pixels without a surface keep their colour, as do blocks without valid pixels.
+    used : (H, W) uint8
+        Number of the block's features, including the constant: 1 to 10; 0 where a pixel keeps its colour.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range; if a depth has no camera.
+
+    See Also
+    --------
+    BMFR : The pipeline that fits every frame.
+    demodulate : Divides colour by albedo.
+    atrous : Filters instead of fitting.
+
+    Notes
+    -----
+    Least squares of colour on those of {1, normal, position, position²} that are given and vary within the block
+    (Koskela et al. [1]_), by a QR decomposition in double precision. A feature is skipped if the others explain all but
+    a hundredth of it (the paper adds noise instead), if it is a normal that varies by less than a thousandth, or a
+    coordinate that varies by less than a thousandth of the others.
+
+    "fewest" adds features one by one, each the one that reduces the sum S of squared residuals most, as long as that
+    lowers the generalised cross-validation score ``S / (1 - (1 + 3k)/n)²``, with k features besides the constant and n
+    pixels (``(Σw)² / Σw²`` by weight; Craven and Wahba [2]_). A chosen feature counts as three degrees of freedom, as
+    in Friedman's regression splines [3]_.
+
+    References
+    ----------
+    .. [1] M. Koskela, K. Immonen, M. Mäkitalo, A. Foi, T. Viitanen, P. Jääskeläinen, H. Kultala, J. Takala, "Blockwise
+       multi-order feature regression for real-time path-tracing reconstruction", ACM Transactions on Graphics 38(5),
+       2019.
+    .. [2] P. Craven, G. Wahba, "Smoothing noisy data with spline functions", Numerische Mathematik 31, 1979.
+    .. [3] J. H. Friedman, "Multivariate adaptive regression splines", The Annals of Statistics 19(1), 1991.
+
+    Examples
+    --------
+    >>> depth = np.tile(np.linspace(1, 2, 8), (8, 1))
+    >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=8, height=8)
+    >>> position = camera.unproject(np.stack(np.meshgrid(np.arange(8) + 0.5, np.arange(8) + 0.5), -1), depth)
+    >>> color = np.repeat(position[..., 2:], 3, -1)
+    >>> color[4, 4] = np.nan
+    >>> fitted, used = yester.regress(color, geometry=position)
+    >>> np.allclose(fitted[..., 0], depth, atol=1e-4)
+    True
+    >>> int(used[4, 4])
+    2
+    """
+
 def splat(
     color: ArrayLike,
     depth: ArrayLike,
@@ -658,7 +3535,84 @@ def splat(
     tolerance: float = 0.1,
     reach: float = 0.0,
     out: tuple[_Floats | None, _Floats | None, _Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats, _Floats, _Floats]:
+    """Scatter the previous frame's pixels as points to where they appear now: forward reprojection.
+
+    Every pixel of the previous frame is a world-space point, static unless `drift` says otherwise. In the current frame
+    it covers a square as large as its old pixel appears now. The nearest point that covers a pixel determines the
+    visible surface there.
+
+    Parameters
+    ----------
+    color : (H, W) or (H, W, C) array_like of float
+        The points' values. NaN or infinity in a channel: no point.
+    depth : (H, W) array_like of float
+        Distance along the previous camera's axis; +inf for the background, which only turns with the camera. NaN, or
+        not above 0: no point.
+    camera, previous_camera : Camera
+        Of the current and the previous frame, without jitter, both of the image's size.
+    offset : (H, W, 2) array_like of float, optional
+        Position of each point relative to its pixel's centre, in pixels, x right, y down. By default 0.
+    drift : (H, W, 2) or (H, W, 3) array_like of float, optional
+        The points' own motion: previous minus current position in pixels, and depth; that is, `Frame.motion` minus the
+        `motion_vectors` of a static scene. Values that are not finite count as 0.
+    quality : (H, W) array_like of float, optional
+        Weight of each point, above 0; pixels with another value are no points. By default 1.
+    tolerance : float, default 0.1
+        Largest depth difference from the nearest point, relative to its depth, of points of the same surface; above 0.
+    reach : float, default 0.0
+        Pixels, 0 to 1, by which squares are enlarged on every side to fill pixels that no square covers. Points keep
+        their sub-pixel positions and leave cracks as they move; 0.5 closes them.
+    out : tuple of float32 arrays like the results, optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    color : float32 array like `color`
+        Weighted mean of the points of the nearest surface; NaN in holes, which no point covers.
+    depth : (H, W) float32
+        Their mean distance along the current camera's axis; NaN in holes.
+    offset : (H, W, 2) float32
+        Their mean position relative to the pixel's centre, -0.5 to 0.5; NaN in holes. Passed to the next call, it
+        prevents blur and sub-pixel drift over many frames.
+    quality : (H, W) float32
+        Their mean weight; 0 in holes.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, a camera of another size, or a tolerance or reach out of range.
+
+    See Also
+    --------
+    pull_push : Fills the holes.
+    reproject : Fetches instead of scattering.
+    Recirculation : The pipeline that keeps history as points.
+
+    Notes
+    -----
+    A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z' times the ratio
+    of the focal lengths; at most 16 pixels), and its weight becomes ``quality / s**4``: small points override large
+    ones. With the nearest point at z0, weights fall linearly to 0 at ``z' = z0 (1 + tolerance)``. In a pixel that it
+    fills by `reach`, a point has the weight of its enlarged square. Points are summed in the order of their source
+    pixels, whatever the number of threads. In pixels other than its own, a large point counts as lying at the centre.
+    Equal cameras leave everything unchanged. That points are weighted by their size and depth is from a developer's
+    diary [1]_; the formula is our own.
+
+    References
+    ----------
+    .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+
+    Examples
+    --------
+    >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    >>> previous = yester.Camera.from_look_at([2.5, 0, 5], [2.5, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    >>> image = np.tile([1.0, 2.0, 3.0, 4.0], (4, 1))
+    >>> color, depth, offset, quality = yester.splat(image, np.full((4, 4), 5.0), camera, previous)
+    >>> color[0]
+    array([nan,  1.,  2.,  3.], dtype=float32)
+    """
+
 def pull_push(
     color: ArrayLike,
     quality: ArrayLike | None = None,
@@ -666,7 +3620,62 @@ def pull_push(
     factor: int = 2,
     levels: int | None = None,
     out: tuple[_Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats]:
+    """Fill holes from a pyramid of ever coarser images, by pull-push.
+
+    Parameters
+    ----------
+    color : (H, W) or (H, W, C) array_like of float
+        NaN or infinity in a channel makes a hole.
+    quality : (H, W) array_like of float, optional
+        Weight of each pixel; pixels whose weight is not above 0 and finite are holes. By default 1.
+    factor : int, default 2
+        Ratio of the sides of successive levels, 2 to 16.
+    levels : int, optional
+        Number of coarser levels, at least 1. By default down to a single pixel, so that one valid pixel fills all
+        holes.
+    out : tuple of float32 arrays like the results, optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    color : float32 array like `color`
+        Valid pixels are unchanged. NaN in holes that no level can fill: with too few levels, or without a valid pixel.
+    quality : (H, W) float32
+        Unchanged for valid pixels; in filled holes, the lower the coarser the level that filled them; 0 where `color`
+        is NaN.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, or a factor or number of levels out of range.
+
+    See Also
+    --------
+    splat : Leaves such holes.
+    reconstruct : Fills holes within surfaces.
+
+    Notes
+    -----
+    Pull: ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block. Push: bilinear interpolation
+    weighted by quality, so that near and detailed points override the others. With ``factor=4, levels=2`` the levels
+    have 1, 1/4 and 1/16 of the size, as in a developer's diary [1]_, which planned ``factor=2`` next. Pull-push is due
+    to Gortler et al. ([2]_, section 3.4).
+
+    References
+    ----------
+    .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+    .. [2] S. J. Gortler, R. Grzeszczuk, R. Szeliski, M. F. Cohen, "The lumigraph", SIGGRAPH, 1996.
+
+    Examples
+    --------
+    >>> filled, quality = yester.pull_push([[1.0, np.nan, np.nan, 3.0]])
+    >>> filled
+    array([[1. , 1.5, 2.5, 3. ]], dtype=float32)
+    >>> quality
+    array([[1.   , 0.125, 0.125, 1.   ]], dtype=float32)
+    """
+
 def recirculate(
     filled: ArrayLike,
     filled_quality: ArrayLike,
@@ -680,7 +3689,76 @@ def recirculate(
     limit: float = 8.0,
     fetch: bool = False,
     out: tuple[_Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats]:
+    """Blend the new, hole-filled image with reprojected history by quality, both motion-blurred.
+
+    Parameters
+    ----------
+    filled : (H, W, 3) array_like of float
+        The new image, as `pull_push` returns it.
+    filled_quality : (H, W) array_like of float
+        Its quality. A pixel is a hole if its quality is not above 0 and finite or its colour is not finite.
+    reprojected : (H, W, 3) array_like of float
+        Reprojected history, as `splat` returns it. With `fetch`, the previous frame's result.
+    reprojected_quality : (H, W) array_like of float
+        Its quality.
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        Previous minus current position in pixels, as `motion_vectors` returns it; values that are not finite count as
+        0.
+    blur : float, default 0.25
+        Distance of the two outer taps of the motion blur, forwards and backwards, as a fraction of the motion, 0 to 1;
+        0 for no blur.
+    share : (float, float), default (0.0, 1.0)
+        Range to which the weight of the new image is clamped where both are valid, within 0 to 1.
+    fade : float, default 64.0
+        Length of motion in pixels over which the quality of history falls to a half; above 0.
+    limit : float, default 8.0
+        Upper bound of the resulting quality; above 0.
+    fetch : bool, default False
+        `reprojected` and its quality are those of the previous frame and are fetched here, at the end of `motion`;
+        outside the image there is no history.
+    out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        NaN where both images are missing.
+    quality : (H, W) float32
+        For the next frame; 0 where both are missing.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, or a parameter out of range.
+
+    See Also
+    --------
+    pull_push : Fills the holes of the new image.
+    splat : Scatters the history to this frame.
+    Recirculation : The pipeline that keeps history as points.
+
+    Notes
+    -----
+    Each image is the mean of three bilinear taps at ``-blur``, 0 and ``blur`` times the motion, over valid pixels. With
+    `fetch`, those of history are centred on the position plus the motion, and its quality is one bilinear tap there.
+    With ``q = reprojected_quality / (1 + |motion| / fade)`` the weight of the new image is
+    ``filled_quality / (filled_quality + q)``, and the resulting quality is ``filled_quality + q``: the more samples a
+    pixel has, the less a new one changes it. After a developer's diary [1]_; how quality falls and adds up is our
+    choice.
+
+    References
+    ----------
+    .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+
+    Examples
+    --------
+    >>> new, old = np.ones((1, 2, 3)), np.zeros((1, 2, 3))
+    >>> color, quality = yester.recirculate(new, [[1.0, 1.0]], old, [[1.0, 3.0]], np.zeros((1, 2, 2)))
+    >>> color[..., 0], quality
+    (array([[0.5 , 0.25]], dtype=float32), array([[2., 4.]], dtype=float32))
+    """
+
 def suppress_fireflies(
     color: ArrayLike,
     *,
@@ -696,7 +3774,77 @@ def suppress_fireflies(
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,
     out: tuple[_Floats | None, _Floats | None] | None = None,
-) -> tuple[_Floats, _Floats]: ...
+) -> tuple[_Floats, _Floats]:
+    """Clamp samples far brighter than their surroundings and redistribute the excess.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear, before demodulation, without emission. Missing pixels stay missing.
+    expected : (H, W, 3) array_like of float, optional
+        History at the pixel: a sample that history predicts is not a firefly. Values that are not finite count as 0.
+    depth : (H, W) array_like of float, optional
+        View-space z; +inf, NaN or not above 0 is background.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length.
+    ids : (H, W) array_like of int, optional
+        Pixels with different ids do not mix.
+    camera : Camera, optional
+        This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
+        `normal`.
+    threshold : float, default 2.0
+        Standard deviations by which a pixel may exceed the mean of its neighbours; at least 0.
+    radius : int, default 4
+        Radius of the window in pixels, 1 to 16.
+    redistribute : bool, default True
+        Spread the excess over the window's pixels of the same surface, so that the image does not darken.
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
+        As in `atrous`.
+    out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
+        Written and returned instead of new arrays; they may be inputs. A part may be None.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        With the excess clamped, and spread if `redistribute` is set.
+    removed : (H, W) float32
+        Luminance by which each pixel exceeded its limit.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    SVGF : Suppresses fireflies with the option `fireflies`.
+    clip_history : Clips history instead of samples.
+
+    Notes
+    -----
+    Neighbours have the guide weights of `reconstruct`, without the spatial weight. With mean m and standard deviation s
+    of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
+    the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). The excess is distributed
+    over the window's pixels by their weights, the centre included.
+
+    References
+    ----------
+    .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+       hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+
+    Examples
+    --------
+    >>> color = np.full((9, 9, 3), 0.5)
+    >>> color[4, 4] = 100
+    >>> clamped, removed = yester.suppress_fireflies(color)
+    >>> clamped[4, 4]
+    array([1.7284, 1.7284, 1.7284], dtype=float32)
+    >>> round(float(removed[4, 4]), 2)
+    99.5
+    >>> bool(np.isclose(clamped.mean(), color.mean()))
+    True
+    """
+
 def fix_history(
     color: ArrayLike,
     history_length: ArrayLike,
@@ -711,7 +3859,70 @@ def fix_history(
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Average recently disoccluded pixels over their surface: history fix.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Accumulated colour. Missing pixels have weight 0 and are filled.
+    history_length : (H, W) array_like of float
+        History length in samples.
+    depth : (H, W) array_like of float, optional
+        View-space z; +inf, NaN or not above 0 is background.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length.
+    ids : (H, W) array_like of int, optional
+        Pixels with different ids do not mix.
+    camera : Camera, optional
+        This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
+        `normal`.
+    max_length : float, default 3.0
+        Histories shorter than this are fixed; at least 0.
+    stride : float, default 14.0
+        Distance between taps in pixels at history length 0, 1 to 64; at length N it is stride/(1 + N), at least 1.
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
+        As in `atrous`.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        Fixed pixels are the mean of 5×5 taps, weighted by guide and history length; the others keep their bits.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    accumulate : Returns accumulated colour and history length.
+    estimate_variance : Widens the filter where history is short.
+
+    Notes
+    -----
+    Taps lie at multiples of ``max(1, ⌊stride / (1 + N) + ½⌋)`` pixels and have the weights of `reconstruct`, without
+    the spatial weight, times their history length: after the history fix of NRD's ReBLUR and ReLAX [1]_. `SVGF` does
+    not use it: for short histories its filter, guided by spatial variance, was better on three of four scenes tried,
+    and equal on the fourth.
+
+    References
+    ----------
+    .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+       hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+
+    Examples
+    --------
+    >>> color = np.ones((8, 8, 3))
+    >>> color[4, 4] = 9
+    >>> length = np.full((8, 8), 10.0)
+    >>> length[4, 4] = 1
+    >>> yester.fix_history(color, length, stride=2)[4, 4].round(3)
+    array([1.033, 1.033, 1.033], dtype=float32)
+    """
+
 def reconstruct(
     color: ArrayLike,
     *,
@@ -725,7 +3936,67 @@ def reconstruct(
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Fill missing pixels from neighbours on the same surface.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Illumination (see `demodulate`) if there is albedo. Pixels with NaN or infinity are missing.
+    depth : (H, W) array_like of float, optional
+        View-space z; +inf, NaN or not above 0 is background.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length.
+    ids : (H, W) array_like of int, optional
+        Pixels with different ids do not mix.
+    camera : Camera, optional
+        This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
+        `normal`.
+    radius : int, default 2
+        Radius of the window in pixels, 1 to 16.
+    sigma : float, default 1.0
+        Standard deviation of the spatial weight, in pixels; above 0.
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
+        As in `atrous`.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        Missing pixels become the weighted mean of the window's valid pixels, or NaN where no surface in it is similar;
+        the others keep their bits.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    joint_bilateral_upsample : Reconstructs from samples on a regular grid.
+    pull_push : Fills holes without regard to surfaces.
+    HalfRes : A pipeline for frames of which a part is traced.
+
+    Notes
+    -----
+    The weight of a pixel at a distance of d is ``exp(-d²/(2 sigma²) - en - ez)``, with en and ez as in `atrous`, and
+    zero between ids or between surface and background: a joint bilateral filter [1]_ whose samples may lie anywhere.
+
+    References
+    ----------
+    .. [1] J. Kopf, M. F. Cohen, D. Lischinski, M. Uyttendaele, "Joint bilateral upsampling", ACM Transactions on
+       Graphics 26(3), 2007.
+
+    Examples
+    --------
+    >>> color = np.ones((1, 4, 3))
+    >>> color[0, 1] = np.nan
+    >>> color[0, 2:] = 5
+    >>> yester.reconstruct(color, ids=[[1, 1, 2, 2]])[0, :, 0]
+    array([1., 1., 5., 5.], dtype=float32)
+    """
+
 def joint_bilateral_upsample(
     color: ArrayLike,
     *,
@@ -744,15 +4015,251 @@ def joint_bilateral_upsample(
     sigma_depth: float = 1.0,
     sigma_plane: float = 0.01,
     out: _Floats | None = None,
-) -> _Floats: ...
+) -> _Floats:
+    """Upsample a low-resolution image along the edges of full-resolution buffers.
+
+    Parameters
+    ----------
+    color : (⌈H/scale⌉, ⌈W/scale⌉, 3) array_like of float
+        One sample for each block of scale×scale pixels; illumination (see `demodulate`) if there is albedo. Pixels with
+        NaN or infinity are missing.
+    depth : (H, W) array_like of float, optional
+        View-space z in full resolution; +inf, NaN or not above 0 is background. One of `depth`, `normal` and `ids` must
+        be given: they determine the size.
+    normal : (H, W, 3) array_like of float, optional
+        World space, unit length.
+    ids : (H, W) array_like of int, optional
+        Samples with another id have weight 0.
+    camera : Camera, optional
+        The full frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
+        `normal`.
+    low_depth, low_normal, low_ids : array_like, optional
+        Buffers at the samples, of the size of `color`; by default the full-resolution buffers' values at the pixels
+        that contain the samples.
+    scale : int, default 2
+        Side of a block in pixels, 1 to 16.
+    offset : (float, float), optional
+        Position of each sample in its block: pixels right and down from the centre of its first pixel, 0 to scale - 1.
+        Integers are pixel centres; the default is the block's centre, (scale - 1)/2. In blocks cut by the border,
+        samples lie in the last pixel inside.
+    radius : int, default 2
+        Radius of the window in multiples of `scale` pixels, 1 to 16.
+    sigma : float, default 1.0
+        Standard deviation of the spatial weight, in multiples of `scale` pixels; above 0.
+    sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
+        As in `atrous`.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        NaN where no sample in the window is on a similar surface.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes, sizes that do not fit each other, or parameters out of range.
+
+    See Also
+    --------
+    reconstruct : Reconstructs from samples at arbitrary pixels.
+    resample : Upsamples without guides.
+
+    Notes
+    -----
+    The mean of the samples in the window, each with the weight ``exp(-d²/(2 (sigma scale)²) - en - ez)`` at a distance
+    of d pixels, with en and ez as in `atrous` and zero between ids or between surface and background: joint bilateral
+    upsampling [1]_, here with geometry as guide instead of colour. `reconstruct` does the same for samples at arbitrary
+    pixels. No pipeline uses this function: `HalfRes` takes full-resolution frames with missing samples and fills them
+    by `reconstruct`.
+
+    References
+    ----------
+    .. [1] J. Kopf, M. F. Cohen, D. Lischinski, M. Uyttendaele, "Joint bilateral upsampling", ACM Transactions on
+       Graphics 26(3), 2007.
+
+    Examples
+    --------
+    >>> color = np.array([[[1.0] * 3, [5.0] * 3]])
+    >>> ids = np.array([[1, 1, 1, 2], [1, 1, 1, 2]])
+    >>> yester.joint_bilateral_upsample(color, ids=ids, low_ids=[[1, 2]])[..., 0]
+    array([[1., 1., 1., 5.],
+           [1., 1., 1., 5.]], dtype=float32)
+    """
+
 def demodulate(
     color: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
-) -> _Floats: ...
+) -> _Floats:
+    """Divide colour by albedo, so that filters see illumination without texture.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear. NaN and infinity are kept.
+    albedo : (H, W, 3) array_like of float
+        Reflectance, held to 0 to 1; not finite counts as 0.
+    emission : (H, W, 3) array_like of float, optional
+        Light that the visible surface sends out itself; not finite counts as 0.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    illumination : (H, W, 3) float32
+        ``(color - emission) / d``; d is the albedo, at least 1/32, and 1 where the albedo is black.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+
+    See Also
+    --------
+    remodulate : Multiplies by albedo again.
+
+    Notes
+    -----
+    With a the albedo of a channel, ``d = max(a, 1/32)``; where it is 0 in all channels, ``d = 1``. Lamps, sky, glass,
+    mirrors and black plastic have an albedo near 0, which does not scale their light. Divided by it, the light would be
+    a thousand times too bright, and filters would leak the excess to neighbouring surfaces.
+
+    `remodulate` is the inverse. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it
+    is exact to one or two units in the last place. After SVGF ([1]_, section 4); its implementation in Falcor [2]_
+    divides by ``max(a, 0.001)``.
+
+    References
+    ----------
+    .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+       Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+       illumination", High-Performance Graphics, 2017.
+    .. [2] NVIDIA, "Falcor", github.com/NVIDIAGameWorks/Falcor, render pass SVGFPass.
+
+    Examples
+    --------
+    >>> color = np.full((1, 2, 3), 0.1)
+    >>> albedo = np.array([[[0.2] * 3, [0.0] * 3]])
+    >>> yester.demodulate(color, albedo)[..., 0]
+    array([[0.5, 0.1]], dtype=float32)
+    """
+
 def remodulate(
     illumination: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
-) -> _Floats: ...
+) -> _Floats:
+    """Multiply illumination by albedo and add emission.
+
+    Parameters
+    ----------
+    illumination : (H, W, 3) array_like of float
+        As `demodulate` returns it.
+    albedo : (H, W, 3) array_like of float
+        Reflectance, held to 0 to 1; not finite counts as 0.
+    emission : (H, W, 3) array_like of float, optional
+        Light that the visible surface sends out itself; not finite counts as 0.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        ``illumination * d + emission``, with d as in `demodulate`.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+
+    See Also
+    --------
+    demodulate : Divides by albedo.
+
+    Examples
+    --------
+    >>> albedo = np.full((1, 1, 3), 0.5)
+    >>> yester.remodulate(np.full((1, 1, 3), 0.2), albedo, emission=np.ones((1, 1, 3)))
+    array([[[1.1, 1.1, 1.1]]], dtype=float32)
+    """
+
 def morphological_aa(
     color: ArrayLike, *, threshold: float = 0.1, max_length: int = 16, out: _Floats | None = None
-) -> _Floats: ...
-def machine_limits() -> tuple[float, float]: ...
-def settings() -> tuple[int, str]: ...
+) -> _Floats:
+    """Smooth jagged edges in a single image: morphological antialiasing.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        Linear. Pixels with NaN or infinity are missing: they have no edges and stay missing.
+    threshold : float, default 0.1
+        Difference in perceived brightness, ``sqrt(l / (1 + l))`` of the Rec. 709 luminance ``l >= 0``, above which the
+        boundary of two pixels is part of an edge; finite, at least 0.
+    max_length : int, default 16
+        Search distance to each side for the end of an edge's step, in pixels, 1 to 128.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        Pixels that an edge crosses are mixed with the neighbours beyond the edge; the others keep their bits.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range.
+
+    See Also
+    --------
+    TAA : Antialiasing over time.
+    resolve : Antialiasing from several jittered frames.
+
+    Notes
+    -----
+    A separation line is a maximal sequence of n boundaries between two rows (or columns) that are discontinuities, with
+    the brighter pixels on one side. If at one of its ends exactly one of the two pairs of pixels, above or below,
+    differs across the end, the edge starts there, half a pixel above or below, and goes straight to the line's middle:
+    the shapes L (one end), Z and U (both). At distance d from that end it cuts off the area ``(n - 2d - 1)/(2n)`` of
+    the pixel, in the middle of an odd n ``1/(8n)``, beyond it 0. A line is cut at `max_length`; it has no shape at an
+    end that was cut or lies at the image's border.
+
+    Of rows and columns the direction with the pixel's larger area counts, or half of each where they are equal. The
+    result is ``(1 - Σ area) · own + Σ area · neighbour``. The original [1]_ is changed in two points: the side of the
+    brighter pixels separates the two edges of thin lines, and choosing a direction avoids blending the steps of a
+    slanted edge twice.
+
+    References
+    ----------
+    .. [1] A. Reshetov, "Morphological antialiasing", High-Performance Graphics, 2009.
+
+    Examples
+    --------
+    >>> color = np.zeros((4, 8, 3))
+    >>> color[2:] = 1
+    >>> color[1, 4:] = 1
+    >>> yester.morphological_aa(color)[..., 0]
+    array([[0.   , 0.   , 0.   , 0.   , 0.   , 0.   , 0.   , 0.   ],
+           [0.   , 0.   , 0.125, 0.375, 0.625, 0.875, 1.   , 1.   ],
+           [1.   , 1.   , 1.   , 1.   , 1.   , 1.   , 1.   , 1.   ],
+           [1.   , 1.   , 1.   , 1.   , 1.   , 1.   , 1.   , 1.   ]], dtype=float32)
+    """
+
+def machine_limits() -> tuple[float, float]:
+    """Measure the roofline of this machine, with the current threads and instruction set.
+
+    Returns
+    -------
+    bandwidth : float
+        Bytes per second that a copy reads and writes.
+    arithmetic : float
+        Multiply-adds per second.
+    """
+
+def settings() -> tuple[int, str]:
+    """Return the number of threads and the instruction set of the kernels.
+
+    Returns
+    -------
+    threads : int
+        Those of the machine, unless lowered by ``YESTER_THREADS``.
+    level : str
+        The best that the machine has, unless lowered by ``YESTER_SIMD``.
+    """

@@ -56,7 +56,7 @@ _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation")),
 }
 
-# Commands import their slow dependencies themselves.
+# Each command imports its slow dependencies itself, so that the others start quickly.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -99,7 +99,7 @@ def _failed(error: object) -> int:
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        raise SystemExit(_failed(f"{message} ({self.prog} --help tells more)"))
+        raise SystemExit(_failed(f"{message} (see {self.prog} --help)"))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -121,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
 
     def files(command: argparse.ArgumentParser) -> None:
         command.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-        about = "folder for the same names; for one file, also a name that ends in .exr"
+        about = "output folder; files keep their names. For a single input, also a file name that ends in .exr"
         command.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=about)
         about = "write float16, or float32; by default, as the colour that is replaced"
         command.add_argument("--half", action=argparse.BooleanOptionalAction, help=about)
@@ -137,20 +137,23 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--keep-going", action="store_true", help=about)
         channels(command)
 
+    output = "output folder (default: %(default)s)"
     demo = command(_demo, "demo", "render a short noisy sequence with Mitsuba, denoise it and measure the result")
-    demo.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-demo"), help="%(default)s")
-    demo.add_argument("--frames", metavar="N", type=_count, default=24, help="%(default)s")
-    demo.add_argument("--size", metavar="WxH", type=_size, default=(320, 240), help="320x240")
+    demo.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-demo"), help=output)
+    demo.add_argument("--frames", metavar="N", type=_count, default=24, help="number of frames (default: %(default)s)")
+    demo.add_argument(
+        "--size", metavar="WxH", type=_size, default=(320, 240), help="size of the frames (default: 320x240)"
+    )
 
     clean = command(_denoise, "denoise", "denoise a sequence of EXR frames")
     files(clean)
     methods = ("auto", *_METHODS)
-    about = "one of %(choices)s; svgf by default. auto: svgf without what a shot's first frames show to be superfluous"
+    about = "one of %(choices)s (default: svgf). auto: svgf without the stages and buffers that a shot does not need"
     clean.add_argument("--method", choices=methods, help=about)
-    clean.add_argument("--plan", metavar="FILE", type=Path, help="instead of a method, a plan of yester plan")
-    about = "later frames that each frame can use at least; 0: none, as in real time; %(default)s, but 0 for oidn"
+    clean.add_argument("--plan", metavar="FILE", type=Path, help="a plan written by yester plan, instead of a method")
+    about = "fewest later frames that each frame can use; 0 for none, as in real time (default: %(default)s; oidn: 0)"
     clean.add_argument("--lookahead", metavar="N", type=_whole, default=LOOKAHEAD, help=about)
-    options = clean.add_argument_group("method options", "for defaults and more parameters, see the classes")
+    options = clean.add_argument_group("method options", "defaults and further parameters: see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:
         of = ", ".join(method for method, (_, names) in _METHODS.items() if _argument(name) in names)
@@ -163,7 +166,7 @@ def _parser() -> argparse.ArgumentParser:
     option("--fireflies", "redistribute samples far brighter than their surroundings", action="store_true")
     about = "choose the number of passes per tile by how well it predicts new samples; on by default, except in halfres"
     option("--choice", about, action=argparse.BooleanOptionalAction)
-    about = "correct the result by the error that new samples show; on by default, except in taa"
+    about = "add the error that new samples show to the result; on by default, except in taa"
     option("--innovation", about, action=argparse.BooleanOptionalAction)
     option("--preset", "best, denoised, textbook, karis or filament")
     option("--block", "side of the blocks in pixels, 4 to 256", type=int)
@@ -181,7 +184,7 @@ def _parser() -> argparse.ArgumentParser:
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
     upscale.add_argument("--denoise", action="store_true", help="denoise with SVGF first")
 
-    info = command(_info, "info", "list the buffers of an EXR file, and the missing ones with the consequences")
+    info = command(_info, "info", "list the buffers of an EXR file, and the consequences of each missing one")
     info.add_argument("file", metavar="FILE", type=Path)
     channels(info)
 
@@ -194,40 +197,44 @@ def _parser() -> argparse.ArgumentParser:
     chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
     chart.add_argument("frames", metavar="FRAMES", nargs="*", help="noisy EXR files: a folder, files or a pattern")
     channels(chart)
-    chart.add_argument("--references", metavar="REF", nargs="+", help="the same without noise: files of the same names")
-    chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help="%(default)s")
-    chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="by default, all")
-    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of names; by default, all")
+    chart.add_argument("--references", metavar="REF", nargs="+", help="noise-free files of the same names")
+    chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help=output)
+    chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="metrics; by default, all")
+    chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of methods' names; by default, all")
     chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
     chart.add_argument("--ablate", action="store_true", help="ablation: switch off each component in turn")
-    doors = "degrade or drop buffers instead, in these ways (by default all); also with --ablate"
+    doors = "measure the loss from dropped or degraded buffers, in these ways (by default all); also with --ablate"
     chart.add_argument("--doors", metavar="DOOR", nargs="*", help=doors)
-    chart.add_argument("--time-size", metavar="WxH", type=_size, default=(1280, 720), help="of timed frames; 1280x720")
+    chart.add_argument(
+        "--time-size", metavar="WxH", type=_size, default=(1280, 720), help="size of timed frames; 1280x720"
+    )
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
-    groups = "names, tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, or all without the last (default)"
+    groups = "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out; default: all but the last"
     render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
-    render("--length", metavar="N", type=_count, default=16, help="frames; %(default)s")
-    render("--size", metavar="WxH", type=_size, default=(256, 192), help="256x192")
-    render("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
-    render("--seeds", metavar="N", type=_count, default=1, help="times each is rendered with other noise (default: 1)")
-    render("--cache", metavar="DIR", type=Path, help="folder for rendered frames; by default, in the user's cache")
+    render("--length", metavar="N", type=_count, default=16, help="number of frames; %(default)s")
+    render("--size", metavar="WxH", type=_size, default=(256, 192), help="size of the frames; 256x192")
+    render("--reference-spp", metavar="N", type=_count, help="samples per pixel of references; by default, 256 or 512")
+    render("--seeds", metavar="N", type=_count, default=1, help="number of realisations of the noise; %(default)s")
+    render("--cache", metavar="DIR", type=Path, help="folder for rendered frames; by default in the user's cache")
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
-    stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help="%(default)s")
-    stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="by default, all")
-    stress.add_argument("--methods", metavar="NAME", nargs="+", help="by default, all pipelines and presets")
+    stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help=output)
+    stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="scenarios; by default, all")
+    stress.add_argument("--methods", metavar="NAME", nargs="+", help="methods; by default, all pipelines and presets")
     stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
-    stress.add_argument("--quick", action="store_true", help="16 frames of each scenario, and nothing else")
+    stress.add_argument("--quick", action="store_true", help="16 frames of each scenario; no strains, no long runs")
 
-    bench = command(_bench, "bench", "time every kernel and pipeline, beside other libraries and the machine's limits")
-    bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help="%(default)s")
+    bench = command(_bench, "bench", "time every kernel and pipeline, other libraries and the machine's limits")
+    bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help=output)
     sizes = [(256, 256), (1920, 1080), (3840, 2160)]
     shown = " ".join(f"{width}x{height}" for width, height in sizes)
-    bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=shown)
-    bench.add_argument("--threads", metavar="N", type=_count, nargs="+", help="by default, one and all")
-    bench.add_argument("--simd", metavar="LEVEL", nargs="+", help="with the most threads; by default, all levels here")
-    bench.add_argument("--repetitions", metavar="N", type=_count, default=7, help="runs of each, at most; %(default)s")
-    bench.add_argument("--only", metavar="TASK", nargs="+", help="beginnings of names; by default, all")
+    bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=f"sizes of images; {shown}")
+    bench.add_argument(
+        "--threads", metavar="N", type=_count, nargs="+", help="numbers of threads; by default, one and all"
+    )
+    bench.add_argument("--simd", metavar="LEVEL", nargs="+", help="SIMD levels, with the most threads; by default, all")
+    bench.add_argument("--repetitions", metavar="N", type=_count, default=7, help="maximum number of runs; %(default)s")
+    bench.add_argument("--only", metavar="TASK", nargs="+", help="prefixes of tasks' names; by default, all")
     bench.add_argument("--no-rivals", action="store_true", help="leave out torch, OpenCV and Open Image Denoise")
     return parser
 
@@ -290,17 +297,17 @@ def _denoise(options: argparse.Namespace) -> int:
         raise ValueError(f"--plan: expected no --method beside it, got {options.method}")
     options.method = options.method or "svgf"
     pipeline = _pipeline(options)
-    # A single image has no use for later ones.
+    # Without temporal stages, later frames change nothing.
     lookahead = 0 if options.method == "oidn" else options.lookahead
 
     def look(files: list[Description]) -> list[str]:
         for known in files if options.method == "recirculation" else ():
             if not known.camera or not known.channels.keys() & {"depth", "position"}:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
-        if options.method == "oidn":  # which has no history
+        if options.method == "oidn":  # has no history, so that only albedo and normals matter
             return _missing(files, ("albedo", "normal"))
         in_place = _in_place(files)
-        if in_place:  # later frames cannot follow motion either
+        if in_place:  # without motion, history of later frames cannot be fetched either
             nonlocal lookahead
             lookahead = 0
         return [*in_place, *_missing(files)]
@@ -336,7 +343,7 @@ def _plan(options: argparse.Namespace) -> None:
 
 def _planned(frames: Iterable[Frame]) -> Plan:
     with warnings.catch_warnings():
-        # It is in the plan as well.
+        # The plan itself gives the reason.
         warnings.filterwarnings("ignore", "plan:", UserWarning)
         return plan(frames)
 
@@ -344,7 +351,7 @@ def _planned(frames: Iterable[Frame]) -> Plan:
 def _upscale(options: argparse.Namespace) -> int:
     _need("exr", "OpenEXR", "tqdm")
     upscaler = Upscaler(options.scale, sharpness=options.sharpness)
-    # Without antialiasing, which would average out the jitter that the upscaler needs.
+    # No antialiasing: it would average out the jitter that the upscaler needs.
     denoiser = SVGF(antialias=False)
 
     def denoised(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Frame]:
@@ -373,7 +380,7 @@ def _upscale(options: argparse.Namespace) -> int:
 
 
 def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]:
-    """Pass outputs on, and note the buffers that they used."""
+    """Yield the outputs unchanged, and add the buffers that they used to `used`."""
     for output in outputs:
         used.update(dict.fromkeys(output.used))
         yield output
@@ -395,7 +402,7 @@ def _in_place(files: list[Description]) -> list[str]:
 
 
 def _missing(files: list[Description], names: Iterable[str] | None = None) -> list[str]:
-    """A line for each buffer that some file lacks, with the cost of its absence; optionally only for some names."""
+    """A line for each buffer that some file lacks, with the consequence; with `names`, for these buffers only."""
     costs = {name: cost for known in files for name, cost in known.missing.items()}
     return [f"missing: {name}: {cost}" for name, cost in costs.items() if names is None or name in names]
 
@@ -417,8 +424,9 @@ def _convert(
     """Run a method on the frames of each shot, from input files to output files of the same names."""
     from tqdm import tqdm
 
-    from .io import COMPRESSIONS, Plate, read_plate, sequence_paths, write_exr
+    from .io import Plate, read_plate, sequence_paths, write_exr
     from .io.ahead import ahead
+    from .io.exr import COMPRESSIONS
     from .io.shots import breaks
 
     if options.compression not in (None, *COMPRESSIONS):
@@ -472,7 +480,7 @@ def _convert(
                             damaged.append(f"damaged, left out: {plate}")
                             tqdm.write(damaged[-1], file=sys.stderr)
                             return
-                        # Where many frames wait, only their buffers are kept: the other layers are read once more.
+                        # To save memory, only the first waiting frame keeps its other layers; the rest are read again.
                         held.append((number, plate.frame, None if held else plate))
                         yield plate.frame
 
@@ -543,7 +551,7 @@ def _targets(paths: list[Path], output: Path) -> list[Path]:
     if output.suffix.lower() != ".exr" or output.is_dir():
         return [output / path.name for path in paths]
     if len(paths) > 1:
-        raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got the name of one")
+        raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got a file name")
     return [output]
 
 
@@ -560,7 +568,7 @@ def _info(options: argparse.Namespace) -> None:
     for remark in known.remarks:
         print(f"note: {remark}")
     for name, channels in known.channels.items():
-        print(f"  {name:<{width}} {' '.join(channels)}")
+        print(f"  {name:<{width}} {_grouped(channels, sort=False)}")
         if name in known.notes:
             print(f"  {'':<{width}} {known.notes[name]}")
     if known.camera:
@@ -624,22 +632,19 @@ def _like_motion(known: Description) -> list[str]:
     return next(([*own[:2]] for own in [*several, *guesses]), [])
 
 
-def _grouped(channels: Iterable[str]) -> str:
-    """Channels by layer: ``N.XYZ`` for N.X, N.Y and N.Z."""
+def _grouped(channels: Iterable[str], *, sort: bool = True) -> str:
+    """Channels by layer: ``N.XYZ`` for N.X, N.Y and N.Z, in the usual order of components or in that given."""
     layers: dict[str, list[str]] = {}
     for channel in channels:
         layer, _, component = channel.rpartition(".")
         layers.setdefault(layer, []).append(component)
     bare = layers.pop("", [])
-    grouped = (f"{layer}.{_ordered(own)}" for layer, own in layers.items())
-    return " ".join([*bare, *grouped])
-
-
-def _ordered(components: list[str]) -> str:
-    """Components as one word if they are letters, in the usual order."""
-    if any(len(component) != 1 for component in components):
-        return ",".join(components)
-    return "".join(sorted(components, key=lambda letter: "RGBAXYZWUV".find(letter.upper())))
+    shown = list(bare)
+    for layer, components in layers.items():
+        if sort:
+            components.sort(key=lambda component: "RGBAXYZWUV".find(component.upper()))
+        shown.append(f"{layer}.{('' if all(len(one) == 1 for one in components) else ',').join(components)}")
+    return " ".join(shown)
 
 
 def _chart(options: argparse.Namespace) -> None:
@@ -651,15 +656,16 @@ def _chart(options: argparse.Namespace) -> None:
     from .study.compare.peers import peers
 
     if options.references and not options.frames:
-        raise ValueError("--references: expected FRAMES that they belong to, got none")
+        raise ValueError("--references: expected FRAMES as well, got none")
     if options.ablate and options.methods:
-        raise ValueError("--methods: expected none with --ablate, which has its own")
+        raise ValueError("--methods: expected none with --ablate, which chooses the methods itself")
     metrics = options.metrics and _known("--metrics", options.metrics, METRICS)
     bare = options.frames and not options.references
     if bare:
         metrics = [key for key in metrics or METRICS if METRICS[key].needs == "none"]
         if not metrics:
-            raise ValueError(f"--metrics: expected some that do without --references, got {', '.join(options.metrics)}")
+            got = ", ".join(options.metrics)
+            raise ValueError(f"--metrics: expected metrics without a reference, or --references, got {got}")
     entered = [*doors.DOORS[: 1 if options.doors is None else None]]
     if options.doors:
         names = _known("--doors", options.doors, [door.name for door in doors.DOORS])
@@ -669,15 +675,15 @@ def _chart(options: argparse.Namespace) -> None:
     wanted = tuple(current_name(name) for name in options.methods or ())
     for one in wanted:
         if not any(m.name.startswith(one) for m in every):
-            known = "; ".join([*(m.name for m in every), *(f"(not here) {name}" for name in absent)])
-            raise ValueError(f"--methods: expected beginnings of {known}, got {one}")
+            known = "; ".join([*(m.name for m in every), *(f"(not installed) {name}" for name in absent)])
+            raise ValueError(f"--methods: expected prefixes of {known}, got {one}")
     methods = [m for m in every if not wanted or m.name.startswith(wanted)]
     given = _recordings(options)
     folder = _writable(options.output)
     for name, remedy in absent.items():
-        print(f"not here: {name}: {remedy}", file=sys.stderr)
+        print(f"not installed: {name}: {remedy}", file=sys.stderr)
     if bare:
-        print("no references: speed, and steadiness along motion alone, are measured", file=sys.stderr)
+        print("no references: only speed and the change along motion are measured", file=sys.stderr)
     recordings = list(given)
     few = metrics or [*harm.LIMITS]
 
@@ -714,7 +720,7 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     if options.map or options.view:
         raise ValueError("--map, --view: expected FRAMES that they are about, got none")
     _need("study", "mitsuba")
-    from .study.rendered.sequences import GROUPS, LATE, NAMES
+    from .study.rendered.sequences import GROUPS, LATE, NAMES, expand
 
     asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES, *LATE])
     if options.cache:
@@ -723,8 +729,7 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     shape = {"frames": options.length, "width": width, "height": height, "reference_spp": options.reference_spp}
     shape["variants"] = options.seeds - 1
     shape["raw_albedo"] = options.doors is not None
-    names = dict.fromkeys(name for one in asked for name in GROUPS.get(one, (one,)))
-    return (record(name, options.cache, **shape) for name in names)
+    return (record(name, options.cache, **shape) for name in expand(asked))
 
 
 def _known(argument: str, given: list[str], known: Iterable[str]) -> list[str]:
@@ -781,7 +786,7 @@ def _check(
     seen: dict[str, Path] = {}
     for path, target in zip(paths, targets, strict=True):
         if path.name in seen:
-            raise ValueError(f"{path}: the output of {seen[path.name]} would have the same name")
+            raise ValueError(f"{path}: its output would overwrite that of {seen[path.name]}, which has the same name")
         seen[path.name] = path
         if target.resolve() == path.resolve():
             raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
@@ -803,7 +808,7 @@ def _check(
             )
         if ("albedo" in known.channels) != ("albedo" in first.channels):
             has, lacks = (path, first.path) if "albedo" in known.channels else (first.path, path)
-            raise ValueError(f"{lacks}: no albedo, but {has} has one")
+            raise ValueError(f"{lacks}: no albedo, but {has} has albedo")
     if damaged and not (keep_going and files):
         others = f"; so are {len(damaged) - 1} more" if len(damaged) > 1 else ""
         named = ": " + "; ".join(str(error).partition(": ")[0] for error in damaged[1:]) if others else ""

@@ -70,6 +70,11 @@ class Frame:
         If an array or the camera has another shape than the above, or another size than `color`; if `jitter` lies
         outside the pixel.
 
+    See Also
+    --------
+    yester.io.read_exr : Reads a frame from a file.
+    SVGF : Denoises a sequence of frames.
+
     Notes
     -----
     Pipelines check the convention of `motion` at a sequence's second frame: against the motion of the cameras, if these
@@ -77,6 +82,17 @@ class Frame:
     along it. If another convention fits clearly better (y up, the opposite direction, normalised device coordinates
     from -1 to 1, or fractions of the image's sides from 0 to 1), they emit a `UserWarning` with the factor to multiply
     by. `check` is the thorough form, for all buffers.
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> frame = yester.Frame(np.ones((4, 6, 3)), depth=np.full((4, 6), 2.0))
+    >>> frame
+    Frame(6x4: color, depth)
+    >>> frame.depth.dtype
+    dtype('float32')
+    >>> dataclasses.replace(frame, depth=None)
+    Frame(6x4: color)
     """
 
     color: NDArray[np.float32]
@@ -159,11 +175,22 @@ class Frame:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(height, width)."""
+        """Height and width."""
         return self.height, self.width
 
     def buffers(self) -> dict[str, NDArray[np.float32] | NDArray[np.uint32]]:
-        """The arrays that were given, by name, in canonical order."""
+        """Collect the arrays that were given.
+
+        Returns
+        -------
+        dict of str to ndarray
+            By name, in canonical order.
+
+        Examples
+        --------
+        >>> [*yester.Frame(np.ones((2, 2, 3)), depth=np.ones((2, 2))).buffers()]
+        ['color', 'depth']
+        """
         return {name: array for name in BUFFERS if (array := getattr(self, name)) is not None}
 
 

@@ -1,7 +1,7 @@
 """Metrics: errors of an image against its reference, and temporal stability of a sequence.
 
-Images are (H, W, 3), linear, scene-referred and unclamped. `relmse`, `smape` and `bias_variance` look at the linear
-values, bright ones included; all others judge what a viewer would see and therefore look at `srgb` of the images.
+Images are (H, W, 3), linear, scene-referred and unclamped. `relmse` and `smape` look at the linear values,
+bright ones included; all others judge what a viewer would see and therefore look at `srgb` of the images.
 
 Every function takes arrays. One that is measured in many ways is better given as a `Picture`, which is checked and
 encoded once. `METRICS` describes those that charts and reports show.
@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,10 +21,8 @@ from yester import reproject
 
 __all__ = [
     "METRICS",
-    "BiasVariance",
     "Metric",
     "Picture",
-    "bias_variance",
     "edge_sharpness",
     "flicker",
     "flip",
@@ -55,13 +53,23 @@ class Picture:
 
     Attributes
     ----------
-    linear, srgb : (H, W, 3) ndarray of float64
-        The image, and what `srgb` makes of it.
+    linear : (H, W, 3) ndarray of float64
+        The image.
+    srgb : (H, W, 3) ndarray of float64
+        The image, encoded by `yester.metrics.srgb`.
 
     Raises
     ------
     ValueError
         If the shape is not (H, W, 3), or a value is not finite.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> image = metrics.Picture(np.full((16, 16, 3), 0.25))
+    >>> reference = metrics.Picture(np.full((16, 16, 3), 0.5))
+    >>> round(metrics.psnr(image, reference), 2), round(metrics.relmse(image, reference), 4)
+    (14.06, 0.2404)
     """
 
     def __init__(self, image: ArrayLike, name: str = "image") -> None:
@@ -74,6 +82,7 @@ class Picture:
 
     @cached_property
     def srgb(self) -> NDArray[np.float64]:
+        """The image, encoded by `yester.metrics.srgb`: (H, W, 3) float64."""
         return srgb(self.linear)
 
 
@@ -81,7 +90,7 @@ Image: TypeAlias = ArrayLike | Picture
 
 
 def srgb(image: ArrayLike) -> NDArray[np.float64]:
-    """Encode linear values for display: clipped to [0, 1], then the sRGB curve (IEC 61966-2-1).
+    """Encode linear values for display: clipped to [0, 1], then the sRGB curve.
 
     Parameters
     ----------
@@ -92,6 +101,20 @@ def srgb(image: ArrayLike) -> NDArray[np.float64]:
     -------
     ndarray of float64
         Of the same shape, 0 to 1.
+
+    Notes
+    -----
+    ``12.92 x`` up to 0.0031308, above ``1.055 x**(1 / 2.4) - 0.055`` [1]_.
+
+    References
+    ----------
+    .. [1] IEC 61966-2-1, "Colour management: default RGB colour space: sRGB", 1999.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> metrics.srgb([0.0, 0.18, 1.0, 5.0])
+    array([0.    , 0.4614, 1.    , 1.    ])
     """
     linear = np.clip(np.asarray(image, np.float64), 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
@@ -117,6 +140,17 @@ def psnr(image: Image, reference: Image) -> float:
     ------
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
+
+    Notes
+    -----
+    ``-10 log10(mean((srgb(image) - srgb(reference))²))`` over pixels and channels.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> round(metrics.psnr(0.9 * reference, reference), 2)
+    29.38
     """
     image, reference = _alike(image=image, reference=reference)
     error = np.mean((image.srgb - reference.srgb) ** 2)
@@ -124,7 +158,7 @@ def psnr(image: Image, reference: Image) -> float:
 
 
 def relmse(image: Image, reference: Image) -> float:
-    """Relative mean squared error: the mean of (a - r)² / (r² + 0.01) over pixels and channels.
+    """Relative mean squared error, which weights dark pixels like bright ones.
 
     Parameters
     ----------
@@ -141,17 +175,32 @@ def relmse(image: Image, reference: Image) -> float:
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
+    See Also
+    --------
+    smape : Is not dominated by few bright pixels.
+
+    Notes
+    -----
+    The mean of ``(a - r)² / (r² + 0.01)`` over pixels and channels, with a the image and r the reference [1]_.
+
     References
     ----------
     .. [1] F. Rousselle, C. Knaus, M. Zwicker, "Adaptive sampling and reconstruction using greedy error
        minimization", ACM Transactions on Graphics 30(6), 2011.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> round(metrics.relmse(0.9 * reference, reference), 5)
+    0.00962
     """
     image, reference = _alike(image=image, reference=reference)
     return float(np.mean((image.linear - reference.linear) ** 2 / _relative(reference)))
 
 
 def smape(image: Image, reference: Image) -> float:
-    """Symmetric mean absolute percentage error: the mean of |a - r| / (|a| + |r| + 0.001) over pixels and channels.
+    """Symmetric mean absolute percentage error.
 
     Parameters
     ----------
@@ -168,10 +217,22 @@ def smape(image: Image, reference: Image) -> float:
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
+    Notes
+    -----
+    The mean of ``|a - r| / (|a| + |r| + 0.001)`` over pixels and channels, with a the image and r the reference [1]_.
+    Authors differ in the constant that keeps black from dividing by 0.
+
     References
     ----------
     .. [1] T. Vogels et al., "Denoising with kernel prediction and asymmetric loss functions", ACM Transactions on
-       Graphics 37(4), 2018. Authors differ in the constant that keeps black from dividing by 0.
+       Graphics 37(4), 2018.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> round(metrics.smape(0.9 * reference, reference), 4)
+    0.0526
     """
     image, reference = _alike(image=image, reference=reference)
     a, r = image.linear, reference.linear
@@ -182,7 +243,7 @@ def ssim(image: Image, reference: Image) -> float:
     """Structural similarity of the sRGB-encoded images: its mean over channels and pixels.
 
     Gaussian weights of standard deviation 1.5 in windows of 11×11 that lie inside the image, and a range of 1, as its
-    authors have it; computed by scikit-image.
+    authors have it [1]_; computed by scikit-image.
 
     Parameters
     ----------
@@ -205,6 +266,13 @@ def ssim(image: Image, reference: Image) -> float:
     ----------
     .. [1] Z. Wang, A. Bovik, H. Sheikh, E. Simoncelli, "Image quality assessment: from error visibility to structural
        similarity", IEEE Transactions on Image Processing 13(4), 2004.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.random.default_rng(0).random((16, 16, 3))
+    >>> round(metrics.ssim(reference, reference), 4)
+    1.0
     """
     image, reference = _alike(image=image, reference=reference)
     if min(reference.linear.shape[:2]) < 11:
@@ -229,7 +297,7 @@ def ssim(image: Image, reference: Image) -> float:
 def flip(image: Image, reference: Image) -> float:
     """Mean FLIP of the sRGB-encoded images: the difference seen when flipping between them on a display.
 
-    LDR FLIP at 67 pixels per degree, the default of NVIDIA's implementation.
+    LDR FLIP [1]_ at 67 pixels per degree, the default of NVIDIA's implementation.
 
     Parameters
     ----------
@@ -248,23 +316,55 @@ def flip(image: Image, reference: Image) -> float:
     ImportError
         If flip-evaluator is not installed.
 
+    See Also
+    --------
+    flip_map : FLIP of every pixel.
+
     References
     ----------
     .. [1] P. Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", Proceedings of the ACM on
        Computer Graphics and Interactive Techniques 3(2), 2020.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> round(metrics.flip(0.9 * reference, reference), 2)
+    0.13
     """
     return float(flip_map(image, reference).mean(dtype=np.float64))
 
 
 def flip_map(image: Image, reference: Image) -> NDArray[np.float32]:
-    """FLIP of every pixel: see `flip`, whose parameters and errors these are.
+    """FLIP of every pixel.
+
+    Parameters
+    ----------
+    image, reference : (H, W, 3) array_like of float, or Picture
+        Linear.
 
     Returns
     -------
     (H, W) ndarray of float32
-        0 to 1.
+        0 (no difference) to 1.
+
+    Raises
+    ------
+    ValueError, ImportError
+        As `flip`.
+
+    See Also
+    --------
+    flip : The mean, with the source.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> metrics.flip_map(reference, reference).shape
+    (16, 16)
     """
-    # The evaluator ends the whole process on input that it does not like: nothing unchecked may reach it.
+    # On invalid input, the evaluator would exit the whole process.
     image, reference = _alike(image=image, reference=reference)
     try:
         import flip_evaluator
@@ -298,6 +398,18 @@ def temporal_error(image: Image, before: Image, reference: Image, reference_befo
     ------
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
+
+    See Also
+    --------
+    tpsnr : This error in decibels.
+    warped_error : Needs no reference.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> round(metrics.temporal_error(0.9 * reference, reference, reference, reference), 4)
+    0.0339
     """
     image, before, reference, reference_before = _alike(
         image=image, before=before, reference=reference, reference_before=reference_before
@@ -309,17 +421,43 @@ def temporal_error(image: Image, before: Image, reference: Image, reference_befo
 def tpsnr(image: Image, before: Image, reference: Image, reference_before: Image) -> float:
     """Peak signal-to-noise ratio of the change from one frame to the next: `temporal_error` in decibels.
 
-    Parameters and errors are those of `temporal_error`.
+    Parameters
+    ----------
+    image, before : (H, W, 3) array_like of float, or Picture
+        Linear: a frame and the one before it.
+    reference, reference_before : (H, W, 3) array_like of float, or Picture
+        Linear: the references of both.
 
     Returns
     -------
     float
         Higher is better; infinity where the sequence changes as its reference does.
 
+    Raises
+    ------
+    ValueError
+        As `temporal_error`.
+
+    See Also
+    --------
+    temporal_error : The root mean square.
+
+    Notes
+    -----
+    ``-20 log10(temporal_error)``. Noisebase, the framework of Bálint et al. [1]_, takes its mean over a sequence's
+    pairs of frames.
+
     References
     ----------
     .. [1] M. Bálint et al., "Neural partitioning pyramids for denoising Monte Carlo renderings", SIGGRAPH 2023
-       conference papers, and Noisebase, its framework, which takes the mean of this over a sequence's pairs of frames.
+       conference papers.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.full((16, 16, 3), 0.5)
+    >>> round(metrics.tpsnr(0.9 * reference, reference, reference, reference), 2)
+    29.38
     """
     error = temporal_error(image, before, reference, reference_before)
     return float("inf") if error == 0 else float(-20 * np.log10(error))
@@ -354,10 +492,24 @@ def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLik
     TypeError
         If `valid` is not of bool.
 
+    See Also
+    --------
+    temporal_error : Compares with a reference.
+
+    Notes
+    -----
+    Lai et al. [1]_ have the square of this, with a mask from optical flow.
+
     References
     ----------
-    .. [1] W.-S. Lai et al., "Learning blind video temporal consistency", ECCV 2018: the square of this, its mask from
-       optical flow.
+    .. [1] W.-S. Lai et al., "Learning blind video temporal consistency", ECCV 2018.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> image = np.full((16, 16, 3), 0.5)
+    >>> round(metrics.warped_error(0.9 * image, image, np.zeros((16, 16, 2))), 4)
+    0.0339
     """
     image, before = _alike(image=image, before=before)
     motion = np.asarray(motion)
@@ -369,7 +521,7 @@ def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLik
     # Coverage is a sum of rounded weights: a whole footprint may have a little less than 1.
     seen = seen & (coverage > 0.999)
     if not seen.any():
-        raise ValueError("valid: no valid pixel has a place inside the previous image")
+        raise ValueError("valid: expected a pixel whose previous position is inside the image, got none")
     # In float32 like the fetched image, so that a static image has no difference.
     error = image.srgb.astype(np.float32) - fetched
     return float(np.sqrt(np.mean(error**2, dtype=np.float64, where=seen[..., np.newaxis])))
@@ -399,6 +551,13 @@ def flicker(images: Iterable[Image], mask: ArrayLike | None = None) -> float:
         If there are fewer than two images, shapes do not fit, a value is not finite, or the mask is empty.
     TypeError
         If `mask` is not of bool.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> image = np.full((16, 16, 3), 0.5)
+    >>> round(metrics.flicker([image, 0.9 * image]), 4)
+    0.024
     """
     pictures = _each(images)
     encoded = (srgb(one.linear[_mask("mask", mask, one.linear.shape[:2])]) for one in pictures)
@@ -409,8 +568,9 @@ def flicker(images: Iterable[Image], mask: ArrayLike | None = None) -> float:
 def ghost(image: Image, reference: Image, former: Image, mask: ArrayLike | None = None) -> float:
     """Ghosting after an event (a switched light, a swapped texture, a cut): the weight of the former image.
 
-    <i - r, f - r> / <f - r, f - r> over pixels and channels of srgb: the weight of `former` in the mixture of it and
-    the reference that best fits the image. Pixels where both agree do not count.
+    ``<i - r, f - r> / <f - r, f - r>`` over pixels and channels of srgb, with the image i, the reference r and the
+    former image f: the weight of `former` in the mixture of it and the reference that best fits the image. Pixels where
+    both agree do not count.
 
     Parameters
     ----------
@@ -432,6 +592,17 @@ def ghost(image: Image, reference: Image, former: Image, mask: ArrayLike | None 
         If shapes do not fit, a value is not finite, or `former` looks like the reference in all chosen pixels.
     TypeError
         If `mask` is not of bool.
+
+    See Also
+    --------
+    lag : Frames until the ghost is gone.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference, former = np.zeros((16, 16, 3)), np.ones((16, 16, 3))
+    >>> metrics.ghost(former, reference, former)
+    1.0
     """
     image, reference, former = _alike(image=image, reference=reference, former=former)
     seen = _mask("mask", mask, reference.linear.shape[:2])
@@ -439,12 +610,12 @@ def ghost(image: Image, reference: Image, former: Image, mask: ArrayLike | None 
     event[~seen] = 0
     strength = np.vdot(event, event)
     if strength == 0:
-        raise ValueError("former: looks like the reference, there is nothing that could linger")
+        raise ValueError("former: expected an image other than the reference, got an equal one")
     return float(np.vdot(image.srgb - reference.srgb, event) / strength)
 
 
 def lag(ghosts: Sequence[float] | NDArray[np.floating], threshold: float = 0.1) -> int:
-    """Frames after an event until its ghost is gone for good.
+    """Count the frames after an event until its ghost is gone for good.
 
     Parameters
     ----------
@@ -462,6 +633,16 @@ def lag(ghosts: Sequence[float] | NDArray[np.floating], threshold: float = 0.1) 
     ------
     ValueError
         If `ghosts` is not one-dimensional or not finite.
+
+    See Also
+    --------
+    ghost : The weight of the former image.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> metrics.lag([1.0, 0.5, 0.25, 0.05, 0.01])
+    3
     """
     values = np.asarray(ghosts, np.float64)
     if values.ndim != 1:
@@ -471,56 +652,11 @@ def lag(ghosts: Sequence[float] | NDArray[np.floating], threshold: float = 0.1) 
     return int(left[-1]) + 1 if left.size else 0
 
 
-class BiasVariance(NamedTuple):
-    """What `bias_variance` returns.
-
-    Attributes
-    ----------
-    bias, variance : float
-        Both in units of relMSE; their sum is the mean relMSE of the runs.
-    """
-
-    bias: float
-    variance: float
-
-
-def bias_variance(images: Iterable[Image], reference: Image) -> BiasVariance:
-    """Split the error of independent runs into bias, the error of their mean, and variance between runs.
-
-    The variance is the mean over pixels and channels of var / (r² + 0.01), with the unbiased variance over runs; the
-    bias is that of ((mean - r)² - var / S) / (r² + 0.01). The second term is what noise adds to the mean of S runs.
-
-    Parameters
-    ----------
-    images : (S, H, W, 3) array_like of float, or iterable of images
-        Linear: the same frame from at least two runs with different random numbers. Of an iterable, one image is held
-        at a time.
-    reference : (H, W, 3) array_like of float, or Picture
-        Linear.
-
-    Returns
-    -------
-    BiasVariance
-        Of squares: ``bias`` and ``variance``, whose sum is the mean of `relmse` over the runs, up to rounding. Both
-        are estimated without bias, which is why a ``bias`` near 0 can come out below it.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two images, the shapes differ or are not (H, W, 3), or a value is not finite.
-    """
-    [truth] = _alike(reference=reference)
-    count, mean, variance = _moments(run.linear for run in _each(images, reference=truth))
-    scale = _relative(truth)
-    bias = ((mean - truth.linear) ** 2 - variance / count) / scale
-    return BiasVariance(float(np.mean(bias)), float(np.mean(variance / scale)))
-
-
 def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float:
     """Edge sharpness: the steepness, in the image, of the reference's strongest edges.
 
-    <∇i, ∇r> / <∇r, ∇r> of the luminance of srgb (Rec. 709), by central differences, over the `share` of inner pixels
-    where the reference is steepest.
+    ``<∇i, ∇r> / <∇r, ∇r>`` of the luminance of srgb (Rec. 709), by central differences, over the `share` of inner
+    pixels where the reference is steepest; i is the image, r the reference.
 
     Parameters
     ----------
@@ -540,6 +676,16 @@ def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float
     ValueError
         If the shapes differ, are not (H, W, 3) or smaller than 3×3, a value is not finite, `share` is out of range, or
         the reference has no edges.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> reference = np.zeros((16, 16, 3))
+    >>> reference[:, 8:] = 1
+    >>> blurred = reference.copy()
+    >>> blurred[:, 8] = 0.2
+    >>> round(metrics.edge_sharpness(blurred, reference), 3)
+    0.742
     """
     image, reference = _alike(image=image, reference=reference)
     if not 0 < share <= 1:
@@ -552,7 +698,7 @@ def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float
     edges = strength >= np.partition(strength, -count, axis=None)[-count]
     total = np.sum(strength[edges])
     if total == 0:
-        raise ValueError("reference: is of one luminance all over, it has no edges")
+        raise ValueError("reference: expected edges, got the same luminance everywhere")
     return float(np.sum(_slopes(image)[:, edges] * slopes[:, edges]) / total)
 
 
@@ -560,7 +706,7 @@ def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float
 class Metric:
     """Description of a metric for charts and reports.
 
-    Attributes
+    Parameters
     ----------
     key : str
         Its name in this module.
@@ -572,6 +718,10 @@ class Metric:
         The reference of a frame, that of the frame before as well, or none.
     measure : callable
         Takes (image, reference), (image, before, reference, reference_before), or (image, before, motion, valid).
+
+    See Also
+    --------
+    metric : Looks one up by name.
     """
 
     key: str
@@ -598,12 +748,29 @@ METRICS = {
 
 
 def metric(key: str) -> Metric:
-    """Look up one of `METRICS`.
+    """Look up one of ``METRICS``.
+
+    Parameters
+    ----------
+    key : str
+        Its name.
+
+    Returns
+    -------
+    Metric
+        Its description and function.
 
     Raises
     ------
     ValueError
         If there is none of that name.
+
+    Examples
+    --------
+    >>> from yester import metrics
+    >>> found = metrics.metric("relmse")
+    >>> found.label, found.higher_is_better
+    ('relMSE', False)
     """
     if key not in METRICS:
         raise ValueError(f"metric: expected one of {', '.join(METRICS)}, got {key!r}")
@@ -627,8 +794,9 @@ def _alike(**images: Image) -> list[Picture]:
     return [*pictures.values()]
 
 
-def _each(images: Iterable[Image], **model: Picture) -> Iterator[Picture]:
-    """The images one by one, of one shape: the model's, or without one the first's."""
+def _each(images: Iterable[Image]) -> Iterator[Picture]:
+    """The images one by one, all of the first one's shape."""
+    model: dict[str, Picture] = {}
     for i, image in enumerate(images):
         *_, picture = _alike(**model, **{f"images[{i}]": image})
         model = model or {"images[0]": picture}
@@ -644,7 +812,7 @@ def _mask(name: str, mask: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
     if array.shape != shape:
         raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
     if not array.any():
-        raise ValueError(f"{name}: no pixel is chosen")
+        raise ValueError(f"{name}: expected at least one true pixel, got none")
     return array
 
 

@@ -38,13 +38,28 @@ class OIDN(Pipeline):
     ValueError
         If the quality is unknown; if `fireflies` is set without `temporal`.
 
+    See Also
+    --------
+    SVGF : Denoises without a network.
+
     Notes
     -----
-    `temporal` consists of ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the
-    network, `innovation` (with the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised")``,
-    and gives their bits. Tried and found worse: demodulated input, for the network or for innovation; feeding
-    innovation back into the accumulated history; a second accumulation of the network's output. As many threads run as
-    ``YESTER_THREADS`` allows.
+    The network is the filter "RT" of Intel's Open Image Denoise [1]_. `temporal` consists of
+    ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the network, `innovation` (with
+    the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised")``, and gives their bits. Tried
+    and found worse: demodulated input, for the network or for innovation; feeding innovation back into the accumulated
+    history; a second accumulation of the network's output. As many threads run as ``YESTER_THREADS`` allows.
+
+    References
+    ----------
+    .. [1] A. T. Áfra, Intel, "Open Image Denoise", www.openimagedenoise.org, 2019 to date.
+
+    Examples
+    --------
+    >>> frame = yester.Frame(np.random.default_rng(0).gamma(1, 0.5, (32, 32, 3)))
+    >>> output = yester.OIDN("fast").step(frame)
+    >>> bool(output.color.std() < frame.color.std() / 2)
+    True
     """
 
     def __init__(
@@ -58,7 +73,7 @@ class OIDN(Pipeline):
         super().__init__(quality, temporal=temporal, fireflies=fireflies, innovation=innovation)
         self._network = Network(quality)
         if fireflies and not temporal:
-            raise ValueError("fireflies: expected False without temporal, as the network sees to them itself, got True")
+            raise ValueError("fireflies: expected False without temporal, as the network itself removes them, got True")
         history = SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False, fireflies=fireflies)
         self._stages = (history, TAA("denoised")) if temporal else None
         self._corrects = innovation
@@ -171,7 +186,7 @@ class Network:
         self._device = pyoidn.Device()
         self._device.set_int("numThreads", settings()[0])
         self._device.commit()
-        # The device holds gigabytes and must be released explicitly.
+        # The device holds gigabytes and is not freed unless released.
         self._release = [finalize(self, self._device.release)]
         self._images: dict[str, NDArray[np.float32]] = {}
         self._filter: Any = None

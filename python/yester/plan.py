@@ -26,27 +26,27 @@ from .judge import estimate, sums
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan"]
 
-#: Of the plan's file.
+#: Version of the plan's file format.
 _VERSION = 1
-#: The frames that are looked at, unless told otherwise.
+#: Default number of frames from which a plan is made.
 PLANNED = 8
-#: The first frame that is judged, and the fewest frames of a plan.
+#: Index of the first frame that is judged; fewest frames of a plan.
 _START, _FEWEST = 2, 5
-#: Windows of a large image: how many along each side, and their size. Smaller images are judged as a whole.
+#: Windows by which large images are judged: number along each side, and size. Small images are judged as a whole.
 _ALONG, _WINDOW = 2, (96, 128)
-#: Standard errors of the bounds, and the loss that counts as none, relative to the result's change between frames.
+#: Standard errors of the bounds; tolerated loss, relative to the result's change between frames.
 _STRICTNESS, _MARGIN = 2.0, 0.05
-#: The gain from which on a buffer harms; of buffers that tell surfaces apart, which is worth most at edges and where
-#: surfaces appear, neither of which is judged.
+#: Loss (a gain, as it is negative) below which a buffer is left out. The second is for buffers that distinguish
+#: surfaces: these matter most at edges and disocclusions, which are not judged.
 _HARM, _SURFACE_HARM = -0.125, -0.5
-#: Below this share of the light, nothing but rounding changes from frame to frame.
+#: Squared change between frames, relative to the squared radiance, below which nothing changes but by rounding.
 _NOTHING = 1e-8
 #: The name of the stage that gives new samples more weight than old ones.
 _FORGETTING = "forgetting"
-#: The share of the longest history that pixels have on average where the light is constant.
+#: Mean history length, relative to the longest, above which the light counts as constant.
 _CONSTANT = 0.9
 
-#: Buffers that are judged, with those that mean nothing without them.
+#: Buffers that are judged, each with the buffers that are useless without it.
 _GROUPS = {
     "albedo": ("albedo", "emission"),
     "emission": ("emission",),
@@ -70,7 +70,7 @@ class Stage(NamedTuple):
     loss : float
         How much worse the result is without it: the mean squared error that it saves, relative to the mean squared
         change of the result from frame to frame, which is about a fifth of its relMSE. Of the two weightings of
-        `yester.study.predictive_error`, the one with the higher bound. Negative where the result is better without.
+        ``yester.study.predictive_error``, the one with the higher bound. Negative where the result is better without.
     error : float
         Standard error of `loss`.
     ms : float
@@ -90,20 +90,29 @@ class Stage(NamedTuple):
 class Plan:
     """What a sequence needs, and why.
 
-    Attributes
+    Parameters
     ----------
-    options : dict of str to value
+    options : dict of str to value, default {}
         Parameters of `SVGF` that differ from the defaults.
-    buffers : tuple of str
+    buffers : tuple of str, default ()
         The buffers of the frames that were looked at, ``"camera"`` among them.
-    without : tuple of str
+    without : tuple of str, default ()
         Those that the pipeline does not get.
-    static : bool
+    static : bool, default False
         Whether camera, scene and light stand still, so that all samples are averaged.
-    stages : tuple of Stage
+    stages : tuple of Stage, default ()
         The evidence, in the order in which it was taken.
-    reason : str
+    reason : str, default ""
         Why nothing could be judged and the plan is the default; empty otherwise.
+
+    See Also
+    --------
+    plan : Makes a plan from a sequence's first frames.
+
+    Examples
+    --------
+    >>> yester.Plan(options={"iterations": 2}).pipeline().step(yester.Frame(np.ones((4, 4, 3))))
+    Output(4x4, used=(), missing=0)
     """
 
     options: dict[str, Any] = field(default_factory=dict)
@@ -125,7 +134,18 @@ class Plan:
         return "\n".join(lines)
 
     def summary(self) -> str:
-        """One line: the stages and buffers that are left out, or why the plan is the default."""
+        """Describe the plan in one line.
+
+        Returns
+        -------
+        str
+            The stages and buffers that are left out, or why the plan is the default.
+
+        Examples
+        --------
+        >>> yester.Plan().summary()
+        'the default: nothing is superfluous'
+        """
         if self.reason:
             return f"the default: {self.reason}"
         left = [stage.name for stage in self.stages if not stage.used]
@@ -133,7 +153,13 @@ class Plan:
         return f"{what}; static: all samples are averaged" if self.static else what
 
     def pipeline(self) -> Planned:
-        """Make the pipeline: `SVGF` with the plan's options, on the buffers that the plan uses."""
+        """Make the pipeline.
+
+        Returns
+        -------
+        Planned
+            `SVGF` with the plan's options, on the buffers that the plan uses.
+        """
         return Planned(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -142,12 +168,18 @@ class Plan:
         Parameters
         ----------
         path : path-like
-            Replaced if it exists.
+            The file; replaced if it exists.
 
         Raises
         ------
         OSError
             If the file cannot be written.
+
+        Examples
+        --------
+        >>> yester.Plan(options={"iterations": 2}).save("plan.toml")
+        >>> yester.Plan.load("plan.toml").options
+        {'iterations': 2}
         """
         options = f"{{ {', '.join(f'{name} = {_toml(value)}' for name, value in self.options.items())} }}"
         named = {name: _toml(value) for name, value in vars(self).items() if name not in ("options", "stages")}
@@ -168,10 +200,12 @@ class Plan:
         Parameters
         ----------
         path : path-like
+            The file.
 
         Returns
         -------
         Plan
+            With all that was saved.
 
         Raises
         ------
@@ -188,7 +222,7 @@ class Plan:
         if (version := found.pop("version", None)) != _VERSION:
             raise ValueError(f"{path}: version: expected {_VERSION}, got {version}")
         try:
-            # The default has none.
+            # The file of a default plan has no stages.
             _check_keys({"stages": [], **found}, _KINDS)
             for stage in found.setdefault("stages", []):
                 _check_keys(stage, _STAGE_KINDS, "stages.")
@@ -209,6 +243,7 @@ class Planned:
     Parameters
     ----------
     plan : Plan
+        As `plan` or `Plan.load` returns it.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -218,6 +253,20 @@ class Planned:
 
     def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
         """Denoise the next frame, as `SVGF.step` does.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame, with all of its buffers: those that the plan leaves out are dropped here.
+        out : Output, optional
+            As in `SVGF.step`.
+        later : History, optional
+            As in `SVGF.step`.
+
+        Returns
+        -------
+        Output
+            The denoised frame.
 
         Raises
         ------
@@ -230,13 +279,37 @@ class Planned:
         return output
 
     def recall(self, frame: Frame) -> History:
-        """What history expects of the next frame, as `SVGF.recall` tells; raises what `step` does."""
+        """Go on to the next frame and tell what history expects of it, as `SVGF.recall` does.
+
+        Parameters
+        ----------
+        frame : Frame
+            As for `step`.
+
+        Returns
+        -------
+        History
+            Without the frame's own sample.
+
+        Raises
+        ------
+        ValueError
+            As of `step`.
+        """
         history = self._svgf.recall(self._planned(frame))
         self._begun = True
         return history
 
     def split(self) -> tuple[Planned, TAA | None]:
-        """The pipeline without its output stage, and the stage, as of `SVGF.split`."""
+        """Make the pipeline without its output stage, and the stage, as `SVGF.split` does.
+
+        Returns
+        -------
+        denoiser : Planned
+            Of the same plan, without antialiasing and without history.
+        stage : TAA or None
+            For the frames with the denoiser's colours.
+        """
         denoiser = copy.copy(self)
         denoiser._svgf, stage = self._svgf.split()
         return denoiser, stage
@@ -245,7 +318,7 @@ class Planned:
         """The frame without the buffers that the plan leaves out."""
         given, planned = _buffers(frame), self.plan.buffers
         absent = [name for name in planned if name not in given] if self._begun else []
-        # Frames between two others have motions that are made of the cameras.
+        # Motion may be added: `denoise` computes it from the cameras.
         more = [name for name in given if name not in (*planned, "motion", "motion_next")]
         if planned and (strange := [*absent, *more]):
             expected, got = ", ".join(planned), ", ".join(given)
@@ -267,11 +340,11 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     """Find out what a sequence needs from its first frames: which stages of `SVGF`, and which buffers.
 
     `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge the
-    results (`yester.study.predictive_error`), at two standard errors. Reflections and the third pass of the filter are
-    left out if the loss is below 5 % of the result's change from frame to frame, about 1 % of its relMSE. The choice of
-    passes, the second pass and buffers are left out only if the result is better without: by 5 % of that change, and
-    for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient and
-    innovation are judged but always used: they are there for changes that the first frames may not show. The
+    results (``yester.study.predictive_error``), at two standard errors. Reflections and the third pass of the filter
+    are left out if the loss is below 5 % of the result's change from frame to frame, about 1 % of its relMSE. The
+    choice of passes, the second pass and buffers are left out only if the result is better without: by 5 % of that
+    change, and for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient
+    and innovation are judged but always used: they are there for changes that the first frames may not show. The
     combination is judged once more. Without evidence, everything is used.
 
     If camera and scene stand still and the light is constant, all samples are averaged (``alpha=0``), unless that is
@@ -287,7 +360,7 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     Returns
     -------
     Plan
-        The default, with a `UserWarning` and `Plan.reason`, if nothing can be judged: fewer than five frames, no depth,
+        The default, with a `UserWarning` and a ``reason``, if nothing can be judged: fewer than five frames, no depth,
         normals or ids, no finite samples, or nothing that changes from frame to frame, as in black or constant images.
 
     Raises
@@ -296,6 +369,11 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
         If one is no `Frame`.
     ValueError
         If sizes differ or `count` is below 5.
+
+    See Also
+    --------
+    Plan : The result, which can be saved and makes the pipeline.
+    SVGF : The pipeline that a plan configures.
 
     Notes
     -----
@@ -308,9 +386,14 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
 
     Examples
     --------
-    >>> found = yester.plan(frames)  # doctest: +SKIP
-    >>> pipeline = found.pipeline()  # doctest: +SKIP
-    >>> images = [pipeline.step(frame).color for frame in frames]  # doctest: +SKIP
+    >>> rng = np.random.default_rng(0)
+    >>> depth = np.full((16, 16), 2.0)
+    >>> frames = [yester.Frame(rng.gamma(1, 0.5, (16, 16, 3)), depth=depth) for _ in range(6)]
+    >>> found = yester.plan(frames)
+    >>> pipeline = found.pipeline()
+    >>> images = [pipeline.step(frame).color for frame in frames]
+    >>> found.buffers
+    ('color', 'depth')
     """
     if count < _FEWEST:
         raise ValueError(f"count: expected at least {_FEWEST}, got {count}")
@@ -343,7 +426,7 @@ def _default(buffers: tuple[str, ...], reason: str) -> Plan:
 class _Trial(NamedTuple):
     """`SVGF` with other options, or without some buffers.
 
-    What it lacks is left out if the loss, plus some standard errors, is at most what is allowed.
+    A plan leaves these out if the loss plus `errors` standard errors does not exceed `allowed`.
     """
 
     name: str
@@ -353,7 +436,7 @@ class _Trial(NamedTuple):
     errors: float = _STRICTNESS
 
     def beside(self, base: _Trial) -> _Trial:
-        """The trial that lacks what the base lacks as well."""
+        """Combine this trial's omissions with those of the base."""
         without = tuple(dict.fromkeys((*base.without, *self.without)))
         return self._replace(options={**base.options, **self.options}, without=without)
 
@@ -380,7 +463,7 @@ class _Planning:
         # Not timed: first runs are slower.
         self.run(0, _Trial("warm-up"))
         self.runs.clear()
-        #: Pixels of a frame by those of all windows.
+        #: Pixels of a frame divided by the pixels of all windows.
         self.scale = math.prod(shape) / sum(math.prod(window[0].shape) for window in windows)
 
     def plan(self) -> Plan:
@@ -389,7 +472,7 @@ class _Planning:
             return _default(self.given, "nothing changes from frame to frame")
         groups = {name: tuple(n for n in group if n in self.given) for name, group in _GROUPS.items()}
         rounds = [
-            # First, since reflections need depth and a camera, which must not be blamed for them.
+            # Reflections come first: they need depth and a camera, whose loss would otherwise include theirs.
             [_Trial("reflections", {"reflections": ()})],
             [
                 _Trial(name, {}, group, _SURFACE_HARM if name in ("normal", "depth", "ids", "camera") else _HARM)
@@ -426,7 +509,7 @@ class _Planning:
         return Plan(dict(base.options), self.given, base.without, "alpha" in base.options, tuple(evidence))
 
     def judge(self, base: _Trial, trials: Sequence[_Trial]) -> list[Stage]:
-        """The evidence for what each trial lacks, window by window; without those that have no chance any more."""
+        """The evidence for each trial, window by window; trials whose loss is already certain skip further windows."""
         left = [*trials]
         found: dict[str, list[NDArray[np.float64]]] = {trial.name: [] for trial in trials}
         for number, window in enumerate(self.windows):
@@ -440,7 +523,7 @@ class _Planning:
         for trial in trials:
             parts = np.concatenate(found[trial.name], -1)
             bound, loss, error = _bound([parts], trial.errors)
-            # A change of light in one frame must not decide.
+            # Both halves must agree, so that a change of light in a single frame does not decide.
             half = len(parts) // 2
             halves = [_bound([span], min(trial.errors, 0))[0] for span in (parts[:half], parts[half:])]
             useless = all(each <= trial.allowed for each in (bound, *halves))
@@ -481,7 +564,7 @@ class _Planning:
             for now in others
         )
         lengths = [self.run(number, trial).length for number in range(len(self.windows))]
-        # By default history is as long as 1 / alpha samples at most.
+        # By default, the longest history has 1 / alpha = 5 samples.
         return still and float(np.mean(lengths)) >= _CONSTANT * min(len(self.windows[0]), 5)
 
 

@@ -18,17 +18,17 @@ from .frame import Frame
 
 __all__ = ["LOOKAHEAD", "denoise"]
 
-#: Later frames that are used unless told otherwise. With 2, a chunk's last frames had 1 to 2 % more error when results
-#: were still averaged.
+#: Default number of later frames. With 2, the last frames of a chunk had 1 to 2 % more error, measured when the results
+#: of both sides were still averaged.
 LOOKAHEAD = 3
 
-#: Frames of a chunk for each frame of lookahead. The frames behind its end, whose results are not used, cost a fifth of
-#: the way back.
+#: Frames of a chunk per frame of lookahead. The backward run starts `lookahead` frames behind the chunk's end; these
+#: frames, whose results are discarded, add a fifth to its cost.
 _CHUNK = 5
 
 
 class _Steps(Protocol):
-    """What `denoise` asks of a pipeline."""
+    """The interface of a pipeline that `denoise` uses."""
 
     def step(self, frame: Frame, /) -> Output: ...
 
@@ -62,17 +62,17 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         next frame is computed: by the cameras, if these and depth or position are known, and by `invert_motion` of the
         next frame's `motion` where something else moves.
     pipeline : Pipeline, optional
-        Anything with a `step` that takes frames in order, and of which `copy.copy` makes one without history; by
+        Anything with a `step` that takes frames in order, and of which ``copy.copy`` makes one without history; by
         default ``SVGF()``. Copies of it work; it stays as it is.
     lookahead : int, default 3
         Later frames that every frame can use at least, until the sequence ends; 0 or more. With 0, the results have the
         bits of `step`.
 
-    Yields
-    ------
-    Output
-        One for each frame. `history_length` counts the samples of both sides; `confidence` is the larger one;
-        `rejection` has the tests that failed on both sides; `missing` is that of the frame.
+    Returns
+    -------
+    iterator of Output
+        One for each frame, made as it is asked for. `history_length` counts the samples of both sides; `confidence` is
+        the larger one; `rejection` has the tests that failed on both sides; `missing` is that of the frame.
 
     Raises
     ------
@@ -85,6 +85,12 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         Once, if frames have no `motion`, and no cameras with depth or position: their results are those of the earlier
         frames alone.
 
+    See Also
+    --------
+    SVGF : The default pipeline.
+    invert_motion : Motion to the next frame.
+    combine_histories : Joins the histories of both sides.
+
     Notes
     -----
     `SVGF` and `HalfRes` join the histories of both sides before they filter, by their lengths, and the frame's sample
@@ -96,6 +102,18 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
     behind its end. At most ``6 * lookahead`` frames are held, and as many results, histories and, for the output stage,
     colours with depth and motion.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=16, height=16)
+    >>> depth = np.full((16, 16), 2.0)
+    >>> frames = [yester.Frame(rng.gamma(1, 0.5, (16, 16, 3)), depth=depth, camera=camera) for _ in range(6)]
+    >>> outputs = [*yester.denoise(frames)]
+    >>> len(outputs)
+    6
+    >>> bool(outputs[0].color.std() < frames[0].color.std() / 4)
+    True
     """
     ahead = index(lookahead)
     if ahead < 0:
@@ -112,7 +130,7 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
 
 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """The frames with `motion_next`, if anything tells it; the last one without."""
+    """Add `motion_next` to every frame but the last, if it is known or can be computed."""
     warned, before = False, None
     for frame in frames:
         if before is not None:
@@ -132,7 +150,7 @@ def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 
 def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
-    """Motion to the next frame; None if nothing tells it."""
+    """Motion to the next frame; None if it is unknown and cannot be computed."""
     if frame.motion_next is not None:
         return frame.motion_next
     still, motion = None, following.motion
@@ -158,7 +176,7 @@ def _turned(frame: Frame) -> Frame:
 
 
 def _chunks(frames: Iterator[Frame], lookahead: int) -> Iterator[tuple[list[Frame], int]]:
-    """Frames that are worked on together, and how many of them are to be shown: the others come again."""
+    """Yield the frames of each chunk and its lookahead, and the length of the chunk; the lookahead is repeated next."""
     chunk = _CHUNK * lookahead
     window: list[Frame] = []
     while True:
@@ -173,7 +191,7 @@ def _chunks(frames: Iterator[Frame], lookahead: int) -> Iterator[tuple[list[Fram
 def _backwards(
     frames: list[Frame], pipeline: _Pipeline, look: Callable[[_Pipeline, Frame], _Result]
 ) -> list[_Result | None]:
-    """What the pipeline makes of the frames from the last to the first; None where later frames are not known."""
+    """The pipeline's results for the frames in reverse order; None for frames without known later frames."""
     results: list[_Result | None] = []
     back, following = None, None
     for frame in reversed(frames):
@@ -190,7 +208,7 @@ def _backwards(
 
 
 def _joined(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iterator[tuple[Frame, Output]]:
-    """Each frame, and what it is with the histories of both sides."""
+    """Yield each frame, and its output with the histories of both sides joined."""
     for window, ready in _chunks(frames, lookahead):
         histories = _backwards(window, pipeline, lambda back, frame: back.recall(frame))
         del histories[: len(window) - ready]
@@ -199,7 +217,7 @@ def _joined(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iter
 
 
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
-    """The means of the results from both sides."""
+    """Yield the means of the results from both sides."""
     for window, ready in _chunks(frames, lookahead):
         results = _backwards(window, pipeline, lambda back, frame: back.step(frame))
         del results[: len(window) - ready]
@@ -209,7 +227,7 @@ def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iter
 
 
 def _finished(joined: Iterator[tuple[Frame, Output]], stage: _Steps, lookahead: int) -> Iterator[Output]:
-    """The outputs with the colours that the stage makes of them, from both sides."""
+    """Yield the outputs with colours from the output stage, which runs from both sides."""
     outputs: deque[Output] = deque()
 
     def shown() -> Iterator[Frame]:
@@ -249,7 +267,7 @@ def _average(forward: Output, backward: Output) -> Output:
         variance = share**2 * forward.variance + (1 - share) ** 2 * backward.variance
     return Output(
         blend(forward.color, backward.color, share),
-        # The new sample is in both.
+        # Both sides count the new sample.
         np.where((ahead > 0) & (behind > 0), total - 1, total),
         np.maximum(forward.confidence, backward.confidence),
         forward.rejection & backward.rejection,

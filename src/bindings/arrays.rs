@@ -660,8 +660,26 @@ pub fn points<const N: usize>(
 pub const COLOR: Channels = Channels::Of(&[3]);
 pub const MOTION: Channels = Channels::Of(&[2, 3]);
 
-/// Converts a frame's buffer to its canonical form: float32 (uint32 for `ids`), C order. Checks height and width if they
-/// are given.
+/// Convert a frame's buffer to its canonical form: float32 (uint32 for `ids`) in C order.
+///
+/// Parameters
+/// ----------
+/// value : array_like
+///     The buffer.
+/// name : str
+///     Its name in `Frame`, which determines channels and element type.
+/// size : (int, int), optional
+///     Height and width that it must have.
+///
+/// Returns
+/// -------
+/// (H, W) or (H, W, C) ndarray
+///     The buffer itself if it is canonical, else a copy.
+///
+/// Raises
+/// ------
+/// TypeError, ValueError
+///     On a wrong element type, shape or size.
 #[pyfunction]
 #[pyo3(signature = (value, name, size=None))]
 pub fn canonical<'py>(

@@ -35,11 +35,28 @@ use crate::pixels::PixelsMut;
 /// ValueError
 ///     If the matrix has NaN or infinity, is singular or orthographic, or the image has no pixels or too many.
 ///
+/// See Also
+/// --------
+/// motion_vectors : Motion of static surfaces, from two cameras.
+/// jitter : Offsets for `Camera.jittered`.
+///
 /// Notes
 /// -----
 /// The pixel of a point is ``((x/w + 1)/2 * width, (1 - y/w)/2 * height)``: x to the right, y down, pixel centres at
 /// +0.5. Its depth is the distance along the camera axis, in scene units. Cameras are immutable, compare by value and
 /// can be pickled.
+///
+/// Examples
+/// --------
+/// >>> camera = yester.Camera.from_look_at([1, 2, 5], [1, 2, 0], [0, 1, 0], fov=90, width=4, height=4)
+/// >>> camera
+/// Camera(4x4, position=[1.0000, 2.0000, 5.0000], forward=[0.0000, 0.0000, -1.0000])
+/// >>> pixels, depth = camera.project([[1, 2, 0], [3.5, 2, 0]])
+/// >>> pixels
+/// array([[2., 2.],
+///        [3., 2.]])
+/// >>> depth
+/// array([5., 5.])
 #[pyclass(frozen, eq, from_py_object, module = "yester")]
 #[derive(Clone, PartialEq)]
 pub struct Camera {
@@ -56,7 +73,7 @@ impl Camera {
         })
     }
 
-    /// A camera at `origin` that looks at `target`.
+    /// Make a camera at `origin` that looks at `target`.
     ///
     /// Parameters
     /// ----------
@@ -74,11 +91,20 @@ impl Camera {
     /// Returns
     /// -------
     /// Camera
+    ///     Without jitter.
     ///
     /// Raises
     /// ------
     /// ValueError
     ///     If `target` is `origin`, `up` is along the view, or a value is out of range.
+    ///
+    /// Examples
+    /// --------
+    /// >>> camera = yester.Camera.from_look_at([1, 2, 5], [1, 2, 0], [0, 1, 0], fov=90, width=4, height=4)
+    /// >>> camera.position
+    /// array([1., 2., 5.])
+    /// >>> camera.forward
+    /// array([ 0.,  0., -1.])
     #[staticmethod]
     #[pyo3(signature = (origin, target, up, fov, width, height, *, fov_axis="x", principal_point=None))]
     fn from_look_at(
@@ -111,39 +137,13 @@ impl Camera {
         Ok(Self { inner })
     }
 
-    /// The camera of a Mitsuba 3 ``perspective`` or ``thinlens`` sensor.
-    ///
-    /// Parameters
-    /// ----------
-    /// sensor : mitsuba.Sensor
-    ///     The image is the film's crop window, if it has one.
-    ///
-    /// Returns
-    /// -------
-    /// Camera
-    ///
-    /// Raises
-    /// ------
-    /// ValueError
-    ///     If the sensor has no perspective projection.
-    #[staticmethod]
-    fn from_mitsuba(sensor: &Bound<'_, PyAny>) -> PyResult<Self> {
-        // `yester.io.mitsuba` knows the layout of Mitsuba's matrices.
-        sensor
-            .py()
-            .import("yester.io.mitsuba")?
-            .call_method1("camera", (sensor,))?
-            .extract()
-            .map_err(PyErr::from)
-    }
-
-    /// (4, 4) float64: the matrix that was passed to the constructor.
+    /// The matrix that was passed to the constructor: (4, 4) float64.
     #[getter]
     fn world_to_clip<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         rows(py, &self.inner.world_to_clip)
     }
 
-    /// (4, 4) float64: rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR headers).
+    /// Rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR files): (4, 4) float64.
     #[getter]
     fn world_to_camera<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         rows(py, &self.inner.world_to_camera())
@@ -161,19 +161,19 @@ impl Camera {
         self.inner.size.height
     }
 
-    /// (3,) float64: the centre of projection in world space.
+    /// The centre of projection in world space: (3,) float64.
     #[getter]
     fn position<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, &self.inner.position.to_array())
     }
 
-    /// (3,) float64: the unit vector along the optical axis, in world space.
+    /// The unit vector along the optical axis, in world space: (3,) float64.
     #[getter]
     fn forward<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, &self.inner.forward().to_array())
     }
 
-    /// Projects world points to pixels.
+    /// Project world points to pixels.
     ///
     /// Parameters
     /// ----------
@@ -183,9 +183,27 @@ impl Camera {
     /// Returns
     /// -------
     /// pixels : (..., 2) float64
-    ///     x right, y down, pixel centres at +0.5; NaN for points that are not in front of the camera.
+    ///     Position, x right, y down, pixel centres at +0.5; NaN for points that are not in front of the camera.
     /// depth : (...) float64
     ///     Distance along the camera axis.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the last axis of `points` has not three coordinates.
+    ///
+    /// See Also
+    /// --------
+    /// Camera.unproject : From pixels and depths to world points.
+    ///
+    /// Examples
+    /// --------
+    /// >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    /// >>> pixels, depth = camera.project([1, 1, 0])
+    /// >>> pixels
+    /// array([2.4, 1.6])
+    /// >>> float(depth)
+    /// 5.0
     fn project<'py>(
         &self,
         py: Python<'py>,
@@ -211,18 +229,34 @@ impl Camera {
         ))
     }
 
-    /// Unprojects pixels and depths to world points.
+    /// Unproject pixels and depths to world points.
     ///
     /// Parameters
     /// ----------
     /// pixels : (..., 2) array_like of float
-    ///     x right, y down, pixel centres at +0.5.
+    ///     Position, x right, y down, pixel centres at +0.5.
     /// depth : (...) array_like of float
     ///     Distance along the camera axis; the axes before the last of `pixels`.
     ///
     /// Returns
     /// -------
     /// points : (..., 3) float64
+    ///     World space.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the last axis of `pixels` has not two coordinates, or `depth` another shape than the axes before it.
+    ///
+    /// See Also
+    /// --------
+    /// Camera.project : From world points to pixels.
+    ///
+    /// Examples
+    /// --------
+    /// >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    /// >>> camera.unproject([2.5, 1.5], 4)
+    /// array([1., 1., 1.])
     fn unproject<'py>(
         &self,
         py: Python<'py>,
@@ -246,7 +280,7 @@ impl Camera {
         shaped(py, points, &outer, Some(3))
     }
 
-    /// The view rays of pixels.
+    /// Compute the view rays of pixels.
     ///
     /// Parameters
     /// ----------
@@ -259,6 +293,20 @@ impl Camera {
     ///     The camera's position.
     /// directions : (..., 3) float64
     ///     World space, unit length.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     If the last axis of `pixels` has not two coordinates.
+    ///
+    /// Examples
+    /// --------
+    /// >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    /// >>> origin, directions = camera.rays()
+    /// >>> directions.shape
+    /// (4, 4, 3)
+    /// >>> directions[0, 0]
+    /// array([-0.5145,  0.5145, -0.686 ])
     #[pyo3(signature = (pixels=None))]
     fn rays<'py>(
         &self,
@@ -287,7 +335,7 @@ impl Camera {
         Ok((self.position(py), rays.array()?))
     }
 
-    /// This camera with its image shifted by part of a pixel.
+    /// Make a camera whose image is shifted by part of a pixel.
     ///
     /// Parameters
     /// ----------
@@ -298,15 +346,27 @@ impl Camera {
     /// Returns
     /// -------
     /// Camera
+    ///     With the same size, position and direction.
     ///
     /// Raises
     /// ------
     /// ValueError
     ///     If `offset` is not finite.
     ///
+    /// See Also
+    /// --------
+    /// jitter : Offsets for the frames of a sequence.
+    ///
     /// Notes
     /// -----
     /// Use the jittered camera for rendering only: `Frame.camera` and `motion_vectors` take cameras without jitter.
+    ///
+    /// Examples
+    /// --------
+    /// >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+    /// >>> shifted = camera.jittered([0.25, -0.25])
+    /// >>> shifted.project([0, 0, 0])[0] - camera.project([0, 0, 0])[0]
+    /// array([-0.25,  0.25])
     fn jittered(&self, offset: &Bound<'_, PyAny>) -> PyResult<Self> {
         let offset = DVec2::from(vector::<2>(offset, "offset")?);
         Ok(Self {
@@ -356,8 +416,8 @@ fn shaped<'py>(
 ///     Number of phases, at least 1.
 /// sequence : {"halton", "r2", "rotated-grid", "blue-noise"}, default "halton"
 ///     Halton in bases 2 and 3; Roberts' R2; the lattice with one point in each row and column of a `count` x `count`
-///     grid and the largest minimum distance, from left to right (for 4, the pattern of rotated-grid multisampling); the
-///     same points in an order of which every prefix is well spread.
+///     grid and the largest minimum distance, from left to right (for 4, the pattern of rotated-grid multisampling);
+///     the same points in an order of which every prefix is well spread.
 ///
 /// Returns
 /// -------
@@ -369,10 +429,29 @@ fn shaped<'py>(
 /// ValueError
 ///     If `count` is below 1 or above 65536, or the sequence is unknown.
 ///
+/// See Also
+/// --------
+/// Camera.jittered : The camera that renders a jittered frame.
+/// resolve : The image that jittered frames amount to.
+///
 /// Notes
 /// -----
-/// The points of "halton" and "r2" do not depend on `count`; those of the others do. Halton 1964; Roberts 2018, *The
-/// Unreasonable Effectiveness of Quasirandom Sequences*.
+/// The points of "halton" and "r2" do not depend on `count`; those of the others do. "halton" has the radical inverses
+/// of 1, 2, 3, … in bases 2 and 3 [1]_, "r2" multiples of (1/ρ, 1/ρ²) modulo 1, with ρ³ = ρ + 1 [2]_.
+///
+/// References
+/// ----------
+/// .. [1] J. H. Halton, "Algorithm 247: radical-inverse quasi-random point sequence", Communications of the ACM 7(12),
+///    1964.
+/// .. [2] M. Roberts, "The unreasonable effectiveness of quasirandom sequences", extremelearning.com.au, 2018.
+///
+/// Examples
+/// --------
+/// >>> yester.jitter(4)
+/// array([[ 0.    , -0.1667],
+///        [-0.25  ,  0.1667],
+///        [ 0.25  , -0.3889],
+///        [-0.375 , -0.0556]])
 #[pyfunction]
 #[pyo3(name = "jitter", signature = (count, *, sequence="halton"))]
 pub fn jitter_<'py>(
@@ -421,9 +500,31 @@ pub fn jitter_<'py>(
 /// ValueError
 ///     On a wrong shape, a camera of another size, `transforms` without `ids`, or a matrix that is not affine.
 ///
+/// See Also
+/// --------
+/// virtual_motion : Motion of reflections.
+/// dilate_motion : Motion that antialiases edges.
+/// reproject : Fetches history along the motion.
+///
 /// Notes
 /// -----
-/// The third channel is what NRD calls 2.5-D motion; it makes the depth tests of `reproject` exact under motion.
+/// With T the `transforms` matrix of the object (the identity for static ones), a point X has the motion
+/// ``project(previous_camera, T X) - project(camera, X)``, computed in double precision. Both ends project the same
+/// point, so that the jitter of its sample cancels. The third channel is what NRD calls 2.5-D motion [1]_; it makes the
+/// depth tests of `reproject` exact under motion.
+///
+/// References
+/// ----------
+/// .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+///    hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+///
+/// Examples
+/// --------
+/// >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+/// >>> previous = yester.Camera.from_look_at([1, 0, 5], [1, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+/// >>> motion = yester.motion_vectors(np.full((4, 4), 5.0), camera, previous)
+/// >>> motion[0, 0]
+/// array([-0.4,  0. ,  0. ], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (geometry, camera, previous_camera, *, ids=None, transforms=None, out=None))]
 pub fn motion_vectors<'py>(
@@ -503,11 +604,32 @@ pub fn place<'a>(geometry: &'a Input) -> Geometry<'a> {
 /// ValueError
 ///     On a wrong shape or a camera of another size.
 ///
+/// See Also
+/// --------
+/// motion_vectors : Motion of the surfaces themselves.
+/// prediction_gain : Tells which of two histories predicts new samples better.
+///
 /// Notes
 /// -----
 /// The image in a flat mirror lies on the continued view ray, as far behind the surface as the reflected object is in
 /// front of it: ``X + hit_distance (X - C)/|X - C|``. For static mirrors; after the virtual motion of NRD's ReBLUR and
-/// ReLAX. Validate history fetched along it by id and normal only: the source pixel shows another point of the mirror.
+/// ReLAX [1]_. Validate history fetched along it by id and normal only: the source pixel shows another point of the
+/// mirror.
+///
+/// References
+/// ----------
+/// .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+///    hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+///
+/// Examples
+/// --------
+/// >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+/// >>> previous = yester.Camera.from_look_at([1, 0, 5], [1, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+/// >>> depth = np.full((4, 4), 5.0)
+/// >>> yester.virtual_motion(depth, np.zeros((4, 4)), camera, previous)[1, 1]
+/// array([-0.4,  0. ], dtype=float32)
+/// >>> yester.virtual_motion(depth, np.full((4, 4), 5.0), camera, previous)[1, 1]
+/// array([-0.2059,  0.    ], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "virtual_motion", signature = (geometry, hit_distance, camera, previous_camera, *, out=None))]
 pub fn virtual_motion_<'py>(
@@ -557,18 +679,39 @@ pub fn virtual_motion_<'py>(
 /// Returns
 /// -------
 /// motion : (H, W, 2) or (H, W, 3) float32
-///     All channels of the chosen neighbour. Motion that is not finite is taken only where there is no other. Ties go to
-///     the pixel itself, then to the first neighbour from the top left.
+///     All channels of the chosen neighbour. Motion that is not finite is taken only where there is no other. Ties go
+///     to the pixel itself, then to the first neighbour from the top left.
 ///
 /// Raises
 /// ------
 /// ValueError
 ///     On wrong shapes, an unknown mode, or "nearest" without depth.
 ///
+/// See Also
+/// --------
+/// motion_vectors : Motion from cameras.
+/// TAA : Uses dilated motion.
+///
 /// Notes
 /// -----
-/// With dilation, the history of an edge moves with the foreground as a whole, so that the edge is antialiased: Karis
-/// 2014, *High Quality Temporal Supersampling*. Without it, histories of different surfaces do not mix.
+/// With dilation, the history of an edge moves with the foreground as a whole, so that the edge is antialiased [1]_.
+/// Without it, histories of different surfaces do not mix.
+///
+/// References
+/// ----------
+/// .. [1] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+///    2014.
+///
+/// Examples
+/// --------
+/// >>> motion = np.zeros((3, 4, 2))
+/// >>> motion[1, 1] = 4, 0
+/// >>> depth = np.full((3, 4), 9.0)
+/// >>> depth[1, 1] = 1
+/// >>> yester.dilate_motion(motion, depth)[..., 0]
+/// array([[4., 4., 4., 0.],
+///        [4., 4., 4., 0.],
+///        [4., 4., 4., 0.]], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (motion, depth=None, *, choose="nearest", window="3x3", out=None))]
 pub fn dilate_motion<'py>(
@@ -604,8 +747,8 @@ pub fn dilate_motion<'py>(
 /// Parameters
 /// ----------
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
-///     `Frame.motion` of the next frame: its pixels' positions in this frame minus their own, in pixels, x right, y down,
-///     and the same of depth. Pixels with NaN or infinity are left out.
+///     `Frame.motion` of the next frame: its pixels' positions in this frame minus their own, in pixels, x right, y
+///     down, and the same of depth. Pixels with NaN or infinity are left out.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z of the next frame, +inf where nothing was hit; pixels with NaN, or not above 0, are left out. Where
 ///     several pixels come from one, the nearest counts. By default all are equally far.
@@ -626,11 +769,23 @@ pub fn dilate_motion<'py>(
 /// ValueError
 ///     On wrong shapes.
 ///
+/// See Also
+/// --------
+/// denoise : Denoises with later frames as well, along inverted motion.
+/// motion_vectors : Motion from cameras.
+///
 /// Notes
 /// -----
-/// Pixel q of the next frame comes from ``q + motion[q]`` and therefore gives the pixel there ``-motion[q]``. A pixel that
-/// none comes from takes the nearest of its neighbours' points that lie less than a pixel away, so that surfaces which
-/// move apart have no cracks. Of points at the same depth, the first in rows counts.
+/// Pixel q of the next frame comes from ``q + motion[q]`` and therefore gives the pixel there ``-motion[q]``. A pixel
+/// that none comes from takes the nearest of its neighbours' points that lie less than a pixel away, so that surfaces
+/// which move apart have no cracks. Of points at the same depth, the first in rows counts.
+///
+/// Examples
+/// --------
+/// >>> motion = np.zeros((1, 4, 2))
+/// >>> motion[..., 0] = -1
+/// >>> yester.invert_motion(motion)[0, :, 0]
+/// array([ 1.,  1.,  1., nan], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "invert_motion", signature = (motion, depth=None, *, still=None, out=None))]
 pub fn invert_motion_<'py>(

@@ -23,9 +23,9 @@ use crate::kernels::fetch::validate::{self, Threshold};
 ///     Previous minus current position in pixels, x right, y down; the third channel, if given, previous minus current
 ///     depth. Where it is not finite there is no history.
 /// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, default "bilinear"
-///     Interpolation between pixel centres. The last three stay sharp under repeated resampling: the cubic with 16 taps,
-///     the cubic without its corner taps (as GPUs compute it from five bilinear fetches), and sinc(x) sinc(x/2). They
-///     apply where all their taps are valid; elsewhere bilinear does.
+///     Interpolation between pixel centres. The last three stay sharp under repeated resampling: the cubic with 16
+///     taps, the cubic without its corner taps (as GPUs compute it from five bilinear fetches), and sinc(x) sinc(x/2).
+///     They apply where all their taps are valid; elsewhere bilinear does.
 /// fallback : bool, default True
 ///     Take the mean of the valid pixels of a 3×3 window where less than 0.01 of the footprint is valid.
 /// dering : bool, default True
@@ -44,14 +44,14 @@ use crate::kernels::fetch::validate::{self, Threshold};
 /// previous_camera : Camera, optional
 ///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
 /// relative_depth : float or (float, float), default 0.1
-///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp:
+///     Largest ``|previous - expected| / expected`` depth; above 0. Of this and all thresholds below, a pair is a ramp:
 ///     full trust up to the first, none beyond the second, linear between.
 /// plane_distance : float or (float, float), default 0.01
 ///     Largest distance of the expected point from the tap's plane, relative to the expected depth; above 0.
 /// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
 /// relative_luminance : float or (float, float), default 0.5
-///     Largest \|l - l'\| / max(\|l\|, \|l'\|); from 0.
+///     Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
 /// speed : float or (float, float), optional
 ///     Longest motion in pixels; from 0. By default any.
 /// out : tuple of values, as `history` has them, and of (H, W) float32 coverage, optional
@@ -70,12 +70,39 @@ use crate::kernels::fetch::validate::{self, Threshold};
 /// ValueError
 ///     On wrong shapes, an unknown filter, a buffer without its partner, or a threshold out of range.
 ///
+/// See Also
+/// --------
+/// consistency : Tests history without fetching it.
+/// motion_vectors : Motion from cameras.
+/// accumulate : Merges new samples into the result.
+///
 /// Notes
 /// -----
 /// A tap is valid when it lies inside the image, is finite in every channel of every history image, and passes the
-/// tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of Schied et al.
-/// 2017, *Spatiotemporal Variance-Guided Filtering*, section 4.1, with every tap tested on its own. Without motion, the
-/// values are those of `history`, bit for bit.
+/// tests that `consistency` describes; its weight is multiplied by their trust. The scheme is that of SVGF ([1]_,
+/// section 4.1), with every tap tested on its own. "catmull-rom" is the cubic with a = -½ [2]_, "catmull-rom-5" drops
+/// its corner taps [3]_. Without motion, the values are those of `history`, bit for bit.
+///
+/// References
+/// ----------
+/// .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+///    Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+///    illumination", High-Performance Graphics, 2017.
+/// .. [2] R. G. Keys, "Cubic convolution interpolation for digital image processing", IEEE Transactions on Acoustics,
+///    Speech, and Signal Processing 29(6), 1981.
+/// .. [3] J. Jimenez, "Filmic SMAA: sharp morphological and temporal antialiasing", Advances in Real-Time Rendering in
+///    Games, SIGGRAPH courses, 2016.
+///
+/// Examples
+/// --------
+/// >>> history = np.array([[0.0, 1.0, 2.0, 3.0]])
+/// >>> motion = np.zeros((1, 4, 2))
+/// >>> motion[..., 0] = 0.5
+/// >>> values, coverage = yester.reproject(history, motion)
+/// >>> values
+/// array([[0.5, 1.5, 2.5, 3. ]], dtype=float32)
+/// >>> coverage
+/// array([[1. , 1. , 1. , 0.5]], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, dering=true, depth=None, previous_depth=None, normal=None,
     previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, color=None,

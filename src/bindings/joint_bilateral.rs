@@ -14,7 +14,7 @@ use crate::kernels::smooth::joint_bilateral::{
     Grid, Params, joint_bilateral_upsample, reconstruct,
 };
 
-/// Fills missing pixels from neighbours on the same surface.
+/// Fill missing pixels from neighbours on the same surface.
 ///
 /// Parameters
 /// ----------
@@ -33,7 +33,7 @@ use crate::kernels::smooth::joint_bilateral::{
 ///     Radius of the window in pixels, 1 to 16.
 /// sigma : float, default 1.0
 ///     Standard deviation of the spatial weight, in pixels; above 0.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -49,11 +49,29 @@ use crate::kernels::smooth::joint_bilateral::{
 /// ValueError
 ///     On wrong shapes or parameters out of range.
 ///
+/// See Also
+/// --------
+/// joint_bilateral_upsample : Reconstructs from samples on a regular grid.
+/// pull_push : Fills holes without regard to surfaces.
+/// HalfRes : A pipeline for frames of which a part is traced.
+///
 /// Notes
 /// -----
 /// The weight of a pixel at a distance of d is ``exp(-d²/(2 sigma²) - en - ez)``, with en and ez as in `atrous`, and
-/// zero between ids or between surface and background: a joint bilateral filter (Kopf et al. 2007, *Joint Bilateral
-/// Upsampling*), whose samples may lie anywhere.
+/// zero between ids or between surface and background: a joint bilateral filter [1]_ whose samples may lie anywhere.
+///
+/// References
+/// ----------
+/// .. [1] J. Kopf, M. F. Cohen, D. Lischinski, M. Uyttendaele, "Joint bilateral upsampling", ACM Transactions on
+///    Graphics 26(3), 2007.
+///
+/// Examples
+/// --------
+/// >>> color = np.ones((1, 4, 3))
+/// >>> color[0, 1] = np.nan
+/// >>> color[0, 2:] = 5
+/// >>> yester.reconstruct(color, ids=[[1, 1, 2, 2]])[0, :, 0]
+/// array([1., 1., 5., 5.], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, radius=2, sigma=1.0, sigma_normal=128.0,
     sigma_depth=1.0, sigma_plane=0.01, out=None))]
@@ -97,7 +115,7 @@ pub fn reconstruct_<'py>(
     filled.array(py, out)
 }
 
-/// Joint bilateral upsampling: upsamples a low-resolution image along the edges of full-resolution buffers.
+/// Upsample a low-resolution image along the edges of full-resolution buffers.
 ///
 /// Parameters
 /// ----------
@@ -115,8 +133,8 @@ pub fn reconstruct_<'py>(
 ///     The full frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
 ///     `normal`.
 /// low_depth, low_normal, low_ids : array_like, optional
-///     Buffers at the samples, of the size of `color`; by default the full-resolution buffers' values at the pixels that
-///     contain the samples.
+///     Buffers at the samples, of the size of `color`; by default the full-resolution buffers' values at the pixels
+///     that contain the samples.
 /// scale : int, default 2
 ///     Side of a block in pixels, 1 to 16.
 /// offset : (float, float), optional
@@ -127,7 +145,7 @@ pub fn reconstruct_<'py>(
 ///     Radius of the window in multiples of `scale` pixels, 1 to 16.
 /// sigma : float, default 1.0
 ///     Standard deviation of the spatial weight, in multiples of `scale` pixels; above 0.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array.
@@ -142,13 +160,31 @@ pub fn reconstruct_<'py>(
 /// ValueError
 ///     On wrong shapes, sizes that do not fit each other, or parameters out of range.
 ///
+/// See Also
+/// --------
+/// reconstruct : Reconstructs from samples at arbitrary pixels.
+/// resample : Upsamples without guides.
+///
 /// Notes
 /// -----
 /// The mean of the samples in the window, each with the weight ``exp(-d²/(2 (sigma scale)²) - en - ez)`` at a distance
-/// of d pixels, with en and ez as in `atrous` and zero between ids or between surface and background. Kopf, Cohen,
-/// Lischinski and Uyttendaele 2007, *Joint Bilateral Upsampling*, here with geometry as guide instead of colour.
-/// `reconstruct` does the same for samples at arbitrary pixels. No pipeline uses this function: `HalfRes` takes
-/// full-resolution frames with missing samples and fills them by `reconstruct`.
+/// of d pixels, with en and ez as in `atrous` and zero between ids or between surface and background: joint bilateral
+/// upsampling [1]_, here with geometry as guide instead of colour. `reconstruct` does the same for samples at arbitrary
+/// pixels. No pipeline uses this function: `HalfRes` takes full-resolution frames with missing samples and fills them
+/// by `reconstruct`.
+///
+/// References
+/// ----------
+/// .. [1] J. Kopf, M. F. Cohen, D. Lischinski, M. Uyttendaele, "Joint bilateral upsampling", ACM Transactions on
+///    Graphics 26(3), 2007.
+///
+/// Examples
+/// --------
+/// >>> color = np.array([[[1.0] * 3, [5.0] * 3]])
+/// >>> ids = np.array([[1, 1, 1, 2], [1, 1, 1, 2]])
+/// >>> yester.joint_bilateral_upsample(color, ids=ids, low_ids=[[1, 2]])[..., 0]
+/// array([[1., 1., 1., 5.],
+///        [1., 1., 1., 5.]], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, low_depth=None, low_normal=None,
     low_ids=None, scale=2, offset=None, radius=2, sigma=1.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01,

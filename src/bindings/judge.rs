@@ -17,7 +17,7 @@ use crate::kernels::judge::{
 use crate::kernels::merge::blend::clip_and_blend;
 use crate::pixels::PixelsMut;
 
-/// Neighbourhood clipping: clips history to the range of the current frame's colours around each pixel.
+/// Clip history to the range of the current frame's colours around each pixel.
 ///
 /// Parameters
 /// ----------
@@ -61,11 +61,35 @@ use crate::pixels::PixelsMut;
 /// ValueError
 ///     On wrong shapes, an unknown mode (the error lists the modes), `gamma`, `exposure` or `alpha` out of range.
 ///
+/// See Also
+/// --------
+/// blend : Blends the result with the new samples.
+/// anti_lag : Shortens history where clipping moved its colour.
+/// TAA : The pipeline that clips every frame's history.
+///
 /// Notes
 /// -----
-/// Lottes 2011 (range), Karis 2014, *High Quality Temporal Supersampling* (rounded range, YCoCg), Salvi 2016, *An
-/// Excursion in Temporal Supersampling* (variance), Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*
-/// (centre), AMD FSR 3.1 (ellipsoid).
+/// The range is due to Lottes [1]_, the rounded range in YCoCg to Karis [2]_, the variance box to Salvi [3]_, the clip
+/// towards the centre to INSIDE [4]_, the ellipsoid to AMD's FSR 3.1 [5]_, the tone curve to Lottes [6]_.
+///
+/// References
+/// ----------
+/// .. [1] T. Lottes, "TSSAA: temporal super-sampling AA", the author's weblog, 2011.
+/// .. [2] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+///    2014.
+/// .. [3] M. Salvi, "An excursion in temporal supersampling", Game Developers Conference, 2016.
+/// .. [4] L. J. F. Pedersen (Playdead), "Temporal reprojection anti-aliasing in INSIDE", Game Developers Conference,
+///    2016.
+/// .. [5] AMD, "FidelityFX Super Resolution 3.1", GPUOpen, 2024.
+/// .. [6] T. Lottes, "Optimized reversible tonemapper for resolve", AMD GPUOpen, 2016.
+///
+/// Examples
+/// --------
+/// >>> color = np.full((3, 3, 3), 0.5)
+/// >>> color[1, 1] = 0.8
+/// >>> history = np.full((3, 3, 3), 2.0)
+/// >>> yester.clip_history(history, color, box="minmax")[1, 1]
+/// array([0.8, 0.8, 0.8], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "clip_history", signature = (history, color, *, r#box="variance", gamma=1.0, window="3x3", space="ycocg",
     response="center", exposure=1.0, alpha=None, out=None))]
@@ -111,7 +135,7 @@ pub fn clip_history_<'py>(
     clipped.array()
 }
 
-/// Automatic exposure: the scale of radiance for a frame's tone curves.
+/// Measure the scale of a frame's radiance, for tone curves.
 ///
 /// Parameters
 /// ----------
@@ -130,10 +154,27 @@ pub fn clip_history_<'py>(
 /// ValueError
 ///     On wrong shapes.
 ///
+/// See Also
+/// --------
+/// clip_history : Takes the exposure for tone-mapped colour spaces.
+/// innovation : Takes the exposure as the scale of differences.
+///
 /// Notes
 /// -----
-/// A power mean instead of the log-average of Reinhard et al. 2002, *Photographic Tone Reproduction for Digital Images*,
-/// which is 0 as soon as a pixel is black.
+/// A power mean instead of the log-average of photographic tone reproduction [1]_, which is 0 as soon as a pixel is
+/// black.
+///
+/// References
+/// ----------
+/// .. [1] E. Reinhard, M. Stark, P. Shirley, J. Ferwerda, "Photographic tone reproduction for digital images", ACM
+///    Transactions on Graphics 21(3), 2002.
+///
+/// Examples
+/// --------
+/// >>> round(yester.exposure(np.full((2, 2, 3), 0.18)), 3)
+/// 1.44
+/// >>> yester.exposure(np.zeros((2, 2, 3)))
+/// 1.0
 #[pyfunction]
 #[pyo3(name = "exposure")]
 pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
@@ -142,7 +183,7 @@ pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
     detached(py, || exposure::exposure(color.pixels()))
 }
 
-/// The blend factor of the new sample, from the confidence in history and from speed.
+/// Compute the blend factor of the new sample from the confidence in history and from speed.
 ///
 /// Parameters
 /// ----------
@@ -169,6 +210,23 @@ pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
 /// ------
 /// ValueError
 ///     On wrong shapes or parameters out of range.
+///
+/// See Also
+/// --------
+/// blend : Takes the result.
+/// consistency : Confidence in history.
+///
+/// Notes
+/// -----
+/// History gives way where confidence in it is low, and where motion is fast: there, resampling has blurred it, and its
+/// ghosts would be long.
+///
+/// Examples
+/// --------
+/// >>> yester.blend_factor([[1.0, 0.5, 0.0]])
+/// array([[0.05 , 0.525, 1.   ]], dtype=float32)
+/// >>> yester.blend_factor([[1.0, 1.0]], [[[0.5, 0.0], [3.0, 0.0]]])
+/// array([[0.125, 0.2  ]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "blend_factor", signature = (confidence, motion=None, *, alpha=0.05, fast_alpha=0.2,
     speed=Bounds::Soft(0.0, 1.0), out=None))]
@@ -204,7 +262,7 @@ pub fn blend_factor_<'py>(
     factor.array()
 }
 
-/// Anti-lag: shortens histories in proportion to the distance that clipping moved them.
+/// Shorten histories in proportion to the distance that clipping moved them.
 ///
 /// Parameters
 /// ----------
@@ -220,19 +278,37 @@ pub fn blend_factor_<'py>(
 /// Returns
 /// -------
 /// history_length : (H, W) float32
-///     ``N / (1 + strength d N)`` with d = \|l - l'\| / max(\|l\|, \|l'\|) of the luminances; d is 0 where both are
-///     black or one is missing.
+///     ``N / (1 + strength d N)`` with ``d = |l - l'| / max(|l|, |l'|)`` of the luminances; d is 0 where both are black
+///     or one is missing.
 ///
 /// Raises
 /// ------
 /// ValueError
 ///     On wrong shapes or a strength out of range.
 ///
+/// See Also
+/// --------
+/// clip_history : Clips the history.
+/// temporal_gradient : Detects changes of light before clipping.
+///
 /// Notes
 /// -----
-/// To be used with a fast history: ``clip_history(slow, fast, window="5x5")`` clips the slow average to the range of the
-/// last few frames, and where that moved it, the shortened length gives new samples more weight. After NRD's ReBLUR and
-/// ReLAX. `TAA` applies it to its own clipping if `anti_lag` is above 0.
+/// To be used with a fast history: ``clip_history(slow, fast, window="5x5")`` clips the slow average to the range of
+/// the last few frames, and where that moved it, the shortened length gives new samples more weight. After NRD's ReBLUR
+/// and ReLAX [1]_, in a similar form. `TAA` applies it to its own clipping if `anti_lag` is above 0.
+///
+/// References
+/// ----------
+/// .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+///    hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+///
+/// Examples
+/// --------
+/// >>> length = np.array([[20.0, 20.0]])
+/// >>> history = np.ones((1, 2, 3))
+/// >>> clipped = history * [[[1.0], [0.5]]]
+/// >>> yester.anti_lag(length, history, clipped)
+/// array([[20.    ,  1.8182]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "anti_lag", signature = (history_length, history, clipped, *, strength=1.0, out=None))]
 pub fn anti_lag_<'py>(
@@ -260,7 +336,7 @@ pub fn anti_lag_<'py>(
     shortened.array()
 }
 
-/// Detects neighbourhoods whose colours alternate from frame to frame.
+/// Detect neighbourhoods whose colours alternate from frame to frame.
 ///
 /// Where an aliased feature is wider than the neighbourhood, clipping follows every frame, and the image flickers. The
 /// return of earlier colours distinguishes this from a change of light.
@@ -288,13 +364,32 @@ pub fn anti_lag_<'py>(
 /// ValueError
 ///     On wrong shapes or an exposure out of range.
 ///
+/// See Also
+/// --------
+/// clip_history : Makes such neighbourhoods flicker.
+/// thin_features : Detects features narrower than the neighbourhood.
+///
 /// Notes
 /// -----
-/// A mean jumps if it moves by more than the range of its pixels in some channel, and by more than a fifth of the larger
-/// one's largest channel. A jump is a return if the new mean is less than half as far from the mean before the last jump
-/// as from the last mean: it increments the count; other jumps reset it. Without a jump, the count and the earlier mean
-/// decay by an eighth per frame, so that at most five frames may lie between a colour and its return. AMD's FSR 2.2
-/// detects returning luminances of single pixels among the last four frames.
+/// A mean jumps if it moves by more than the range of its pixels in some channel, and by more than a fifth of the
+/// larger one's largest channel. A jump is a return if the new mean is less than half as far from the mean before the
+/// last jump as from the last mean: it increments the count; other jumps reset it. Without a jump, the count and the
+/// earlier mean decay by an eighth per frame, so that at most five frames may lie between a colour and its return.
+/// AMD's FSR 2.2 [1]_ detects returning luminances of single pixels among the last four frames.
+///
+/// References
+/// ----------
+/// .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+///
+/// Examples
+/// --------
+/// >>> memory = None
+/// >>> for light in (0.1, 1.0, 0.1, 1.0, 0.1):
+/// ...     memory = yester.alternation(np.full((3, 3, 3), light), memory)
+/// >>> memory[..., 6]
+/// array([[3., 3., 3.],
+///        [3., 3., 3.],
+///        [3., 3., 3.]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "alternation", signature = (color, memory=None, *, exposure=1.0, out=None))]
 pub fn alternation_<'py>(
@@ -325,21 +420,21 @@ pub fn alternation_<'py>(
     next.array()
 }
 
-/// Temporal gradient: the relative change of light, beyond the change that noise explains.
+/// Measure the relative change of light, beyond the change that noise explains.
 ///
 /// Parameters
 /// ----------
 /// color, previous : (H, W, 3) array_like of float
-///     Two images of the same pixels. For the exact gradient the previous frame and its `Frame.replay`, a re-render with
-///     the same random numbers, and ``noise=0``; for an estimate the new frame and the reprojected history. Illumination
-///     (see `demodulate`) if there is albedo. Missing pixels do not count.
+///     Two images of the same pixels. For the exact gradient the previous frame and its `Frame.replay`, a re-render
+///     with the same random numbers, and ``noise=0``; for an estimate the new frame and the reprojected history.
+///     Illumination (see `demodulate`) if there is albedo. Missing pixels do not count.
 /// noise : float, default 2.0
 ///     Standard errors of the local mean that are attributed to noise; at least 0.
 /// passes : int, default 3
 ///     Passes of the smallest blur, 0 to 8; its radius is 2^passes - 1 pixels.
 /// widest : int, default 3
-///     Passes of the widest blur, `passes` to 8. Small blurs locate a change of light, wide ones detect changes that are
-///     small but extended; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.5``.
+///     Passes of the widest blur, `passes` to 8. Small blurs locate a change of light, wide ones detect changes that
+///     are small but extended; the largest gradient counts. `SVGF` estimates with 5, and ``noise=2.5``.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -353,12 +448,27 @@ pub fn alternation_<'py>(
 /// ValueError
 ///     On wrong shapes or parameters out of range.
 ///
+/// See Also
+/// --------
+/// accumulate : Takes the result, to shorten history.
+/// innovation : Corrects what has changed.
+///
 /// Notes
 /// -----
 /// With the difference of luminances δ and the larger of them m, blurred means ⟨·⟩ over {1, 2, 1}/4 kernels at steps of
-/// 1, 2, 4, …, and the standard error s of ⟨δ⟩: ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. Schied, Peters and
-/// Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*, where z = 0 and gradients are
-/// exact. `accumulate` takes the result.
+/// 1, 2, 4, …, and the standard error s of ⟨δ⟩: ``clamp((|⟨δ⟩| - noise s) / ⟨m⟩, 0, 1)``. The original (Schied et al.
+/// [1]_) has exact gradients and no margin for noise.
+///
+/// References
+/// ----------
+/// .. [1] C. Schied, C. Peters, C. Dachsbacher, "Gradient estimation for real-time adaptive temporal filtering",
+///    Proceedings of the ACM on Computer Graphics and Interactive Techniques 1(2), 2018.
+///
+/// Examples
+/// --------
+/// >>> previous = np.ones((4, 4, 3))
+/// >>> yester.temporal_gradient(previous / 2, previous, noise=0)[0]
+/// array([0.5, 0.5, 0.5, 0.5], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (color, previous, *, noise=2.0, passes=3, widest=3, out=None))]
 pub fn temporal_gradient<'py>(
@@ -390,7 +500,7 @@ pub fn temporal_gradient<'py>(
     gradient.array()
 }
 
-/// The error of a prediction, estimated from new samples.
+/// Estimate the error of a prediction from new samples.
 ///
 /// New samples are noisy but unbiased; a denoised image is steady, but lags and blurs. Where the mean of their
 /// difference is larger than noise explains, it is returned, to be added to the image and to its history.
@@ -402,7 +512,8 @@ pub fn temporal_gradient<'py>(
 /// prediction : (H, W, 3) array_like of float
 ///     The image to be corrected.
 /// history_length : (H, W) array_like of float
-///     Samples in each pixel's prediction. A short prediction is correlated with the newest sample, which is part of it.
+///     Samples in each pixel's prediction. A short prediction is correlated with the newest sample, which is part of
+///     it.
 /// evidence : (ceil(H / 2), ceil(W / 2), 4) array_like of float, optional
 ///     The previous frame's result; none for the first frame.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float, optional
@@ -417,14 +528,14 @@ pub fn temporal_gradient<'py>(
 /// levels : int, default 4
 ///     Block sizes, 1 to 8: 2 pixels, 4, 8, ….
 /// fed_back : bool, default True
-///     The history of the next prediction is corrected as well. If not, the next samples show the same difference again,
-///     and the evidence keeps the corrected part.
+///     The history of the next prediction is corrected as well. If not, the next samples show the same difference
+///     again, and the evidence keeps the corrected part.
 /// sparse : bool, default False
 ///     `color` has samples in few pixels, and the prediction is made of few. Differences are then relative to the local
 ///     mean of the light, as the prediction itself is noisy; and unknown blocks, whose variance in `evidence` is NaN,
 ///     are left out of the means.
-/// out : (array, array), optional
-///     Written and returned instead of new arrays; None for one of them makes that one anew.
+/// out : tuple of (H, W, 3) and (ceil(H / 2), ceil(W / 2), 4) float32 arrays, optional
+///     Written and returned instead of new arrays. A part may be None.
 ///
 /// Returns
 /// -------
@@ -438,15 +549,36 @@ pub fn temporal_gradient<'py>(
 /// ValueError
 ///     On wrong shapes or parameters out of range.
 ///
+/// See Also
+/// --------
+/// temporal_gradient : Detects changes of light, to shorten history.
+/// exposure : Exposure of the image.
+///
 /// Notes
 /// -----
 /// r = (color - prediction) / (l + exposure / 16) is clamped to ±50; E is its mean over blocks of 2×2 pixels and over
 /// frames; l is max(prediction, 0), or with `sparse` its mean over blocks of 4×4 pixels, interpolated between their
 /// centres. From the coarsest level to the finest, b is the mean of the rest of E over 3×3 blocks, weighted {1, 2, 1}
 /// along both axes; it is multiplied by ``max(0, 1 - strictness v / |b|²)``, with v its variance, estimated from the
-/// squares of r, and one factor for the three channels. James and Stein 1961, *Estimation with Quadratic Loss*; Donoho
-/// and Johnstone 1994, *Ideal Spatial Adaptation by Wavelet Shrinkage*. A single bright sample has ``|b|² = v`` and
-/// never changes the image.
+/// squares of r, and one factor for the three channels: the shrinkage of James and Stein [1]_, scale by scale as Donoho
+/// and Johnstone do [2]_. The difference of sample and prediction is the innovation of the Kalman filter [3]_. A single
+/// bright sample has ``|b|² = v`` and never changes the image.
+///
+/// References
+/// ----------
+/// .. [1] W. James, C. Stein, "Estimation with quadratic loss", Proceedings of the Fourth Berkeley Symposium on
+///    Mathematical Statistics and Probability 1, 1961.
+/// .. [2] D. L. Donoho, I. M. Johnstone, "Ideal spatial adaptation by wavelet shrinkage", Biometrika 81(3), 1994.
+/// .. [3] R. E. Kalman, "A new approach to linear filtering and prediction problems", Journal of Basic Engineering
+///    82(1), 1960.
+///
+/// Examples
+/// --------
+/// >>> prediction = np.ones((16, 16, 3))
+/// >>> length = np.full((16, 16), 20.0)
+/// >>> correction, evidence = yester.innovation(prediction * 1.5, prediction, length)
+/// >>> correction[8, 8].round(3)
+/// array([0.494, 0.494, 0.494], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "innovation", signature = (color, prediction, history_length, evidence=None, motion=None, *, exposure=1.0,
     strictness=3.0, share=0.5, levels=4, fed_back=true, sparse=false, out=None))]
@@ -514,7 +646,7 @@ pub fn innovation_<'py>(
     Ok((correction.array()?, left.array()?))
 }
 
-/// Chooses the best of several predictions, tile by tile, by the evidence of earlier frames.
+/// Choose the best of several predictions, tile by tile, by the evidence of earlier frames.
 ///
 /// Parameters
 /// ----------
@@ -523,16 +655,16 @@ pub fn innovation_<'py>(
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
 ///     Motion in pixels. A tile's evidence comes from where its centre does.
 /// coverage : (H, W) array_like of float
-///     Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); tiles whose centre was not
-///     have no evidence.
+///     Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); tiles whose centre was
+///     not have no evidence.
 /// usual : int, default 0
 ///     The default candidate: it is chosen without evidence, and all others are compared with it.
 /// strictness : float, default 0.5
 ///     Standard errors by which another candidate must be better; at least 0.
 /// share : float, default 0.1
 ///     Fraction of the evidence that decays per frame; 0 to 1.
-/// out : (choice, evidence) of float32 arrays or None, optional
-///     Written and returned instead of new arrays.
+/// out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 arrays, optional
+///     Written and returned, as choice and evidence, instead of new arrays. A part may be None.
 ///
 /// Returns
 /// -------
@@ -547,11 +679,25 @@ pub fn innovation_<'py>(
 /// ValueError
 ///     On wrong shapes, evidence of fewer than 2 candidates, or parameters out of range.
 ///
+/// See Also
+/// --------
+/// compare_candidates : Adds a frame's evidence.
+/// SVGF : Chooses the number of filter passes in this way.
+///
 /// Notes
 /// -----
 /// A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
 /// `strictness` standard errors of the steps between it and the default one wins; with fewer than 16 samples in the
 /// average, the default candidate stays.
+///
+/// Examples
+/// --------
+/// >>> sample = np.ones((8, 8, 3))
+/// >>> candidates = np.stack([np.full((8, 8), 0.5), np.full((8, 8), 1.0)], -1)
+/// >>> evidence = yester.compare_candidates(sample, candidates)
+/// >>> best, evidence = yester.choice(evidence, np.zeros((8, 8, 2)), np.ones((8, 8)))
+/// >>> best
+/// array([[1.]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.1, out=None))]
 pub fn choice_<'py>(
@@ -604,20 +750,20 @@ pub fn choice_<'py>(
     Ok((chosen.array()?, carried.array()?))
 }
 
-/// Compares predictions with new samples that none of them has seen, tile by tile.
+/// Compare predictions with new samples that none of them has seen, tile by tile.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
 ///     The new, noisy samples. Missing pixels do not count.
 /// candidates : (H, W, K) array_like of float
-///     K predictions of the samples' luminance, at least 2. They are a series, such as the predictions that more and more
-///     passes of `atrous` return. Pixels where one is not finite do not count.
+///     K predictions of the samples' luminance, at least 2. They are a series, such as the predictions that more and
+///     more passes of `atrous` return. Pixels where one is not finite do not count.
 /// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float, optional
 ///     That of earlier frames, as `choice` returns it.
 /// exposure : float, default 1.0
-///     `exposure` of the image; above 0. Errors of luminances well below a sixteenth of it count as absolute, of brighter
-///     ones as relative.
+///     `exposure` of the image; above 0. Errors of luminances well below a sixteenth of it count as absolute, of
+///     brighter ones as relative.
 /// usual : int, default 0
 ///     The default candidate, relative to which errors are measured.
 /// out : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 array, optional
@@ -634,12 +780,26 @@ pub fn choice_<'py>(
 /// ValueError
 ///     On wrong shapes, fewer than 2 candidates, or parameters out of range.
 ///
+/// See Also
+/// --------
+/// choice : Chooses by the evidence.
+/// prediction_gain : Compares two histories pixel by pixel.
+/// atrous : Returns such predictions.
+///
 /// Notes
 /// -----
 /// The gain of step k is ``(a - b)(a + b - 2r)``. Candidates a and b and the sample's luminance r are taken relative to
-/// the default candidate: with m its luminance, at least 0, each value v becomes ``(v - m) / (m + exposure / 16)``, and r
-/// is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of the difference of two squared
+/// the default candidate: with m its luminance, at least 0, each value v becomes ``(v - m) / (m + exposure / 16)``, and
+/// r is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of the difference of two squared
 /// errors (see `prediction_gain`).
+///
+/// Examples
+/// --------
+/// >>> sample = np.ones((8, 8, 3))
+/// >>> candidates = np.stack([np.full((8, 8), 0.5), np.full((8, 8), 1.0)], -1)
+/// >>> gain, square, count = yester.compare_candidates(sample, candidates)[0, 0]
+/// >>> bool(gain < 0), float(count)
+/// (True, 64.0)
 #[pyfunction]
 #[pyo3(signature = (color, candidates, evidence=None, *, exposure=1.0, usual=0, out=None))]
 pub fn compare_candidates<'py>(
@@ -692,7 +852,7 @@ pub fn compare_candidates<'py>(
     after.array()
 }
 
-/// How much better one history predicts the new sample than another, measured without a reference.
+/// Measure how much better one history predicts the new sample than another, without a reference.
 ///
 /// Parameters
 /// ----------
@@ -718,10 +878,22 @@ pub fn compare_candidates<'py>(
 /// ValueError
 ///     On wrong shapes or a radius out of range.
 ///
+/// See Also
+/// --------
+/// compare_candidates : Compares a series of predictions, tile by tile.
+/// virtual_motion : Motion of the reflections' history.
+///
 /// Notes
 /// -----
 /// ``(k - c)² - (h - c)²`` is linear in c, so that the noise of c averages out; after a tone curve or a clamp it would
 /// not.
+///
+/// Examples
+/// --------
+/// >>> color = np.ones((4, 4, 3))
+/// >>> gain = yester.prediction_gain(color, 0.5 * color, color)
+/// >>> gain[0].round(4)
+/// array([-0.9868, -0.9868, -0.9868, -0.9868], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (candidate, base, color, *, ids=None, radius=3, out=None))]
 pub fn prediction_gain<'py>(

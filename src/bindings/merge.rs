@@ -18,17 +18,32 @@ pub const MOMENTS: Channels = Channels::Of(&[2]);
 /// Attributes
 /// ----------
 /// color : (H, W, 3) float32
+///     Accumulated colour.
 /// moments : (H, W, 2) float32
 ///     Means of luminance and of its square.
 /// history_length : (H, W) float32
 ///     History length in samples, up to 1/alpha.
 /// missing : int
 ///     Pixels whose new sample was not finite.
+///
+/// See Also
+/// --------
+/// accumulate : Returns this.
+///
+/// Examples
+/// --------
+/// >>> zeros = np.zeros((2, 2, 3))
+/// >>> yester.accumulate(zeros + 1, zeros, zeros[..., :2], zeros[..., 0])
+/// Accumulated(2x2, missing=0)
 #[pyclass(frozen, get_all, module = "yester")]
 pub struct Accumulated {
+    /// Accumulated colour: (H, W, 3) float32.
     color: Py<PyArrayDyn<f32>>,
+    /// Means of luminance and of its square: (H, W, 2) float32.
     moments: Py<PyArrayDyn<f32>>,
+    /// History length in samples, up to 1/alpha: (H, W) float32.
     history_length: Py<PyArrayDyn<f32>>,
+    /// Number of pixels whose new sample was not finite.
     missing: usize,
 }
 
@@ -44,7 +59,7 @@ impl Accumulated {
     }
 }
 
-/// Temporal accumulation: merges new samples into the history.
+/// Merge new samples into the history: temporal accumulation.
 ///
 /// Parameters
 /// ----------
@@ -68,8 +83,8 @@ impl Accumulated {
 /// moments_alpha : float, default 0.2
 ///     Smallest weight of the new sample in the moments.
 /// warmup : bool, default True
-///     Give the N-th sample a weight of 1/N until that falls to `alpha`, so that the first samples are averaged equally;
-///     otherwise the weight is `alpha` from the second sample on.
+///     Give the N-th sample a weight of 1/N until that falls to `alpha`, so that the first samples are averaged
+///     equally; otherwise the weight is `alpha` from the second sample on.
 /// out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
 ///     Written and returned, as colour, moments and length, instead of new arrays; they may be inputs. A part may be
 ///     None.
@@ -77,22 +92,48 @@ impl Accumulated {
 /// Returns
 /// -------
 /// Accumulated
-///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged; without
-///     history either, colour and moments are NaN and the length is 0.
+///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged;
+///     without history either, colour and moments are NaN and the length is 0.
 ///
 /// Raises
 /// ------
 /// ValueError
 ///     On wrong shapes or weights out of range.
 ///
+/// See Also
+/// --------
+/// reproject : Fetches the history.
+/// combine_histories : Merges two histories.
+/// blend : Merges with a given weight, without a count of samples.
+///
 /// Notes
 /// -----
-/// With w the `weight`, N = min(`history_length` + w, 1/alpha) and l the Rec. 709 luminance: ``color = h + w (c - h)/N``
-/// and ``moments = m + w max(moments_alpha, 1/N) ((l, l*l) - m)``. Schied et al. 2017, *Spatiotemporal Variance-Guided
-/// Filtering*, section 4.2; the equal start as in Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing
-/// Techniques*. A `gradient` g first shortens the history to ``N (1 - g)**10`` and then moves both shares towards 1:
-/// ``a + g (1 - a)`` (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal
-/// Filtering*; the exponent as in Q2RTX). A `confidence` c moves both weights further: ``a + w (1 - c) (1 - a)``.
+/// With w the `weight`, N = min(`history_length` + w, 1/alpha) and l the Rec. 709 luminance:
+/// ``color = h + w (c - h)/N`` and ``moments = m + w max(moments_alpha, 1/N) ((l, l*l) - m)`` (SVGF [1]_, section 4.2;
+/// the equal start as in the survey by Yang et al. [2]_). A `gradient` g first shortens the history to
+/// ``N (1 - g)**10`` and then moves both weights towards 1: ``a + g (1 - a)`` (Schied et al. [3]_; the exponent as in
+/// Quake II RTX [4]_). A `confidence` c moves both weights further: ``a + w (1 - c) (1 - a)``.
+///
+/// References
+/// ----------
+/// .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+///    Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+///    illumination", High-Performance Graphics, 2017.
+/// .. [2] L. Yang, S. Liu, M. Salvi, "A survey of temporal antialiasing techniques", Computer Graphics Forum 39(2),
+///    2020.
+/// .. [3] C. Schied, C. Peters, C. Dachsbacher, "Gradient estimation for real-time adaptive temporal filtering",
+///    Proceedings of the ACM on Computer Graphics and Interactive Techniques 1(2), 2018.
+/// .. [4] NVIDIA, "Quake II RTX", github.com/NVIDIA/Q2RTX, 2019: the denoiser A-SVGF.
+///
+/// Examples
+/// --------
+/// >>> color = np.full((1, 1, 3), 4.0)
+/// >>> history = np.zeros((1, 1, 3))
+/// >>> result = yester.accumulate(color, history, np.zeros((1, 1, 2)), [[3.0]])
+/// >>> result.color
+/// array([[[1., 1., 1.]]], dtype=float32)
+/// >>> result.history_length
+/// array([[4.]], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (color, history, history_moments, history_length, *, weight=None, gradient=None, confidence=None,
     alpha=0.05, moments_alpha=0.2, warmup=true, out=None))]
@@ -180,16 +221,17 @@ type Images<'py> = (
     Bound<'py, PyArrayDyn<f32>>,
 );
 
-/// Combines two independent histories of the same pixels, such as that of earlier frames and that of later ones.
+/// Combine two independent histories of the same pixels, such as those of earlier and of later frames.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
+///     Mean of the first history's samples.
 /// moments : (H, W, 2) array_like of float
 ///     Means of luminance and of its square.
 /// history_length : (H, W) array_like of float
 ///     Samples in each pixel.
-/// other_color, other_moments, other_length
+/// other_color, other_moments, other_length : array_like of float
 ///     The same of the second history.
 /// gradient : (H, W) array_like of float, optional
 ///     Relative change of light in the second history, 0 to 1; NaN counts as 0. It counts as fewer samples there.
@@ -199,7 +241,9 @@ type Images<'py> = (
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
+///     Mean over the samples of both.
 /// moments : (H, W, 2) float32
+///     Means of luminance and of its square.
 /// history_length : (H, W) float32
 ///     The sum of both. Where no history has samples, colour and moments are NaN and the length is 0.
 ///
@@ -208,10 +252,22 @@ type Images<'py> = (
 /// ValueError
 ///     On wrong shapes.
 ///
+/// See Also
+/// --------
+/// accumulate : Merges new samples into a history.
+/// denoise : Denoises from both sides.
+///
 /// Notes
 /// -----
 /// Each is a mean over its samples, so the mean over all has the lengths for weights: ``c + N'/(N + N') (c' - c)``. A
 /// gradient g shortens the second history to ``N' (1 - g)**10``, as in `accumulate`.
+///
+/// Examples
+/// --------
+/// >>> color, moments = np.ones((1, 1, 3)), np.ones((1, 1, 2))
+/// >>> mean, _, length = yester.combine_histories(color, moments, [[3.0]], 5 * color, moments, [[1.0]])
+/// >>> mean, length
+/// (array([[[2., 2., 2.]]], dtype=float32), array([[4.]], dtype=float32))
 #[pyfunction]
 #[pyo3(signature = (color, moments, history_length, other_color, other_moments, other_length, *, gradient=None, out=None))]
 pub fn combine_histories<'py>(
@@ -271,7 +327,7 @@ pub fn combine_histories<'py>(
     Ok((color.array()?, moments.array()?, length.array()?))
 }
 
-/// Jittered samples of several frames, reconstructed to one image.
+/// Reconstruct one image from the jittered samples of several frames.
 ///
 /// Parameters
 /// ----------
@@ -282,7 +338,7 @@ pub fn combine_histories<'py>(
 ///     0.5, as `jitter` returns them.
 /// filter : {"blackman-harris", "box", "tent", "mitchell"}, default "blackman-harris"
 ///     Reconstruction filter: the Blackman-Harris window 3.3 pixels wide, the pixel's own samples equally weighted,
-///     1 - \|d\|, or Mitchell and Netravali's cubic with B = C = 1/3.
+///     ``1 - |d|``, or Mitchell and Netravali's cubic with B = C = 1/3.
 /// out : float32 array like one of the samples, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -296,10 +352,30 @@ pub fn combine_histories<'py>(
 /// ValueError
 ///     On wrong shapes, an unknown filter, or offsets beyond half a pixel.
 ///
+/// See Also
+/// --------
+/// jitter : Offsets.
+/// resample : Resamples one frame to a grid of another size.
+/// TAA : Approaches this image over time.
+///
 /// Notes
 /// -----
-/// For a static camera and scene this is the image to which temporal antialiasing should converge. Karis 2014, *High
-/// Quality Temporal Supersampling*; Mitchell and Netravali 1988, *Reconstruction Filters in Computer Graphics*.
+/// For a static camera and scene this is the image to which temporal antialiasing should converge. The Blackman-Harris
+/// window is that of Karis [1]_, the cubic that of Mitchell and Netravali [2]_.
+///
+/// References
+/// ----------
+/// .. [1] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+///    2014.
+/// .. [2] D. P. Mitchell, A. N. Netravali, "Reconstruction filters in computer graphics", Computer Graphics (SIGGRAPH)
+///    22(4), 1988.
+///
+/// Examples
+/// --------
+/// >>> samples = [np.zeros((2, 2)), np.ones((2, 2))]
+/// >>> yester.resolve(samples, [[0.0, 0.0], [0.0, 0.0]], filter="box")
+/// array([[0.5, 0.5],
+///        [0.5, 0.5]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "resolve", signature = (samples, offsets, *, filter="blackman-harris", out=None))]
 pub fn resolve_<'py>(
@@ -351,7 +427,7 @@ pub fn resolve_<'py>(
     image.array()
 }
 
-/// Blends history and new sample.
+/// Blend history and new sample.
 ///
 /// Parameters
 /// ----------
@@ -383,12 +459,30 @@ pub fn resolve_<'py>(
 /// ValueError
 ///     On wrong shapes, an unknown weighting (the error lists them), alpha, flicker or exposure out of range.
 ///
+/// See Also
+/// --------
+/// blend_factor : Blend factors from confidence and speed.
+/// clip_history : Clips history, and blends in the same pass.
+/// accumulate : Merges by the number of samples.
+///
 /// Notes
 /// -----
-/// "tone" and `flicker`: Karis 2014, *High Quality Temporal Supersampling*. "luminance": ``lerp(4 alpha, alpha, (1 -
-/// d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, Playdead 2016, *Temporal Reprojection Anti-Aliasing in
-/// INSIDE*. With ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the
-/// neighbourhood's range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``.
+/// "none": ``h + alpha (c - h)``. "tone" and `flicker` are those of Karis [1]_. "luminance":
+/// ``lerp(4 alpha, alpha, (1 - d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, as in INSIDE [2]_. With
+/// ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the neighbourhood's
+/// range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``.
+///
+/// References
+/// ----------
+/// .. [1] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+///    2014.
+/// .. [2] L. J. F. Pedersen (Playdead), "Temporal reprojection anti-aliasing in INSIDE", Game Developers Conference,
+///    2016.
+///
+/// Examples
+/// --------
+/// >>> yester.blend(np.ones((1, 1, 3)), np.zeros((1, 1, 3)), alpha=0.25)
+/// array([[[0.25, 0.25, 0.25]]], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (color, history, alpha=None, *, weighting="none", flicker=1.0, exposure=1.0, out=None))]
 #[pyo3(

@@ -3,6 +3,8 @@
 
 // Classes have the names that Python has.
 #![allow(clippy::upper_case_acronyms)]
+// Comments of what Python sees are its docstrings: reStructuredText, not Markdown.
+#![allow(clippy::doc_lazy_continuation)]
 
 mod arrays;
 mod camera;
@@ -81,16 +83,28 @@ mod _core {
     }
 }
 
-/// The number of threads and the instruction set of the kernels: the machine's, unless lowered by `YESTER_THREADS` and
-/// `YESTER_SIMD`.
+/// Return the number of threads and the instruction set of the kernels.
+///
+/// Returns
+/// -------
+/// threads : int
+///     Those of the machine, unless lowered by ``YESTER_THREADS``.
+/// level : str
+///     The best that the machine has, unless lowered by ``YESTER_SIMD``.
 #[pyfunction]
 fn settings() -> PyResult<(usize, &'static str)> {
     let settings = Settings::from_environment()?;
     Ok((settings.threads, settings.level_name()))
 }
 
-/// Roofline of this machine, measured with the current threads and instruction set: bytes per second that a copy reads
-/// and writes, and multiply-adds per second.
+/// Measure the roofline of this machine, with the current threads and instruction set.
+///
+/// Returns
+/// -------
+/// bandwidth : float
+///     Bytes per second that a copy reads and writes.
+/// arithmetic : float
+///     Multiply-adds per second.
 #[pyfunction]
 fn machine_limits(py: Python<'_>) -> (f64, f64) {
     py.detach(limits::limits)

@@ -11,7 +11,7 @@ use crate::image::Size;
 use crate::kernels::camera::pinhole;
 use crate::kernels::smooth::regress::{self, Features, Place};
 
-/// Block-wise multi-order feature regression: fits colour, block by block, to feature buffers.
+/// Fit colour, block by block, to feature buffers: block-wise multi-order feature regression.
 ///
 /// Parameters
 /// ----------
@@ -39,8 +39,8 @@ use crate::kernels::smooth::regress::{self, Features, Place};
 /// Returns
 /// -------
 /// fitted : (H, W, 3) float32
-///     Clamped to the range of the block's colours. Missing pixels, and those of weight 0, get the fitted colour. Pixels
-///     without a surface keep their colour, as do blocks without valid pixels.
+///     Clamped to the range of the block's colours. Missing pixels, and those of weight 0, get the fitted colour.
+///     Pixels without a surface keep their colour, as do blocks without valid pixels.
 /// used : (H, W) uint8
 ///     Number of the block's features, including the constant: 1 to 10; 0 where a pixel keeps its colour.
 ///
@@ -49,18 +49,44 @@ use crate::kernels::smooth::regress::{self, Features, Place};
 /// ValueError
 ///     On wrong shapes or parameters out of range; if a depth has no camera.
 ///
+/// See Also
+/// --------
+/// BMFR : The pipeline that fits every frame.
+/// demodulate : Divides colour by albedo.
+/// atrous : Filters instead of fitting.
+///
 /// Notes
 /// -----
 /// Least squares of colour on those of {1, normal, position, position²} that are given and vary within the block
-/// (Koskela et al. 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*), by a QR
-/// decomposition in double precision. A feature is skipped if the others explain all but a hundredth of it (the paper
-/// adds noise instead), if it is a normal that varies by less than a thousandth, or a coordinate that varies by less
-/// than a thousandth of the others.
+/// (Koskela et al. [1]_), by a QR decomposition in double precision. A feature is skipped if the others explain all but
+/// a hundredth of it (the paper adds noise instead), if it is a normal that varies by less than a thousandth, or a
+/// coordinate that varies by less than a thousandth of the others.
 ///
 /// "fewest" adds features one by one, each the one that reduces the sum S of squared residuals most, as long as that
 /// lowers the generalised cross-validation score ``S / (1 - (1 + 3k)/n)²``, with k features besides the constant and n
-/// pixels (``(Σw)² / Σw²`` by weight): Craven and Wahba 1979, *Smoothing Noisy Data with Spline Functions*. A chosen
-/// feature counts as three degrees of freedom: Friedman 1991, *Multivariate Adaptive Regression Splines*.
+/// pixels (``(Σw)² / Σw²`` by weight; Craven and Wahba [2]_). A chosen feature counts as three degrees of freedom, as
+/// in Friedman's regression splines [3]_.
+///
+/// References
+/// ----------
+/// .. [1] M. Koskela, K. Immonen, M. Mäkitalo, A. Foi, T. Viitanen, P. Jääskeläinen, H. Kultala, J. Takala, "Blockwise
+///    multi-order feature regression for real-time path-tracing reconstruction", ACM Transactions on Graphics 38(5),
+///    2019.
+/// .. [2] P. Craven, G. Wahba, "Smoothing noisy data with spline functions", Numerische Mathematik 31, 1979.
+/// .. [3] J. H. Friedman, "Multivariate adaptive regression splines", The Annals of Statistics 19(1), 1991.
+///
+/// Examples
+/// --------
+/// >>> depth = np.tile(np.linspace(1, 2, 8), (8, 1))
+/// >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=8, height=8)
+/// >>> position = camera.unproject(np.stack(np.meshgrid(np.arange(8) + 0.5, np.arange(8) + 0.5), -1), depth)
+/// >>> color = np.repeat(position[..., 2:], 3, -1)
+/// >>> color[4, 4] = np.nan
+/// >>> fitted, used = yester.regress(color, geometry=position)
+/// >>> np.allclose(fitted[..., 0], depth, atol=1e-4)
+/// True
+/// >>> int(used[4, 4])
+/// 2
 #[pyfunction]
 #[pyo3(signature = (color, *, normal=None, geometry=None, camera=None, weight=None, block=32, offset=(0, 0),
     features="fewest", out=None))]

@@ -15,7 +15,7 @@ type Array<'py> = Bound<'py, PyArrayDyn<f32>>;
 
 const OFFSET: Channels = Channels::Of(&[2]);
 
-/// Forward reprojection: scatters the previous frame's pixels as points to where they appear now.
+/// Scatter the previous frame's pixels as points to where they appear now: forward reprojection.
 ///
 /// Every pixel of the previous frame is a world-space point, static unless `drift` says otherwise. In the current frame
 /// it covers a square as large as its old pixel appears now. The nearest point that covers a pixel determines the
@@ -62,6 +62,12 @@ const OFFSET: Channels = Channels::Of(&[2]);
 /// ValueError
 ///     On wrong shapes, a camera of another size, or a tolerance or reach out of range.
 ///
+/// See Also
+/// --------
+/// pull_push : Fills the holes.
+/// reproject : Fetches instead of scattering.
+/// Recirculation : The pipeline that keeps history as points.
+///
 /// Notes
 /// -----
 /// A point of depth z that is now at z' covers a square of side ``s = 1 + 1.01 max(0, z/z' - 1)`` (z/z' times the ratio
@@ -69,8 +75,21 @@ const OFFSET: Channels = Channels::Of(&[2]);
 /// ones. With the nearest point at z0, weights fall linearly to 0 at ``z' = z0 (1 + tolerance)``. In a pixel that it
 /// fills by `reach`, a point has the weight of its enlarged square. Points are summed in the order of their source
 /// pixels, whatever the number of threads. In pixels other than its own, a large point counts as lying at the centre.
-/// Equal cameras leave everything unchanged. After "Reprojection 2", a developer's diary of 2008, where points are
-/// weighted by their size and depth; the formula is our own.
+/// Equal cameras leave everything unchanged. That points are weighted by their size and depth is from a developer's
+/// diary [1]_; the formula is our own.
+///
+/// References
+/// ----------
+/// .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+///
+/// Examples
+/// --------
+/// >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+/// >>> previous = yester.Camera.from_look_at([2.5, 0, 5], [2.5, 0, 0], [0, 1, 0], fov=90, width=4, height=4)
+/// >>> image = np.tile([1.0, 2.0, 3.0, 4.0], (4, 1))
+/// >>> color, depth, offset, quality = yester.splat(image, np.full((4, 4), 5.0), camera, previous)
+/// >>> color[0]
+/// array([nan,  1.,  2.,  3.], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "splat", signature = (color, depth, camera, previous_camera, *, offset=None, drift=None, quality=None,
     tolerance=0.1, reach=0.0, out=None))]
@@ -133,7 +152,7 @@ pub fn splat_<'py>(
     ))
 }
 
-/// Fills holes by pull-push: from a pyramid of ever coarser images.
+/// Fill holes from a pyramid of ever coarser images, by pull-push.
 ///
 /// Parameters
 /// ----------
@@ -144,7 +163,8 @@ pub fn splat_<'py>(
 /// factor : int, default 2
 ///     Ratio of the sides of successive levels, 2 to 16.
 /// levels : int, optional
-///     Number of coarser levels, at least 1. By default down to a single pixel, so that one valid pixel fills all holes.
+///     Number of coarser levels, at least 1. By default down to a single pixel, so that one valid pixel fills all
+///     holes.
 /// out : tuple of float32 arrays like the results, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -153,20 +173,38 @@ pub fn splat_<'py>(
 /// color : float32 array like `color`
 ///     Valid pixels are unchanged. NaN in holes that no level can fill: with too few levels, or without a valid pixel.
 /// quality : (H, W) float32
-///     Unchanged for valid pixels; in filled holes, the lower the coarser the level that filled them; 0 where `color` is
-///     NaN.
+///     Unchanged for valid pixels; in filled holes, the lower the coarser the level that filled them; 0 where `color`
+///     is NaN.
 ///
 /// Raises
 /// ------
 /// ValueError
 ///     On wrong shapes, or a factor or number of levels out of range.
 ///
+/// See Also
+/// --------
+/// splat : Leaves such holes.
+/// reconstruct : Fills holes within surfaces.
+///
 /// Notes
 /// -----
 /// Pull: ``c = Σ q c / Σ q``, ``q = Σ q / (n factor²)`` over the n pixels of a block. Push: bilinear interpolation
 /// weighted by quality, so that near and detailed points override the others. With ``factor=4, levels=2`` the levels
-/// have 1, 1/4 and 1/16 of the size, as in "Reprojection 2", a developer's diary of 2008, which planned ``factor=2``
-/// next. Pull-push is due to Gortler et al. 1996, *The Lumigraph*, section 3.4.
+/// have 1, 1/4 and 1/16 of the size, as in a developer's diary [1]_, which planned ``factor=2`` next. Pull-push is due
+/// to Gortler et al. ([2]_, section 3.4).
+///
+/// References
+/// ----------
+/// .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+/// .. [2] S. J. Gortler, R. Grzeszczuk, R. Szeliski, M. F. Cohen, "The lumigraph", SIGGRAPH, 1996.
+///
+/// Examples
+/// --------
+/// >>> filled, quality = yester.pull_push([[1.0, np.nan, np.nan, 3.0]])
+/// >>> filled
+/// array([[1. , 1.5, 2.5, 3. ]], dtype=float32)
+/// >>> quality
+/// array([[1.   , 0.125, 0.125, 1.   ]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "pull_push", signature = (color, quality=None, *, factor=2, levels=None, out=None))]
 pub fn pull_push_<'py>(
@@ -201,7 +239,7 @@ pub fn pull_push_<'py>(
     Ok((color.array()?, quality.array()?))
 }
 
-/// Blends the new, hole-filled image with reprojected history by quality, both motion-blurred.
+/// Blend the new, hole-filled image with reprojected history by quality, both motion-blurred.
 ///
 /// Parameters
 /// ----------
@@ -214,10 +252,11 @@ pub fn pull_push_<'py>(
 /// reprojected_quality : (H, W) array_like of float
 ///     Its quality.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
-///     Previous minus current position in pixels, as `motion_vectors` returns it; values that are not finite count as 0.
+///     Previous minus current position in pixels, as `motion_vectors` returns it; values that are not finite count as
+///     0.
 /// blur : float, default 0.25
-///     Distance of the two outer taps of the motion blur, forwards and backwards, as a fraction of the motion, 0 to 1; 0
-///     for no blur.
+///     Distance of the two outer taps of the motion blur, forwards and backwards, as a fraction of the motion, 0 to 1;
+///     0 for no blur.
 /// share : (float, float), default (0.0, 1.0)
 ///     Range to which the weight of the new image is clamped where both are valid, within 0 to 1.
 /// fade : float, default 64.0
@@ -242,14 +281,31 @@ pub fn pull_push_<'py>(
 /// ValueError
 ///     On wrong shapes, or a parameter out of range.
 ///
+/// See Also
+/// --------
+/// pull_push : Fills the holes of the new image.
+/// splat : Scatters the history to this frame.
+/// Recirculation : The pipeline that keeps history as points.
+///
 /// Notes
 /// -----
 /// Each image is the mean of three bilinear taps at ``-blur``, 0 and ``blur`` times the motion, over valid pixels. With
 /// `fetch`, those of history are centred on the position plus the motion, and its quality is one bilinear tap there.
-/// With ``q = reprojected_quality / (1 + |motion| / fade)`` the weight of the new image is ``filled_quality /
-/// (filled_quality + q)``, and the resulting quality is ``filled_quality + q``: the more samples a pixel has, the less
-/// a new one changes it. After "Reprojection 2", a developer's diary of 2008; how quality falls and adds up is our
+/// With ``q = reprojected_quality / (1 + |motion| / fade)`` the weight of the new image is
+/// ``filled_quality / (filled_quality + q)``, and the resulting quality is ``filled_quality + q``: the more samples a
+/// pixel has, the less a new one changes it. After a developer's diary [1]_; how quality falls and adds up is our
 /// choice.
+///
+/// References
+/// ----------
+/// .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+///
+/// Examples
+/// --------
+/// >>> new, old = np.ones((1, 2, 3)), np.zeros((1, 2, 3))
+/// >>> color, quality = yester.recirculate(new, [[1.0, 1.0]], old, [[1.0, 3.0]], np.zeros((1, 2, 2)))
+/// >>> color[..., 0], quality
+/// (array([[0.5 , 0.25]], dtype=float32), array([[2., 4.]], dtype=float32))
 #[pyfunction]
 #[pyo3(name = "recirculate", signature = (filled, filled_quality, reprojected, reprojected_quality, motion, *, blur=0.25,
     share=(0.0, 1.0), fade=64.0, limit=8.0, fetch=false, out=None))]

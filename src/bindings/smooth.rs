@@ -81,7 +81,7 @@ impl GuideData<'_> {
     }
 }
 
-/// Variance of luminance: temporal for long histories, spatial for short ones.
+/// Estimate the variance of luminance: temporal for long histories, spatial for short ones.
 ///
 /// Parameters
 /// ----------
@@ -103,7 +103,7 @@ impl GuideData<'_> {
 ///     of resampled lengths does not decide.
 /// radius : int, default 3
 ///     The spatial window reaches so many pixels to each side, 0 to 16.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -118,11 +118,31 @@ impl GuideData<'_> {
 /// ValueError
 ///     On wrong shapes or parameters out of range.
 ///
+/// See Also
+/// --------
+/// accumulate : Returns the moments.
+/// atrous : Takes the variance.
+///
 /// Notes
 /// -----
-/// A history of at least `min_length` gives m2 - m1². A shorter one takes the moments' means over the window, weighted
-/// as in `atrous` but for kernel and luminance, and multiplies the variance by min_length / N (Schied et al. 2017,
-/// *Spatiotemporal Variance-Guided Filtering*, section 4.2, and its implementation in Falcor).
+/// A history of at least `min_length` gives ``m2 - m1²``. A shorter one takes the moments' means over the window,
+/// weighted as in `atrous` but for kernel and luminance, and multiplies the variance by ``min_length / N``, as SVGF
+/// does ([1]_, section 4.2, and its implementation in Falcor [2]_).
+///
+/// References
+/// ----------
+/// .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+///    Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+///    illumination", High-Performance Graphics, 2017.
+/// .. [2] NVIDIA, "Falcor", github.com/NVIDIAGameWorks/Falcor, render pass SVGFPass.
+///
+/// Examples
+/// --------
+/// >>> moments = np.tile([0.5, 0.35], (4, 4, 1))
+/// >>> yester.estimate_variance(moments, np.full((4, 4), 20.0))[0].round(3)
+/// array([0.1, 0.1, 0.1, 0.1], dtype=float32)
+/// >>> yester.estimate_variance(moments, np.full((4, 4), 1.0))[0].round(3)
+/// array([0.35, 0.35, 0.35, 0.35], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (moments, history_length, *, depth=None, normal=None, ids=None, camera=None, min_length=3.5,
     radius=3, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
@@ -171,7 +191,7 @@ pub fn estimate_variance_<'py>(
     variance.array()
 }
 
-/// The edge-avoiding à-trous wavelet filter, guided by variance.
+/// Smooth colour by the edge-avoiding à-trous wavelet filter, guided by variance.
 ///
 /// Parameters
 /// ----------
@@ -222,20 +242,43 @@ pub fn estimate_variance_<'py>(
 /// ValueError
 ///     On wrong shapes or parameters out of range.
 ///
+/// See Also
+/// --------
+/// estimate_variance : Estimates the variance.
+/// accumulate : Returns accumulated colour.
+/// SVGF : The pipeline that filters every frame.
+///
 /// Notes
 /// -----
 /// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
 /// zero between different ids or between surface and background, and
 ///
-/// - en = sigma_normal · ½\|n - n'\|² / (1 + sigma_normal · ρ), where the roughness ρ is how much normals change from
-///   pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. 2013):
-///   ½ Σ min(\|n₋ - n\|², \|n₊ - n\|², ⅓\|n₋ - 2n + n₊\|²) over both axes,
-/// - ez = \|n·(X - X')\| / (sigma_plane Z) with `camera`, else \|Z - Z'\| / (sigma_depth \|∇Z·Δ\| + Z/1000),
-/// - el = \|l - l'\| / (sigma_luminance √(3×3 Gaussian of variance) + \|l\|/1000), l being the luminance of the colour,
+/// - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
+///   pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):
+///   ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over both axes,
+/// - ``ez = |n·(X - X')| / (sigma_plane Z)`` with `camera`, else ``|Z - Z'| / (sigma_depth |∇Z·Δ| + Z/1000)``,
+/// - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
 ///   or the prediction.
 ///
-/// Colour is Σwc/Σw and variance Σw²v/(Σw)². Dammertz et al. 2010, *Edge-Avoiding À-Trous Wavelet Transform for fast
-/// Global Illumination Filtering*; Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering*, section 4.3.
+/// Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
+/// variance that of SVGF ([3]_, section 4.3).
+///
+/// References
+/// ----------
+/// .. [1] F. Rousselle, M. Manzi, M. Zwicker, "Robust denoising using feature and color information", Computer Graphics
+///    Forum 32(7), 2013.
+/// .. [2] H. Dammertz, D. Sewtz, J. Hanika, H. P. A. Lensch, "Edge-avoiding à-trous wavelet transform for fast global
+///    illumination filtering", High-Performance Graphics, 2010.
+/// .. [3] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+///    Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+///    illumination", High-Performance Graphics, 2017.
+///
+/// Examples
+/// --------
+/// >>> noisy = 1 + 0.1 * np.random.default_rng(0).standard_normal((32, 32, 1)) * np.ones(3)
+/// >>> color, variance = yester.atrous(noisy, np.full((32, 32), 0.01))
+/// >>> bool(color.std() < noisy.std() / 5)
+/// True
 #[pyfunction]
 #[pyo3(signature = (color, variance, *, prediction=None, depth=None, normal=None, ids=None, camera=None, iterations=5,
     radius=2, sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
@@ -325,7 +368,7 @@ pub fn atrous_<'py>(
     PyTuple::new(py, arrays)
 }
 
-/// Firefly suppression: clamps samples far brighter than their surroundings and redistributes the excess.
+/// Clamp samples far brighter than their surroundings and redistribute the excess.
 ///
 /// Parameters
 /// ----------
@@ -348,7 +391,7 @@ pub fn atrous_<'py>(
 ///     Radius of the window in pixels, 1 to 16.
 /// redistribute : bool, default True
 ///     Spread the excess over the window's pixels of the same surface, so that the image does not darken.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : tuple of (H, W, 3) and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
@@ -356,6 +399,7 @@ pub fn atrous_<'py>(
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
+///     With the excess clamped, and spread if `redistribute` is set.
 /// removed : (H, W) float32
 ///     Luminance by which each pixel exceeded its limit.
 ///
@@ -364,12 +408,34 @@ pub fn atrous_<'py>(
 /// ValueError
 ///     On wrong shapes or parameters out of range.
 ///
+/// See Also
+/// --------
+/// SVGF : Suppresses fireflies with the option `fireflies`.
+/// clip_history : Clips history instead of samples.
+///
 /// Notes
 /// -----
 /// Neighbours have the guide weights of `reconstruct`, without the spatial weight. With mean m and standard deviation s
 /// of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
-/// the expected luminance (NRD's anti-firefly: 9×9 pixels, 2 deviations, no history). The excess is distributed over
-/// the window's pixels by their weights, the centre included.
+/// the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). The excess is distributed
+/// over the window's pixels by their weights, the centre included.
+///
+/// References
+/// ----------
+/// .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+///    hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+///
+/// Examples
+/// --------
+/// >>> color = np.full((9, 9, 3), 0.5)
+/// >>> color[4, 4] = 100
+/// >>> clamped, removed = yester.suppress_fireflies(color)
+/// >>> clamped[4, 4]
+/// array([1.7284, 1.7284, 1.7284], dtype=float32)
+/// >>> round(float(removed[4, 4]), 2)
+/// 99.5
+/// >>> bool(np.isclose(clamped.mean(), color.mean()))
+/// True
 #[pyfunction]
 #[pyo3(name = "suppress_fireflies", signature = (color, *, expected=None, depth=None, normal=None, ids=None, camera=None,
     threshold=2.0, radius=4, redistribute=true, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
@@ -424,7 +490,7 @@ pub fn suppress_fireflies_<'py>(
     Ok((held.array()?, removed.array(py, out)?))
 }
 
-/// History fix: averages recently disoccluded pixels over their surface.
+/// Average recently disoccluded pixels over their surface: history fix.
 ///
 /// Parameters
 /// ----------
@@ -445,7 +511,7 @@ pub fn suppress_fireflies_<'py>(
 ///     Histories shorter than this are fixed; at least 0.
 /// stride : float, default 14.0
 ///     Distance between taps in pixels at history length 0, 1 to 64; at length N it is stride/(1 + N), at least 1.
-/// sigma_normal, sigma_depth, sigma_plane : float
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -460,10 +526,31 @@ pub fn suppress_fireflies_<'py>(
 /// ValueError
 ///     On wrong shapes or parameters out of range.
 ///
+/// See Also
+/// --------
+/// accumulate : Returns accumulated colour and history length.
+/// estimate_variance : Widens the filter where history is short.
+///
 /// Notes
 /// -----
-/// After the history fix of NRD's ReBLUR and ReLAX. `SVGF` does not use it: for short histories its filter, guided by
-/// spatial variance, was better on three of four scenes tried, and equal on the fourth.
+/// Taps lie at multiples of ``max(1, ⌊stride / (1 + N) + ½⌋)`` pixels and have the weights of `reconstruct`, without
+/// the spatial weight, times their history length: after the history fix of NRD's ReBLUR and ReLAX [1]_. `SVGF` does
+/// not use it: for short histories its filter, guided by spatial variance, was better on three of four scenes tried,
+/// and equal on the fourth.
+///
+/// References
+/// ----------
+/// .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+///    hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+///
+/// Examples
+/// --------
+/// >>> color = np.ones((8, 8, 3))
+/// >>> color[4, 4] = 9
+/// >>> length = np.full((8, 8), 10.0)
+/// >>> length[4, 4] = 1
+/// >>> yester.fix_history(color, length, stride=2)[4, 4].round(3)
+/// array([1.033, 1.033, 1.033], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (color, history_length, *, depth=None, normal=None, ids=None, camera=None, max_length=3.0,
     stride=14.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, out=None))]
@@ -536,8 +623,7 @@ fn modulate<'py>(
     modulated.array()
 }
 
-/// Demodulation: illumination ``(color - emission) / d``; d is the albedo, at least 1/32, and 1 where the albedo is
-/// black.
+/// Divide colour by albedo, so that filters see illumination without texture.
 ///
 /// Parameters
 /// ----------
@@ -553,11 +639,16 @@ fn modulate<'py>(
 /// Returns
 /// -------
 /// illumination : (H, W, 3) float32
+///     ``(color - emission) / d``; d is the albedo, at least 1/32, and 1 where the albedo is black.
 ///
 /// Raises
 /// ------
 /// ValueError
 ///     On wrong shapes.
+///
+/// See Also
+/// --------
+/// remodulate : Multiplies by albedo again.
 ///
 /// Notes
 /// -----
@@ -566,8 +657,22 @@ fn modulate<'py>(
 /// a thousand times too bright, and filters would leak the excess to neighbouring surfaces.
 ///
 /// `remodulate` is the inverse. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it
-/// is exact to one or two units in the last place. After Schied et al. 2017, *Spatiotemporal Variance-Guided
-/// Filtering*, section 4; Falcor divides by ``max(a, 0.001)``.
+/// is exact to one or two units in the last place. After SVGF ([1]_, section 4); its implementation in Falcor [2]_
+/// divides by ``max(a, 0.001)``.
+///
+/// References
+/// ----------
+/// .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+///    Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+///    illumination", High-Performance Graphics, 2017.
+/// .. [2] NVIDIA, "Falcor", github.com/NVIDIAGameWorks/Falcor, render pass SVGFPass.
+///
+/// Examples
+/// --------
+/// >>> color = np.full((1, 2, 3), 0.1)
+/// >>> albedo = np.array([[[0.2] * 3, [0.0] * 3]])
+/// >>> yester.demodulate(color, albedo)[..., 0]
+/// array([[0.5, 0.1]], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (color, albedo, *, emission=None, out=None), name = "demodulate")]
 pub fn demodulate_<'py>(
@@ -580,7 +685,7 @@ pub fn demodulate_<'py>(
     modulate(py, ("color", color), albedo, emission, out, Way::Off)
 }
 
-/// Remodulation: ``illumination * d + emission``, with d as in `demodulate`.
+/// Multiply illumination by albedo and add emission.
 ///
 /// Parameters
 /// ----------
@@ -596,11 +701,22 @@ pub fn demodulate_<'py>(
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
+///     ``illumination * d + emission``, with d as in `demodulate`.
 ///
 /// Raises
 /// ------
 /// ValueError
 ///     On wrong shapes.
+///
+/// See Also
+/// --------
+/// demodulate : Divides by albedo.
+///
+/// Examples
+/// --------
+/// >>> albedo = np.full((1, 1, 3), 0.5)
+/// >>> yester.remodulate(np.full((1, 1, 3), 0.2), albedo, emission=np.ones((1, 1, 3)))
+/// array([[[1.1, 1.1, 1.1]]], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (illumination, albedo, *, emission=None, out=None), name = "remodulate")]
 pub fn remodulate_<'py>(
@@ -620,7 +736,7 @@ pub fn remodulate_<'py>(
     )
 }
 
-/// Morphological antialiasing: smooths jagged edges in a single image.
+/// Smooth jagged edges in a single image: morphological antialiasing.
 ///
 /// Parameters
 /// ----------
@@ -644,19 +760,39 @@ pub fn remodulate_<'py>(
 /// ValueError
 ///     On wrong shapes or parameters out of range.
 ///
+/// See Also
+/// --------
+/// TAA : Antialiasing over time.
+/// resolve : Antialiasing from several jittered frames.
+///
 /// Notes
 /// -----
 /// A separation line is a maximal sequence of n boundaries between two rows (or columns) that are discontinuities, with
 /// the brighter pixels on one side. If at one of its ends exactly one of the two pairs of pixels, above or below,
 /// differs across the end, the edge starts there, half a pixel above or below, and goes straight to the line's middle:
-/// the shapes L (one end), Z and U (both). At distance d from that end it cuts off the area (n - 2d - 1)/(2n) of the
-/// pixel, in the middle of an odd n 1/(8n), beyond it 0. A line is cut at `max_length`; it has no shape at an end that
-/// was cut or lies at the image's border.
+/// the shapes L (one end), Z and U (both). At distance d from that end it cuts off the area ``(n - 2d - 1)/(2n)`` of
+/// the pixel, in the middle of an odd n ``1/(8n)``, beyond it 0. A line is cut at `max_length`; it has no shape at an
+/// end that was cut or lies at the image's border.
 ///
 /// Of rows and columns the direction with the pixel's larger area counts, or half of each where they are equal. The
-/// result is (1 - Σ area) · own + Σ area · neighbour. Reshetov 2009, *Morphological Antialiasing*, with two changes:
-/// the side of the brighter pixels separates the two edges of thin lines, and choosing a direction avoids blending the
-/// steps of a slanted edge twice.
+/// result is ``(1 - Σ area) · own + Σ area · neighbour``. The original [1]_ is changed in two points: the side of the
+/// brighter pixels separates the two edges of thin lines, and choosing a direction avoids blending the steps of a
+/// slanted edge twice.
+///
+/// References
+/// ----------
+/// .. [1] A. Reshetov, "Morphological antialiasing", High-Performance Graphics, 2009.
+///
+/// Examples
+/// --------
+/// >>> color = np.zeros((4, 8, 3))
+/// >>> color[2:] = 1
+/// >>> color[1, 4:] = 1
+/// >>> yester.morphological_aa(color)[..., 0]
+/// array([[0.   , 0.   , 0.   , 0.   , 0.   , 0.   , 0.   , 0.   ],
+///        [0.   , 0.   , 0.125, 0.375, 0.625, 0.875, 1.   , 1.   ],
+///        [1.   , 1.   , 1.   , 1.   , 1.   , 1.   , 1.   , 1.   ],
+///        [1.   , 1.   , 1.   , 1.   , 1.   , 1.   , 1.   , 1.   ]], dtype=float32)
 #[pyfunction]
 #[pyo3(signature = (color, *, threshold=0.1, max_length=16, out=None), name = "morphological_aa")]
 pub fn morphological_aa_<'py>(

@@ -11,7 +11,7 @@ use crate::kernels::merge::resample;
 use crate::kernels::smooth::sharpen;
 use crate::pixels::PixelsMut;
 
-/// Resamples an image's jittered samples to a grid of another size.
+/// Resample an image's jittered samples to a grid of another size.
 ///
 /// Parameters
 /// ----------
@@ -42,11 +42,31 @@ use crate::pixels::PixelsMut;
 /// ValueError
 ///     On wrong shapes, an unknown filter, sizes below 1 or above 65536, or an offset that is not finite.
 ///
+/// See Also
+/// --------
+/// Upscaler : The pipeline that upscales sequences.
+/// jitter : Offsets.
+/// joint_bilateral_upsample : Upsamples along the edges of guides.
+///
 /// Notes
 /// -----
-/// Lanczos with two lobes, as in AMD's FSR 2, normalised by the sum of weights. There is no low-pass filter:
-/// downsampling aliases. Frames with different offsets, blended by weight, converge to an image at the grid's full
-/// resolution: Karis 2014, *High Quality Temporal Supersampling*.
+/// Lanczos with two lobes, ``sinc(x) sinc(x/2)``, as in AMD's FSR 2 [1]_, normalised by the sum of weights. There is no
+/// low-pass filter: downsampling aliases. Frames with different offsets, blended by weight, converge to an image at the
+/// grid's full resolution [2]_.
+///
+/// References
+/// ----------
+/// .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+/// .. [2] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+///    2014.
+///
+/// Examples
+/// --------
+/// >>> image = np.array([[0.0, 1.0], [0.0, 1.0]])
+/// >>> resampled, weight = yester.resample(image, (2, 4), filter="bilinear")
+/// >>> resampled
+/// array([[0.  , 0.25, 0.75, 1.  ],
+///        [0.  , 0.25, 0.75, 1.  ]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "resample", signature = (image, size, *, offset=None, filter="lanczos-2", dering=true, out=None))]
 #[pyo3(
@@ -106,7 +126,7 @@ pub fn resample_<'py>(
     Ok((resampled.array()?, weight.array()?))
 }
 
-/// Disocclusion: the fraction of each pixel's history footprint that was hidden by a nearer surface.
+/// Measure the fraction of each pixel's history footprint that was hidden by a nearer surface.
 ///
 /// Parameters
 /// ----------
@@ -129,14 +149,32 @@ pub fn resample_<'py>(
 /// ValueError
 ///     On wrong shapes or a separation out of range.
 ///
+/// See Also
+/// --------
+/// consistency : Tests history by buffers of the previous frame.
+/// Upscaler : The pipeline that upscales sequences.
+///
 /// Notes
 /// -----
 /// Needs no buffer of the previous frame: the current depths are scattered to their previous positions, nearest depth
 /// wins. A surface that lies behind the result by more than ``separation`` times its depth was hidden; the 2×2 pixels
 /// at its previous position count by their bilinear weights. Depth and motion are dilated over 3×3 pixels, as in
-/// `dilate_motion`. After AMD's FSR 2, whose separation is 1.37e-5 times half the image's width in pixels, the
-/// resolution of depth buffers (Akeley and Su 2006, *Minimum Triangle Separation for Correct z-Buffer Occlusion*):
-/// 0.013 at 1920 pixels. The default also tolerates slopes.
+/// `dilate_motion`. After AMD's FSR 2 [1]_, whose separation is 1.37e-5 times half the image's width in pixels, the
+/// resolution of depth buffers [2]_: 0.013 at 1920 pixels. The default also tolerates slopes.
+///
+/// References
+/// ----------
+/// .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+/// .. [2] K. Akeley, J. Su, "Minimum triangle separation for correct z-buffer occlusion", Graphics Hardware, 2006.
+///
+/// Examples
+/// --------
+/// >>> depth = np.full((3, 12), 9.0)
+/// >>> depth[:, :4] = 1
+/// >>> motion = np.zeros((3, 12, 2))
+/// >>> motion[:, :4, 0] = 4
+/// >>> yester.disocclusion(depth, motion)[1]
+/// array([0., 0., 0., 0., 0., 1., 1., 1., 1., 0., 0., 0.], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "disocclusion", signature = (depth, motion, *, separation=0.05, out=None))]
 pub fn disocclusion_<'py>(
@@ -161,11 +199,12 @@ pub fn disocclusion_<'py>(
     share.array()
 }
 
-/// Detects thin features: bright or dark lines narrower than two pixels.
+/// Detect bright or dark lines narrower than two pixels.
 ///
 /// Parameters
 /// ----------
 /// color : (H, W, 3) array_like of float
+///     Linear.
 /// similarity : float, default 1.05
 ///     Largest ratio of luminances that count as similar, at least 1.
 /// out : (H, W) float32 array, optional
@@ -182,10 +221,28 @@ pub fn disocclusion_<'py>(
 /// ValueError
 ///     On wrong shapes or a ratio out of range.
 ///
+/// See Also
+/// --------
+/// Upscaler : Locks thin features.
+/// alternation : Detects wider features that flicker.
+///
 /// Notes
 /// -----
-/// After the locks of AMD's FSR 2: jittered samples miss a thin feature in some frames; there its history must not be
-/// clipped to the neighbourhood.
+/// After the locks of AMD's FSR 2 [1]_: jittered samples miss a thin feature in some frames; there its history must not
+/// be clipped to the neighbourhood.
+///
+/// References
+/// ----------
+/// .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+///
+/// Examples
+/// --------
+/// >>> color = np.full((3, 5, 3), 0.1)
+/// >>> color[:, 2] = 1
+/// >>> yester.thin_features(color)
+/// array([[0., 0., 1., 0., 0.],
+///        [0., 0., 1., 0., 0.],
+///        [0., 0., 1., 0., 0.]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "thin_features", signature = (color, *, similarity=1.05, out=None))]
 pub fn thin_features_<'py>(
@@ -209,7 +266,7 @@ pub fn thin_features_<'py>(
     thin.array()
 }
 
-/// Contrast-adaptive sharpening.
+/// Sharpen an image in proportion to its local contrast, without halos.
 ///
 /// Parameters
 /// ----------
@@ -233,10 +290,28 @@ pub fn thin_features_<'py>(
 /// ValueError
 ///     On wrong shapes, a strength or an exposure out of range.
 ///
+/// See Also
+/// --------
+/// Upscaler : Sharpens with the option `sharpness`.
+///
 /// Notes
 /// -----
-/// Robust contrast adaptive sharpening, as in AMD's FSR 1, on colours ``c / (exposure + max(r, g, b))``: subtracts the
-/// neighbours with the largest weight that keeps the result within 0 to 1.
+/// Robust contrast-adaptive sharpening, as in AMD's FSR 1 [1]_, on colours ``c / (exposure + max(r, g, b))``: a pixel p
+/// with the four neighbours n becomes ``(p + λ Σ n) / (1 + 4λ)``, with `strength` times the strongest λ from -3/16 to 0
+/// that keeps the result within 0 to 1.
+///
+/// References
+/// ----------
+/// .. [1] AMD, "FidelityFX Super Resolution 1", GPUOpen, 2021: RCAS, robust contrast-adaptive sharpening.
+///
+/// Examples
+/// --------
+/// >>> color = np.full((3, 3, 3), 0.4)
+/// >>> color[:, 1] = 0.5
+/// >>> color[:, 2] = 0.6
+/// >>> color[1, 1] = 0.55
+/// >>> yester.sharpen(color, strength=1.0)[1, :, 0]
+/// array([0.4, 0.6, 0.6], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "sharpen", signature = (color, *, strength=0.5, exposure=1.0, out=None))]
 pub fn sharpen_<'py>(

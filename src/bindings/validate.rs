@@ -201,14 +201,14 @@ impl<'a> SurfaceData<'a> {
 /// previous_camera : Camera, optional
 ///     Turns the depth test from relative depth to plane distance; needs depths, normals and motion of 3 channels.
 /// relative_depth : float or (float, float), default 0.1
-///     Largest \|previous - expected\| / expected depth; above 0. Of this and all thresholds below, a pair is a ramp:
+///     Largest ``|previous - expected| / expected`` depth; above 0. Of this and all thresholds below, a pair is a ramp:
 ///     full trust up to the first, none beyond the second, linear between.
 /// plane_distance : float or (float, float), default 0.01
 ///     Largest distance of the expected point from the tap's plane, relative to the expected depth; above 0.
 /// normal_angle : float or (float, float), default 25.0
 ///     Largest angle between normals in degrees, 0 to 180. The ramp is linear in the cosine.
 /// relative_luminance : float or (float, float), default 0.5
-///     Largest \|l - l'\| / max(\|l\|, \|l'\|); from 0.
+///     Largest ``|l - l'| / max(|l|, |l'|)`` of the luminances; from 0.
 /// speed : float or (float, float), optional
 ///     Longest motion in pixels; from 0. By default any.
 /// out : tuple of (H, W) uint8 and (H, W) float32 arrays, optional
@@ -227,11 +227,36 @@ impl<'a> SurfaceData<'a> {
 /// ValueError
 ///     On wrong shapes, a buffer without its partner, or a threshold out of range.
 ///
+/// See Also
+/// --------
+/// reproject : Fetches history, with these tests.
+/// blend_factor : Turns confidence into a blend factor.
+/// Rejection : The tests.
+///
 /// Notes
 /// -----
 /// Expected depth is depth plus the motion's third channel, or depth itself. Background (+inf) matches background only;
-/// NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR; the relative test at a
-/// tenth and the angle of 25° are customary values.
+/// NaN or non-positive depth matches nothing. The plane test is that of NRD's ReLAX and ReBLUR [1]_; the relative test
+/// at a tenth and the angle of 25° are customary values.
+///
+/// References
+/// ----------
+/// .. [1] NVIDIA, "NVIDIA Real-Time Denoisers" (ReBLUR, ReLAX), github.com/NVIDIA-RTX/NRD; D. Zhdan, "ReBLUR: a
+///    hierarchical recurrent denoiser", Ray Tracing Gems II, 2021.
+///
+/// Examples
+/// --------
+/// >>> depth = np.array([[1.0, 1.0, 5.0]])
+/// >>> previous_depth = np.array([[1.0, 5.0, 5.0]])
+/// >>> rejection, confidence = yester.consistency(
+/// ...     np.zeros((1, 3, 2)), depth=depth, previous_depth=previous_depth
+/// ... )
+/// >>> rejection
+/// array([[0, 2, 0]], dtype=uint8)
+/// >>> yester.Rejection(int(rejection[0, 1]))
+/// <Rejection.DEPTH: 2>
+/// >>> confidence
+/// array([[1., 0., 1.]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "consistency", signature = (motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None,
     previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None,

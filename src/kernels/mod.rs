@@ -14,3 +14,6 @@ pub mod fetch;
 pub mod judge;
 pub mod merge;
 pub mod smooth;
+
+#[cfg(test)]
+mod tests;

@@ -1,4 +1,4 @@
-"""Every kernel once more, in torch: written from the formula, in whatever precision the tensors have (here float64).
+"""Every kernel in torch: written from the formula, in the precision of its tensors (here float64).
 
 Names, arguments and results are those of the public functions; tensors are (H, W, C). The loops run over taps, never
 over pixels. A camera is anything with ``world_to_clip``, ``width`` and ``height``.

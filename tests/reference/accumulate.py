@@ -31,8 +31,8 @@ def accumulate(
 ) -> Accumulated:
     """Blend a sample into its history: N' = min(N + w, 1/alpha), h + w (c - h)/N', and the moments likewise.
 
-    w is 1, or the weight of what is less than a sample. A gradient λ first shortens N to N (1 - λ)^10, and then moves
-    both shares a of the sample to a + λ (1 - a); a confidence c then to a + w (1 - c)(1 - a). Sources: Schied et al.
+    w is 1, or the weight of a partial sample. A gradient λ first shortens N to N (1 - λ)^10, and then moves both blend
+    factors a of the sample to a + λ (1 - a); a confidence c then to a + w (1 - c)(1 - a). Sources: Schied et al.
     2017, section 4.2; the warm-up is Falcor's alpha = max(alpha, 1/N); Schied et al. 2018.
 
     Parameters

@@ -8,7 +8,7 @@ from .similarity import shift
 def alternation(
     color: Tensor, memory: Tensor | None = None, *, exposure=1.0, margin=False
 ) -> Tensor | tuple[Tensor, Tensor]:
-    """What is remembered of neighbourhoods: their mean, their mean before its last jump, and a count of returns.
+    """The state of each neighbourhood: its mean, its mean before the last jump, and a count of returns.
 
     In tone-mapped YCoCg, with m and r the mean and the range of 3×3 pixels: a jump is |m - μ| > r in some channel, and
     max |m - μ| > max(|m|, |μ|) / 5; a return is a jump to within half its length of the mean before the last one.
@@ -18,9 +18,9 @@ def alternation(
     Parameters
     ----------
     color : (H, W, 3)
-    memory : (H, W, 7); not known where it is not finite
+    memory : (H, W, 7); unknown where it is not finite
     exposure : radiance that the tone curve takes for 1
-    margin : also return how near (H, W), relatively, the nearest decision was to turning out otherwise
+    margin : also return the relative distance (H, W) of the nearest decision from its threshold
 
     Returns
     -------

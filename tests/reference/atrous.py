@@ -36,7 +36,7 @@ def atrous(
     ----------
     color : (H, W, 3)
     variance : (H, W), of the luminance
-    prediction : (H, W), of the luminance; where it is not finite, that of the colour
+    prediction : (H, W), of the luminance; where it is not finite, the colour's
     margin : also return the smallest sum of weights (H, W) of any pass
     **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
 

@@ -15,19 +15,19 @@ def blend(
     exposure=1.0,
     margin=False,
 ) -> Tensor | tuple[Tensor, Tensor]:
-    """Blend a sample into its history, h + a (c - h), with a share or weights that depend on the luminances.
+    """Blend a sample into its history, h + a (c - h), with a blend factor or weights that depend on the luminances.
 
-    Sources: Karis 2014 (tone, and flicker: a smaller share where history lies on the border of the 3x3 luminances);
-    Playdead 2016 (luminance: up to four times the share the more the two differ).
+    Sources: Karis 2014 (tone; flicker: a smaller factor where history lies on the border of the 3x3 luminances);
+    Playdead 2016 (luminance: up to four times the factor, the more the two differ).
 
     Parameters
     ----------
     color, history : (H, W, 3)
     alpha : a number or (H, W)
     weighting : "none", "tone" or "luminance"
-    flicker : what remains of the share on the border, 0 to 1
+    flicker : fraction of the factor that remains on the border, 0 to 1
     exposure : radiance that counts as 1
-    margin : also return how many times (H, W) a narrow range of luminance multiplies roundings
+    margin : also return the factor (H, W) by which a narrow range of luminance multiplies roundings
 
     Returns
     -------

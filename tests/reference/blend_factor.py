@@ -7,13 +7,13 @@ from .surface import bounds
 def blend_factor(
     confidence: Tensor, motion: Tensor | None = None, *, alpha=0.05, fast_alpha=0.2, speed=(0.0, 1.0)
 ) -> Tensor:
-    """The share of the new sample: alpha under full confidence, more the faster the motion, and 1 without confidence.
+    """The weight of the new sample: alpha at full confidence, larger for faster motion, and 1 without confidence.
 
     Parameters
     ----------
     confidence : (H, W)
     motion : (H, W, 2) or (H, W, 3)
-    fast_alpha : the least share where motion is fast
+    fast_alpha : the least factor where motion is fast
     speed : pixels up to which motion is slow and from which it is fast, or one for both
 
     Returns

@@ -13,8 +13,8 @@ def _tiles(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def relative(color: Tensor, candidates: Tensor, *, exposure=1.0, usual=0) -> tuple[Tensor, Tensor, Tensor]:
-    """Candidates (H, W, K) and the samples' luminance (H, W, 1) relative to the usual candidate, and where all of them
-    are known (H, W); 0 elsewhere."""
+    """Candidates (H, W, K) and the samples' luminance (H, W, 1) relative to the usual candidate, 0 outside of the mask
+    (H, W) of pixels where all are known."""
     known = color.isfinite().all(-1) & candidates.isfinite().all(-1)  # (H, W)
     shown = known[..., None]  # (H, W, 1)
     candidates, sample = candidates.where(shown, 0), luminance(color)[..., None].where(shown, 0)  # (H, W, K), (H, W, 1)
@@ -24,14 +24,14 @@ def relative(color: Tensor, candidates: Tensor, *, exposure=1.0, usual=0) -> tup
 
 
 def together(image: Tensor) -> Tensor:
-    """Sums (h, w, C) over tiles of (H, W, C), as far as they lie in the image."""
+    """Sums (h, w, C) over the tiles of (H, W, C), cut at the image's border."""
     height, width = image.shape[:2]
     padded = torch.nn.functional.pad(image, (0, 0, 0, -width % TILE, 0, -height % TILE))  # (8h, 8w, C)
     return padded.unflatten(1, (-1, TILE)).unflatten(0, (-1, TILE)).sum((1, 3))  # (h, w, C)
 
 
 def _carry(evidence: Tensor, motion: Tensor, coverage: Tensor) -> Tensor:
-    """Evidence (h, w, C) from where each tile's centre comes from, between four tiles; none where that is not known."""
+    """Evidence (h, w, C) fetched along the motion of each tile's centre, bilinear; none where motion is unknown."""
     height, width = coverage.shape
     down, right = (TILE * torch.arange(n) + TILE // 2 for n in evidence.shape[:2])  # (h,), (w,)
     down, right = down.clamp(max=height - 1), right.clamp(max=width - 1)
@@ -53,7 +53,7 @@ def _carry(evidence: Tensor, motion: Tensor, coverage: Tensor) -> Tensor:
 
 
 def costs(evidence: Tensor, usual: int, strictness: float) -> Tensor:
-    """Of each candidate against the usual one, in squared errors (h, w, K); infinity where too little is known."""
+    """Costs (h, w, K) of candidates against the usual one, as squared errors; infinite where too little is known."""
     for axis in (0, 1):
         count = evidence.shape[axis]
         place = torch.arange(count)  # (count,)
@@ -82,13 +82,13 @@ def choice(
     evidence : (ceil(H / 8), ceil(W / 8), 2 K - 1) of the frame before: sums of gains, sums of their squares, number
     motion : (H, W, 2|3), pixels to the frame before
     coverage : (H, W), above 0 where the pixel has a history
-    usual : candidate that is chosen where nothing is known
+    usual : candidate that is chosen without evidence
     strictness : standard errors by which another must be better
-    share : of the evidence that is forgotten
+    share : weight of the new frame: the fraction of the evidence that is forgotten
 
     Returns
     -------
-    choice (h, w), evidence (h, w, 2 K - 1) where the tiles are now
+    choice (h, w), evidence (h, w, 2 K - 1) at the tiles' current places
     """
     carried = (1 - share) * _carry(evidence, motion, coverage)  # (h, w, 2 K - 1)
     least, best = costs(carried, usual, strictness).min(-1)  # (h, w), (h, w)
@@ -98,9 +98,9 @@ def choice(
 def compare_candidates(
     color: Tensor, candidates: Tensor, evidence: Tensor | None = None, *, exposure=1.0, usual=0
 ) -> Tensor:
-    """Add to the evidence (h, w, 2 K - 1) what samples say of predictions, none of which has seen them.
+    """Compare predictions with samples that none of them has seen: adds to the evidence (h, w, 2 K - 1).
 
-    The squared error of b less that of a, by a sample y whose mean is the truth: (b - a)(b + a - 2y), linear in y.
+    The squared error of b minus that of a, by a sample y whose mean is the reference: (b - a)(b + a - 2y), linear in y.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def compare_candidates(
 
 
 def levels(chosen: Tensor, size: tuple[int, int]) -> Tensor:
-    """Between the centres of tiles (h, w), at every pixel (H, W); beyond the outermost centres the choice stays."""
+    """Interpolation from tile centres (h, w) to pixels (H, W); constant beyond the outermost centres."""
     for axis, (count, pixels) in enumerate(zip(chosen.shape, size, strict=True)):
         place = ((torch.arange(pixels) + 0.5) / TILE - 0.5).clamp(0, count - 1).to(chosen)  # (H,)
         hats = (1 - (place[:, None] - torch.arange(count)).abs()).clamp(min=0)  # (H, h)
@@ -127,7 +127,7 @@ def levels(chosen: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 class Choosing:
-    """What remains of one frame for the next: the evidence, None before the first."""
+    """The state between frames: the evidence, None before the first."""
 
     def __init__(self, usual: int):
         self.usual, self.evidence = usual, None
@@ -141,10 +141,10 @@ class Choosing:
         coverage: Tensor,
         exposure: float,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Mixtures of images (H, W, 3) and of variances (H, W) after 0, 1, 2 … passes, and of how many (H, W).
+        """Mixtures of images (H, W, 3) and of variances (H, W) after 0, 1, 2 … passes, and the number of passes (H, W).
 
         The third of each in the series is the prediction (H, W) after so many passes, of which the first is not used:
-        it has the image's own luminance where nothing was predicted.
+        where there is no prediction it is the image's own luminance.
         """
         size = coverage.shape
         passes = torch.full(size, float(self.usual)).to(fresh)  # (H, W)

@@ -12,7 +12,7 @@ def combine_histories(
     *,
     gradient: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Combine two independent histories of the same pixels: N'' = N + N', c + N'/N'' (c' - c), and so the moments.
+    """Combine two independent histories of the same pixels: N'' = N + N', c + N'/N'' (c' - c), moments likewise.
 
     Each is a mean over its samples. A gradient λ first shortens the second one to N' (1 - λ)^10. A history whose colour
     or length is not finite has no samples; a mean of moments that is not finite is the first's, or else the second's.

@@ -5,15 +5,15 @@ from .surface import OUTSIDE, Footprint, SurfaceTests
 
 
 def consistency(motion: Tensor, *, margin=False, **surface):
-    """Why, and how much of, the bilinear footprint of the history is rejected.
+    """Validate history: why, and how much of, its bilinear footprint is rejected.
 
-    The rejection is the union, over the taps of the footprint, of the tests that have no trust in each; the confidence
+    The rejection is the union, over the taps of the footprint, of the tests whose trust is zero; the confidence
     is the sum of the taps' weights times the products of all tests' trust.
 
     Parameters
     ----------
     motion : (H, W, 2) or (H, W, 3)
-    margin : also return how near (H, W) the nearest decision was to turning out otherwise, and how many times (H, W)
+    margin : also return the distance (H, W) of the nearest decision from its threshold, and the factor (H, W) by which
         ramps multiply roundings
     **surface : see `surface.SurfaceTests`
 

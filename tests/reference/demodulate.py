@@ -1,11 +1,11 @@
 import torch
 from torch import Tensor
 
-LEAST = 1 / 32  # the least albedo that is divided by
+LEAST = 1 / 32  # the smallest divisor
 
 
 def divisor(albedo: Tensor) -> Tensor:
-    """What light is divided by: the albedo in [0, 1], 1/32 at least; 1 where it is 0 in all channels."""
+    """The divisor: the albedo in [0, 1], at least 1/32; 1 where it is 0 in all channels."""
     a = albedo.where(albedo.isfinite(), 0).clamp(0, 1)  # (H, W, 3)
     return a.clamp(min=LEAST).where(a.amax(-1, keepdim=True) > 0, 1)  # (H, W, 3)
 
@@ -20,5 +20,5 @@ def demodulate(color: Tensor, albedo: Tensor, *, emission: Tensor | None = None)
 
 
 def remodulate(illumination: Tensor, albedo: Tensor, *, emission: Tensor | None = None) -> Tensor:
-    """Colour (H, W, 3) = illumination · divisor(albedo) + emission: what `demodulate` took apart."""
+    """Colour (H, W, 3) = illumination · divisor(albedo) + emission: the inverse of `demodulate`."""
     return illumination * divisor(albedo) + _emitted(illumination, emission)  # (H, W, 3)

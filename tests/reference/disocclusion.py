@@ -6,7 +6,7 @@ from .similarity import shift
 
 
 def disocclusion(depth: Tensor, motion: Tensor, *, separation=0.05, margin=False) -> Tensor | tuple[Tensor, Tensor]:
-    """The share of each pixel's history that something nearer hid: previous depths are scattered, the nearest stay.
+    """The fraction of each pixel's history that something nearer hid: previous depths are scattered, the nearest stay.
 
     Each pixel is the nearest surface of its 3x3. Source: FSR 2's depth clip; Akeley and Su 2006 for the separation.
 
@@ -14,8 +14,8 @@ def disocclusion(depth: Tensor, motion: Tensor, *, separation=0.05, margin=False
     ----------
     depth : (H, W)
     motion : (H, W, 2) or (H, W, 3)
-    separation : share of the depth
-    margin : also return how near (H, W), relatively, the nearest decision was to turning out otherwise
+    separation : fraction of the depth
+    margin : also return the relative distance (H, W) of the nearest decision from its threshold
 
     Returns
     -------
@@ -29,7 +29,7 @@ def disocclusion(depth: Tensor, motion: Tensor, *, separation=0.05, margin=False
     moves = moved.isfinite().all(-1)  # (H, W)
     z = (near + moved[..., 2] if motion.shape[-1] == 3 else near).clamp(min=0)  # (H, W)
     rows, columns = torch.arange(height)[:, None], torch.arange(width)[None]  # (H, 1), (1, W)
-    # In single precision, as it decides.
+    # In single precision, as rounding decides.
     x = (moved[..., 0].float() + columns).nan_to_num(-9, -9, -9)  # (H, W)
     y = (moved[..., 1].float() + rows).nan_to_num(-9, -9, -9)  # (H, W)
     left, top = x.floor(), y.floor()  # (H, W), (H, W)

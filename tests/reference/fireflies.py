@@ -8,12 +8,11 @@ from .similarity import CUT, Similarity, shift
 def suppress_fireflies(
     color: Tensor, *, expected=None, threshold=2.0, radius=4, redistribute=True, margin=False, **similarity
 ) -> tuple[Tensor, ...]:
-    """Cut luminance to a limit by the pixels around that show the same surface, and spread the excess over these.
+    """Cut luminance to a limit from surrounding pixels of the same surface, and spread the excess over them.
 
     limit = max(mean + threshold·σ, (1 + threshold)·expected luminance)·1.00001, with the weighted mean and deviation of
-    the window except its centre, whose weights add up to 2 at least. Each pixel of the window, the centre included,
-    takes of a firefly's excess as much as its weight is of all weights.
-    Source: the first part of the limit is that of NRD's anti-firefly.
+    the window except its centre, whose weights add up to 2 at least. The excess is distributed over the window, the
+    centre included, in proportion to the weights. Source: the first part of the limit is that of NRD's anti-firefly.
 
     Parameters
     ----------
@@ -21,7 +20,7 @@ def suppress_fireflies(
     expected : (H, W, 3), the history's colour
     threshold : standard deviations
     radius : half the window, which has (2·radius + 1)² pixels
-    margin : also return the size (H, W) of what the limits of all who may give here are rounded to
+    margin : also return the magnitude (H, W) by which the limits of all pixels that may give light here are rounded
     **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
 
     Returns
@@ -56,9 +55,9 @@ def suppress_fireflies(
     excess = (light - limit * 1.00001).clamp(min=0).where(limited, 0)  # (H, W)
     share = (excess / light).where(excess > 0, 0)  # (H, W)
     held = clean * (1 - share)[..., None]  # (H, W, 3)
-    # A deviation is as precise as the squares it is the difference of.
+    # A deviation is a difference of squares, and only as precise as they are.
     rounded = square.sqrt() + threshold * (square / deviation.clamp(min=1e-3 * square.sqrt())).nan_to_num(0)  # (H, W)
-    reach = 2 * radius + 1  # a limit changes what the window gets
+    reach = 2 * radius + 1  # a limit changes the light that the window receives
     size = light.abs().maximum(rounded.nan_to_num(0))[None]  # (1, H, W)
     size = torch.nn.functional.max_pool2d(size, reach, stride=1, padding=radius)[0]  # (H, W)
     if redistribute:

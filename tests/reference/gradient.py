@@ -26,7 +26,7 @@ def _energy(passes: int) -> float:
 def temporal_gradient(
     color: Tensor, previous: Tensor, *, noise=2.0, passes=3, widest=3, margin=False
 ) -> Tensor | tuple[Tensor, Tensor]:
-    """How much of the light has changed: its smoothed signed difference, less what noise explains, over the larger.
+    """The relative change of light: the smoothed signed difference, minus noise, divided by the larger light.
 
     λ = (|D| - noise·√(V·K / Σw)) / M within [0, 1], with D, V mean and variance of l - l' under a binomial kernel whose
     squared weights sum up to K, M the mean of max(|l|, |l'|).
@@ -35,9 +35,9 @@ def temporal_gradient(
     Parameters
     ----------
     color, previous : (H, W, 3)
-    noise : standard errors that do not count
+    noise : standard errors that are subtracted
     passes, widest : fewest and most à-trous passes; the largest gradient counts
-    margin : also return how many times (H, W) a variance that is a small difference multiplies roundings
+    margin : also return the factor (H, W) by which the cancellation in the variance multiplies roundings
 
     Returns
     -------

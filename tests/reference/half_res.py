@@ -5,7 +5,7 @@ from .svgf import SVGF
 
 
 class HalfRes(SVGF):
-    """SVGF of frames of which a part is traced: the rest is borrowed, and counts as weight / (1 + N) of a sample."""
+    """SVGF of partly traced frames: other pixels are reconstructed, and count as weight / (1 + N) of a sample."""
 
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
         named = {"choice": False, **named}

@@ -7,7 +7,7 @@ from .similarity import CUT, Similarity, shift
 def fix_history(
     color: Tensor, history_length: Tensor, *, max_length=3.0, stride=14.0, margin=False, **similarity
 ) -> Tensor | tuple[Tensor, Tensor]:
-    """Borrow history where it is short: a sparse 5x5 of similar neighbours, each as much as its history is long.
+    """Repair short history by a sparse 5x5 of similar neighbours, weighted by their history lengths.
 
     colour = Σ w N c / Σ w N at multiples of round(stride / (1 + N)) pixels. Source: NRD's history fix.
 
@@ -16,8 +16,8 @@ def fix_history(
     color : (H, W, 3)
     history_length : (H, W)
     max_length : only shorter histories are changed
-    stride : pixels between the taps where there is no history
-    margin : also return the sum of the weights (H, W), infinite where nothing changes
+    stride : pixels between the taps where the length is 0
+    margin : also return the sum of the weights (H, W), infinite where history is not changed
     **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
 
     Returns

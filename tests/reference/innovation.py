@@ -5,15 +5,17 @@ from .accumulate import luminance
 
 
 def _together(image: Tensor) -> Tensor:
-    """Sums (h, w, C) over blocks of 2×2 pixels of (H, W, C), as far as they lie in the image."""
+    """Sums (h, w, C) over 2×2 blocks of (H, W, C), cut at the image's border."""
     height, width = image.shape[:2]
     padded = torch.nn.functional.pad(image, (0, 0, 0, width % 2, 0, height % 2))  # (2h, 2w, C)
     return padded.unflatten(1, (-1, 2)).unflatten(0, (-1, 2)).sum((1, 3))  # (h, w, C)
 
 
 def _coarser(image: Tensor, *, squared=False) -> Tensor:
-    """Means (h, w, C) of blocks of 2×2 of (H, W, C), or their variances: by squared weights. At odd sizes the last row
-    and column are their own means."""
+    """Means (h, w, C) of 2×2 blocks of (H, W, C), or variances of these means, by squared weights.
+
+    At odd sizes the last row and column are averaged alone.
+    """
     for axis in (0, 1):
         last = image.shape[axis] - 1
         first = torch.arange(0, last + 1, 2)  # (h,)
@@ -27,7 +29,7 @@ def _coarser(image: Tensor, *, squared=False) -> Tensor:
 
 
 def _finer(image: Tensor, size: tuple[int, int]) -> Tensor:
-    """Bilinear interpolation of (h, w, C) at centres half as far apart (H, W, C): 3/4 the nearest, 1/4 the next."""
+    """Bilinear interpolation of (h, w, C) at centres half as far apart (H, W, C): weights 3/4 and 1/4."""
     for axis, count in enumerate(size):
         place = torch.arange(count)  # (H,)
         own = place // 2  # (H,)
@@ -37,7 +39,7 @@ def _finer(image: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def _blur(image: Tensor, *, squared=False) -> Tensor:
-    """{1, 2, 1}/4 along both axes of (h, w, C), borders replicated; or variances of that: by squared weights."""
+    """{1, 2, 1}/4 along both axes of (h, w, C), borders replicated; or its variances, by squared weights."""
     for axis in (0, 1):
         count = image.shape[axis]
         weights = torch.zeros(count, count).to(image)  # of the new place (row) by the old (column)
@@ -49,7 +51,7 @@ def _blur(image: Tensor, *, squared=False) -> Tensor:
 
 
 def around(prediction: Tensor) -> Tensor:
-    """Mean light of blocks of 4×4 pixels of (H, W, 3), cut at the image's border, bilinearly between their centres."""
+    """Mean light of 4×4 blocks of (H, W, 3), cut at the image's border, interpolated bilinearly."""
     functional = torch.nn.functional
     light = prediction.where(prediction.isfinite().all(-1, keepdim=True), 0).clamp(min=0)  # (H, W, 3)
     blocks = functional.avg_pool2d(light.movedim(-1, 0), 4, ceil_mode=True)  # (3, h, w)
@@ -58,7 +60,7 @@ def around(prediction: Tensor) -> Tensor:
 
 
 def _fetch(evidence: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
-    """Evidence (h, w, 4) of the block nearest to each one's place before; 0, and False (h, w), where there is none."""
+    """Evidence (h, w, 4) of the block nearest to each one's previous place; 0, and False (h, w), outside."""
     size = torch.tensor(evidence.shape[:2])
     rows, columns = (torch.arange(count) for count in evidence.shape[:2])  # (h,), (w,)
     grid = torch.stack(torch.meshgrid(rows, columns, indexing="ij"), -1)  # (h, w, 2), row and column
@@ -84,11 +86,11 @@ def innovation(
     fed_back=True,
     sparse=False,
 ) -> tuple[Tensor, Tensor]:
-    """Estimate what a prediction gets wrong from samples it has not seen: shrunk means of their relative difference.
+    """Estimate the error of a prediction from samples that it has not seen: shrunk means of their relative difference.
 
-    From the coarsest blocks to the finest, the blurred mean b of what coarser ones left is kept by the share
-    max(0, 1 - strictness · variance / |b|²). Sources: James and Stein 1961 (shrinkage of a mean); Donoho and Johnstone
-    1994 (shrinkage scale by scale).
+    From the coarsest blocks to the finest, the blurred mean b of the remainder of coarser ones is multiplied by max(0,
+    1 - strictness · variance / |b|²). Sources: James and Stein 1961 (shrinkage of a mean); Donoho and Johnstone 1994
+    (shrinkage scale by scale).
 
     Parameters
     ----------
@@ -98,10 +100,10 @@ def innovation(
     motion : (H, W, 2|3), pixels to the frame before
     exposure : of the image; a sixteenth of it counts as black
     strictness : variances that a squared mean must exceed
-    share : of the new frame in the evidence
+    share : weight of the new frame in the evidence
     levels : number of block sizes
-    fed_back : whether the next prediction will have been corrected too
-    sparse : whether few pixels are sampled: differences count in units of the light around, unknown blocks not at all
+    fed_back : whether the next prediction will be corrected as well
+    sparse : whether few pixels are sampled: differences are relative to the light around, unknown blocks do not count
 
     Returns
     -------
@@ -130,7 +132,7 @@ def innovation(
         w = w.where((samples > 0) | (trust == 0), 1)  # (h, w, 1)
     mean = (1 - w) * seen + w * old[..., :3]  # (h, w, 3)
     variance = (1 - w) ** 2 * noise + w**2 * old[..., 3:]  # (h, w, 1)
-    some = ((samples > 0) | (w > 0) | (not sparse)).to(mean)  # (h, w, 1), 1 where anything is known
+    some = ((samples > 0) | (w > 0) | (not sparse)).to(mean)  # (h, w, 1), 1 where known
 
     pyramid = [(mean, variance, some)]  # (h, w, 3), (h, w, 1) and (h, w, 1), halved from level to level
     for _ in range(1, levels):
@@ -155,7 +157,7 @@ def innovation(
 
 
 def correct(light: Tensor, found: Tensor, moments: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
-    """Light (H, W, 3) with what was found, never below black where anything was; moments (H, W, 2) move with it."""
+    """Light (H, W, 3) plus the correction, not below black where there is one; moments (H, W, 2) move with it."""
     corrected = torch.where(found == 0, light, (light + found).clamp(min=0))  # (H, W, 3)
     if moments is not None:
         moved, first = luminance(corrected - light), moments[..., 0]  # (H, W), (H, W)

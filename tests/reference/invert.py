@@ -3,7 +3,7 @@ from torch import Tensor
 
 
 def invert_motion(motion: Tensor, depth: Tensor | None = None, *, still: Tensor | None = None) -> Tensor:
-    """Motion to the next frame: its pixels are scattered to where they were, the nearest stay, cracks are closed.
+    """Motion to the next frame: its pixels are scattered to their previous places, the nearest stay, cracks are closed.
 
     Parameters
     ----------
@@ -17,14 +17,14 @@ def invert_motion(motion: Tensor, depth: Tensor | None = None, *, still: Tensor 
     """
     height, width, channels = motion.shape
     rows, columns = torch.arange(height)[:, None], torch.arange(width)[None]  # (H, 1), (1, W)
-    # In single precision, as it decides.
+    # In single precision, as rounding decides.
     motion = motion.float()  # (H, W, 2|3)
     x, y = columns + motion[..., 0], rows + motion[..., 1]  # (H, W), (H, W)
     z = torch.ones(height, width) if depth is None else torch.where(depth > 0, depth, torch.nan).float()  # (H, W)
     z = z + motion[..., 2] if channels == 3 else z  # (H, W)
     column, row = (x + 0.5).floor(), (y + 0.5).floor()  # (H, W), (H, W)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height) & (z > 0)  # (H, W)
-    # The nearest first, and of equals the first in rows.
+    # Sorted by depth, then by position in the image.
     order = torch.argsort(torch.where(inside, z, torch.inf).flatten(), stable=True)  # (P,)
     order = order[inside.flatten()[order]]  # (N,)
     target = (row * width + column).flatten()[order].long()  # (N,)

@@ -3,13 +3,13 @@ from torch import Tensor
 
 
 def jitter(count: int, *, sequence="halton") -> Tensor:
-    """Sample places in the pixel, from its centre: "halton" and "r2" by their formulas, the grids by trying all.
+    """Sample offsets from the pixel centre: "halton" and "r2" by their formulas, the grids by exhaustive search.
 
     Sources: Halton 1964; Roberts 2018.
 
     Parameters
     ----------
-    count : number of places
+    count : number of offsets
     sequence : "halton", "r2", "rotated-grid" or "blue-noise"
 
     Returns
@@ -42,7 +42,7 @@ def jitter(count: int, *, sequence="halton") -> Tensor:
 
 
 def mirrored(number: Tensor, base: int) -> Tensor:
-    """The digits behind the point, in reverse order."""
+    """The radical inverse: digits mirrored at the point."""
     place, sum_ = 1.0, torch.zeros_like(number)  # (N,)
     while (number > 0).any():
         place /= base

@@ -6,7 +6,7 @@ from .similarity import CUT, Similarity, shift
 
 
 def reconstruct(color: Tensor, *, radius=2, sigma=1.0, margin=False, **similarity) -> Tensor | tuple[Tensor, Tensor]:
-    """Fill missing pixels with the mean of similar ones in a window, near ones more: Σ w c / Σ w.
+    """Fill missing pixels with the mean of similar ones in a window, weighted by distance: Σ w c / Σ w.
 
     Source: the joint bilateral filter, Kopf et al. 2007, for samples anywhere.
 
@@ -20,7 +20,7 @@ def reconstruct(color: Tensor, *, radius=2, sigma=1.0, margin=False, **similarit
 
     Returns
     -------
-    (H, W, 3), NaN where nothing is similar
+    (H, W, 3), NaN where no pixel is similar
     """
     present = color.isfinite().all(-1)  # (H, W)
     clean = color.where(present[..., None], 0)  # (H, W, 3)
@@ -57,7 +57,7 @@ def joint_bilateral_upsample(
     sigma_plane=0.01,
     margin=False,
 ) -> Tensor | tuple[Tensor, Tensor]:
-    """Bring samples, one in each block of pixels, to full resolution: Σ w c / Σ w over those near and alike.
+    """Upsample one sample per block of pixels to full resolution: Σ w c / Σ w over near and similar samples.
 
     Source: Kopf et al. 2007.
 
@@ -67,14 +67,14 @@ def joint_bilateral_upsample(
     depth : (H, W)
     normal : (H, W, 3)
     ids : (H, W)
-    low_depth, low_normal, low_ids : of (h, w), what the samples show; else what their pixels do
+    low_depth, low_normal, low_ids : of (h, w), the samples' surfaces; by default those of their pixels
     offset : of each sample from the centre of its block's first pixel, to the right and down
     radius, sigma : of the window and of the Gaussian of the distance, in blocks
     margin : also return the sum of the weights (H, W)
 
     Returns
     -------
-    (H, W, 3), NaN where nothing is similar
+    (H, W, 3), NaN where no pixel is similar
     """
     height, width = next(guide for guide in (depth, normal, ids) if guide is not None).shape[:2]
     right, down = ((scale - 1) / 2,) * 2 if offset is None else offset

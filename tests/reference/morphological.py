@@ -7,7 +7,7 @@ def morphological_aa(color: Tensor, *, threshold=0.1, max_length=16) -> Tensor:
     """Straighten jagged edges.
 
     Source: Reshetov 2009, Morphological Antialiasing; lines end where the brighter side changes, and a pixel is blended
-    along the direction with its largest share.
+    along the direction of its largest coverage.
 
     Parameters
     ----------
@@ -35,19 +35,19 @@ def morphological_aa(color: Tensor, *, threshold=0.1, max_length=16) -> Tensor:
 
 
 def brightness(color: Tensor) -> Tensor:
-    """Of pixels, as perceived, in [0, 1]; NaN where missing."""
+    """Perceived brightness in [0, 1]; NaN where missing."""
     light = (color @ color.new_tensor([0.2126, 0.7152, 0.0722])).clamp(min=0)  # (H, W)
     return (light / (1 + light)).sqrt().where(color.isfinite().all(-1), torch.nan)
 
 
 def edges(light: Tensor, threshold: float) -> Tensor:
-    """The sign of what drops from each row to the next by more than the threshold, (H - 1, W)."""
+    """The sign (H - 1, W) of the difference from each row to the next, where it exceeds the threshold."""
     drop = light[:-1] - light[1:]  # (H - 1, W)
     return drop.sign().where(drop.abs() > threshold, 0)
 
 
 def shares(light: Tensor, threshold: float, max_length: int) -> tuple[Tensor, Tensor]:
-    """What the lines between rows cut off the pixels below and above them: the neighbours' shares, (H, W) each."""
+    """Coverage of pixels by their neighbours, below and above the lines between rows, (H, W) each."""
     line = edges(light, threshold)  # (H - 1, W)
     height, width = line.shape
     if height == 0:
@@ -77,6 +77,6 @@ def shares(light: Tensor, threshold: float, max_length: int) -> tuple[Tensor, Te
 
 
 def antiderivative(t: Tensor, length: Tensor) -> Tensor:
-    """Of the edge's height, which falls from a half at t = 0 to nothing in the middle of the line."""
+    """Antiderivative of the edge's height, which falls from 1/2 at t = 0 to 0 in the middle of the line."""
     t = (length / 2).minimum(t)
     return t / 2 - t**2 / (2 * length)

@@ -19,11 +19,11 @@ def clip_history(
     exposure=1.0,
     margin=False,
 ) -> Tensor | tuple[Tensor, Tensor]:
-    """Hold history to the colours of each pixel's neighbourhood.
+    """Clip history to the colours of each pixel's neighbourhood.
 
-    The hulls are cut out by sides: "hull" by slabs along 13 directions (26-DOP, Klosowski et al. 1998), "exact-hull" by
-    slabs along all possible normals of its sides, "chroma-hull" by the range of Y and the half-planes through pairs of
-    (Co, Cg) that have all others on one side.
+    Hulls are intersections of half-spaces: "hull" by slabs along 13 directions (26-DOP, Klosowski et al. 1998),
+    "exact-hull" by slabs along all possible normals of its sides, "chroma-hull" by the range of Y and the half-planes
+    through pairs of (Co, Cg) with all others on one side.
 
     Sources: Karis 2014; Salvi 2016; Playdead 2016; Lottes 2016 (tone mapping); FSR 3.1 (ellipsoid).
 
@@ -37,7 +37,7 @@ def clip_history(
     space : "rgb", "ycocg", "tonemapped-rgb" or "tonemapped-ycocg"
     response : "clamp", "center", "current" or "ellipsoid"
     exposure : radiance that the tone-mapped spaces take for 1
-    margin : also return how many times (H, W) hulls may multiply roundings: many where a way grazes their sides
+    margin : also return the factor (H, W) by which hulls may multiply roundings: large where a path grazes their sides
 
     Returns
     -------
@@ -77,7 +77,7 @@ def clip_history(
         below, above = mean - gamma * deviation, mean + gamma * deviation  # (H, W, 3)
         low, high = (below, above) if box == "variance" else (low.maximum(below), high.minimum(above))
 
-    # Some room, so that rounding does not decide who is outside a flat box.
+    # A margin, so that rounding does not decide which colours lie outside a flat box.
     bounds = low, high
     room = 1e-6 * torch.maximum(low.abs(), high.abs()).amax(-1, keepdim=True)  # (H, W, 1)
     low, high = low - room, high + room  # (H, W, 3)
@@ -125,7 +125,7 @@ def facets(points: Tensor, taps: Tensor, counts: Tensor) -> Tensor:
     """How far (K, N, H, W) points (N, H, W, 3) lie beyond the taps (T, H, W, 3) that count, along their hull's normals.
 
     A facet is normal to two edges; where all taps lie in a plane or in line, sides of their hull are normal to an edge
-    and to an axis, or along an axis. Any direction is as good as these, so that none has to be a facet's.
+    and to an axis, or along an axis. Additional directions do no harm, so not every one has to be a facet's.
     """
     axes = list(torch.eye(3).to(taps))
     there = taps.where(counts, taps.where(counts, torch.nan).nanmean(0))  # (T, H, W, 3)
@@ -174,7 +174,7 @@ def _cross(a: Tensor, b: Tensor) -> Tensor:
 
 
 def enter(beyond: Tensor, way: Tensor) -> tuple[Tensor, Tensor]:
-    """Where (H, W) from 0 to 1 a way from outside to a target comes inside, and how steeply it does not (H, W).
+    """Where (H, W) from 0 to 1 a way from outside to a target comes inside, and how little steeply (H, W).
 
     The way is (H, W) long, and starts and ends so far beyond each side: (K, 2, H, W).
     """
@@ -182,7 +182,7 @@ def enter(beyond: Tensor, way: Tensor) -> tuple[Tensor, Tensor]:
     descent = start - end.clamp(max=0)  # (K, H, W)
     t = torch.where(start > 0, start / descent, 0).amax(0)  # (H, W)
     steepness = way / descent.abs()  # (K, H, W)
-    # The surest of the sides that decide, and those that would come later but for roundings.
+    # The most certain of the deciding sides, and sides that rounding may put first.
     surest = steepness.where((start > 0) & (start / descent >= t - 1e-9), torch.inf).amin(0)  # (H, W)
     latest = ((start + 1e-6) / (descent - 1e-6).clamp(min=1e-300)).clamp(max=1)  # (K, H, W)
     later = steepness.where((start > -1e-6) & (latest > t + 1e-4), 0).amax(0)  # (H, W)

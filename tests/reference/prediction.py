@@ -5,10 +5,10 @@ from .similarity import shift
 
 
 def prediction_gain(candidate: Tensor, base: Tensor, color: Tensor, *, ids=None, radius=3) -> Tensor:
-    """How much worse a candidate predicts the colour than a base does: the mean difference of their squared errors.
+    """The mean difference of squared errors with which a candidate and a base predict the colour.
 
-    q = Σ_c (k - h)(k + h - 2c) / (Σ_c h² + 0.01), the mean over (2·radius + 1)² of what has the centre's id.
-    It is linear in c, whose noise cancels.
+    q = Σ_c (k - h)(k + h - 2c) / (Σ_c h² + 0.01), averaged over the pixels of (2·radius + 1)² with the centre's id. q
+    is linear in c, so its noise cancels.
 
     Parameters
     ----------
@@ -17,7 +17,7 @@ def prediction_gain(candidate: Tensor, base: Tensor, color: Tensor, *, ids=None,
 
     Returns
     -------
-    (H, W), negative where the candidate predicts better, 0 where there is nothing to tell it by
+    (H, W), negative where the candidate predicts better, 0 without valid pixels
     """
     height, width = color.shape[:2]
     present = (candidate.isfinite() & base.isfinite() & color.isfinite()).all(-1)  # (H, W)

@@ -20,7 +20,7 @@ def _to_pixels(camera, clip: Tensor) -> Tensor:
 
 
 def project(camera, points: Tensor) -> tuple[Tensor, Tensor]:
-    """Pixels (..., 2) and view-space depth (...) of world points (..., 3). Pixels behind the camera mean nothing."""
+    """Pixels (..., 2) and view-space depth (...) of world points (..., 3). Pixels behind the camera are undefined."""
     a, b, _ = _matrix(camera, points)  # (3, 3), (3,)
     clip = points @ a.T + b  # (..., 3)
     return _to_pixels(camera, clip), clip[..., 2]

@@ -17,9 +17,9 @@ def recirculate(
     limit=8.0,
     fetch=False,
 ) -> tuple[Tensor, Tensor]:
-    """Blend two motion-blurred images by their share of quality, of which the old one's falls with motion.
+    """Blend two motion-blurred images, weighted by quality; the old image's quality falls with motion.
 
-    With `fetch` the old one is that of the previous frame, and is looked at as far away as the motion leads.
+    With `fetch` the old image is the previous frame's, and is fetched along the motion.
 
     Source: "Reprojection 2", a developer's diary of 2008.
 
@@ -53,12 +53,12 @@ def recirculate(
 
 
 def _known(image: Tensor, quality: Tensor) -> Tensor:
-    """The quality (H, W), 0 where there is nothing."""
+    """The quality (H, W), 0 where the colour is missing."""
     return quality.where(image.isfinite().all(-1) & quality.isfinite() & (quality > 0), 0)
 
 
 def _blurred(image: Tensor, quality: Tensor, there: Tensor, step: Tensor) -> Tensor:
-    """The mean there (H, W, 2), and a step (H, W, 2) back and on from there, bilinear among what is known."""
+    """The mean of taps at an offset (H, W, 2) and a step (H, W, 2) before and after it, bilinear over known pixels."""
     known = (quality > 0).to(image)[..., None]  # (H, W, 1)
     both = torch.cat([image.where(known > 0, 0), known], -1)  # (H, W, 4)
     sums = sum(_look(both, there + side * step) for side in (0, -1, 1))  # (H, W, 4)
@@ -66,7 +66,7 @@ def _blurred(image: Tensor, quality: Tensor, there: Tensor, step: Tensor) -> Ten
 
 
 def _look(image: Tensor, away: Tensor) -> Tensor:
-    """The image (H, W, C) at each pixel's centre and so far away (H, W, 2), bilinear, 0 outside."""
+    """The image (H, W, C) at an offset (H, W, 2) from each pixel centre, bilinear, 0 outside."""
     height, width = image.shape[:2]
     place = pixel_centres(height, width, image) - 0.5 + away  # (H, W, 2)
     first = place.floor()  # (H, W, 2)

@@ -25,7 +25,7 @@ class Output(NamedTuple):
 
 
 class Recirculation:
-    """Whole pictures of frames of which a part is traced, composed of the references. Frames are as those of `SVGF`.
+    """Full images from partly traced frames, composed of the references. Frames are as those of `SVGF`.
 
     Source: "Reprojection 2", a developer's diary of 2008.
     """
@@ -98,11 +98,11 @@ class Recirculation:
         return Output(shown.nan_to_num(0, 0, 0), quality, kept.to(known), rejection, missing)
 
     def _weight(self, inverse: Tensor) -> Tensor:
-        """By the inverse of depth (H, W)."""
+        """Weights (H, W) by inverse depth."""
         return (inverse**self.nearness).clamp(min=1e-24)  # (H, W)
 
     def _found(self, sampled: Tensor, shown: Tensor, quality: Tensor, motion: Tensor) -> Tensor:
-        """What is wrong with what is shown (H, W, 3)."""
+        """The estimated error (H, W, 3) of the output."""
         if self.points is None or not self.corrects:
             return torch.zeros_like(shown)  # (H, W, 3)
         known = {"evidence": self.evidence, "motion": motion, "exposure": float(exposure(shown)), "sparse": True}

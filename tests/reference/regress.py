@@ -18,9 +18,9 @@ def regress(
 ) -> tuple[Tensor, ...]:
     """Least squares of colour on {1, normal, position, position²} in each block of pixels, or on the fewest of them.
 
-    Features are taken one after the other, each made orthogonal to those before: "all" takes the one of which most is
-    left, in units of its own deviation, as long as that is more than 1/100; "fewest" takes the one that lowers the sum
-    of squared residuals S most, as long as S / (1 - (1 + 3k)/n)² falls.
+    Features are selected in turn, each orthogonal to those before: "all" selects the one with the largest remainder
+    relative to its own deviation, while that exceeds 1/100; "fewest" selects the one that lowers the sum of squared
+    residuals S most, while S / (1 - (1 + 3k)/n)² falls.
     Source: Koskela et al. 2019; Craven and Wahba 1979; Friedman 1991.
 
     Parameters
@@ -74,7 +74,7 @@ def regress(
 
 
 def cuts(length: int, block: int, offset: int) -> list[tuple[int, int]]:
-    """Where blocks begin and end; less than half a block at either end belongs to its neighbour."""
+    """Block boundaries; less than half a block at either end joins its neighbour."""
     inner = [at for at in range(offset % block, length, block) if 2 * at >= block and 2 * (length - at) >= block]
     return list(zip([0, *inner], [*inner, length], strict=True))
 
@@ -111,7 +111,7 @@ def positions(position: Tensor, w: Tensor) -> list[tuple[Tensor | None, float]]:
 
 
 def combine(c: Tensor, columns: list, w: Tensor, features: str) -> tuple[Tensor, int, float]:
-    """The fit (N, 3), its number of features, and the least relative distance from deciding otherwise."""
+    """The fit (N, 3), its number of features, and the least relative distance of a decision from its threshold."""
     left = [column for column, _ in columns if column is not None]  # (N,) each
     samples = float(w.sum() ** 2 / (w**2).sum())
     centre = mean(c.T, w)  # (3,)
@@ -132,7 +132,7 @@ def combine(c: Tensor, columns: list, w: Tensor, features: str) -> tuple[Tensor,
         unexplained = float(mean((rest**2).sum(-1), w))
         slopes = [mean(left[i] * rest.T, w) / own[i] for i in keep]  # (3,) each
         gains = [float((slope**2).sum()) * own[i] for slope, i in zip(slopes, keep, strict=True)]
-        # At first, of all features all is left, but for rounding.
+        # At first the remainder of every feature is the whole, up to rounding.
         ranks = gains if features == "fewest" else [round(own[i], 9) for i in keep]
         best = max(range(len(keep)), key=lambda k: ranks[k])
         others = [rank for k, rank in enumerate(ranks) if k != best]
@@ -145,7 +145,7 @@ def combine(c: Tensor, columns: list, w: Tensor, features: str) -> tuple[Tensor,
                 near = min(near, from_threshold(after, before))
             if not after < before:
                 break
-            # Whether another would have been chosen matters only then.
+            # Only then does the choice among features matter.
             near = min([near, *(from_threshold(other, ranks[best]) for other in others)])
         column = left[keep[best]]  # (N,)
         rest = rest - column[:, None] * slopes[best]

@@ -20,8 +20,8 @@ KERNELS = {"catmull-rom": catmull_rom, "catmull-rom-5": catmull_rom, "lanczos-2"
 def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, dering=True, margin=False, **surface):
     """Fetch history along motion, from the taps that show the same surface.
 
-    S = Σ w·trust; where S ≥ 0.01 the value is Σ w·trust·h / S, else the same among 3x3 with w = 1/9, else 0. The wide
-    filters replace the value, with their own weights, where every tap of a weight other than zero has some trust.
+    S = Σ w·trust; where S ≥ 0.01 the value is Σ w·trust·h / S, else the same over 3x3 with w = 1/9, else 0. The wide
+    filters replace the value, with their own weights, where every tap of nonzero weight has nonzero trust.
     Sources: Schied et al. 2017, section 4.1; Falcor's SVGF pass; Keys 1981 (a = -1/2); Duchon 1979 (Lanczos).
 
     Parameters
@@ -29,8 +29,8 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
     history : (H, W, C) or (H, W), or a list of such
     motion : (H, W, 2) or (H, W, 3)
     filter : "nearest", "bilinear", "catmull-rom", "catmull-rom-5" (without the corners) or "lanczos-2"
-    dering : hold the wide filters to the range of the bilinear taps
-    margin : also return how near (H, W) the nearest decision was to turning out otherwise, and how many times (H, W)
+    dering : clamp the wide filters to the range of the bilinear taps
+    margin : also return the distance (H, W) of the nearest decision from its threshold, and the factor (H, W) by which
         ramps multiply roundings
     **surface : see `surface.SurfaceTests`
 
@@ -115,7 +115,7 @@ def reproject(history, motion: Tensor, *, filter="bilinear", fallback=True, deri
                 )  # (P,), (P, C)
                 fails = counts & (trust == 0)  # (P,)
                 wide = wide & ~fails  # (P,)
-                # What is nearly zero may be zero in another precision.
+                # A weight near zero may be zero in another precision.
                 nearest = torch.where(fails, nearest.minimum(10 * wx.abs().minimum(wy.abs())), nearest)  # (P,)
                 total, weights = total + values * weight[:, None], weights + weight  # (P, C), (P,)
                 inner = counts & (dx in (0, 1)) & (dy in (0, 1))  # (P,)

@@ -12,10 +12,10 @@ DEVIATION = 0.33
 def resample(
     image: Tensor, size: tuple[int, int], *, offset=(0.0, 0.0), filter="lanczos-2", dering=True, margin=False
 ) -> tuple[Tensor, ...]:
-    """The samples of an image, at an offset from their pixels' centres, on a grid of another size.
+    """Resample an image, whose samples lie at an offset from the pixel centres, on a grid of another size.
 
     Sources: Duchon 1979 (Lanczos); Keys 1981 (Catmull-Rom); the weight is the density of a normal distribution over the
-    distances in pixels of the new grid, as Karis 2014 weights samples by the like.
+    distances in pixels of the new grid, as in Karis 2014.
 
     Parameters
     ----------
@@ -23,8 +23,8 @@ def resample(
     size : height and width of the grid, (h, w)
     offset : x and y, in pixels of the image
     filter : "lanczos-2", "catmull-rom", "bilinear" or "nearest"
-    dering : hold the first two to the range of the 2x2 samples around
-    margin : also return the sum (h, w) of the filter's weights, of which small ones multiply roundings
+    dering : clamp the first two to the range of the surrounding 2x2 samples
+    margin : also return the sum (h, w) of the filter's weights; small sums multiply roundings
 
     Returns
     -------
@@ -46,7 +46,7 @@ def resample(
         kernel = KERNELS[filter]
 
         def matrix(at: Tensor, count: int) -> Tensor:
-            """The weights (h, H) of an axis's samples, which sum up to one over all that might be."""
+            """The weights (h, H) of one axis, which sum to one over an unbounded image."""
             every = torch.arange(-3, count + 3, dtype=torch.float64)  # (H + 6,)
             weights = kernel(at[:, None] - every)  # (h, H + 6)
             near = (at[:, None] - every).floor()  # (h, H + 6)
@@ -62,7 +62,7 @@ def resample(
             high = -low  # (h, w, C)
             for dy in (0, 1):
                 for dx in (0, 1):
-                    # Outside, the border stands in.
+                    # The border is replicated.
                     r = (y.floor().long() + dy).clamp(0, height - 1)[:, None]  # (h, 1)
                     c = (x.floor().long() + dx).clamp(0, width - 1)[None]  # (1, w)
                     here = present[r, c][..., None] > 0  # (h, w, 1)

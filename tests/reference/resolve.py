@@ -38,7 +38,7 @@ def resolve(samples, offsets, *, filter="blackman-harris") -> Tensor:
 
 
 def blackman_harris(d: Tensor) -> Tensor:
-    """The window as it is usually written, over 0 to 1."""
+    """The window as usually written, over 0 to 1."""
     place = d / 3.3 + 0.5
     terms = [(-1) ** k * a * torch.cos(2 * torch.pi * k * place) for k, a in enumerate(BLACKMAN_HARRIS)]
     return torch.where(d.abs() < 1.65, sum(terms), 0)

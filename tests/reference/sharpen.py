@@ -5,7 +5,7 @@ from .similarity import shift
 
 
 def sharpen(color: Tensor, *, strength=0.5, exposure=1.0) -> Tensor:
-    """The pixel less a share of its four neighbours, held to their range and its own.
+    """The pixel minus a fraction of its four neighbours, clamped to the range of all five.
 
     Source: AMD's FSR 1 (RCAS); tone-mapped as in Lottes 2016.
 

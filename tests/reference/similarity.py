@@ -1,11 +1,11 @@
-"""How alike the surfaces of two pixels of one frame are: the edge-stopping weights of variance and à-trous."""
+"""The similarity of the surfaces of two pixels of one frame: edge-stopping weights of variance and à-trous."""
 
 import torch
 from torch import Tensor
 
 from .projection import pixel_centres, rays
 
-CUT = 2.0**-64  # weights below this are none
+CUT = 2.0**-64  # weights below this are zero
 BACKGROUND, OUTSIDE = -1, -2  # beside the ids
 
 
@@ -21,7 +21,7 @@ def shift(image: Tensor, dx: int, dy: int, fill) -> Tensor:
 
 
 def _slope(z: Tensor, surface: Tensor, dim: int) -> Tensor:
-    """The smaller in magnitude of the forward and backward differences between surfaces; 0 where there is none."""
+    """The smaller in magnitude of the forward and backward differences between surfaces; 0 where there is neither."""
     dx, dy = (1, 0) if dim == 1 else (0, 1)
     slopes = []
     for sign in (1, -1):
@@ -83,7 +83,7 @@ class Similarity:
         return rough
 
     def __call__(self, dx: int, dy: int, step: int = 1) -> tuple[Tensor, Tensor]:
-        """The exponent (H, W) for taps at step·(dx, dy), and whether they count at all (H, W)."""
+        """The exponent (H, W) for taps at step·(dx, dy), and the mask of taps that count (H, W)."""
         x, y = step * dx, step * dy
         same = shift(self.kind, x, y, OUTSIDE) == self.kind  # (H, W)
         exponent = self.none  # broadcasts to (H, W)

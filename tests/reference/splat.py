@@ -20,8 +20,8 @@ def splat(
 
     A point covers the pixels whose centres lie in a square of side 1 + 1.01 max(0, z/z' · zoom - 1)
     around it; the nearest that covers a
-    pixel decides, others count with max(0, 1 - (z' - z0)/(tolerance z0)); all by quality / side⁴. Pixels that
-    none covers take those that would cover them with sides longer by 2 · reach.
+    pixel decides, others count with max(0, 1 - (z' - z0)/(tolerance z0)); all by quality / side⁴. Pixels without a
+    point use those that would cover them with sides longer by 2 · reach.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def splat(
     own = moved - cell - 0.5  # (N, 2)
 
     def cover(side: Tensor) -> list[tuple[Tensor, Tensor, bool]]:
-        """Which points cover which pixels, and whether their own."""
+        """The pairs of points and covered pixels, and whether the pixel is the point's own."""
         half = side[:, None] / 2  # (N, 1)
         first, last = (own - half).floor() + 1, (own + half).floor()  # (N, 2), (N, 2)
         most = int(torch.cat([first, last]).abs().max()) if len(side) else 0
@@ -95,7 +95,7 @@ def splat(
             taps.append((who, where, here, (side[who] / (side[who] + 2 * reach)) ** 4))
     numbers = torch.cat([image[point], near[:, None], own, weight[:, None]], -1)  # (N, C + 4)
     sums, total = torch.zeros(height * width, numbers.shape[1]).to(depth), torch.zeros_like(nearest)
-    flat = torch.zeros_like(nearest, dtype=torch.bool)  # (H W,): whether background is what is nearest
+    flat = torch.zeros_like(nearest, dtype=torch.bool)  # (H W,): whether the nearest point is background
     for who, where, here, less in taps:
         good = weight[who] * less  # (M,)
         behind = (near[who] - nearest[where]) / (tolerance * nearest[where])  # (M,)
@@ -122,6 +122,6 @@ def splat(
 
 
 def _pixels_per_unit(camera) -> Tensor:
-    """By area, at unit depth, but for a factor of the image's size."""
+    """Area of a unit square at unit depth, up to a factor of the image's size."""
     rows = torch.as_tensor(camera.world_to_clip)[[0, 1, 3], :3]  # (3, 3)
     return torch.linalg.det(rows / rows[2].norm()).abs()

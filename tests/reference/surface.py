@@ -1,4 +1,4 @@
-"""The tests by which a pixel of the previous frame counts as the same surface; shared by reproject and consistency.
+"""Validation: the tests by which a tap of the previous frame counts as the same surface, for reproject and consistency.
 
 A threshold is a number or a pair (full, none) between which trust falls linearly from one to zero.
 """
@@ -13,15 +13,15 @@ from .accumulate import luminance
 from .projection import rays
 
 OUTSIDE, DEPTH, NORMAL, ID, VELOCITY, LUMINANCE = 1, 2, 4, 8, 16, 32
-NEAR = 1e-5  # of a ramp: where roundings may lie on it
+NEAR = 1e-5  # of a ramp, where roundings may cross its ends
 
 
 class Trust(NamedTuple):
-    """What a test thinks of taps (N,), and how precisely another precision would think the same."""
+    """A test's trust in taps (N,), and its sensitivity to rounding."""
 
     trust: Tensor  # 0 to 1
-    slack: Tensor  # how far inside the threshold, relative to the numbers compared; near zero others may reject
-    steepness: Tensor  # how many times the ramp multiplies roundings relative to the numbers compared; 0 beside it
+    slack: Tensor  # relative distance inside the threshold; near zero, another precision may reject
+    steepness: Tensor  # factor by which the ramp multiplies relative roundings; 0 outside the ramp
 
 
 def bounds(threshold) -> tuple[float, float]:
@@ -30,7 +30,7 @@ def bounds(threshold) -> tuple[float, float]:
 
 
 def ramp(value: Tensor, full: Tensor, none: Tensor, size: Tensor) -> Trust:
-    """1 for values (N,) up to full, 0 unless up to none, linear between; computed from numbers of a size (N,)."""
+    """1 for values (N,) up to full, 0 from none on, linear between; computed from numbers of magnitude (N,)."""
     between = torch.where(value < none, (none - value) / (none - full), 0)  # (N,)
     slack = ((none - value) / size).nan_to_num(-torch.inf, torch.inf, -torch.inf)  # (N,)
     near = (full < none) & (value >= full - NEAR * size) & (value <= none + NEAR * size)  # (N,)
@@ -38,7 +38,7 @@ def ramp(value: Tensor, full: Tensor, none: Tensor, size: Tensor) -> Trust:
 
 
 class Footprint:
-    """Where each pixel's history lies. Positions are rounded as in float32: they decide which taps there are."""
+    """The position of each pixel's history, rounded to float32, as it decides on the taps."""
 
     def __init__(self, motion: Tensor):
         self.height, self.width = motion.shape[:2]
@@ -51,7 +51,7 @@ class Footprint:
         self.dtype = motion.dtype
 
     def bilinear(self):
-        """Four times: tap column (P,), row (P,), weight (P,)."""
+        """Of each of the four taps: column (P,), row (P,), weight (P,)."""
         x0, y0 = self.x.floor(), self.y.floor()  # (P,)
         fx, fy = (self.x - x0).to(self.dtype), (self.y - y0).to(self.dtype)  # (P,)
         for dy, wy in ((0, 1 - fy), (1, fy)):
@@ -64,7 +64,7 @@ class Footprint:
 
     @staticmethod
     def _index(position: Tensor, size: int) -> Tensor:
-        return position.clamp(-9, size + 9).long()  # (P,): far away is far away
+        return position.clamp(-9, size + 9).long()  # (P,): clamped far outside
 
     def flat(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
         """Index (N,) into the flattened image, and whether it lies inside (N,)."""
@@ -117,7 +117,7 @@ class SurfaceTests:
         return None if buffer is None else buffer.reshape(-1, *channels)
 
     def __call__(self, pixel: Tensor, x: Tensor, y: Tensor) -> dict[int, Trust]:
-        """By rejection bit, the trust (N,) in the tap in column x (N,), row y (N,) seen from pixel (N,)."""
+        """By rejection bit: the trust (N,) of each pixel (N,) in its tap at column x (N,), row y (N,)."""
         tap, _ = self.footprint.flat(x, y)  # (N,)
         found = {}
         if self.speed is not None:

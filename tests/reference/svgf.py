@@ -17,7 +17,7 @@ from .reproject import reproject
 from .taa import PRESETS, antialias, find_motion, tells_depth
 from .variance import estimate_variance
 
-#: Samples that a prediction needs, and standard deviations by which the mean may lie above it.
+#: Samples that a prediction needs, and standard deviations by which the mean may exceed it.
 FEWEST, MOST = 2.5, 1.5
 
 
@@ -34,8 +34,8 @@ class Output(NamedTuple):
 class SVGF:
     """Spatiotemporal variance-guided filtering (Schied et al. 2017), composed of the references; without reflections.
 
-    Frames are anything with the attributes of `yester.Frame`, the buffers as tensors (H, W, C); what later frames know,
-    with those of `yester.History`.
+    Frames are anything with the attributes of `yester.Frame`, the buffers as tensors (H, W, C); history of later frames
+    has those of `yester.History`.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class SVGF:
         merged = accumulate(light, *history, weight=weight, gradient=gradient, confidence=trust, **self.blend)
         color, moments, length, _ = merged  # (H, W, 3), (H, W, 2), (H, W)
         kept, prediction = [color, moments, length], None
-        # Neither side counts for more than what accumulation leaves beside a new sample.
+        # Neither side counts for more samples than accumulation leaves beside a new one.
         longest = 1 / self.blend["alpha"] if self.blend["alpha"] > 0 else torch.inf
         expected = [*history[:2], self.shorten(history[2], gradient).clamp(max=longest - 1)]
         if later is not None:
@@ -168,17 +168,17 @@ class SVGF:
         return Output(smooth, smooth_variance, length, confidence, rejection, missing, chosen)
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
-        """What joins the history (H, W, 3), and how much of a sample it is (H, W): all as it comes."""
+        """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""
         return light, None
 
     def shorten(self, length: Tensor, gradient: Tensor | None) -> Tensor:
-        """A history (H, W) whose light has changed counts as fewer samples."""
+        """Shorten history (H, W) whose light has changed."""
         return length if gradient is None else length * (1 - gradient.nan_to_num(0).clamp(0, 1)) ** 10
 
     def find_innovation(
         self, fresh: Tensor, prediction: Tensor, length: Tensor, motion: Tensor, bright: float
     ) -> Tensor | None:
-        """What is wrong with a prediction (H, W, 3), from the second frame on; its evidence is kept for the next."""
+        """The estimated error (H, W, 3) of a prediction, from the second frame on; keeps the evidence for the next."""
         if not self.innovation or self.previous is None:
             return None
         known = {"evidence": self.evidence, "motion": motion, "exposure": bright}
@@ -186,11 +186,11 @@ class SVGF:
         return found
 
     def relight(self, replay: Tensor, history: list[Tensor]) -> list[Tensor]:
-        """History in the light that the previous frame's replay (H, W, 3) shows, and the gradient (H, W) of the rest.
+        """History corrected by the replay's change of light (H, W, 3), and the gradient (H, W) of the remainder.
 
         The samples' change, relative to their local mean, is a sample of the history's: its shrunk means correct the
-        history, lights (H, W, 3) and moments (H, W, 2). What they do not explain counts as change, and half of the
-        whole at least.
+        history, lights (H, W, 3) and moments (H, W, 2). The remainder, at least half of the whole change, gives the
+        gradient.
         """
         before = self.previous
         emission = before.emission if before.albedo is not None else None  # (H, W, 3)
@@ -215,7 +215,7 @@ class SVGF:
         return [corrected, moments, length, *others, torch.maximum(gradient / 2, rest)]
 
     def without_fireflies(self, frame, light: Tensor, known: Tensor) -> Tensor:
-        """Light (H, W, 3) whose fireflies were held down and spread in what is seen, by what history has (H, W, 3)."""
+        """Suppress fireflies of light (H, W, 3), as the camera sees it, relative to the history's light (H, W, 3)."""
         alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
         if frame.depth is not None and frame.normal is not None:
             alike["camera"] = frame.camera

@@ -90,17 +90,17 @@ class Output(NamedTuple):
 def antialias(
     settings: dict, history: list[Tensor] | None, color: Tensor, motion: Tensor, depth, tests: dict | None = None
 ) -> Antialiased:
-    """Merge a colour into the history of those before: dilate, reproject, clip, blend.
+    """Merge a colour into the history: dilate, reproject, clip, blend.
 
-    The share of a pixel's N-th sample is at least 1/N; N stops at 1/alpha. With a temporal gradient λ, N falls to
-    N (1 - λ)^10 before, and the share rises to lerp(share, 1, λ).
+    The weight of a pixel's N-th sample is at least 1/N; N stops at 1/alpha. A temporal gradient λ first shortens N to
+    N (1 - λ)^10, and raises the weight to lerp(weight, 1, λ).
 
     Parameters
     ----------
     history : colour (H, W, 3) and length (H, W), and with "alternation" its memory (H, W, 7)
     color : (H, W, 3)
     motion : (H, W, 2) or (H, W, 3)
-    depth : (H, W), or None: the longest motion then is that of the neighbourhood
+    depth : (H, W), or None: then the longest motion of the neighbourhood is used
     tests : of surfaces, as for `reproject`
     """
     tests = tests or {}
@@ -144,7 +144,7 @@ def antialias(
 
 
 def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:
-    """The tests that are asked for, of the buffers that both frames have, as arguments of `reproject`."""
+    """The requested tests for which both frames have buffers, as arguments of `reproject`."""
     limits = {name: settings[name] for name in ("relative_depth", "plane_distance", "normal_angle")}
     limits = {name: limit for name, limit in limits.items() if limit is not None}
     names = ("depth", "normal", "object_normal", "ids")
@@ -166,7 +166,7 @@ def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:
 
 
 def find_motion(frame, before) -> Tensor:
-    """The frame's motion; or what both cameras tell; or none. Change of depth is completed where both are alike."""
+    """The frame's motion; else the cameras' motion; else none. The change of depth is completed where both agree."""
     motion, still = frame.motion, None  # (H, W, 2|3)
     geometry = frame.position if frame.position is not None else frame.depth  # (H, W, 3) or (H, W)
     if geometry is not None and before is not None and frame.camera is not None and before.camera is not None:
@@ -180,7 +180,7 @@ def find_motion(frame, before) -> Tensor:
 
 
 def tells_depth(frame, motion: Tensor) -> bool:
-    """Whether the motion has the surface's own change of depth, and not one completed from the cameras."""
+    """Whether the motion has its own change of depth, not one completed from the cameras."""
     return motion.shape[-1] == 3 and (frame.motion is None or frame.motion.shape[-1] == 3)
 
 
@@ -192,7 +192,7 @@ class TAA:
     Parameters
     ----------
     preset : "best", "denoised", "textbook", "karis" or "filament"
-    innovation : whether what is shown is corrected by what the frames' own samples say of it; the history is not
+    innovation : whether the output, not the history, is corrected by the innovation of the frame's samples
     **overrides : settings that replace the preset's
     """
 

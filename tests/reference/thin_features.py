@@ -6,15 +6,16 @@ from .similarity import shift
 
 
 def thin_features(color: Tensor, *, similarity=1.05, margin=False) -> Tensor | tuple[Tensor, Tensor]:
-    """Pixels brighter (or darker) than all unlike them of their 3x3, without an alike 2x2 around them.
+    """Pixels brighter (or darker) than all dissimilar pixels of their 3x3, without a similar 2x2 around them.
 
-    Source: FSR 2's locks. Like is a ratio of luminances up to `similarity`; so is what is missing or outside.
+    Source: FSR 2's locks. Similar is a ratio of luminances up to `similarity`; missing and outside pixels count as
+    similar.
 
     Parameters
     ----------
     color : (H, W, 3)
     similarity : from 1
-    margin : also return how near (H, W), relatively, the nearest decision was to turning out otherwise
+    margin : also return the relative distance (H, W) of the nearest decision from its threshold
 
     Returns
     -------

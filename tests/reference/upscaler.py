@@ -25,7 +25,7 @@ class Upscaler:
 
     Parameters
     ----------
-    scale : output pixels to one of the input, along each side
+    scale : output pixels per input pixel, along each side
     alpha, fast_alpha, speed : as for `blend_factor`, of one sample per output pixel
     separation : as for `disocclusion`
     lifetime : of a lock, in frames

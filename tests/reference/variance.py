@@ -7,7 +7,7 @@ from .similarity import CUT, Similarity, shift
 def estimate_variance(
     moments: Tensor, history_length: Tensor, *, min_length=3.5, radius=3, margin=False, **similarity
 ) -> Tensor:
-    """The variance of the luminance: over time where the history is long enough, else over similar neighbours.
+    """The variance of the luminance: temporal where the history is long enough, else over similar neighbours.
 
     m2 - m1², of the pixel's own moments or of their weighted means over (2·radius + 1)², the latter times
     min_length / max(N, 1). Source: Schied et al. 2017, section 4.2.
@@ -16,7 +16,7 @@ def estimate_variance(
     ----------
     moments : (H, W, 2)
     history_length : (H, W)
-    margin : also return the sum of the weights (H, W), infinite where the pixel's own moments do
+    margin : also return the sum of the weights (H, W), infinite where the pixel's own moments suffice
     **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
 
     Returns

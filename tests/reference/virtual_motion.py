@@ -5,15 +5,15 @@ from .projection import pixel_centres, project, project_direction, rays
 
 
 def virtual_motion(geometry: Tensor, hit_distance: Tensor, camera, previous_camera) -> Tensor:
-    """Previous minus current position of what each pixel's surface mirrors, as if it were plane and nothing moved.
+    """Previous minus current position of each pixel's mirror image, for plane mirrors in a static scene.
 
-    The virtual image lies behind the surface X as far as the reflected ray goes: at X + v·hit_distance, with v the unit
-    vector from the camera to X. Source: virtual motion of NRD's ReBLUR and RELAX.
+    The virtual image lies behind the surface X by the length of the reflected ray: at X + v·hit_distance, with v the
+    unit vector from the camera to X. Source: virtual motion of NRD's ReBLUR and RELAX.
 
     Parameters
     ----------
     geometry : (H, W) depth, or (H, W, 3) world position
-    hit_distance : (H, W), infinite where the sky is mirrored
+    hit_distance : (H, W), infinite where the sky is reflected
 
     Returns
     -------
@@ -33,7 +33,7 @@ def virtual_motion(geometry: Tensor, hit_distance: Tensor, camera, previous_came
         seen = depth > 0  # (H, W)
 
     view = (points - origin) / (points - origin).norm(dim=-1, keepdim=True)  # (H, W, 3)
-    distant = background | (hit_distance == torch.inf)  # (H, W): background reflects nothing, whatever its distance
+    distant = background | (hit_distance == torch.inf)  # (H, W): background reflects nothing, at any hit distance
     near, near_depth = project(previous_camera, points + view * hit_distance[..., None])  # (H, W, 2), (H, W)
     far, far_depth = project_direction(previous_camera, view)  # (H, W, 2), (H, W)
     before = torch.where(distant[..., None], far, near)  # (H, W, 2)

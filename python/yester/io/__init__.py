@@ -1,7 +1,10 @@
-"""Read and write frames: files and renderers. Every buffer is converted to its canonical form once, on input."""
+"""Read and write frames: files and renderers.
+
+Every buffer is converted to its canonical form once, on input. EXR files are read and written here; `yester.io.mitsuba`
+renders sequences.
+"""
 
 from .exr import (
-    COMPRESSIONS,
     Description,
     Plate,
     describe,
@@ -14,7 +17,6 @@ from .exr import (
 )
 
 __all__ = [
-    "COMPRESSIONS",
     "Description",
     "Plate",
     "describe",

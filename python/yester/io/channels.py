@@ -6,7 +6,8 @@ buffer it can hold. Layers are written as they are documented: ``"Normal.XYZ"`` 
 layer Normal, ``"RGB"`` for components without a layer, ``"Px,Py,Pz"`` for channels that are named in full, and
 ``"CryptoObject##.RGBA"`` for the numbered ranks of a cryptomatte.
 
-What is marked as inferred is what a renderer's users observe, not what its documentation or sources say.
+What is marked as inferred is what a renderer's users observe, not what its documentation or sources say; so are the
+attributes by which the files of Arnold, RenderMan, V-Ray and Unreal are recognised.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from difflib import get_close_matches
 from itertools import chain, takewhile
 from typing import Any
 
-#: The channels of each buffer in our files. The last ones of motion are optional.
+#: The channels of each buffer in this package's files. Those for the change of depth (``motion.Z``) are optional.
 CANONICAL: dict[str, tuple[str, ...]] = {
     "color": ("R", "G", "B"),
     "albedo": ("albedo.R", "albedo.G", "albedo.B"),
@@ -484,7 +485,7 @@ def recognise(
     used = {name for one in found.values() for name in (*one.channels, *one.plus, *one.target)}
     unused = {channel: why for channel, why in unused.items() if channel not in used}
     if found.get("position") and any(name in half for name in found["position"].channels):
-        remarks.append("positions are half floats: true to 1/2000 of their size, and so is motion computed from them")
+        remarks.append("positions are half floats, true to 1/2000 of their size")
     for convention, (score, _) in zip(CONVENTIONS, evidence, strict=True):
         if score and convention is not chosen:
             remarks.append(f"layers of {convention.renderer} are there as well, and not used")

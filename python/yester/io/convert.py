@@ -23,6 +23,7 @@ Array = NDArray[Any]
 View = tuple[Camera, NDArray[np.float64]]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of damaged or extreme values, which become infinite or stay NaN
 def canonical(
     known: Recognised, pixels: Callable[[str], Array], views: list[View], display: tuple[float, float]
 ) -> tuple[dict[str, Array], Camera | None]:
@@ -150,9 +151,8 @@ def _whole(ids: Array) -> Array:
     """Convert ids from any stored type."""
     if ids.dtype.kind == "u":
         return ids
-    with np.errstate(invalid="ignore"):  # of signalling NaN
-        ids = ids.astype(np.float64)
-        whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= MIXED)
+    ids = ids.astype(np.float64)
+    whole = (ids == np.rint(ids)) & (ids >= 0) & (ids <= MIXED)
     return np.where(whole, ids, MIXED).astype(np.uint32)
 
 

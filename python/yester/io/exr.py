@@ -49,7 +49,7 @@ _NDC_TO_CLIP = np.array([[2.0, 0, 0, -1], [0, -2, 0, 1], [0, 0, 1, 0], [0, 0, 0,
 class Description:
     """Description of an EXR file, from its header.
 
-    Attributes
+    Parameters
     ----------
     path : Path
         The file.
@@ -83,6 +83,10 @@ class Description:
         On choices among several layers.
     factors : dict of str to tuple of float
         By buffer, what the stored components are multiplied by.
+
+    See Also
+    --------
+    describe : Describes a file.
     """
 
     path: Path
@@ -108,7 +112,7 @@ class Description:
 class Plate:
     """A frame and all other contents of its file, which `write_exr` can preserve.
 
-    Attributes
+    Parameters
     ----------
     frame : Frame
         As `read_exr` gives it.
@@ -118,6 +122,11 @@ class Plate:
         The one that has the colour.
     color : tuple of str
         The channels of that part which a result replaces.
+
+    See Also
+    --------
+    read_plate : Reads a plate.
+    write_exr : Writes a frame into a copy of a plate.
     """
 
     frame: Frame
@@ -160,16 +169,21 @@ def read_exr(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     ImportError
         If the OpenEXR package is not installed.
 
+    See Also
+    --------
+    read_sequence : Reads several frames.
+    read_plate : Reads everything else in the file, too.
+    describe : Tells what a file has without reading its pixels.
+    write_exr : Writes a frame.
+
     Examples
     --------
-    >>> import tempfile, numpy as np
-    >>> from yester.io import read_exr, write_exr
-    >>> path = tempfile.mktemp(suffix=".exr")
-    >>> write_exr(path, np.ones((2, 3, 3)))
-    >>> read_exr(path)
-    Frame(3x2: color)
-    >>> read_exr(path, mapping={"normal": ["R", "-G", "B"], "albedo": ["R", "G", "B"]})
-    Frame(3x2: color, albedo, normal)
+    >>> from yester import io
+    >>> io.write_exr("frame.exr", yester.Frame(np.ones((4, 6, 3)), depth=np.full((4, 6), 2.0)))
+    >>> io.read_exr("frame.exr")
+    Frame(6x4: color, depth)
+    >>> io.read_exr("frame.exr", mapping={"normal": ["R", "-G", "B"], "depth": []})
+    Frame(6x4: color, normal)
     """
     path = Path(path)
     contents = _look(path, mapping, view)
@@ -189,11 +203,24 @@ def read_plate(path: Source, *, mapping: Mapped | None = None, view: str | None 
     Returns
     -------
     Plate
+        The frame, and all parts of the file.
 
     Raises
     ------
     OSError, ValueError, ImportError
         As `read_exr`.
+
+    See Also
+    --------
+    write_exr : Writes a frame with the other contents of a plate.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> io.write_exr("frame.exr", np.ones((4, 6, 3)))
+    >>> plate = io.read_plate("frame.exr")
+    >>> plate.frame, len(plate.parts)
+    (Frame(6x4: color), 1)
     """
     path = Path(path)
     contents = _look(path, mapping, view)
@@ -228,8 +255,9 @@ def write_exr(
         65504, or as float32. By default, in the type of the channels that they replace, otherwise as float32. The
         others always have 32 bits.
     compression : str, optional
-        One of `COMPRESSIONS`, in the names of the OpenEXR library. By default that of `like`, if it is lossless: a
-        second lossy compression would change what is copied. Otherwise ``"zip"``.
+        ``"none"``, ``"rle"``, ``"zips"``, ``"zip"``, ``"piz"``, ``"pxr24"``, ``"b44"``, ``"b44a"``, ``"dwaa"``,
+        ``"dwab"``, ``"htj2k256"`` or ``"htj2k32"``, as the OpenEXR library has them. By default that of `like`, if it
+        is lossless: a second lossy compression would change what is copied. Otherwise ``"zip"``.
     like : Plate, optional
         Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
         layers), windows, the remaining attributes of the header, and all other parts. Colour replaces the channels that
@@ -244,6 +272,18 @@ def write_exr(
         If there is no such compression.
     ImportError
         If the OpenEXR package is not installed.
+
+    See Also
+    --------
+    write_sequence : Writes several frames.
+    read_plate : Reads what `like` takes.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> io.write_exr("noisy.exr", np.random.default_rng(0).gamma(1, 0.5, (32, 32, 3)))
+    >>> plate = io.read_plate("noisy.exr")
+    >>> io.write_exr("clean.exr", yester.SVGF().step(plate.frame).color, half=True, like=plate)
     """
     path = Path(path)
     frame = frame if isinstance(frame, Frame) else Frame(frame)
@@ -284,7 +324,7 @@ def write_exr(
 
 
 def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
-    """The EXR files of a sequence.
+    """List the EXR files of a sequence.
 
     Parameters
     ----------
@@ -302,6 +342,14 @@ def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
         If something named without a pattern is not there.
     ValueError
         If a folder or pattern has no EXR file.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> for number in (10, 2):
+    ...     io.write_exr(f"frame{number}.exr", np.ones((4, 6, 3)))
+    >>> [path.name for path in io.sequence_paths("frame*.exr")]
+    ['frame2.exr', 'frame10.exr']
     """
     if not isinstance(source, str | os.PathLike):
         paths = [path for item in source for path in sequence_paths(item)]
@@ -334,15 +382,26 @@ def read_sequence(
     mapping, view : optional
         As for `read_exr`.
 
-    Yields
-    ------
-    Frame
+    Returns
+    -------
+    iterator of Frame
         Only one is in memory at a time.
 
     Raises
     ------
     ValueError
         As `sequence_paths` and `read_exr`; and when a frame of another size is met, naming its file.
+
+    See Also
+    --------
+    yester.denoise : Denoises a sequence of frames.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> paths = io.write_sequence("noisy", np.ones((3, 4, 6, 3)))
+    >>> [*io.read_sequence("noisy")]
+    [Frame(6x4: color), Frame(6x4: color), Frame(6x4: color)]
     """
     paths = sequence_paths(source)
 
@@ -385,6 +444,13 @@ def write_sequence(
         If the folder cannot be written to, before the first frame is asked for.
     ValueError
         If two names are equal, or their number is not that of the frames.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> paths = io.write_sequence("clean", np.ones((2, 4, 6, 3)), half=True)
+    >>> [path.name for path in paths]
+    ['frame_0000.exr', 'frame_0001.exr']
     """
     folder = Path(folder)
     if names is not None and len(set(names)) < len(names):
@@ -417,11 +483,22 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     Returns
     -------
     Description
+        Size, buffers, camera and jitter, and what the file lacks.
 
     Raises
     ------
     OSError, ValueError, ImportError
         As `read_exr`, except that pixels are not looked at and colour may be absent.
+
+    Examples
+    --------
+    >>> from yester import io
+    >>> io.write_exr("frame.exr", yester.Frame(np.ones((4, 6, 3)), depth=np.full((4, 6), 2.0)))
+    >>> found = io.describe("frame.exr")
+    >>> found.channels
+    {'color': ('R', 'G', 'B'), 'depth': ('depth.Z',)}
+    >>> found.missing["albedo"]
+    'textures are filtered together with the light, and blur'
     """
     path = Path(path)
     contents = _look(path, mapping, view)

@@ -20,6 +20,6 @@ def beside(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except BaseException:
-        with suppress(OSError):  # there is none, if touch() failed
+        with suppress(OSError):  # touch() may have failed
             temporary.unlink()
         raise

@@ -99,7 +99,7 @@ def headers(data: bytes | mmap.mmap) -> tuple[list[dict[str, Attribute]], int]:
 def subset(path: Path, keep: Collection[int]) -> bytes:
     """A file with some of the parts of another one that `check` has passed, which has several.
 
-    OpenEXR's Python module reads files as a whole; chunks are copied as they are stored.
+    OpenEXR's Python module reads files as a whole; chunks are copied as they are stored. ValueError if they overlap.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         parts, at = headers(data)
@@ -115,6 +115,8 @@ def subset(path: Path, keep: Collection[int]) -> bytes:
                     chunks.append(struct.pack("<i", len(kept)) + data[chunk + 4 : chunk + head + 4 + size])
                 kept.append(data[ends[number - 1] if number else 8 : ends[number]])
             at += 8 * count
+            if sum(map(len, chunks)) > len(data):
+                raise ValueError("chunks overlap")
         front = [data[:8], *kept, b"\0"]
     places = accumulate(map(len, chunks), initial=sum(map(len, front)) + 8 * len(chunks))
     table = b"".join(struct.pack("<Q", place) for place, _ in zip(places, chunks, strict=False))
@@ -132,7 +134,7 @@ def _check(data: mmap.mmap) -> list[set[str]]:
     parts, at = headers(data)
     several, half = bool(version & _SEVERAL), []
     if several and version & _TILED:
-        raise ValueError("flags of one part and of several")
+        raise ValueError("contradictory flags: a single tiled part, and several parts")
     for header in parts:
         for name, (kind, size) in _REQUIRED.items():
             if name not in header:
@@ -146,7 +148,7 @@ def _check(data: mmap.mmap) -> list[set[str]]:
     for header in parts:
         tiled = _value(data, header["type"]).startswith(b"tiled") if several else bool(version & _TILED)
         count = struct.unpack("<i", _value(data, header["chunkCount"]))[0] if several else None
-        # The number of the part, if there are several; the coordinates.
+        # Before its size, a chunk has the part's number, in files of several parts, and its coordinates.
         at = _check_chunks(data, at, count, 4 * several + (16 if tiled else 4))
     return half
 

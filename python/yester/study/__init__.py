@@ -1,6 +1,6 @@
-"""Measurements: scenes, comparisons, benchmarks and the demo. The library proper does not import it.
+"""Measurements: scenes, comparisons, benchmarks and the demo. No other module of the library imports this package.
 
-`synthetic` ray-casts small scenes whose truth is known exactly; `rendered` has Mitsuba render sequences and keeps them;
+`synthetic` ray-casts small scenes with exact references; `rendered` renders sequences with Mitsuba and caches them;
 `compare` measures methods, components and buffers against references; `speed` times kernels and pipelines.
 """
 

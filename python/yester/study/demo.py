@@ -29,15 +29,14 @@ T = TypeVar("T")
 
 __all__ = ["REFERENCES", "REFERENCE_SPP", "WRITTEN", "Report", "Score", "run"]
 
-#: Samples per pixel of the reference frames, and their number: within three minutes on two cores.
+#: Samples per pixel of the reference frames, and their number, chosen for three minutes on two cores.
 REFERENCE_SPP = 128
 REFERENCES = 8
 
 #: The files and folders that a run writes.
 WRITTEN = ("contact_sheet.png", "side_by_side.webp", "noisy", "denoised", "reference")
 
-#: The fixed detail that the contact sheet enlarges, the ball, and the colours that mark both details; the cube is the
-#: other one.
+#: Details that the contact sheet enlarges: the ball, at this position, and the cube. The colours mark both.
 BALL = (0.5, -0.55, -0.05)
 MARKS = ("#ffb000", "#36c5f0")
 
@@ -56,7 +55,7 @@ class Score:
 
 @dataclass(frozen=True)
 class Report:
-    """The demo's measurements and the paths of its files."""
+    """The demo's measurements and its output folder."""
 
     folder: Path
     frames: int
@@ -75,7 +74,7 @@ class Report:
                 _row("noisy, 1 spp", self.noisy) + f"{self.render_ms:>15.1f}  rendering",
                 _row("denoised", self.denoised) + f"{self.denoise_ms:>15.1f}  SVGF, both sides",
                 f"{spp:<46}{self.reference_ms:>15.1f}  rendering",
-                f"Errors are means over frames {', '.join(map(str, self.measured))}, times over all.",
+                f"Errors are means over frames {', '.join(map(str, self.measured))}, times over all frames.",
             ]
         )
 
@@ -92,33 +91,33 @@ class _Shot:
 
 
 def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, height: int = 240) -> Report:
-    """Render, denoise from both sides, measure and show `scenes.cornell_box`.
+    """Render `scenes.cornell_box`, denoise it with earlier and later frames, measure and show the result.
 
-    Writes `noisy/`, `denoised/` and `reference/` with one EXR per frame (references for `REFERENCES` frames spread over
-    the sequence, the first and the last among them), `contact_sheet.png` and `side_by_side.webp`. Nothing is
-    overwritten or removed.
+    Writes `noisy/`, `denoised/` and `reference/` with one EXR per frame, `contact_sheet.png` and `side_by_side.webp`.
+    There are `REFERENCES` references, spread evenly from the first to the last frame. Nothing is overwritten or
+    removed.
 
     Parameters
     ----------
     folder : path
-        Where to write; made if it does not exist.
+        Output folder, created if missing.
     frames, width, height : int
-        Length and size of the sequence.
+        Number and size of the frames.
 
     Returns
     -------
     Report
-        As text, a table.
+        Its text is a table.
 
     Raises
     ------
     FileExistsError
-        If any of these files or folders is there already.
+        If one of these files or folders already exists.
     """
     folder = Path(folder)
     for name in WRITTEN:
         if (folder / name).exists():
-            raise FileExistsError(f"{folder / name}: exists already; choose another folder, or remove it")
+            raise FileExistsError(f"{folder / name}: already exists; choose another folder, or remove it")
     for name in ("noisy", "denoised", "reference"):
         (folder / name).mkdir(parents=True)
 
@@ -148,7 +147,7 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
             sequence.scene,
             [sequence.cameras[i] for i in measured],
             spp=REFERENCE_SPP,
-            seed=frames,  # none that a noisy frame has had
+            seed=frames,  # above the seeds of the noisy frames
             transforms=[sequence.transforms[i] for i in measured],
             buffers=False,
         )
@@ -186,7 +185,7 @@ def run(folder: str | os.PathLike[str], *, frames: int = 24, width: int = 320, h
 
 
 class _Timed(Iterator[T]):
-    """An iterator, and the seconds that it takes."""
+    """An iterator that adds up the time spent in it, in seconds."""
 
     def __init__(self, items: Iterable[T]) -> None:
         self.items = iter(items)
@@ -214,12 +213,12 @@ def _mean(scores: list[Score]) -> Score:
 
 
 def _bytes(image: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """For display; a missing sample is black."""
+    """Convert to 8-bit sRGB; missing samples are black."""
     return (srgb(np.nan_to_num(image, posinf=0, neginf=0)) * 255 + 0.5).astype(np.uint8)
 
 
 def _side_by_side(path: Path, film: list[NDArray[np.uint8]]) -> None:
-    """Noisy left, denoised right, as animated WebP: the 256 colours of a GIF add noise or bands of their own."""
+    """Write noisy (left) and denoised (right) as animated WebP; the 256 colours of a GIF would add noise or bands."""
     from PIL import Image
 
     first, *rest = (Image.fromarray(picture) for picture in film)
@@ -238,12 +237,12 @@ class _Row:
 
 
 def _contact_sheet(path: Path, rows: list[_Row]) -> None:
-    """A row per frame: noisy, denoised, reference, both error maps; below each picture two details, enlarged."""
+    """Write a row per frame: noisy, denoised, reference and both error maps, each with two enlarged details below."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
     height, width = rows[0].reference.shape[:2]
-    # All in pixels of the sheet. At 320 pixels a picture of the default size is shown as it is.
+    # All lengths in pixels of the sheet. At 320 pixels, a picture of the default size is not resampled.
     cell, gap, margin, head, caption = 320, 8, 12, 30, 24
     picture = round(cell * height / width)
     detail = round((cell - gap) / 2 * 0.75)
@@ -292,7 +291,7 @@ def _contact_sheet(path: Path, rows: list[_Row]) -> None:
 
 
 def _details(shot: _Shot, width: int, height: int) -> list[tuple[int, int, int, int]]:
-    """x, y, width and height of what to enlarge: the cube's edge that uncovers, and the ball."""
+    """x, y, width and height of the enlarged details: the trailing edge of the cube, and the ball."""
     w, h = max(width // 7, 1), max(round(width / 7 * 0.75), 1)
     points = np.array([shot.cube[:3, 3] - [0.2, 0, 0], BALL])
     pixels, _ = shot.camera.project(points)

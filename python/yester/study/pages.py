@@ -1,7 +1,7 @@
-"""The tables of README and documentation, written from measurements: `measure` takes them, `write` puts them in.
+"""Generates the tables of README and documentation: `measure` runs the measurements, `write` inserts the tables.
 
-In a page, ``<!-- table: NAME -->`` and ``<!-- end: NAME -->`` enclose one of `TABLES`. What stands between them is
-replaced. Measurements are files in a folder, each written by the command in `RUNS` of its name.
+In a page, ``<!-- table: NAME -->`` and ``<!-- end: NAME -->`` enclose one of `TABLES`; the text between them is
+replaced. Measurements are files in a folder, each written by the command of its name in `RUNS`.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from .rendered.sequences import GROUPS, LATE, NAMES
 
 __all__ = ["RUNS", "TABLES", "Source", "main", "measure", "write"]
 
-#: The frames by which accuracy is judged: small, so that all sequences take minutes; three realisations of the noise.
+#: The frames on which accuracy is measured: small, so that all sequences take minutes; three realisations of the noise.
 _FRAMES = "--sequences all late-held-out --size 128x96 --length 12 --reference-spp 256 --seeds 3"
 
 
 class Source(NamedTuple):
-    """Where a measurement comes from.
+    """The command that makes a measurement.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Source(NamedTuple):
     made: str
 
 
-#: By the name of their file, without ending, in the folder of measurements.
+#: By name of the file in the folder of measurements, without its suffix.
 RUNS = {
     "accuracy": Source(f"yester chart {_FRAMES} --metrics psnr relmse flip temporal_error", "points.csv"),
     "ablation": Source(f"yester chart --ablate {_FRAMES}", "ablation.csv"),
@@ -62,7 +62,7 @@ RUNS = {
     "speed": Source("yester bench --sizes 1920x1080 --threads 2 1 --simd avx512", "bench.csv"),
 }
 
-#: What users choose between, as the tables call it, and the chart.
+#: The methods between which users choose: name in the tables, and in the chart.
 _METHODS = {
     "**SVGF, both sides** (`yester denoise`)": "SVGF, both sides",
     "**SVGF**": "SVGF",
@@ -77,7 +77,7 @@ _METHODS = {
     "OpenCV, non-local means": "non-local means, h 0.2",
     "noisy input": "noisy input",
 }
-#: Pipelines: name, the benchmark's task, what frames must have, what it is for, where it fails.
+#: Pipelines: name, task of the benchmark, required buffers, purpose, failures.
 _PIPELINES = (
     (
         "SVGF",
@@ -90,7 +90,7 @@ _PIPELINES = (
     ("BMFR", "BMFR", "normals, depth or position", "diffuse light, few samples", "reflections, edges of shadows"),
     ("OIDN", "OIDN, temporal", "albedo, normals", "stills; with `temporal=True`, sequences", "time; history that lags"),
     ("TAA", "TAA", "motion", "frames without noise", "noise: it darkens and flickers"),
-    ("Upscaler", "Upscaler, 2", "jitter, motion", "frames of half the size", "noise; what is thinner than a pixel"),
+    ("Upscaler", "Upscaler, 2", "jitter, motion", "frames of half the size", "noise; features thinner than a pixel"),
     ("Recirculation", "Recirculation, of all", "camera, depth", "a few traced pixels a frame", "light that changes"),
 )
 _LABELS = {"psnr": "PSNR, dB", "relmse": "relMSE", "flip": "FLIP", "temporal_error": "temporal error"}
@@ -100,7 +100,7 @@ Row = dict[str, str]
 
 
 def methods(folder: Path) -> str:
-    """Means over all sequences of what users choose between, with the time of a frame."""
+    """The methods between which users choose: means over all sequences, and time per frame."""
     points = {row["method"]: row for row in _rows(folder / "accuracy.csv") if row["scene"] == ALL}
     rows = []
     for label, name in _METHODS.items():
@@ -112,7 +112,7 @@ def methods(folder: Path) -> str:
 
 
 def variants(folder: Path) -> str:
-    """Means over all sequences of every method and parameter."""
+    """Every method and parameter: means over all sequences, and time per frame."""
     points = [row for row in _rows(folder / "accuracy.csv") if row["scene"] == ALL]
     rows = [
         [row["method"], f"{float(row['ms']):.0f}", *(_value(key, float(row[key])) for key in _LABELS)]
@@ -147,7 +147,7 @@ def sequences(folder: Path) -> str:
 
 
 def ablation(folder: Path) -> str:
-    """What components of SVGF give: mean gain, worst case and cost."""
+    """The components of SVGF: mean gain, worst case and cost."""
     found: dict[str, dict[str, Row]] = {}
     for row in _rows(folder / "ablation.csv"):
         if row["scene"] != ALL and row["door"] == FULL and row["pipeline"] == "SVGF":
@@ -166,7 +166,7 @@ def ablation(folder: Path) -> str:
 
 
 def harms(folder: Path) -> str:
-    """Where components that are on by default do harm, beyond the rule and two standard errors."""
+    """Components that are on by default and do harm, beyond the limits and two standard errors, with the sequences."""
     effects = [
         Effect(
             row["scene"],
@@ -191,7 +191,7 @@ def harms(folder: Path) -> str:
 
 
 def doors(folder: Path) -> str:
-    """What SVGF loses through poor doors: mean over sequences, and the worst PSNR."""
+    """The loss of SVGF through poor doors: mean over sequences, and the worst case in PSNR."""
     values: dict[str, dict[str, dict[str, float]]] = {}
     for row in _rows(folder / "doors.csv"):
         if row["method"] == "SVGF":
@@ -207,7 +207,7 @@ def doors(folder: Path) -> str:
 
 
 def stress(folder: Path) -> str:
-    """How many cases hold, degrade and fail, by method."""
+    """The numbers of cases that hold, degrade and fail, by method."""
     found: dict[str, dict[str, list[str]]] = {}
     for row in _rows(folder / "stress.csv"):
         if row["verdict"]:
@@ -236,12 +236,12 @@ def failures(folder: Path) -> str:
 
 
 def speed(folder: Path) -> str:
-    """Pipelines: milliseconds at 1080p with two threads and one, memory, and their rivals."""
+    """Pipelines and their rivals: milliseconds at 1080p with two threads and one; memory."""
     return _times(folder, lambda row: row["held_mb"] != "" or row["task"] in _pipelines(folder))
 
 
 def pipelines(folder: Path) -> str:
-    """Which pipeline is for what, with its time."""
+    """Which pipeline suits which task, with its time."""
     spent = {
         row["task"]: float(row["ms"]) for row in _rows(folder / "speed.csv") if row["simd"] and row["threads"] == "2"
     }
@@ -250,12 +250,12 @@ def pipelines(folder: Path) -> str:
 
 
 def kernels(folder: Path) -> str:
-    """Kernels: milliseconds at 1080p with two threads and one, and their rivals."""
+    """Kernels and their rivals: milliseconds at 1080p with two threads and one."""
     return _times(folder, lambda row: row["task"] not in _pipelines(folder))
 
 
 def machine(folder: Path) -> str:
-    """The limits of the machine that all times come from."""
+    """The limits of the machine on which all times were measured."""
     rows = {}
     for row in _rows(folder / "speed.csv"):
         if row["copy_gb_per_s"]:
@@ -273,7 +273,7 @@ def _command(name: str) -> Callable[[Path], str]:
     return lambda _: f"```sh\n{command if command.startswith('yester ') else f'python -m {command}'}\n```"
 
 
-#: By name, what writes it from the folder of measurements.
+#: By name, the function that makes the table from the folder of measurements.
 TABLES: dict[str, Callable[[Path], str]] = {
     **{
         table.__name__: table
@@ -290,14 +290,14 @@ _VERDICTS = ("holds", "degrades", "fails")
 
 
 def measure(names: Iterable[str], folder: Path) -> None:
-    """Take measurements anew.
+    """Run measurements.
 
     Parameters
     ----------
     names : iterable of str
         Keys of `RUNS`.
     folder : Path
-        For their files; made if it does not exist.
+        Output folder, created if missing.
 
     Raises
     ------
@@ -318,21 +318,21 @@ def measure(names: Iterable[str], folder: Path) -> None:
 
 
 def write(pages: Iterable[Path], folder: Path, *, check: bool = False) -> list[Path]:
-    """Put tables into pages.
+    """Insert tables into pages.
 
     Parameters
     ----------
     pages : iterable of Path
         Markdown files.
     folder : Path
-        The measurements. Tables whose measurement is not there stay as they are.
+        The measurements. Tables without a measurement stay unchanged.
     check : bool, default False
-        Change nothing.
+        Whether to only compare, without changing a page.
 
     Returns
     -------
     list of Path
-        The pages that differ from what they should be.
+        The pages whose tables differ from the measurements.
 
     Raises
     ------
@@ -373,9 +373,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit status is 1 if ``write --check`` finds differences."""
     parser = argparse.ArgumentParser(prog="python -m yester.study.pages", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    take = commands.add_parser("measure", help="take measurements anew; hours for all of them")
+    take = commands.add_parser("measure", help="run measurements; all of them take hours")
     take.add_argument("names", metavar="NAME", nargs="*", default=[*RUNS], help=", ".join(RUNS))
-    put = commands.add_parser("write", help="put tables into pages")
+    put = commands.add_parser("write", help="insert tables into pages")
     put.add_argument("pages", metavar="PAGE", nargs="+", type=Path)
     put.add_argument("--check", action="store_true", help="change nothing; fail if a page would change")
     for each in (take, put):
@@ -416,7 +416,7 @@ def _times(folder: Path, wanted: Callable[[Mapping[str, str]], bool]) -> str:
             one = f"{float(single[key]['ms']):.1f}" if key in single else ""
             held = f"{float(row['held_mb']):.0f}" if row["held_mb"] else ""
             lines.append([name, f"{ms:.1f}", one, "" if row["simd"] else f"{ms / own:.2f}", held])
-    head = [f"1920×1080, {most} threads", "ms", "ms, 1 thread", "in times of ours", "memory, MB"]
+    head = [f"1920×1080, {most} threads", "ms", "ms, 1 thread", "relative time", "memory, MB"]
     kept = [i for i in range(5) if i < 4 or any(line[4] for line in lines)]
     return _table([head[i] for i in kept], [[line[i] for i in kept] for line in lines])
 

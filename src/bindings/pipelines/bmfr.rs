@@ -29,7 +29,7 @@ use crate::pipelines::{bmfr, svgf, taa};
 ///     Side of the blocks in pixels, 4 to 256. The paper has 32, for images of 1280×720.
 /// features : {"fewest", "all"}, default "fewest"
 ///     As in `regress`.
-/// relative_depth, plane_distance, normal_angle : float or (float, float)
+/// relative_depth, plane_distance, normal_angle : float or (float, float), default 0.1, 0.01 and 25.0
 ///     As in `SVGF`.
 /// by_confidence : bool, default False
 ///     Raise the new sample's weight where confidence in history is low: ``alpha + (1 - confidence) (1 - alpha)``.
@@ -48,14 +48,36 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// ValueError
 ///     If a parameter is out of range.
 ///
+/// See Also
+/// --------
+/// regress : Fits one frame.
+/// SVGF : Filters instead of fitting.
+///
 /// Notes
 /// -----
-/// Koskela et al. 2019, *Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction*. Each step
-/// consists of this package's functions and gives their bits: `demodulate`, `suppress_fireflies`, `motion_vectors`,
-/// `reproject` (with `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`, `remodulate`,
-/// and those of `TAA`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5,
-/// 7), (3, 1) and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show
-/// background. The weight of the N-th fit is at least 1/N.
+/// The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
+/// `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`,
+/// `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of `TAA`. From frame to frame the grid of
+/// blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels
+/// with black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
+///
+/// References
+/// ----------
+/// .. [1] M. Koskela, K. Immonen, M. Mäkitalo, A. Foi, T. Viitanen, P. Jääskeläinen, H. Kultala, J. Takala, "Blockwise
+///    multi-order feature regression for real-time path-tracing reconstruction", ACM Transactions on Graphics 38(5),
+///    2019.
+///
+/// Examples
+/// --------
+/// >>> rng = np.random.default_rng(0)
+/// >>> depth = np.full((32, 32), 2.0)
+/// >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=32, height=32)
+/// >>> pipeline = yester.BMFR()
+/// >>> for _ in range(8):
+/// ...     frame = yester.Frame(rng.gamma(1, 0.5, (32, 32, 3)), depth=depth, camera=camera)
+/// ...     output = pipeline.step(frame)
+/// >>> bool(output.color.std() < frame.color.std() / 5)
+/// True
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct BMFR {
     inner: bmfr::Bmfr,
@@ -116,7 +138,7 @@ impl BMFR {
         Ok(Pipeline::made(Self { inner }))
     }
 
-    /// Denoises the next frame of the sequence.
+    /// Denoise the next frame of the sequence.
     ///
     /// Parameters
     /// ----------
@@ -144,7 +166,7 @@ impl BMFR {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Discards all history; the next frame starts a new sequence.
+    /// Discard all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

@@ -10,7 +10,7 @@ use crate::kernels::smooth::{atrous, fireflies, joint_bilateral, lend};
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::svgf;
 
-/// Denoises frames of which only a part is traced, such as one pixel of each 2×2, a different one in each frame.
+/// Denoise frames of which only a part is traced, such as one pixel of each 2×2, another one in each frame.
 ///
 /// All buffers have full resolution, and colour is NaN where no path was traced. Untraced pixels are reconstructed from
 /// traced neighbours on the same surface; a reconstructed colour counts for a fraction of a sample, the smaller the
@@ -32,7 +32,9 @@ use crate::pipelines::svgf;
 /// sigma_luminance : float, default 4.0
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
 /// by_confidence, fireflies : bool, default False
+///     As in `SVGF`.
 /// reflections : sequence of float, default (0.5, 2.0)
+///     As in `SVGF`.
 /// choice : bool, default False
 ///     As in `SVGF`. It helps in most scenes; highlights that few samples hit can get worse.
 /// innovation : bool, default True
@@ -45,6 +47,12 @@ use crate::pipelines::svgf;
 /// ValueError
 ///     If a parameter is out of range.
 ///
+/// See Also
+/// --------
+/// SVGF : For frames that are traced as a whole.
+/// Recirculation : Keeps history as points, for few traced pixels.
+/// reconstruct : Fills untraced pixels.
+///
 /// Notes
 /// -----
 /// Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
@@ -54,14 +62,17 @@ use crate::pipelines::svgf;
 ///
 /// Examples
 /// --------
-/// With ``trace(pixels)`` a renderer that returns the colours of some pixels:
-///
 /// >>> half_res = yester.HalfRes()
-/// >>> for number, buffers in enumerate(sequence):
+/// >>> for number in range(4):
 /// ...     x, y = yester.HalfRes.offset(number)
-/// ...     color = np.full((height, width, 3), np.nan, np.float32)
-/// ...     color[y::2, x::2] = trace(pixels[y::2, x::2])
-/// ...     output = half_res.step(yester.Frame(color, **buffers))
+/// ...     color = np.full((8, 8, 3), np.nan)
+/// ...     color[y::2, x::2] = 1
+/// ...     output = half_res.step(yester.Frame(color))
+/// >>> output.missing
+/// 48
+/// >>> output.history_length[:2, :2]
+/// array([[1.1464, 1.2366],
+///        [1.2749, 1.1942]], dtype=float32)
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct HalfRes {
     inner: svgf::Svgf,
@@ -116,7 +127,7 @@ impl HalfRes {
         Ok(Pipeline::made(Self { inner }))
     }
 
-    /// Denoises the next frame of the sequence.
+    /// Denoise the next frame of the sequence.
     ///
     /// Parameters
     /// ----------
@@ -150,7 +161,7 @@ impl HalfRes {
         FrameArgs::new(frame)?.step_between(py, out, later, &mut self.inner)
     }
 
-    /// Goes on to the next frame as `step` does, but instead of showing it tells what history expects of its pixels.
+    /// Go on to the next frame as `step` does, but tell what history expects of its pixels instead of showing it.
     ///
     /// Parameters
     /// ----------
@@ -165,13 +176,14 @@ impl HalfRes {
     /// Raises
     /// ------
     /// ValueError
-    ///     As `step`.
+    ///     As of `step`.
     fn recall<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<History> {
         FrameArgs::new(frame)?.recall(py, &mut self.inner)
     }
 
-    /// The pipeline without its output stage, and the stage: both without history. One after the other, they give the
-    /// results of the whole.
+    /// Make the pipeline without its output stage, and the stage.
+    ///
+    /// Both are without history. One after the other, they give the results of the whole.
     ///
     /// Returns
     /// -------
@@ -184,13 +196,14 @@ impl HalfRes {
         split(slf.as_super(), stage.as_ref())
     }
 
-    /// Discards all history; the next frame starts a new sequence.
+    /// Discard all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }
 
-    /// The pixel of each 2×2 to trace in a frame: four frames cover all pixels, and each even frame and the next a
-    /// diagonal.
+    /// Choose the pixel of each 2×2 to trace in a frame.
+    ///
+    /// Four frames cover all pixels, and each even frame and the next a diagonal.
     ///
     /// Parameters
     /// ----------
@@ -200,12 +213,17 @@ impl HalfRes {
     /// Returns
     /// -------
     /// (int, int)
-    ///     x and y, 0 or 1.
+    ///     Its x and y in the block, 0 or 1.
     ///
     /// Raises
     /// ------
     /// ValueError
     ///     If the number is negative.
+    ///
+    /// Examples
+    /// --------
+    /// >>> [yester.HalfRes.offset(number) for number in range(4)]
+    /// [(0, 0), (1, 1), (1, 0), (0, 1)]
     #[staticmethod]
     fn offset(number: i64) -> PyResult<(usize, usize)> {
         let number: usize = whole("number", number, "a number from 0", |_| true)?;

@@ -33,8 +33,22 @@ use crate::pipelines::{self, Extras, Pipeline as _, Svgf};
 ///
 /// Parameters
 /// ----------
-/// *args, **kwargs
-///     Parameters of the pipeline.
+/// *_args, **_kwargs
+///     Parameters of the pipeline, kept for `repr`, copies and pickles.
+///
+/// See Also
+/// --------
+/// SVGF : Denoises path-traced frames.
+/// denoise : Runs a pipeline over a sequence, from both sides.
+///
+/// Examples
+/// --------
+/// >>> import copy
+/// >>> pipeline = yester.SVGF(alpha=0.1)
+/// >>> copy.copy(pipeline)
+/// SVGF(alpha=0.1)
+/// >>> isinstance(pipeline, yester.Pipeline)
+/// True
 #[pyclass(frozen, subclass, module = "yester")]
 #[derive(Default)]
 pub struct Pipeline {
@@ -109,36 +123,55 @@ impl Pipeline {
 
 /// One denoised frame, with its auxiliary outputs.
 ///
-/// Attributes
+/// Parameters
 /// ----------
 /// color : (H, W, 3) float32
 ///     Linear; finite everywhere.
-/// variance : (H, W) float32 or None
-///     Estimated variance of the filtered luminance, before remodulation; None from pipelines without an estimate.
-/// choice : (H, W) float32 or None
-///     Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
-///     choice.
 /// history_length : (H, W) float32
 ///     Samples that went into each pixel, up to 1/alpha.
 /// confidence : (H, W) float32
 ///     Accepted fraction of the history's footprint, 0 to 1; 0 where history was rejected (disocclusion).
 /// rejection : (H, W) uint8
 ///     Bits of `Rejection`: the tests that taps of the footprint failed (one pixel for filter "nearest", else 2×2).
-/// used : tuple of str
+/// variance : (H, W) float32, optional
+///     Estimated variance of the filtered luminance, before remodulation; None from pipelines without an estimate.
+/// choice : (H, W) float32, optional
+///     Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
+///     choice.
+/// used : tuple of str, default ()
 ///     The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
 ///     "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",
 ///     "hit_distance" and "jitter".
-/// missing : int
+/// missing : int, default 0
 ///     Pixels whose sample was not finite.
+///
+/// See Also
+/// --------
+/// SVGF.step : Returns an output.
+/// Rejection : The bits of `rejection`.
+///
+/// Examples
+/// --------
+/// >>> output = yester.SVGF().step(yester.Frame(np.ones((4, 4, 3))))
+/// >>> output
+/// Output(4x4, used=(), missing=0)
 #[pyclass(frozen, get_all, module = "yester")]
 pub struct Output {
+    /// Linear colour, finite everywhere: (H, W, 3) float32.
     color: Py<PyArrayDyn<f32>>,
+    /// Estimated variance of the filtered luminance, before remodulation: (H, W) float32, or None.
     variance: Option<Py<PyArrayDyn<f32>>>,
+    /// Number of filter passes of each pixel, fractional where two results are mixed: (H, W) float32, or None.
     choice: Option<Py<PyArrayDyn<f32>>>,
+    /// Samples that went into each pixel, up to 1/alpha: (H, W) float32.
     history_length: Py<PyArrayDyn<f32>>,
+    /// Accepted fraction of the history's footprint, 0 to 1; 0 at disocclusions: (H, W) float32.
     confidence: Py<PyArrayDyn<f32>>,
+    /// Tests that taps of the history's footprint failed, as bits of `Rejection`: (H, W) uint8.
     rejection: Py<PyArrayDyn<u8>>,
+    /// Names of the buffers that were used.
     used: Py<PyTuple>,
+    /// Number of pixels whose sample was not finite.
     missing: usize,
 }
 
@@ -307,7 +340,7 @@ impl Output {
     }
 }
 
-/// What history expects of a frame: light at the frame's own pixels, without the frame's sample.
+/// What history expects of a frame's pixels, without the frame's own sample.
 ///
 /// `recall` of a pipeline that runs backwards returns that of later frames, and `step` takes it as `later`.
 ///
@@ -330,13 +363,32 @@ impl Output {
 /// ------
 /// ValueError
 ///     On wrong shapes.
+///
+/// See Also
+/// --------
+/// SVGF.recall : Returns a history.
+/// combine_histories : Joins two histories.
+///
+/// Examples
+/// --------
+/// >>> pipeline = yester.SVGF()
+/// >>> for light in (1.0, 1.0):
+/// ...     history = pipeline.recall(yester.Frame(np.full((4, 4, 3), light)))
+/// >>> history.history_length[0]
+/// array([1., 1., 1., 1.], dtype=float32)
 #[pyclass(frozen, get_all, module = "yester")]
 pub struct History {
+    /// Light, demodulated if frames have albedo; NaN where nothing is known: (H, W, 3) float32.
     color: Py<PyArrayDyn<f32>>,
+    /// Means of luminance and of its square: (H, W, 2) float32.
     moments: Py<PyArrayDyn<f32>>,
+    /// Number of samples that the history is worth: (H, W) float32.
     history_length: Py<PyArrayDyn<f32>>,
+    /// Accepted fraction of the history's footprint, 0 to 1: (H, W) float32.
     confidence: Py<PyArrayDyn<f32>>,
+    /// Tests that taps of the history's footprint failed, as bits of `Rejection`: (H, W) uint8.
     rejection: Py<PyArrayDyn<u8>>,
+    /// Names of the buffers that were used.
     used: Py<PyTuple>,
 }
 

@@ -8,7 +8,7 @@ use crate::kernels::fetch::pull_push;
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::recirculation;
 
-/// Completes frames of which only a part of the pixels is traced.
+/// Complete frames of which only a part of the pixels is traced.
 ///
 /// History is kept as world-space points, one for each pixel, and scattered to where they appear now. The new frame's
 /// samples, with holes filled from their surroundings, are blended with it by quality. Untraced pixels need no buffers.
@@ -31,7 +31,7 @@ use crate::pipelines::recirculation;
 ///     "best" has 0.
 /// history : {"splat", "fetch"}, optional
 ///     Scatter history to where it appears now, or fetch it along the motion of the new samples. "best" has "splat".
-/// blur, share, fade, limit : optional
+/// blur, share, fade, limit : float or (float, float), optional
 ///     As in `recirculate`. "best" has its defaults. With "splat", history stays free of the blur.
 /// tolerance : float, optional
 ///     As in `splat`; also the largest difference of a sample's depth, relative to it, from that of history at its
@@ -46,17 +46,23 @@ use crate::pipelines::recirculation;
 /// ValueError
 ///     If a parameter is out of range, or a preset or history unknown.
 ///
+/// See Also
+/// --------
+/// HalfRes : Denoises frames of which a part is traced.
+/// splat : Scatters history.
+/// recirculate : Blends history and new samples.
+///
 /// Notes
 /// -----
-/// After "Reprojection 2", a developer's diary of 2008. Each step consists of this package's functions and gives their
-/// bits: `pull_push` (of colour and the inverse of depth), `splat` (with a reach of 0.5), `motion_vectors`,
-/// `recirculate`, without blur for the next frame and with it for the result, and from the second frame on `innovation`
-/// (``sparse=True``, with the `exposure` of the result, and the motion of `recirculate`). The point of a traced pixel
-/// lies where it was sampled (`Frame.position` or `Frame.jitter`, else the centre), that of a pixel with history where
-/// history's point lies, and that of a filled pixel at the centre, at the filled depth. Filled colour is ignored where
-/// history has eight times its quality; otherwise static pixels would never become as sharp as their samples. With
-/// `Frame.motion` at traced pixels, moving objects are extrapolated (`splat`'s drift); without it, they leave a ghost
-/// until samples overwrite it.
+/// After a developer's diary [1]_. Each step consists of this package's functions and gives their bits: `pull_push` (of
+/// colour and the inverse of depth), `splat` (with a reach of 0.5), `motion_vectors`, `recirculate`, without blur for
+/// the next frame and with it for the result, and from the second frame on `innovation` (``sparse=True``, with the
+/// `exposure` of the result, and the motion of `recirculate`). The point of a traced pixel lies where it was sampled
+/// (`Frame.position` or `Frame.jitter`, else the centre), that of a pixel with history where history's point lies, and
+/// that of a filled pixel at the centre, at the filled depth. Filled colour is ignored where history has eight times
+/// its quality; otherwise static pixels would never become as sharp as their samples. With `Frame.motion` at traced
+/// pixels, moving objects are extrapolated (`splat`'s drift); without it, they leave a ghost until samples overwrite
+/// it.
 ///
 /// In hole filling, a sample at depth ``z`` has weight ``max(z**-nearness, 1e-24)``. The quality of a filled pixel is
 /// divided by the weight at its depth, so that it counts samples.
@@ -64,6 +70,22 @@ use crate::pipelines::recirculation;
 /// "fetch" applies one `recirculate` (with `fetch`) to the previous result, including its blur, along the motion of the
 /// filled samples. It is not validated against the surface. Interpolation in every frame blurs it, and averages noise:
 /// the notebook `recirculation.ipynb` shows both, beside the other choices of "textbook".
+///
+/// References
+/// ----------
+/// .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+///
+/// Examples
+/// --------
+/// >>> camera = yester.Camera.from_look_at([0, 0, 0], [0, 0, 1], [0, 1, 0], fov=60, width=8, height=8)
+/// >>> pipeline = yester.Recirculation()
+/// >>> for number in range(4):
+/// ...     x, y = yester.HalfRes.offset(number)
+/// ...     color = np.full((8, 8, 3), np.nan)
+/// ...     color[y::2, x::2] = 1
+/// ...     output = pipeline.step(yester.Frame(color, depth=np.full((8, 8), 2.0), camera=camera))
+/// >>> output.missing, bool(np.isfinite(output.color).all())
+/// (48, True)
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct Recirculation {
     inner: recirculation::Recirculation,
@@ -114,7 +136,7 @@ impl Recirculation {
         Ok(Pipeline::made(Self { inner }))
     }
 
-    /// Completes the next frame of the sequence.
+    /// Complete the next frame of the sequence.
     ///
     /// Parameters
     /// ----------
@@ -146,7 +168,7 @@ impl Recirculation {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Discards all history; the next frame starts a new sequence.
+    /// Discard all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

@@ -92,15 +92,41 @@ use crate::pipelines::{svgf, taa};
 /// ValueError
 ///     If a parameter is out of range.
 ///
+/// See Also
+/// --------
+/// denoise : Runs a pipeline over a sequence, from both sides.
+/// plan : Finds out which stages and buffers a sequence needs.
+/// HalfRes : For frames of which a part is traced.
+/// TAA : For frames with little noise.
+///
 /// Notes
 /// -----
-/// Schied et al. 2017, *Spatiotemporal Variance-Guided Filtering: Real-Time Reconstruction for Path-Traced Global
-/// Illumination*. Each step consists of this package's functions and gives their bits: `demodulate`,
-/// `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and
-/// `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
-/// `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, and those of `TAA`. Of the
-/// history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation`
-/// of history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
+/// The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
+/// functions and gives their bits: `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
+/// `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with
+/// `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the
+/// history), `remodulate`, and those of `TAA`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples
+/// count. The correction by a replay is an `innovation` of history, too: its samples are the replayed ones' change,
+/// relative to the samples blurred by `atrous`.
+///
+/// References
+/// ----------
+/// .. [1] C. Schied, A. Kaplanyan, C. Wyman, A. Patney, C. R. A. Chaitanya, J. Burgess, S. Liu, C. Dachsbacher, A.
+///    Lefohn, M. Salvi, "Spatiotemporal variance-guided filtering: real-time reconstruction for path-traced global
+///    illumination", High-Performance Graphics, 2017.
+/// .. [2] C. Schied, C. Peters, C. Dachsbacher, "Gradient estimation for real-time adaptive temporal filtering",
+///    Proceedings of the ACM on Computer Graphics and Interactive Techniques 1(2), 2018.
+///
+/// Examples
+/// --------
+/// >>> rng = np.random.default_rng(0)
+/// >>> frames = [yester.Frame(rng.gamma(1, 0.5, (32, 32, 3))) for _ in range(8)]
+/// >>> pipeline = yester.SVGF()
+/// >>> outputs = [pipeline.step(frame) for frame in frames]
+/// >>> bool(outputs[-1].color.std() < frames[-1].color.std() / 5)
+/// True
+/// >>> outputs[-1].used
+/// ()
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct SVGF {
     inner: svgf::Svgf,
@@ -187,7 +213,7 @@ impl SVGF {
         Ok(Pipeline::made(Self { inner }))
     }
 
-    /// Denoises the next frame of the sequence.
+    /// Denoise the next frame of the sequence.
     ///
     /// Parameters
     /// ----------
@@ -203,12 +229,17 @@ impl SVGF {
     /// Returns
     /// -------
     /// Output
+    ///     The denoised frame, with its auxiliary outputs.
     ///
     /// Raises
     /// ------
     /// ValueError
     ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not
     ///     fit.
+    ///
+    /// See Also
+    /// --------
+    /// denoise : Runs a pipeline over a sequence.
     #[pyo3(signature = (frame, out=None, *, later=None))]
     fn step<'py>(
         &mut self,
@@ -220,7 +251,7 @@ impl SVGF {
         FrameArgs::new(frame)?.step_between(py, out, later, &mut self.inner)
     }
 
-    /// Goes on to the next frame as `step` does, but instead of showing it tells what history expects of its pixels.
+    /// Go on to the next frame as `step` does, but tell what history expects of its pixels instead of showing it.
     ///
     /// Parameters
     /// ----------
@@ -235,13 +266,14 @@ impl SVGF {
     /// Raises
     /// ------
     /// ValueError
-    ///     As `step`.
+    ///     As of `step`.
     fn recall<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<History> {
         FrameArgs::new(frame)?.recall(py, &mut self.inner)
     }
 
-    /// The pipeline without its output stage, and the stage: both without history. One after the other, they give the
-    /// results of the whole.
+    /// Make the pipeline without its output stage, and the stage.
+    ///
+    /// Both are without history. One after the other, they give the results of the whole.
     ///
     /// Returns
     /// -------
@@ -254,7 +286,7 @@ impl SVGF {
         split(slf.as_super(), stage.as_ref())
     }
 
-    /// Discards all history; the next frame starts a new sequence.
+    /// Discard all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

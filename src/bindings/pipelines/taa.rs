@@ -23,9 +23,8 @@ use crate::pipelines::taa;
 /// ----------
 /// preset : {"best", "denoised", "textbook", "karis", "filament"}, default "best"
 ///     Source of the parameters that are not given: our own measurements, on frames without noise and on denoised ones;
-///     the textbook equation (clamped to the range of the 3×3 pixels, 5 % of the new sample); Karis 2014, *High Quality
-///     Temporal Supersampling*; Google's Filament. The last two have the techniques of their sources, but not all
-///     constants.
+///     the textbook equation (clamped to the range of the 3×3 pixels, 5 % of the new sample); the talk of Karis (see
+///     References); Google's Filament. The last two have the techniques of their sources, but not all constants.
 /// alpha : float, optional
 ///     Smallest weight of the new sample, 0 to 1.
 /// fast_alpha : float, optional
@@ -36,9 +35,9 @@ use crate::pipelines::taa;
 ///     Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
 /// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
 ///     As in `reproject`.
-/// box, gamma, window, space, response : optional
+/// box, gamma, window, space, response : str or float, optional
 ///     As in `clip_history`.
-/// weighting, flicker : optional
+/// weighting, flicker : str or float, optional
 ///     As in `blend`.
 /// relative_depth, plane_distance, normal_angle : float or (float, float), optional
 ///     Tests that history must pass, with thresholds as in `reproject`; by default none. With `plane_distance`, frames
@@ -56,8 +55,8 @@ use crate::pipelines::taa;
 ///     Shorten history where it is clipped: the `strength` of `anti_lag`; 0 turns it off. 1 helps with frames without
 ///     noise, at almost no cost; in noisy frames, noise is clipped as well, and is then averaged less.
 /// alternation : bool, default False
-///     Do not clip history where the colours of whole neighbourhoods alternate (`alternation`): against flicker where an
-///     aliased feature is wider than the neighbourhood. It nearly doubles the time. For `SVGF`, use
+///     Do not clip history where the colours of whole neighbourhoods alternate (`alternation`): against flicker where
+///     an aliased feature is wider than the neighbourhood. It nearly doubles the time. For `SVGF`, use
 ///     ``SVGF(antialias=False)`` followed by ``TAA("denoised", alternation=True)``.
 /// innovation : bool, default False
 ///     Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
@@ -69,13 +68,39 @@ use crate::pipelines::taa;
 /// ValueError
 ///     If a parameter is out of range, or a mode unknown (the error lists the modes).
 ///
+/// See Also
+/// --------
+/// clip_history : Clips history to the neighbourhood.
+/// resolve : Makes the image to which antialiasing should converge.
+/// Upscaler : Antialiases and upscales.
+/// morphological_aa : Antialiases a single image.
+///
 /// Notes
 /// -----
 /// Each step consists of this package's functions and gives their bits: `resolve` (with "blackman-harris", of frames
 /// that tell their jitter, but for "textbook"), `motion_vectors`, `dilate_motion`, `reproject` without fallback,
-/// `blend_factor`, `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient` (``noise=2.2, passes=3,
-/// widest=5``), `blend`. The weight of a pixel's N-th sample is at least 1/N. With a gradient λ, N is first shortened
-/// to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`.
+/// `blend_factor`, `exposure`, `clip_history`, `alternation`, `anti_lag`, `temporal_gradient`
+/// (``noise=2.2, passes=3, widest=5``), `blend`. The weight of a pixel's N-th sample is at least 1/N. With a gradient
+/// λ, N is first shortened to N (1 - λ)¹⁰, and the weight a becomes ``lerp(a, 1, λ)``, as in `accumulate`. Preset
+/// "karis" follows Karis [1]_, "filament" Google's Filament [2]_; Yang et al. [3]_ survey the field.
+///
+/// References
+/// ----------
+/// .. [1] B. Karis, "High quality temporal supersampling", Advances in Real-Time Rendering in Games, SIGGRAPH courses,
+///    2014.
+/// .. [2] Google, "Filament", github.com/google/filament.
+/// .. [3] L. Yang, S. Liu, M. Salvi, "A survey of temporal antialiasing techniques", Computer Graphics Forum 39(2),
+///    2020.
+///
+/// Examples
+/// --------
+/// >>> taa = yester.TAA()
+/// >>> for jitter in yester.jitter(8):
+/// ...     output = taa.step(yester.Frame(np.ones((8, 8, 3)), jitter=jitter))
+/// >>> output.history_length[0]
+/// array([8., 8., 8., 8., 8., 8., 8., 8.], dtype=float32)
+/// >>> yester.TAA("karis", alpha=0.1)
+/// TAA('karis', alpha=0.1)
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct TAA {
     inner: taa::Taa,
@@ -166,7 +191,7 @@ impl TAA {
         Ok(Pipeline::made(Self { inner }))
     }
 
-    /// Antialiases the next frame of the sequence.
+    /// Apply antialiasing to the next frame of the sequence.
     ///
     /// Parameters
     /// ----------
@@ -195,7 +220,7 @@ impl TAA {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Discards all history; the next frame starts a new sequence.
+    /// Discard all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

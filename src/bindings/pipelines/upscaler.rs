@@ -39,14 +39,32 @@ use crate::pipelines::upscaler;
 /// ValueError
 ///     If a parameter is out of range.
 ///
+/// See Also
+/// --------
+/// resample : Upscales one frame.
+/// TAA : Antialiases without upscaling.
+/// jitter : Sub-pixel offsets.
+///
 /// Notes
 /// -----
-/// Its parts follow AMD's FSR 2. Each step consists of this package's functions and gives their bits: `dilate_motion`,
-/// `disocclusion`, `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"), `reproject` with
-/// "catmull-rom" and without tests, `temporal_gradient` between the new samples and the history at their places,
-/// `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of weight w is blended into a history of N
-/// samples per pixel with w/(N + w). Clipping is undone in static pixels, unless the gradient detects a change of
-/// light, and where a thin feature is locked. `Output.history_length` counts samples per output pixel.
+/// Its parts follow AMD's FSR 2 [1]_. Each step consists of this package's functions and gives their bits:
+/// `dilate_motion`, `disocclusion`, `thin_features`, `resample` (colour by "lanczos-2", all else by "nearest"),
+/// `reproject` with "catmull-rom" and without tests, `temporal_gradient` between the new samples and the history at
+/// their places, `clip_history`, `blend_factor`, `blend` and `sharpen`. A new frame of weight w is blended into a
+/// history of N samples per pixel with w/(N + w). Clipping is undone in static pixels, unless the gradient detects a
+/// change of light, and where a thin feature is locked. `Output.history_length` counts samples per output pixel.
+///
+/// References
+/// ----------
+/// .. [1] AMD, "FidelityFX Super Resolution 2", GPUOpen, 2022.
+///
+/// Examples
+/// --------
+/// >>> upscaler = yester.Upscaler(2.0)
+/// >>> for jitter in yester.jitter(32):
+/// ...     output = upscaler.step(yester.Frame(np.ones((8, 8, 3)), jitter=jitter))
+/// >>> output.color.shape
+/// (16, 16, 3)
 #[pyclass(extends = Pipeline, module = "yester")]
 pub struct Upscaler {
     inner: upscaler::Upscaler,
@@ -85,7 +103,7 @@ impl Upscaler {
         Ok(Pipeline::made(Self { inner }))
     }
 
-    /// Upscales the next frame of the sequence.
+    /// Upscale the next frame of the sequence.
     ///
     /// Parameters
     /// ----------
@@ -113,7 +131,7 @@ impl Upscaler {
         FrameArgs::new(frame)?.step(py, out, &mut self.inner)
     }
 
-    /// Discards all history; the next frame starts a new sequence.
+    /// Discard all history; the next frame starts a new sequence.
     fn reset(&mut self) {
         self.inner.reset();
     }

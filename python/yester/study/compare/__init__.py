@@ -1,1 +1,1 @@
-"""Methods, components and buffers, measured against references and drawn."""
+"""Accuracy and time of methods, components and buffers, measured against references."""

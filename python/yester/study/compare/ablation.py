@@ -1,4 +1,4 @@
-"""Ablation study: every component of the pipelines switched off in turn, the rest at its defaults."""
+"""Ablation study: each component of the pipelines is switched off in turn, the rest stays at its defaults."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ _RECIRCULATION = Method("Recirculation", "Recirculation", on_part(quarter, pipel
 
 _NO_DEPTH_TEST: dict[str, Any] = {"relative_depth": _ENDLESS, "plane_distance": _ENDLESS}
 _SURFACES = ("normal", "object_normal", "ids")
-#: Where ids and normals do not stand in for it.
+#: Frames without ids and normals, whose tests would otherwise replace the depth test.
 _BARE = Method("SVGF, depth alone", "SVGF", _without(*_SURFACES))
 
 
@@ -103,7 +103,7 @@ def _switch(name: str) -> Ablation:
     return _ablation(_SVGF, _SWITCHES[name], pipeline(SVGF, **{name: not default}), added=not default)
 
 
-#: Components that are switches of `SVGF`, by keyword.
+#: Names of the components that are boolean parameters of `SVGF`, by parameter.
 _SWITCHES = {
     "fireflies": "fireflies",
     "gradient": "gradient",
@@ -126,13 +126,13 @@ ABLATIONS = (
             "normals": _without("normal", "object_normal"),
             "demodulation": _without("albedo", "emission"),
             "reflections": pipeline(SVGF, reflections=()),
-            # Longer than any history.
+            # Above the longest history.
             "temporal variance": pipeline(SVGF, min_length=21),
             "spatial variance": pipeline(SVGF, min_length=1),
             "luminance weight": pipeline(SVGF, sigma_luminance=_ENDLESS),
             "normal weight": pipeline(SVGF, sigma_normal=0),
             "plane weight": pipeline(SVGF, sigma_plane=_ENDLESS, sigma_depth=_ENDLESS),
-            # `choice` would add a pass.
+            # With `choice`, a pass would be added.
             "all passes": pipeline(SVGF, iterations=0, choice=False),
             "passes after 1": pipeline(SVGF, iterations=1, choice=False),
             "passes after 2": pipeline(SVGF, iterations=2, choice=False),
@@ -192,7 +192,7 @@ class Effect:
         By metric, the improvement of the result with the component over that without, as `harm.gains` returns it,
         averaged over the recording's variants. Negative where it harms.
     ms : float
-        Cost per frame, as `yester.study.compare.chart.times` measures it, whatever the door.
+        Cost per frame in milliseconds, as `yester.study.compare.chart.times` measures it; the same for all doors.
     door : str, default FULL
         Name of the door through which the frames came.
     default : bool, default True
@@ -213,12 +213,12 @@ class Effect:
 
     @property
     def name(self) -> str:
-        """Of the component in its pipeline."""
+        """Name of the component in its pipeline."""
         return f"{self.pipeline} {'+' if self.added else '-'} {self.component}"
 
     @property
     def case(self) -> str:
-        """Of the sequence, and of the door if it is a poor one."""
+        """Name of the sequence, and of the door unless it is the full one."""
         return self.scene if self.door == FULL else f"{self.scene}, {self.door}"
 
 
@@ -240,12 +240,12 @@ def ablate(
     recordings : sequence of Recording
         With different names, each with references.
     folder : Path
-        Made if it does not exist.
+        Output folder, created if missing.
     metrics : iterable of str
         Keys of `yester.metrics.METRICS`.
     doors : sequence of Door, default the full one
-        Doors through which the frames come. With poor ones, only components that are on by default are switched, and
-        not those of pipelines that need all buffers. Doors that need raw albedo are skipped for recordings without.
+        Doors through which the frames come. With poor doors, only components that are on by default are switched, and
+        pipelines that need all buffers are skipped. Doors that need raw albedo are skipped for recordings without it.
     ablations : sequence of Ablation, default ABLATIONS
         The components to switch.
     size : (int, int), default 1280x720
@@ -254,7 +254,7 @@ def ablate(
     Returns
     -------
     list of Effect
-        Of each scene and door, and if there are several scenes, their means by door.
+        For each scene, door and component; with several scenes, also the means over them.
 
     Raises
     ------
@@ -288,7 +288,7 @@ def ablate(
 
 
 def table(effects: Sequence[Effect]) -> str:
-    """Write the effects as text: mean gains, in how many cases there is one, and the worst case with its name."""
+    """Write the effects as text: mean gain, number of cases with a gain, and the worst case with its name."""
     rows: dict[str, dict[str, Effect]] = {}
     for effect in effects:
         if effect.scene != ALL:
@@ -305,15 +305,15 @@ def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS
     Parameters
     ----------
     effects : sequence of Effect
-        What `ablate` gives.
+        The result of `ablate`.
     limits : mapping of str to float, default `harm.LIMITS`
         By metric, the largest loss that is no harm.
 
     Returns
     -------
     list of str
-        One for each component and case, worst loss by its limit first. Not those that `harm.EXCEPTIONS` has, if the
-        component gains enough there in another metric; nor losses of less than two standard errors.
+        A line for each component and case; the largest loss, relative to its limit, comes first. Left out are losses of
+        less than two standard errors, and cases in `harm.EXCEPTIONS` where another metric gains enough.
     """
     found = []
     for e in effects:
@@ -324,7 +324,7 @@ def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS
         left = harm.harms(sure, limits, excused=True)
         if bad and (left or (e.name, e.scene) not in harm.EXCEPTIONS):
             losses = ", ".join(f"{key} {harm.amount(key, e.gains[key])}" for key in bad)
-            gained = "" if left else " (made good in another metric, but no listed exception)"
+            gained = "" if left else " (made good in another metric, but not listed as an exception)"
             found.append((min(e.gains[key] / limits[key] for key in bad), f"{e.name}, {e.case}: {losses}{gained}"))
     return [text for _, text in sorted(found)]
 

@@ -33,9 +33,9 @@ __all__ = ["SIZE", "chart", "measure", "orders", "times"]
 
 #: Width and height of the frames on which methods are timed.
 SIZE = (1280, 720)
-#: Turns of a method; frames of a turn after which histories are in their steady state; and those that are timed.
+#: Turns of a method; frames of warm-up in a turn, after which histories are in their steady state; timed frames.
 _TURNS, _WARM_UP, _TIMED = 3, 8, 3
-#: Seconds of a turn after which a method has no more of them.
+#: A method whose turn takes longer, in seconds, gets no further turns.
 _LONG = 60.0
 
 
@@ -61,7 +61,7 @@ def chart(
     methods, metrics, images
         As for `measure`.
     folder : Path
-        Made if it does not exist.
+        Output folder, created if missing.
     size : (int, int), default 1280x720
         As for `times`.
     about : str
@@ -70,7 +70,7 @@ def chart(
     Returns
     -------
     list of Point
-        Of each scene, and if there are several, their means.
+        The points of each scene; with several scenes, also their means.
 
     Raises
     ------
@@ -103,11 +103,11 @@ def measure(
     metrics: Iterable[str] = METRICS,
     images: int = 2,
 ) -> list[Point]:
-    """Run all methods on one sequence, and measure the results. Their times are those of `times`.
+    """Run all methods on one sequence and measure the results, but not the time, which `times` measures.
 
-    Frames with a reference are measured; without any, those of the second half, by metrics that need no reference.
-    If the recording has variants, values are means over all of them. Results are cached in the folder and reused if
-    methods and files are the same.
+    Frames with a reference are measured; if there is no reference, frames of the second half, by metrics that need
+    none. If the recording has variants, values are means over all of them. Results are cached in the folder and reused
+    for the same methods and files.
 
     Parameters
     ----------
@@ -116,16 +116,16 @@ def measure(
     methods : sequence of Method
         With different names.
     folder : Path
-        For the points and their images; made if it does not exist.
+        For the points and their images; created if missing.
     metrics : iterable of str, default all
         Keys of `METRICS`.
     images : int, default 2
-        Number of frames, from the end, of which images are kept.
+        Number of frames, counted from the end, whose images are kept.
 
     Returns
     -------
     list of Point
-        First that of the noisy input; then in the order of the methods. None has a time.
+        The noisy input first, then the methods in order; all without a time.
 
     Raises
     ------
@@ -201,35 +201,35 @@ def _measure(
 
 
 def _pooled(same: Sequence[Point]) -> Point:
-    """One method on a recording and its variants."""
+    """The mean of one method's points over a recording and its variants."""
     first = same[0]
     values = {key: float(np.mean([point.values[key] for point in same])) for key in first.values}
     return replace(first, values=values, runs=tuple(point.values for point in same))
 
 
 def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE) -> dict[str, list[float]]:
-    """Time methods on frames of one size, those of `yester bench`, with all threads.
+    """Time methods on frames of one size, which show the scene of `yester bench`, with all threads.
 
-    A method has three turns. In each it starts anew, warms up over eight frames and is timed over the next three, as
-    within a sequence; slow methods get fewer frames, at least one of each, and a single turn if that takes more than a
-    minute. Of a method that reads ahead, whose results come in bursts, whole bursts are timed, and every result takes
-    the mean; where a burst alone is slow and long, it is its own warm-up. In every turn the methods come in another
-    order, and each waits until the threads of its predecessor have stopped spinning. The result is cached in
-    ``times.json`` and reused for the same methods, size and build.
+    A method has three turns. In each it starts anew, warms up over eight frames and is timed over the next three; slow
+    methods get fewer frames, at least one each, and a single turn if it takes more than a minute. The results of a
+    method that reads ahead come in bursts: whole bursts are timed, and every result gets the mean; a burst that is long
+    and slow needs no other warm-up. The order of the methods is different in every turn, and each method waits until
+    the threads of its predecessor have stopped spinning. The result is cached in ``times.json`` and reused for the same
+    methods, size and build.
 
     Parameters
     ----------
     methods : sequence of Method
         With different names.
     folder : Path
-        For the cache; made if it does not exist.
+        For the cache; created if missing.
     size : (int, int), default 1280x720
         Width and height of the frames.
 
     Returns
     -------
     dict of str to list of float
-        By name of the method, the milliseconds of each timed frame.
+        By name of the method, the time of each timed frame in milliseconds.
     """
     known = folder / "times.json"
     asked = {"methods": [method.name for method in methods], "size": [*size], "build": [*_build()]}
@@ -254,7 +254,7 @@ def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE)
 
 
 def orders(count: int) -> list[list[int]]:
-    """The orders in which methods are timed, one for each turn: shuffled, so that none always follows another."""
+    """The order of the methods in each turn: shuffled, so that no method always follows the same one."""
     rng = np.random.default_rng(0)
     return [rng.permutation(count).tolist() for _ in range(_TURNS)]
 
@@ -267,13 +267,13 @@ def _turn(method: Method, frames: Sequence[Frame]) -> list[float]:
     def source() -> Iterator[Frame]:
         for most in (_WARM_UP, _TIMED):
             if sum(spent) > 1e3 * PATIENCE and len(spent) >= _WARM_UP + _TIMED:
-                break  # A burst so long has its own warm-up.
+                break  # A burst this long includes its own warm-up.
             spent.clear()
             while len(spent) < most and sum(spent) < 1e3 * PATIENCE:
                 begin = len(spent)
                 while len(spent) == begin:
                     yield next(given)
-                # The next frame is wanted: everything that was done with the former ones is done.
+                # A request for the next frame means that all work on the former frames is done.
                 burst = len(spent) - begin
                 spent[begin:] = [sum(spent[begin:]) / burst] * burst
         timed.extend(spent)
@@ -286,8 +286,8 @@ def _turn(method: Method, frames: Sequence[Frame]) -> list[float]:
 
 
 def _shared(frames: Iterator[Frame], readers: int) -> list[Iterator[Frame]]:
-    """Iterators over the same frames, each of which is read once and held until all have it."""
-    # `itertools.tee` would hold up to 57 more.
+    """Iterators over the same frames; each frame is read once and held until every iterator has yielded it."""
+    # `itertools.tee` would hold up to 57 further frames.
     waiting: list[deque[Frame]] = [deque() for _ in range(readers)]
 
     def read(own: deque[Frame]) -> Iterator[Frame]:
@@ -309,7 +309,7 @@ def _timed(point: Point, spent: Sequence[float], size: tuple[int, int]) -> Point
     return replace(point, ms=middle, ms_range=(low, high), size=size)
 
 
-#: What the methods start from.
+#: The noisy frames themselves, for comparison.
 _INPUT = Method("noisy input", "noisy input", lambda frames: map(Result, map(present, frames)))
 
 
@@ -325,7 +325,7 @@ def _given(
     reference_before: Picture | None,
     flow: tuple[NDArray[np.float32], NDArray[np.bool_]] | None,
 ) -> dict[str, tuple[Any, ...]]:
-    """The arguments for metrics that need one reference, two, or none."""
+    """By need (`Metric.needs`), the arguments of metrics with that need, if they are known."""
     given: dict[str, tuple[Any, ...]] = {}
     if reference is not None:
         given["reference"] = picture, reference
@@ -337,7 +337,7 @@ def _given(
 
 
 def _flow(before: Frame | None, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.bool_]] | None:
-    """The motion to the previous frame, and the mask of pixels where it shows the same surface; None if unknown."""
+    """Motion to the previous frame, and the mask of pixels whose surface is visible there; None if unknown."""
     if before is None:
         return None
     motion = known_motion(before, frame)
@@ -359,7 +359,7 @@ def _identity(
 
 
 def _build() -> tuple[int, int, str]:
-    """The age of the binary, which tells it from others until a version is released; threads; and the SIMD level."""
+    """Modification time of the binary, which identifies a build during development; threads; SIMD level."""
     return Path(_core.__file__).stat().st_mtime_ns, *_core.settings()
 
 

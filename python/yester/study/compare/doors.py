@@ -1,4 +1,4 @@
-"""Poor doors: frames with fewer, worse or differently encoded buffers, and the resulting loss of each method."""
+"""The loss of each method from poor doors: frames with missing, degraded or differently encoded buffers."""
 
 from __future__ import annotations
 
@@ -36,12 +36,11 @@ class Door:
     Attributes
     ----------
     name : str
-        The buffers that are missing or different.
+        The buffers that are missing or changed.
     take : callable
         Transforms a recorded frame; its second argument is the renderer's raw albedo.
     richer : tuple of str
-        Names of the doors that pass everything that this one passes, and one thing more: their results should not be
-        worse.
+        Names of the doors with one degradation less, whose results should therefore not be worse.
     raw : bool
         True if `take` needs the raw albedo; otherwise it gets None.
     """
@@ -79,7 +78,7 @@ def _misses(frame: Frame, _: object, *, depth: float) -> Frame:
     return replace(frame, **coded)
 
 
-#: All of them, the full one first.
+#: All doors; the full one comes first.
 DOORS = (
     Door(FULL, lambda frame, _: frame, richer=()),
     Door("no emission", _lacking("emission")),
@@ -110,26 +109,26 @@ DOORS = (
 )
 
 
-#: The pipelines that are run with all doors by default.
+#: The pipelines that run with all doors by default.
 METHODS = tuple(m for m in PIPELINES if m.name.removesuffix(", both sides") in ("SVGF", "BMFR", "TAA best"))
 
 
 def through(door: Door, method: Method, recording: Recording) -> Method:
-    """A method on the frames of a recording as they come through a door.
+    """Make a method that runs on the frames of a recording as a door passes them.
 
     Parameters
     ----------
     door : Door
         One of `DOORS`.
     method : Method
-        What to run.
+        The method to run.
     recording : Recording
-        The one whose frames the method will get, in order; with raw albedo if the door wants it.
+        The recording whose frames the method will get, in order; with raw albedo if the door needs it.
 
     Returns
     -------
     Method
-        Named after both.
+        Its name is that of the method and the door.
     """
 
     if door.name == FULL:
@@ -144,22 +143,22 @@ def through(door: Door, method: Method, recording: Recording) -> Method:
 
 
 def known_doors(recording: Recording, doors: Iterable[Door]) -> list[Door]:
-    """The doors that a recording has: without its raw albedo, those that want it are left out."""
+    """Select the doors that a recording can pass: those that need raw albedo only if it has raw albedo."""
     return [door for door in doors if recording.raw_albedo or not door.raw]
 
 
 @dataclass(frozen=True)
 class Worth:
-    """A method's results on one sequence with two doors, one richer than the other.
+    """A method's errors on one sequence through two doors, one richer than the other.
 
     Attributes
     ----------
     scene, method : str
         Names of the recording and of the method.
     door, richer : str
-        Names of the doors that are compared.
+        Names of the two doors.
     poor, rich : dict of str to float
-        By metric, the values through each.
+        By metric, the values through `door` and through `richer`.
     """
 
     scene: str
@@ -180,25 +179,25 @@ def measure_doors(
 ) -> list[Worth]:
     """Run methods through all doors on every sequence.
 
-    Writes `doors.csv`; what is measured is kept below `doors/`, from which an interrupted run goes on.
+    Writes `doors.csv`. Measurements are cached in `doors/`, from which an interrupted run resumes.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        With different names. Doors that want raw albedo are left out for those without.
+        With different names. Doors that need raw albedo are skipped for recordings without it.
     methods : sequence of Method
         With different names.
     folder : Path
-        Made if it does not exist.
+        Output folder, created if missing.
     doors : sequence of Door, default DOORS
-        The full one is always among them.
+        The full door is always added.
     metrics : iterable of str
         Keys of `yester.metrics.METRICS`.
 
     Returns
     -------
     list of Worth
-        Of each sequence, method and door, against each richer door among `doors`, the full one first.
+        For each sequence, method and door, one for each richer door among `doors`; the full door comes first.
 
     Raises
     ------
@@ -229,7 +228,7 @@ def measure_doors(
 
 
 def table(found: Sequence[Worth]) -> str:
-    """Format each door's gain over the full one, mean and worst case; losses are negative."""
+    """Write each door's gain over the full one, mean and worst case; losses are negative."""
     rows: dict[str, dict[str, dict[str, float]]] = {}
     for each in found:
         if each.richer == FULL:
@@ -238,7 +237,7 @@ def table(found: Sequence[Worth]) -> str:
 
 
 def harmful(found: Sequence[Worth], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
-    """List the cases in which a door is worse, beyond the metrics' limits, than one that passes less."""
+    """List the cases in which a richer door is worse than a poorer one, beyond the limits of the metrics."""
     one_more = {(door.name, richer) for door in DOORS for richer in door.richer}
     lines = []
     for each in found:

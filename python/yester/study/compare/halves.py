@@ -1,16 +1,15 @@
-"""The two-buffer estimate of error beside the judge by prediction: ``python -m yester.study.compare.halves``.
+"""Two-buffer error estimates compared with estimates by prediction: ``python -m yester.study.compare.halves``.
 
 Each sequence is rendered twice with independent noise, as two half-buffers. Both are denoised with and without every
-component of `SVGF` that the ablation study switches, and each half judges the results of the other. The references tell
-how much worse the mean of both results is without the component: the ranks of both estimates are correlated with it.
+component of `SVGF` that the ablation study switches, and each half estimates the error of the other's results. The true
+difference is that of the mean of both results, measured against references; printed are the rank correlations of both
+estimates with it.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,7 +19,7 @@ from yester import Frame
 from yester.judge import _EPSILON, WEIGHTINGS, Predicted, _by_tile, _display, estimate, predictive_error
 
 from ..rendered.recording import Recording, record
-from ..rendered.sequences import NAMES
+from ..rendered.sequences import expand, parser
 from . import harm, judging
 from .ablation import ABLATIONS
 from .judging import Judged
@@ -41,8 +40,7 @@ def two_buffer_error(
     start: int = 0,
     tile: int = 16,
 ) -> dict[str, Predicted]:
-    """Estimate how much worse the mean of one method's results for two half-buffers is than another's, without a
-    reference.
+    """Estimate, without a reference, the difference of two methods' errors, of the mean over two half-buffers each.
 
     With A and B the halves, F_A and F_B a method's results for them, and Var the variance of the halves' mean, the
     squared error of the mean of F_A and F_B is the expectation of
@@ -51,7 +49,7 @@ def two_buffer_error(
     Parameters
     ----------
     first, second : pair of sequences of (H, W, 3) array_like of float
-        The results of each method: for every frame of the one half, and of the other.
+        The results of each method: for every frame of the first half, and of the second.
     halves : pair of sequences of Frame
         The frames of both halves, in order: the same views, with noise independent of each other, as
         `render_sequence` renders with `halves`.
@@ -63,18 +61,18 @@ def two_buffer_error(
     Returns
     -------
     dict of str to Predicted
-        By weight of the squared error, as `yester.study.predictive_error` has them. `change` is the mean squared
-        deviation of the second method's results from their mean.
+        By weighting of the squared error, as in `yester.study.predictive_error`. `difference` is positive where the
+        first method is worse; `change` is the mean squared deviation of the second method's results from their mean.
 
     Raises
     ------
     ValueError
-        If the halves or the results are not of one length, or no frame is left.
+        If halves and results differ in length, or no frame is left.
 
     Notes
     -----
-    A half is compared with results for the same frame: nothing is carried along motion, and edges and reflections count
-    like anything else. A weight depends only on results that have not seen the samples that it weighs.
+    A half is compared with results for the same frame. Nothing is reprojected, so that edges and reflections count like
+    all other pixels. The weight of a sample depends only on results of the other half, which are independent of it.
 
     References
     ----------
@@ -92,7 +90,7 @@ def two_buffer_error(
 
 
 def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]]:
-    """Judge every component of `SVGF` on one sequence, by two buffers and by prediction.
+    """Estimate the worth of every component of `SVGF` on one sequence, by two buffers and by prediction.
 
     Parameters
     ----------
@@ -102,8 +100,8 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
     Returns
     -------
     two_buffer, predicted : list of Judged
-        One for each component. What is judged by two buffers is the mean of both results; by prediction, each of them:
-        differences are means over both halves, standard errors as if these were independent.
+        One for each component. The two-buffer estimate is that of the mean of both results. The estimate by prediction
+        is the mean of the estimates for either half, its standard error that of independent halves.
     """
     halves = judging._frames(one), judging._frames(other)
     known = sorted(one.references)
@@ -138,14 +136,12 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(prog="python -m yester.study.compare.halves", description=__doc__)
-    parser.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
-    parser.add_argument("--sequences", metavar="NAME", nargs="+", default=NAMES, choices=NAMES, help="by default, all")
-    options = parser.parse_args(arguments)
+    """Print the rank correlations of both estimates."""
+    options = parser("yester.study.compare.halves", __doc__).parse_args(arguments)
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
     by_halves: list[Judged] = []
     by_prediction: list[Judged] = []
-    for name in options.sequences:
+    for name in expand(options.sequences):
         one = record(name, options.cache, **shape, halves=True)
         found = judged(one, one.variants[0])
         by_halves += found[0]
@@ -158,7 +154,7 @@ def _compared(first: Images, second: Images, samples: Sequence[NDArray[np.float3
     """The sums of one frame that `estimate` needs, (2, 3, h, w)."""
     known = np.asarray(np.isfinite(samples).all((0, -1)))
     a, b, y = (np.where(known[..., None], np.asarray(images, np.float64), 0) for images in (first, second, samples))
-    # Each half beside the results for the other.
+    # Reversed: each half's samples are compared with the results of the other half.
     worse = ((a - b) * (a + b - 2 * y[::-1])).mean(-1)
     means = 0.5 * (a + b).mean(-1)
     apart = 0.25 * (((a[1] - a[0]) ** 2) - (b[1] - b[0]) ** 2).mean(-1)
@@ -173,8 +169,8 @@ def _compared(first: Images, second: Images, samples: Sequence[NDArray[np.float3
 
 
 def _true_error(first: Images, second: Images, true: dict[int, NDArray[np.float32]]) -> dict[str, Predicted]:
-    """How much worse one method's results are than another's against references."""
-    # Equal halves leave nothing but the difference of both errors.
+    """The difference of two methods' errors against references."""
+    # With the reference as both halves, the estimate is exact.
     by_frame = [_compared([first[i]] * 2, [second[i]] * 2, [reference] * 2, 16) for i, reference in true.items()]
     return estimate(np.array(by_frame))
 
@@ -210,7 +206,7 @@ def _on_display(mean: NDArray[np.float64]) -> NDArray[Any]:
     return _display(np.maximum(mean, 0).astype(np.float32))
 
 
-#: The weights of squared errors at a mean of the results' channels.
+#: Weights of squared errors, as functions of the mean over the results' channels.
 _WEIGHTS: dict[str, Callable[[NDArray[np.float64]], NDArray[Any]]] = dict(
     zip(WEIGHTINGS, (_relative, _on_display), strict=True)
 )

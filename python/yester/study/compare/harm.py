@@ -10,12 +10,12 @@ from yester.metrics import METRICS, Metric
 
 __all__ = ["EXCEPTIONS", "LIMITS", "aligned", "amount", "gains", "harms", "table"]
 
-#: By metric, the loss from which on a component or a buffer harms: in dB for metrics in dB, otherwise as a share of the
-#: value without it.
+#: By metric, the loss above which a component or buffer counts as harmful: in dB for metrics in dB, otherwise relative
+#: to the value without it.
 LIMITS = {"psnr": 0.1, "relmse": 0.02, "flip": 0.02, "temporal_error": 0.02}
 
-#: Why a component may harm a sequence, by the component, as `ablation` names it, and the sequence. It
-#: holds only where the component gains `_WORTH` times as much in another metric of that sequence.
+#: By component (`ablation.Effect.name`) and sequence, the reason why harm is accepted. An exception applies only if the
+#: component gains `_WORTH` times as much in another metric of that sequence.
 EXCEPTIONS: dict[tuple[str, str], str] = {}
 
 #: Ratio of gain to loss, both relative to their limits, that excuses the loss.
@@ -23,7 +23,7 @@ _WORTH = 5
 
 
 def gains(having: Mapping[str, float], lacking: Mapping[str, float]) -> dict[str, float]:
-    """The improvement of the metrics with something over those without.
+    """The gain of a component or buffer, by metric.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ def gains(having: Mapping[str, float], lacking: Mapping[str, float]) -> dict[str
     Returns
     -------
     dict of str to float
-        By metric of `lacking`: in dB for metrics in dB, otherwise as a share of the value without. Negative where it is
-        worse.
+        By metric of `lacking`: in dB for metrics in dB, otherwise relative to the value without it. Negative values are
+        losses.
     """
     result = {}
     for key, without in lacking.items():
@@ -45,16 +45,16 @@ def gains(having: Mapping[str, float], lacking: Mapping[str, float]) -> dict[str
 
 
 def harms(gained: Mapping[str, float], limits: Mapping[str, float] = LIMITS, *, excused: bool = False) -> list[str]:
-    """The metrics that something harms.
+    """The metrics in which a component or buffer does harm.
 
     Parameters
     ----------
     gained : mapping of str to float
-        By metric, what `gains` gives.
+        The result of `gains`.
     limits : mapping of str to float, default LIMITS
-        By metric, the largest loss that is no harm. Other metrics are not looked at.
+        By metric, the largest loss that is no harm. Other metrics are ignored.
     excused : bool, default False
-        A loss is excused by a gain in another metric that is five times as large, both relative to their limits.
+        Whether a gain in another metric excuses a loss, if it is five times as large, both relative to their limits.
 
     Returns
     -------
@@ -68,19 +68,19 @@ def harms(gained: Mapping[str, float], limits: Mapping[str, float] = LIMITS, *, 
 
 
 def table(rows: Mapping[str, Mapping[str, Mapping[str, float]]], ms: Mapping[str, float] | None = None) -> str:
-    """Write gains as text: means over all cases, in how many there is a gain, and the worst case with its name.
+    """Write gains as text: mean over all cases, number of cases with a gain, and the worst case with its name.
 
     Parameters
     ----------
     rows : mapping of str to mapping of str to mapping of str to float
-        By the name of what is gained from, by case, by metric: what `gains` gives. Every row has a case.
+        By name of the row and case, the result of `gains`. Every row has at least one case.
     ms : mapping of str to float, optional
-        By the name of what is gained from, what it costs in a frame.
+        By name of the row, its cost per frame in milliseconds.
 
     Returns
     -------
     str
-        One line for each row. With a single case, it is not named.
+        One line for each row. A single case is not named.
     """
     keys = [key for key in METRICS if any(key in case for cases in rows.values() for case in cases.values())]
     lines = [["", *keys, *(["costs ms"] if ms is not None else [])]]
@@ -96,7 +96,7 @@ def table(rows: Mapping[str, Mapping[str, Mapping[str, float]]], ms: Mapping[str
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Write rows of cells as lines: the first column to the left, the others to the right."""
+    """Write rows of cells as lines; the first column is left-aligned, the others right-aligned."""
     first, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
     return "\n".join(
         f"{name:<{first}}" + "".join(f"{cell:>{width + 2}}" for cell, width in zip(cells, widths, strict=True))
@@ -116,7 +116,7 @@ def _cell(key: str, found: Mapping[str, float]) -> str:
 
 
 def amount(key: str, gain: float) -> str:
-    """Write a gain in a metric."""
+    """Format a gain in a metric."""
     return f"{gain:+.2f} dB" if _in_db(METRICS[key]) else f"{100 * gain:+.1f} %"
 
 

@@ -1,17 +1,16 @@
-"""How right the judge is, and what plans are worth, against references: ``python -m yester.study.compare.judging``.
+"""Accuracy of error estimates without references, and the worth of plans: ``python -m yester.study.compare.judging``.
 
-For every component of `SVGF` that the ablation study switches and every sequence, `predictive_error` tells from the
-noisy frames how much worse the result is without, and the references tell how much it is: their ranks are correlated.
-Then each sequence is planned by its first eight frames, and the result compared with the default's.
+For every component of `SVGF` that the ablation study switches and every sequence, `predictive_error` estimates from the
+noisy frames how much worse the result is without the component. Printed are the rank correlations of these estimates
+with the differences measured against references. Then each sequence is planned from its first eight frames, and the
+plan's result is compared with the default's.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,30 +22,30 @@ from yester.judge import predictive_error
 from yester.metrics import METRICS, Picture
 
 from ..rendered.recording import Recording, record
-from ..rendered.sequences import NAMES
+from ..rendered.sequences import expand, parser
 from . import harm
 from .ablation import ABLATIONS
 from .methods import Run
 
 __all__ = ["Judged", "Worth", "correlations", "judged", "worth"]
 
-#: The first frame that is judged: by then, histories are as long as the sequences are short.
+#: The first frame whose results are compared: those before it have next to no history.
 _START = 2
 _MEASURED = ("psnr", "relmse", "flip")
 
 
 class Judged(NamedTuple):
-    """A component on a sequence: what the judge says, and what is true.
+    """A component's worth on a sequence: estimated, and measured against references.
 
     Attributes
     ----------
     scene, component : str
     predicted, error : dict of str to float
-        By weighting, the difference without the component, as the judge estimates it, and its standard error.
+        By weighting, the estimated increase of the error without the component, and its standard error.
     clean : dict of str to float
-        The same with the references' colours as samples.
+        By weighting, the same estimate with the references' colours as samples: the true increase.
     gains : dict of str to float
-        By metric, what having the component gains, as `harm.gains` returns it.
+        By metric, the gain of the component, as `harm.gains` returns it.
     """
 
     scene: str
@@ -58,16 +57,16 @@ class Judged(NamedTuple):
 
 
 class Worth(NamedTuple):
-    """A plan on a sequence.
+    """The worth of a plan on a sequence.
 
     Attributes
     ----------
     scene : str
     plan : Plan
     gains : dict of str to float
-        By metric, what the plan gains over the default, as `harm.gains` returns it.
+        By metric, the gain of the plan over the default, as `harm.gains` returns it.
     saved : float
-        The share of the default's time that is saved, by the fastest frame of each.
+        The saved fraction of the default's time, from the fastest frame of each.
     """
 
     scene: str
@@ -77,7 +76,7 @@ class Worth(NamedTuple):
 
 
 def judged(recording: Recording) -> list[Judged]:
-    """Judge every component of `SVGF` on one sequence with references."""
+    """Estimate and measure the worth of every component of `SVGF` on one sequence with references."""
     frames = _frames(recording)
     known = sorted(recording.references)
     clean = [replace(frame, color=recording.reference(i)) if i in known else frame for i, frame in enumerate(frames)]
@@ -88,7 +87,7 @@ def judged(recording: Recording) -> list[Judged]:
     for each in parts:
         images = _images(each.method.run, frames)
         said = predictive_error(images, whole, frames, start=_START)
-        # From the frame before the first reference: samples are those of the next frame.
+        # Starts one frame before the first reference, since results are compared with the next frame's samples.
         true = predictive_error(images, whole, clean, start=known[0] - 1)
         found.append(
             Judged(
@@ -104,10 +103,10 @@ def judged(recording: Recording) -> list[Judged]:
 
 
 def correlations(found: Sequence[Judged]) -> str:
-    """Rank correlations over sequences, by component and over all, as a table.
+    """Write rank correlations over sequences, by component and over all components, as a table.
 
-    For both weightings, of the prediction with the difference on the references' colours; then of the relative one with
-    the gain in relMSE and of that on a display with the gain in PSNR.
+    The first two columns correlate the estimate with the true difference, for either weighting; the third the relative
+    estimate with the gain in relMSE; the last the display-weighted estimate with the gain in PSNR.
     """
     rows = []
     for name in (*dict.fromkeys(each.component for each in found), "all"):
@@ -132,7 +131,7 @@ def correlations(found: Sequence[Judged]) -> str:
 
 
 def worth(recording: Recording) -> Worth:
-    """Plan a sequence with references by its first frames, and compare the result with the default's."""
+    """Plan a sequence with references from its first frames, and compare the result with the default's."""
     frames = _frames(recording)
     plan = yester.plan(frames)
     pipelines = SVGF(), plan.pipeline()
@@ -148,12 +147,10 @@ def worth(recording: Recording) -> Worth:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(prog="python -m yester.study.compare.judging", description=__doc__)
-    parser.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
-    parser.add_argument("--sequences", metavar="NAME", nargs="+", default=NAMES, choices=NAMES, help="by default, all")
-    options = parser.parse_args(arguments)
+    """Print the table of correlations, then a line for each plan."""
+    options = parser("yester.study.compare.judging", __doc__).parse_args(arguments)
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
-    recordings = [record(name, options.cache, **shape) for name in options.sequences]
+    recordings = [record(name, options.cache, **shape) for name in expand(options.sequences)]
     print(correlations([each for recording in recordings for each in judged(recording)]), end="\n\n")
     for recording in recordings:
         found = worth(recording)

@@ -1,14 +1,13 @@
-"""What later frames are worth, and what they cost: ``python -m yester.study.compare.lookahead``.
+"""Gain and cost of later frames: ``python -m yester.study.compare.lookahead``.
 
-For each sequence, `SVGF` alone, `SVGF` on both sides and, where it is installed, Open Image Denoise on each frame by
-itself: errors, and the time of a frame. Then means over the sequences: of the errors at the beginning, in the middle
-and at the end, and of the error of pixels that have just come into view beside that of their neighbours. Last, time and
-memory against the lookahead.
+Prints, for each sequence, the errors and the time of `SVGF` without later frames, of `SVGF` on both sides and, if it is
+installed, of Open Image Denoise on single frames. Then, as means over the sequences, the errors at the beginning, in
+the middle and at the end, and the error of disoccluded pixels beside that of their neighbours. Last, time and memory
+against the lookahead.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,7 +26,7 @@ from yester.cli import _count, _size, _whole
 from yester.metrics import METRICS, Picture, relmse
 
 from ..rendered.recording import Recording, record
-from ..rendered.sequences import GROUPS, LATE, NAMES
+from ..rendered.sequences import expand, parser
 from ..speed.bench import CALM, resident, staged
 from ..speed.tasks import Inputs
 from . import harm, points
@@ -38,26 +37,26 @@ from .points import Point
 
 __all__ = ["Cost", "Revealed", "Worth", "costs", "ends", "errors", "gains", "methods", "places", "revealed", "worth"]
 
-#: Metrics of each frame; that of the change from frame to frame is taken where the frame before has a reference, too.
+#: Metrics of each frame, and the metric of the change from frame to frame, which needs two references in a row.
 _EACH, _CHANGE = ("psnr", "relmse", "flip"), "temporal_error"
-#: Frames at each of the places of `places`.
+#: Number of frames in each of the `places`.
 _PLACE = 3
-#: Distance, in pixels, up to which pixels are neighbours, along rows and columns.
+#: Distance up to which pixels are neighbours, in pixels along rows and columns.
 _NEAR = 3
-#: Share of new pixels above which a frame is the first after a cut, whose pixels have no neighbours with history.
+#: Fraction of disoccluded pixels above which a frame counts as the first after a cut, where no neighbour has history.
 _CUT = 0.5
-#: Steps of the pipeline for a frame of lookahead, and in any case, over which memory is measured.
+#: Memory is measured over this many steps of the pipeline per frame of lookahead, plus this many.
 _STEPS, _FEWEST = 12, 16
 
 
 class Revealed(NamedTuple):
-    """The error of pixels that have just come into view.
+    """The error of disoccluded pixels.
 
     Attributes
     ----------
     new, neighbours : float
-        relMSE of the pixels whose history the pipeline without later frames rejects, and of those around them that have
-        history.
+        relMSE of the pixels whose history the pipeline without later frames rejects, and of the pixels around them that
+        have history.
     """
 
     new: float
@@ -65,21 +64,21 @@ class Revealed(NamedTuple):
 
 
 class Worth(NamedTuple):
-    """What the methods make of one sequence.
+    """The results of the methods on one sequence.
 
     Attributes
     ----------
     points : list of Point
-        One for each method. Errors are means over the frames with a reference; the time is that of a frame of the
-        sequence, its first ones included: the median of three turns, and their range.
+        One for each method. Errors are means over the frames with a reference. The time per frame is the mean over the
+        whole sequence, its first frames included: the median of three turns, and their range.
     frames : dict of str to dict of int to dict of str to float
         By method, index of the frame and metric, the errors.
     length : int
-        Frames of the sequence.
+        Number of frames of the sequence.
     revealed : dict of str to Revealed
-        By method; empty if nothing comes into view in the frames with a reference.
+        By method; empty if the frames with a reference have no disoccluded pixels.
     share : float
-        Share of the new pixels in these frames.
+        Fraction of disoccluded pixels in these frames.
     """
 
     points: list[Point]
@@ -90,7 +89,7 @@ class Worth(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """What a lookahead costs.
+    """The cost of a lookahead.
 
     Attributes
     ----------
@@ -98,8 +97,8 @@ class Cost(NamedTuple):
     ms : float
         Median time of a frame in milliseconds.
     memory : float or None
-        MB by which a process grows at most, from before the pipeline is constructed, while frames are given one at a
-        time and results are thrown away; None where the system does not report it.
+        Peak growth of a process in MB, from before the pipeline is constructed, while frames are given one at a time
+        and results are discarded; None where the system does not report it.
     """
 
     lookahead: int
@@ -129,7 +128,7 @@ def worth(recording: Recording, compared: Sequence[Method]) -> Worth:
     recording : Recording
         With references; the metric of changes needs some of consecutive frames.
     compared : sequence of Method
-        With different names. The first one is a pipeline without later frames, which tells what comes into view.
+        With different names. The first is a pipeline without later frames; its confidence marks disoccluded pixels.
 
     Returns
     -------
@@ -164,14 +163,14 @@ def worth(recording: Recording, compared: Sequence[Method]) -> Worth:
 
 
 def errors(found: Sequence[Worth]) -> str:
-    """Write the errors and times of each sequence, and of several their means, as tables."""
+    """Write the errors and times of each sequence, and the means over several sequences, as tables."""
     every = [point for each in found for point in each.points]
     scenes = [each.points for each in found] + ([points.means(every)] if len(found) > 1 else [])
     return "\n\n".join(f"{same[0].scene}\n{points.table(same)}" for same in scenes)
 
 
 def gains(found: Sequence[Worth], method: str = "SVGF, both sides") -> str:
-    """Write what one method gains over each of the others: means, in how many sequences, and the worst case."""
+    """Write the gain of one method over each of the others: mean, number of sequences with a gain, worst case."""
     rows: dict[str, dict[str, dict[str, float]]] = {}
     for each in found:
         values = {point.method: point.values for point in each.points}
@@ -183,9 +182,9 @@ def gains(found: Sequence[Worth], method: str = "SVGF, both sides") -> str:
 
 
 def ends(found: Sequence[Worth]) -> str:
-    """Write the errors of the frames, by their places in the sequence, as means over sequences of one length.
+    """Write the errors of each frame as means over sequences of equal length.
 
-    Every frame that has a reference in all of these sequences has a row, with its place if that is one of `places`.
+    Every frame that has a reference in all sequences has a row, labelled if it is in one of the `places`.
     """
     common = set.intersection(*({*frames} for each in found for frames in each.frames.values()))
     named = {i: name for name, part in reversed(places(found[0].length).items()) for i in part}
@@ -198,11 +197,11 @@ def ends(found: Sequence[Worth]) -> str:
 
 
 def revealed(found: Sequence[Worth]) -> str:
-    """Write the relMSE of pixels that have just come into view, and of their neighbours, for each sequence that has
-    such pixels, and as means and medians over these."""
+    """Write the relMSE of disoccluded pixels and of their neighbours, for each sequence with such pixels, and as means
+    and medians over these sequences."""
     some = [each for each in found if each.revealed]
     if not some:
-        return "nothing comes into view"
+        return "no disoccluded pixels"
     names = [*some[0].revealed]
     rows = [["", "new pixels", *(f"{name}, {which}" for name in names for which in Revealed._fields)]]
 
@@ -210,7 +209,7 @@ def revealed(found: Sequence[Worth]) -> str:
         return [scene, f"{100 * share:.2f} %", *(f"{value:.4f}" for name in names for value in values[name])]
 
     rows += [line(each.points[0].scene, each.share, each.revealed) for each in some]
-    # A few pixels beside a lamp can be most of a mean.
+    # A few pixels beside a lamp can dominate a mean.
     for title, middle in (("mean", np.mean), ("median", np.median)):
         values = {name: middle([each.revealed[name] for each in some], 0).tolist() for name in names}
         rows.append(line(title, float(middle([each.share for each in some])), values))
@@ -223,9 +222,9 @@ def costs(lookaheads: Sequence[int] = (0, 2, 4, 8, 16), size: tuple[int, int] = 
     Parameters
     ----------
     lookaheads : sequence of int, default 0, 2, 4, 8, 16
-        All different.
+        Each at most once.
     size : (int, int), default 640x360
-        Width and height of the frames, which are those of `yester bench`.
+        Width and height of the frames, which show the scene of `yester bench`.
 
     Returns
     -------
@@ -250,26 +249,22 @@ def costs(lookaheads: Sequence[int] = (0, 2, 4, 8, 16), size: tuple[int, int] = 
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(prog="python -m yester.study.compare.lookahead", description=__doc__)
-    groups = f"names, {', '.join(GROUPS)}; by default all, which is without the last group"
-    parser.add_argument(
-        "--sequences", metavar="NAME", nargs="+", default=["all"], choices=[*GROUPS, *NAMES, *LATE], help=groups
-    )
-    parser.add_argument("--length", metavar="N", type=_count, default=20, help="frames; %(default)s")
-    parser.add_argument("--size", metavar="WxH", type=_size, default=(128, 96), help="128x96")
+    """Print all tables."""
+    line = parser("yester.study.compare.lookahead", __doc__)
+    line.add_argument("--length", metavar="N", type=_count, default=20, help="frames; %(default)s")
+    line.add_argument("--size", metavar="WxH", type=_size, default=(128, 96), help="128x96")
     about = "frames with a reference; by default, three at the beginning, in the middle and at the end"
-    parser.add_argument("--references", metavar="FRAME", type=_whole, nargs="+", help=about)
-    parser.add_argument("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
-    parser.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
-    about = "whose time and memory are measured; 0 2 4 8 16, or none"
-    parser.add_argument("--lookaheads", metavar="N", type=_whole, nargs="*", default=(0, 2, 4, 8, 16), help=about)
-    parser.add_argument("--time-size", metavar="WxH", type=_size, default=(640, 360), help="of these; 640x360")
-    options = parser.parse_args(arguments)
+    line.add_argument("--references", metavar="FRAME", type=_whole, nargs="+", help=about)
+    line.add_argument("--reference-spp", metavar="N", type=_count, help="by default, 256 or 512")
+    about = "lookaheads whose time and memory are measured, or none; by default 0 2 4 8 16"
+    line.add_argument("--lookaheads", metavar="N", type=_whole, nargs="*", default=(0, 2, 4, 8, 16), help=about)
+    line.add_argument("--time-size", metavar="WxH", type=_size, default=(640, 360), help="of timed frames; 640x360")
+    options = line.parse_args(arguments)
     width, height = options.size
     asked = options.references or {i for part in places(options.length).values() for i in part}
     shape = {"frames": options.length, "width": width, "height": height, "reference_spp": options.reference_spp}
     compared, found = methods(), []
-    for name in dict.fromkeys(name for one in options.sequences for name in GROUPS.get(one, (one,))):
+    for name in expand(options.sequences):
         found.append(worth(record(name, options.cache, **shape, references=asked), compared))
     print(errors(found), gains(found), ends(found), revealed(found), sep="\n\n", flush=True)
     if options.lookaheads:
@@ -287,7 +282,7 @@ def _errors(pictures: Mapping[int, Picture], true: Mapping[int, Picture], i: int
 def _revealed(
     forward: Sequence[Result], images: Mapping[str, Mapping[int, Picture]], true: Mapping[int, Picture]
 ) -> tuple[dict[str, Revealed], float]:
-    """By method, the errors of new pixels and of their neighbours, and the share of new pixels."""
+    """By method, the errors of disoccluded pixels and of their neighbours; and the fraction of disoccluded pixels."""
     masks = {}
     for i in true:
         confidence = forward[i].confidence
@@ -299,7 +294,7 @@ def _revealed(
         return {}, 0.0
 
     def seen(pictures: Mapping[int, Picture], which: int) -> Picture:
-        """Pixels of all frames, as an image of one row."""
+        """The masked pixels of all frames, as an image of one row."""
         return Picture(np.concatenate([pictures[i].linear[mask[which]] for i, mask in masks.items()])[None])
 
     found = {
@@ -310,21 +305,21 @@ def _revealed(
 
 
 def _around(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The pixels that are not in the mask, but near one that is."""
+    """The neighbours of the mask: pixels outside it with a pixel of the mask nearby."""
     side = 2 * _NEAR + 1
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(mask, _NEAR), (side, side))
     return np.asarray(windows.any((-1, -2)) & ~mask)
 
 
 def _memory(lookahead: int, folder: Path, size: tuple[int, int]) -> float | None:
-    """MB by which this process grows at most."""
+    """Peak growth of this process, in MB."""
     frames = Inputs(folder, *size).frames()
 
     def fresh(count: int) -> Iterator[Frame]:
         for frame in islice(cycle(frames), count):
             yield Frame(**{name: buffer.copy() for name, buffer in frame.buffers().items()}, camera=frame.camera)
 
-    # What was read is in memory before.
+    # Read all images first, so that they are not counted.
     deque(fresh(len(frames)), maxlen=0)
     try:
         before, _ = resident()
@@ -336,7 +331,7 @@ def _memory(lookahead: int, folder: Path, size: tuple[int, int]) -> float | None
 
 
 def _costs(found: Sequence[Cost]) -> str:
-    rows = [["lookahead", "ms", "of the first", "MB"]]
+    rows = [["lookahead", "ms", "relative time", "MB"]]
     for cost in found:
         memory = "" if cost.memory is None else f"{cost.memory:.0f}"
         rows.append([str(cost.lookahead), f"{cost.ms:.1f}", f"{cost.ms / found[0].ms:.2f}", memory])

@@ -52,7 +52,7 @@ class Result(NamedTuple):
     choice: NDArray[np.float32] | None = None
 
 
-#: Takes the frames of a sequence in order and yields a result for each. It may read frames ahead.
+#: Takes the frames of a sequence in order and yields a result for each; may read ahead.
 Run: TypeAlias = Callable[[Iterable[Frame]], Iterator[Result]]
 
 
@@ -67,7 +67,7 @@ class Method:
     family : str
         Name without the value of the main parameter.
     run : callable
-        Denoises one sequence, as `Run` has it.
+        Denoises one sequence; see `Run`.
     default : bool
         True for the default configuration.
     peer : bool
@@ -82,7 +82,7 @@ class Method:
 
 
 def pipeline(make: Callable[..., Any], *preset: str, lookahead: int = 0, **options: Any) -> Run:
-    """Make a `Method.run` of one of this package's pipelines and its options, and of the lookahead of `denoise`."""
+    """Make a `Method.run` from a pipeline's class, preset and options, and the lookahead of `denoise`."""
     return lambda frames: map(_result, denoise(frames, make(*preset, **options), lookahead))
 
 
@@ -91,7 +91,7 @@ def _result(output: Output) -> Result:
 
 
 def quarter(frame: Frame, number: int) -> Frame:
-    """The frame as if only one pixel of each 2×2 had been traced, that of `HalfRes.offset`."""
+    """Keep one colour sample of each 2×2 pixels, at `HalfRes.offset`, as if only these pixels had been traced."""
     x, y = HalfRes.offset(number)
     color = np.full_like(frame.color, np.nan)
     color[y::2, x::2] = frame.color[y::2, x::2]
@@ -99,7 +99,7 @@ def quarter(frame: Frame, number: int) -> Frame:
 
 
 def _copied(frame: Frame, number: int) -> Frame:
-    """The same frame with each traced pixel replicated to its 2×2."""
+    """Replicate the traced pixel of each 2×2 to all four."""
     x, y = HalfRes.offset(number)
     height, width = frame.shape
     rows, columns = (np.minimum(np.arange(n) // 2 * 2 + d, n - 1) for n, d in ((height, y), (width, x)))
@@ -107,12 +107,12 @@ def _copied(frame: Frame, number: int) -> Frame:
 
 
 def on_part(part: Callable[[Frame, int], Frame], run: Run) -> Run:
-    """A method on a part of each frame, which may depend on the frame's number."""
+    """Apply `part` to each frame and its number before a method runs."""
     return lambda frames: run(map(part, frames, count()))
 
 
 def current_name(name: str) -> str:
-    """What a method, or a beginning of names, is called now. Warns of a name from before."""
+    """The current name of a method, or prefix of names; warns if the given one is a former name."""
     current = re.sub(r"^TAA seed\b", "TAA textbook", name)
     if current != name:
         warnings.warn(f"methods: {name!r} is now {current!r}", DeprecationWarning, stacklevel=3)
@@ -126,8 +126,8 @@ def _both_sides(name: str, run: Run) -> Method:
     return Method(f"{name}, both sides", f"{name}, both sides", run)
 
 
-#: Every pipeline and preset with its defaults, cheaper and more expensive variants of `SVGF`, and pipelines on both
-#: sides.
+#: Every pipeline and preset with its defaults, cheaper and more expensive variants of `SVGF`, and pipelines with later
+#: frames.
 PIPELINES = (
     Method("SVGF", "SVGF", pipeline(SVGF), default=True),
     Method("SVGF, surfaces only", "SVGF, surfaces only", pipeline(SVGF, reflections=())),
@@ -139,7 +139,7 @@ PIPELINES = (
     _both_sides("TAA best", pipeline(TAA, "best", lookahead=LOOKAHEAD)),
 )
 
-#: Methods for frames of which a quarter is traced: `HalfRes`, and others on adapted frames.
+#: Methods for frames with a quarter of the pixels traced: `HalfRes`, and others on adapted frames.
 QUARTERS = (
     Method("HalfRes, a quarter traced", "HalfRes", on_part(quarter, pipeline(HalfRes))),
     Method("a quarter traced, SVGF", "SVGF of a quarter", on_part(quarter, pipeline(SVGF))),
@@ -147,7 +147,7 @@ QUARTERS = (
     _both_sides("HalfRes, a quarter traced", on_part(quarter, pipeline(HalfRes, lookahead=LOOKAHEAD))),
 )
 
-#: All of them over their main parameters: passes of the spatial filter, block size, blend factor.
+#: All methods, each over its main parameter: passes of the spatial filter, block size, or blend factor.
 METHODS = (
     *PIPELINES,
     *QUARTERS,

@@ -1,16 +1,15 @@
-"""What could be gained by choosing more per tile: oracles that know the references choose between finished results.
+"""Upper bounds of a choice per tile: oracles that know the references choose between finished results.
 
-For each tile of 8×8 pixels, one oracle takes the result with the least error in this frame, which no method could know,
-and which chance flatters; another the one whose error was least so far, as a perfect judge of earlier frames would.
-Results are those of SVGF with fixed numbers of passes, and SVGF with one component switched.
+For each tile of 8×8 pixels, the first oracle takes the result with the least error in the current frame. No method can
+know that error, and noise flatters the choice. The second oracle takes the result with the least error in the frames
+before, as a method with perfect error estimates could. Candidates are the results of `SVGF` with fixed numbers of
+passes, or the default's result and that with one component switched. Run by ``python -m yester.study.compare.oracle``.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from yester import SVGF, Frame
 from yester.metrics import METRICS, Picture
 
 from ..rendered.recording import Recording, record
-from ..rendered.sequences import LATE, NAMES
+from ..rendered.sequences import expand, parser
 from . import harm
 from .ablation import ABLATIONS
 from .methods import Run, pipeline
@@ -29,13 +28,13 @@ __all__ = ["ORACLES", "PASSES", "Gain", "chosen", "gains", "main"]
 
 Image = NDArray[np.float32]
 
-#: Passes between which `SVGF(choice=True)` chooses.
+#: Numbers of passes between which `SVGF(choice=True)` chooses.
 PASSES = range(5)
 #: Sides of a tile in pixels.
 TILE = 8
-#: Which errors of a tile an oracle knows: of this frame, or of the frames before.
+#: The oracles, by the errors of a tile that they know: of this frame, or of the frames before.
 ORACLES = ("now", "before")
-#: Weight of a frame's error in the mean over the frames before.
+#: Weight of the newest frame in the running mean of errors.
 _SHARE = 0.3
 _MEASURED = tuple(harm.LIMITS)[:3]
 
@@ -47,10 +46,10 @@ class Gain:
     Attributes
     ----------
     scene, candidates : str
-        Names of the sequence and of what there was to choose from.
+        Names of the sequence and of the candidates: "passes", or the method with one component switched.
     gains : dict of str to dict of str to float
-        By oracle, by metric, the improvement over the default, as `harm.gains` has it. Of the candidates "passes" also
-        by "none": the default's over a fixed number of passes, the usual one.
+        By oracle and metric, the improvement over the default, as `harm.gains` returns it. Candidates "passes" also
+        have the entry "none": the improvement of the default over its usual number of passes, fixed.
     """
 
     scene: str
@@ -59,19 +58,19 @@ class Gain:
 
 
 def chosen(results: Sequence[Image], errors: Sequence[NDArray[np.float64]]) -> Image:
-    """Put an image together of the tiles with the least error.
+    """Compose an image of the tiles with the least error.
 
     Parameters
     ----------
     results : sequence of (H, W, 3) ndarray
         The images to choose from.
     errors : sequence of ndarray
-        Of each image, what `tile_errors` gives.
+        The `tile_errors` of each image.
 
     Returns
     -------
     (H, W, 3) ndarray
-        Of equal errors, the first image's tile.
+        Where errors are equal, the tile of the first image.
     """
     best = np.argmin(np.stack(errors), 0)
     height, width, _ = results[0].shape
@@ -80,7 +79,7 @@ def chosen(results: Sequence[Image], errors: Sequence[NDArray[np.float64]]) -> I
 
 
 def tile_errors(image: Image, reference: Image) -> NDArray[np.float64]:
-    """The mean relative squared error of every tile: (⌈H/8⌉, ⌈W/8⌉), those at the border smaller."""
+    """The mean relative squared error of every tile: (⌈H/8⌉, ⌈W/8⌉). Tiles at the border may be smaller."""
     square = np.mean((image - reference) ** 2, -1, dtype=np.float64) / (np.mean(reference, -1) ** 2 + 0.01)
     rows, columns = (np.arange(0, n, TILE) for n in square.shape)
 
@@ -92,7 +91,7 @@ def tile_errors(image: Image, reference: Image) -> NDArray[np.float64]:
 
 
 def gains(recording: Recording) -> Iterator[Gain]:
-    """Measure the oracles on a sequence with references, by its frames with a reference but the first of them."""
+    """Measure the oracles on a sequence, over all frames with a reference except the first of these."""
     frames = [recording.frame(i) for i in range(len(recording.frames))]
     references = {i: recording.reference(i) for i in sorted(recording.references)}
     default = _results(pipeline(SVGF), frames, references)
@@ -110,13 +109,9 @@ def gains(recording: Recording) -> Iterator[Gain]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table of sequences, then that of components."""
-    parser = argparse.ArgumentParser(prog="python -m yester.study.compare.oracle", description=__doc__)
-    every = (*NAMES, *LATE)
-    parser.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
-    parser.add_argument("--sequences", metavar="NAME", nargs="+", default=every, choices=every, help="by default, all")
-    options = parser.parse_args(arguments)
+    options = parser("yester.study.compare.oracle", __doc__, ("all", "late-held-out")).parse_args(arguments)
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 256}
-    found = [gain for name in options.sequences for gain in gains(record(name, options.cache, **shape))]
+    found = [gain for name in expand(options.sequences) for gain in gains(record(name, options.cache, **shape))]
     print("gain in PSNR of choosing the number of passes per tile, over the usual number")
     rows = [["", "default", *(f"oracle, {name}" for name in ORACLES)]]
     passes = {gain.scene: gain.gains for gain in found if gain.candidates == "passes"}
@@ -145,7 +140,7 @@ def _results(run: Run, frames: Sequence[Frame], references: Mapping[int, Image])
 
 
 def _best(candidates: Sequence[Mapping[int, Image]], references: Mapping[int, Image], oracle: str) -> dict[int, Image]:
-    """An oracle's choice in every frame; of the first frame, that of the errors themselves."""
+    """An oracle's choice in every frame; in the first, which has none before it, by the errors of the frame itself."""
     known: list[NDArray[np.float64]] | None = None
     best = {}
     for i, reference in references.items():
@@ -159,7 +154,7 @@ def _best(candidates: Sequence[Mapping[int, Image]], references: Mapping[int, Im
 
 
 def _values(images: Mapping[int, Image], references: Mapping[int, Image]) -> dict[str, float]:
-    """By metric, the mean over all frames but the first, in which no oracle knows the past."""
+    """By metric, the mean over all frames but the first, for which no earlier errors are known."""
     pairs = [(Picture(images[i]), Picture(references[i])) for i in [*references][1:]]
     return {key: float(np.mean([METRICS[key].measure(*pair) for pair in pairs])) for key in _MEASURED}
 

@@ -1,4 +1,4 @@
-"""Denoisers to compare with: Open Image Denoise, OpenCV's filters, and our own torch reference of SVGF."""
+"""Denoisers to compare with: Open Image Denoise, OpenCV's filters, and the torch reference of SVGF."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     Returns
     -------
     methods : list of Method
-        Open Image Denoise on each frame by itself, with albedo and normals, in three qualities, the same between
-        temporal stages, and the best of these on both sides; OpenCV's non-local means on the tone-mapped image, and its
-        joint bilateral and guided filters on the light with normals as guide, each over its main parameter; SVGF as
-        written in torch, in single precision.
+        Open Image Denoise on single frames, with albedo and normals, in three qualities; the same between temporal
+        stages, and in the best quality also with later frames. OpenCV's non-local means on the tone-mapped image, and
+        its joint bilateral and guided filters on the demodulated light, guided by normals, each over its main
+        parameter. The torch reference of SVGF in single precision.
     missing : dict of str to str
-        By name, how to install the missing ones.
+        By name of a missing peer, how to install it.
     """
     found: list[Method] = []
     missing: dict[str, str] = {}
@@ -89,7 +89,7 @@ def _oidn(quality: Literal["high", "balanced", "fast"]) -> Callable[[Frame], Flo
 
 
 def opencv() -> Any:
-    """OpenCV, with as many threads as ours."""
+    """Import OpenCV, with as many threads as this package uses."""
     import cv2
 
     cv2.setNumThreads(settings()[0])
@@ -105,7 +105,7 @@ def _non_local_means(h: float) -> Callable[[Frame], Floats]:
 
     def step(frame: Frame) -> Floats:
         color = present(frame).clip(0)
-        # It takes integers: Reinhard's curve maps radiance to [0, 1) and keeps highlights.
+        # The filter takes integers. Reinhard's curve maps radiance to [0, 1) and keeps highlights.
         toned = (color / (1 + color) * 65535).astype(np.uint16)
         clean = cv2.fastNlMeansDenoising(toned, [h * 65535] * 3, None, 5, 15, cv2.NORM_L1) / np.float32(65536)
         return np.asarray(clean / (1 - clean), np.float32)
@@ -133,10 +133,10 @@ def _guided(radius: int) -> Callable[[Frame], Floats]:
 
 
 def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], Floats]:
-    """Filter the demodulated colour, if there is albedo, guided by normals.
+    """Filter the colour, demodulated if the frame has albedo, guided by normals.
 
-    Pixels with black albedo (lamps and sky) have no noise and keep their colour: filters that blur across edges would
-    leak into them.
+    Pixels with black albedo (lamps and sky) have no noise and keep their colour, since filters that blur across edges
+    would leak into them.
     """
 
     def step(frame: Frame) -> Floats:
@@ -152,14 +152,14 @@ def _on_light(smooth: Callable[[Floats, Floats], Floats]) -> Callable[[Frame], F
 
 
 def _checkout() -> Path | None:
-    """The folder of the torch references: ``YESTER_REFERENCES``, or beside the package's sources."""
+    """The parent folder of the torch references: ``YESTER_REFERENCES``, or ``tests`` beside the package's sources."""
     chosen = os.environ.get("YESTER_REFERENCES")
     folder = Path(chosen) if chosen else Path(yester.__file__).parents[2] / "tests"
     return folder if (folder / "reference" / "svgf.py").is_file() else None
 
 
 def references() -> ModuleType:
-    """The kernels and pipelines written in torch, of a checkout: with as many threads as ours."""
+    """Import the torch references of a checkout, with as many threads as this package uses."""
     folder = _checkout()
     if folder is None:
         raise ImportError("torch references: not part of the package; set YESTER_REFERENCES to a checkout's tests")

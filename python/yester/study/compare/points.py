@@ -35,12 +35,12 @@ class Point:
     ms_range : (float, float)
         The quartiles.
     values : dict of str to float
-        By key of `METRICS`: means over the frames that have what the metric needs, and over the recording's variants.
-        Metrics that no frame has it for are absent.
+        By key of `METRICS`: means over the frames for which the metric can be computed, and over the recording's
+        variants. Metrics that can be computed for no frame are absent.
     images : Path or None
         The folder with the images of this point.
     size : (int, int) or None
-        Width and height of the frames that were timed; not those of the sequence. None if not measured.
+        Width and height of the timed frames, which are not those of the sequence. None if not measured.
     runs : tuple of dict of str to float
         The values of the recording and of each of its variants.
     """
@@ -64,13 +64,13 @@ def means(points: Sequence[Point]) -> list[Point]:
     Parameters
     ----------
     points : sequence of Point
-        Of several scenes. Methods and metrics that some scene lacks are left out: means over other scenes would not be
-        comparable.
+        Of several scenes. Methods and metrics that some scene lacks are left out, since means over different scenes are
+        not comparable.
 
     Returns
     -------
     list of Point
-        With the scene `ALL`, without images and runs. Metrics and times are plain means.
+        With the scene `ALL`, without images and runs. Metrics and times are arithmetic means.
     """
     scenes = {point.scene for point in points}
     by_method: dict[str, list[Point]] = {}
@@ -96,19 +96,19 @@ def means(points: Sequence[Point]) -> list[Point]:
 
 
 def pareto(points: Sequence[Point], metric: Metric) -> list[Point]:
-    """Find the Pareto front of time and a metric: the points that no other beats in both.
+    """Find the Pareto front of time and a metric: the points that no other point beats in both.
 
     Parameters
     ----------
     points : sequence of Point
-        Of one scene. Those without the metric are left out.
+        Of one scene. Points without the metric are left out.
     metric : Metric
-        The metric beside time.
+        The metric to trade against time.
 
     Returns
     -------
     list of Point
-        From the fastest to the best.
+        Ordered from the fastest to the most accurate.
     """
     sign = -1 if metric.higher_is_better else 1
     front: list[Point] = []
@@ -122,7 +122,7 @@ def pareto(points: Sequence[Point], metric: Metric) -> list[Point]:
 
 
 def table(points: Sequence[Point]) -> str:
-    """Write the points of one scene as text, the best of each column marked with a star."""
+    """Write the points of one scene as text; a star marks the best value of each column."""
     metrics = [metric for metric in METRICS.values() if any(metric.key in point.values for point in points)]
     best = {
         metric.key: (max if metric.higher_is_better else min)(
@@ -143,7 +143,7 @@ def table(points: Sequence[Point]) -> str:
 
 
 def write_csv(points: Sequence[Point], path: Path) -> None:
-    """Write all points, one a row; cells of metrics that a point has not are empty."""
+    """Write a row for each point; cells of metrics that it lacks are empty."""
     with beside(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["scene", "method", "family", "default", "peer", "ms", "ms_low", "ms_high", *METRICS, "timed"])

@@ -1,7 +1,4 @@
-"""Reports of measurements: charts as PNG and SVG, and one HTML page with charts, table and images.
-
-The page is self-contained. Its charts are those of the files.
-"""
+"""Reports of measurements: charts as PNG and SVG, and a self-contained HTML page with charts, table and images."""
 
 from __future__ import annotations
 
@@ -33,10 +30,10 @@ if TYPE_CHECKING:
 
 __all__ = ["draw", "save_images", "stored_images", "write_figures", "write_report"]
 
-#: Upper ends of the colour maps: error (FLIP) and history length in frames.
+#: Upper ends of the colour maps: error (FLIP), history length in frames, passes.
 WORST, LONGEST, PASSES = 0.5, 32, 8
 
-# After Okabe and Ito, "Color Universal Design" (2008); the light ones darker, to stand on white as well as on black.
+# After Okabe and Ito, "Color Universal Design" (2008); light colours darkened, to be legible on white and on black.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#b8589a", "#cc8a00", "#3d9bd1", "#7a7f87")
 _OURS, _PEERS = ("o", "^", "v", "p"), ("D", "s", "X", "P")
 INK, GRID, PAPER = "#1f2328", "#d8dee4", "#ffffff"
@@ -56,17 +53,17 @@ _KINDS: dict[str, dict[str, Any]] = {
 def save_images(folder: Path, index: int, result: Result, reference: ArrayLike | None = None) -> None:
     """Write the images of one frame for a page.
 
-    ``color_0007.webp`` is the image as a display shows it. The others are maps in 8 bits, grey: ``error`` is FLIP from
-    0 to 0.5 and more, ``history`` the length of the history in whole frames from 0 to 32 and more, ``confidence`` goes
-    from 0 to 1, ``rejection`` has the bits of `yester.Rejection`, and ``choice`` is the number of passes that were
-    chosen, from 0 to 8 and more. Images whose data are missing are not written, and old files of theirs are removed.
+    ``color_0007.webp`` is the sRGB image. The others are grey maps in 8 bits: ``error`` is FLIP, clipped at 0.5;
+    ``history`` the history length in whole frames, clipped at 32; ``confidence`` ranges from 0 to 1; ``rejection`` has
+    the bits of `yester.Rejection`; ``choice`` is the chosen number of passes, clipped at 8. Images whose data are
+    missing are not written, and earlier files of these names are removed.
 
     Parameters
     ----------
     folder : Path
-        Made if it does not exist.
+        Output folder, created if missing.
     index : int
-        Of the frame.
+        Index of the frame.
     result : Result
         A method's result for the frame.
     reference : (H, W, 3) array_like of float, optional
@@ -77,7 +74,7 @@ def save_images(folder: Path, index: int, result: Result, reference: ArrayLike |
     ValueError
         If the reference has another size than the result, or either has values that are not finite.
     ImportError
-        If Pillow, or with a reference flip-evaluator, is not installed.
+        If Pillow is not installed, or flip-evaluator, which a reference needs.
     """
     coded = _pictures(result, reference)
     folder.mkdir(parents=True, exist_ok=True)
@@ -91,17 +88,17 @@ def save_images(folder: Path, index: int, result: Result, reference: ArrayLike |
 
 
 def stored_images(folder: Path) -> dict[int, dict[str, Path]]:
-    """Find what `save_images` wrote, by frame and kind: ``color``, ``error``, ``history`` and so on.
+    """Find the images of `save_images`, by frame and kind: ``color``, ``error``, ``history`` and so on.
 
     Parameters
     ----------
     folder : Path
-        Of one method on one sequence.
+        The folder of one method on one sequence.
 
     Returns
     -------
     dict of int to dict of str to Path
-        In order; other files are left out.
+        In the order of the frames; other files are ignored.
     """
     found: dict[int, dict[str, Path]] = {}
     for path in sorted(folder.iterdir()):
@@ -114,19 +111,18 @@ def stored_images(folder: Path) -> dict[int, dict[str, Path]]:
 def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | None = None) -> Figure:
     """Draw a metric over the time of a frame.
 
-    A family has one colour, a line, and a label; peers have hollow markers of another shape, defaults are ringed. Thin
-    lines are the quartiles of the time. A pale line joins the Pareto front. A point that takes no time, such as the
-    noisy input, is a horizontal line. The time axis names the size of the frames that were timed, if it is one.
+    A family has one colour, a line, and a label. Peers have hollow markers of another shape; defaults are ringed. Thin
+    lines show the quartiles of the time. A pale line joins the Pareto front. A point without a time, such as the noisy
+    input, is a horizontal line. The label of the time axis has the size of the timed frames, if all have one size.
 
     Parameters
     ----------
     points : sequence of Point
-        Of one scene. Those without a finite value of the metric are left out.
+        Of one scene. Points without a finite value of the metric are left out.
     metric : Metric
         One of `metrics.METRICS`.
     among : sequence of Point, optional
-        All points of this and other charts, so that a family has the same colour in all of them. By default those of
-        this chart.
+        All points of this and other charts, so that a family has the same colour in all of them. By default `points`.
 
     Returns
     -------
@@ -136,7 +132,7 @@ def draw(points: Sequence[Point], metric: Metric, *, among: Sequence[Point] | No
     Raises
     ------
     ValueError
-        If no point has the metric, or they are of several scenes.
+        If no point has the metric, or the points belong to several scenes.
     ImportError
         If matplotlib is not installed.
     """
@@ -203,17 +199,17 @@ def write_figures(points: Sequence[Point], folder: Path) -> list[Path]:
     points : sequence of Point
         Of any number of scenes.
     folder : Path
-        For ``psnr_all.png`` and so on; made if it does not exist.
+        For ``psnr_all.png`` and so on; created if missing.
 
     Returns
     -------
     list of Path
-        The files written. A metric that no point of a scene has, has no chart for it.
+        The written files. There is no chart of a metric that no point of the scene has.
 
     Raises
     ------
     ValueError
-        If there are no points, or they have a metric that is not known.
+        If there are no points, or they have an unknown metric.
     ImportError
         If matplotlib is not installed.
     """
@@ -242,19 +238,19 @@ def write_report(
     Parameters
     ----------
     path : Path
-        Of the HTML file.
+        The HTML file.
     points : sequence of Point
-        Of any number of scenes; those whose `images` is a folder of `save_images` can be looked at.
+        Of any number of scenes. The page shows the images of points whose `images` is a folder of `save_images`.
     recordings : iterable of Recording
-        The sequences of those points: their references are shown beside the methods' images.
+        The sequences of these points; their references are shown beside the methods' images.
     title, about : str
-        Heading, and a paragraph below it: on what machine, with what options.
+        Heading, and a paragraph below it, such as machine and options.
 
     Raises
     ------
     ValueError
-        If there are no points, two of the same scene and method, a metric that is not known, or images of a scene that
-        is not among the recordings.
+        If there are no points, two points of one scene and method, an unknown metric, or images of a scene that is not
+        among the recordings.
     ImportError
         If matplotlib, Pillow or flip-evaluator is not installed.
     """
@@ -279,7 +275,7 @@ def write_report(
         for scene, each, figure in _charts(points):
             charts[scene][each.key] = _inline(figure)
         styles = _styles(points)
-        # Parameters that leave a map as it is share it.
+        # Methods with equal maps share one copy.
         images: dict[bytes, int] = {}
         data: dict[str, Any] = {
             "metrics": [{"key": m.key, "label": m.label, "higher": m.higher_is_better} for m in _metrics(points)],
@@ -308,7 +304,7 @@ def write_report(
             ],
         }
         data["images"] = [f"data:image/webp;base64,{base64.b64encode(image).decode()}" for image in images]
-        # Escaped, so that no text in the data can close its script element.
+        # Escaped, so that no text in the data can close the script element.
         text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
         colors = "".join(
             f"--line{i}: color-mix(in srgb, {color} var(--pure), var(--ink)); "
@@ -338,7 +334,7 @@ def _metrics(points: Sequence[Point]) -> list[Metric]:
 
 
 def _charts(points: Sequence[Point]) -> Iterable[tuple[str, Metric, Figure]]:
-    """Scene, metric and chart, wherever there is something to draw."""
+    """Scene, metric and chart, for every scene and every metric that it has."""
     by_scene: dict[str, list[Point]] = {}
     for point in points:
         by_scene.setdefault(point.scene, []).append(point)
@@ -387,7 +383,7 @@ def _key(figure: Figure, *, default: bool, peer: bool) -> None:
 
 
 def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str]]:
-    """Colour and marker of each family; when colours run out, they come again with other markers."""
+    """Colour and marker of each family; when colours run out, they repeat with other markers."""
     styles: dict[str, tuple[str, str]] = {}
     for peer, markers in ((False, _OURS), (True, _PEERS)):
         families = dict.fromkeys(point.family for point in points if point.peer is peer and point.ms > 0)
@@ -397,7 +393,7 @@ def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str]]:
 
 
 def _ordered(axes: Any, line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points of a family, sorted along the axis on which they are further apart."""
+    """The points of a family, sorted along the axis on which they spread further."""
     places = axes.transData.transform(line)
     return line[np.argsort(places[:, np.ptp(places, axis=0).argmax()], kind="stable")]
 
@@ -431,7 +427,7 @@ def _dark(color: str) -> str:
 def _clear(
     lines: dict[str, NDArray[np.float64]], halves: dict[str, NDArray[np.float64]], frame: Any
 ) -> dict[str, tuple[int, NDArray[np.float64]]]:
-    """For each line, the point and offset at which a box of the given half size overlaps least. In pixels."""
+    """For each line, the point and offset, in pixels, at which a box of the given half size overlaps least."""
     marks = np.concatenate([*lines.values()])
     steps = np.linspace(0, 1, 16)[:, None, None]
     strokes = np.concatenate([(line[:-1] * (1 - steps) + line[1:] * steps).reshape(-1, 2) for line in lines.values()])
@@ -461,9 +457,10 @@ def _inside(points: NDArray[np.float64], middles: NDArray[np.float64], half: NDA
 
 
 def save_figure(figure: Figure, file: Any, kind: str, paper: str = PAPER) -> None:
+    """Write a figure as ``kind``, "png" or "svg"."""
     from matplotlib import rc_context
 
-    # The same points give the same bytes.
+    # Reproducible: equal points give equal bytes.
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "yester"}):
         metadata = {"Date": None} if kind == "svg" else None
         figure.savefig(file, format=kind, dpi=160, facecolor=paper, metadata=metadata)
@@ -499,7 +496,7 @@ def _sequence(
     stored: dict[str, dict[int, dict[str, Path]]],
     images: dict[bytes, int],
 ) -> dict[str, Any]:
-    """The images of one sequence: the methods' and the references."""
+    """The images of one sequence: those of the methods, and the references."""
     frames = sorted({index for each in stored.values() for index in each})
     sources = []
     for point in points:
@@ -524,7 +521,7 @@ def _source(name: str, frames: Sequence[dict[str, bytes]], images: dict[bytes, i
 
 
 def _pictures(result: Result, reference: ArrayLike | None = None) -> dict[str, bytes]:
-    """The files that `save_images` writes, by kind."""
+    """By kind, the encoded images that `save_images` writes."""
     try:
         from PIL import Image
     except ImportError as error:
@@ -549,7 +546,7 @@ def _pictures(result: Result, reference: ArrayLike | None = None) -> dict[str, b
 
 
 def _bytes(values: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
-    """0 to 1 in 8 bits."""
+    """Quantise values from 0 to 1 to 8 bits."""
     return np.asarray(np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 

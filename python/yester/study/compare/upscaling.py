@@ -1,7 +1,7 @@
 """Upscaling against alternatives with the same number of samples: ``python -m yester.study.compare.upscaling``.
 
-Frames of half the size have four samples a pixel, all of them at one place of it, one output pixel wide; native frames
-have one sample a pixel. Both cost the same. References are of the output's size.
+Frames of half the size have four samples per pixel, spread over one output pixel at the jittered position; native
+frames have one sample per pixel. Both cost the same number of samples. References have the size of the output.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from ..rendered.recording import record
 __all__ = ["METHODS", "SCALE", "Score", "denoised", "enlarge", "scores", "shrunk"]
 
 Image = NDArray[np.float32]
-#: Pixels of the output to one of the input, along each side.
+#: Ratio of the output's sides to the input's.
 SCALE = 2
-#: Native samples that one small pixel is worth.
+#: Samples of a small pixel for equal cost.
 _SPP = SCALE**2
 _PHASES = 8 * SCALE**2
 
@@ -51,15 +51,16 @@ def shrunk(name: str, frames: int = 16, width: int = 256, height: int = 192, *, 
     name : str
         One of `scenes.SEQUENCES`.
     frames, width, height : int
-        Length, and size of the output; even.
+        Number of frames, and size of the output, which must be even.
     spp : int, default 4
         Samples of a small pixel.
 
     Yields
     ------
     Frame
-        With jitter. Each is picked from an image of the output's size, whose camera is shifted so that one of each 2×2
-        pixels lies where the jitter wants it; a renderer with a pixel filter of that width need not make the others.
+        With jitter. Rendered at the output's size with a shifted camera, so that one of each 2×2 pixels lies at the
+        jittered position, and reduced to these pixels. A renderer whose pixel filter has that width could render them
+        alone.
     """
     sequence: scenes.Sequence = getattr(scenes, name)(frames, width, height)
     offsets = jitter(_PHASES)[np.arange(frames) % _PHASES]
@@ -76,7 +77,7 @@ def shrunk(name: str, frames: int = 16, width: int = 256, height: int = 192, *, 
     for i, frame in enumerate(rendered):
         x, y = cells[i]
         buffers = {key: buffer[y::SCALE, x::SCALE].copy() for key, buffer in frame.buffers().items()}
-        # Its cameras were jittered, which motion must not be.
+        # The cameras were jittered, but motion must not contain jitter.
         buffers["motion"][..., :2] -= shifts[i] - shifts[max(i - 1, 0)]
         buffers["motion"][..., :2] /= SCALE
         camera = Camera(sequence.cameras[i].world_to_clip, width // SCALE, height // SCALE)
@@ -84,7 +85,7 @@ def shrunk(name: str, frames: int = 16, width: int = 256, height: int = 192, *, 
 
 
 def denoised(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """The same frames with colours denoised by `SVGF`, without antialiasing, which would average out the jitter."""
+    """Denoise the colours with `SVGF`, without antialiasing, which would average out the jitter."""
     svgf = SVGF(antialias=False)
     for frame in frames:
         buffers = {name: buffer for name, buffer in frame.buffers().items() if name != "color"}
@@ -92,7 +93,7 @@ def denoised(frames: Iterable[Frame]) -> Iterator[Frame]:
 
 
 def enlarge(frame: Frame, filter: Literal["bilinear", "catmull-rom"] = "catmull-rom") -> Image:
-    """One frame alone, by a filter of `resample`."""
+    """Upscale a single frame with a filter of `resample`."""
     size, offset = (SCALE * frame.height, SCALE * frame.width), frame.jitter or (0, 0)
     return resample(present(frame), size, offset=offset, filter=filter, dering=False)[0]
 
@@ -105,7 +106,7 @@ def _step(make: Callable[[], Any]) -> Callable[[], Callable[[Frame], Image]]:
     return start
 
 
-#: Name, whether it takes small frames, whether these are denoised, and what starts it.
+#: By name: whether the method takes small frames, whether these are denoised, and the constructor of its step.
 METHODS: dict[str, tuple[bool, bool, Callable[[], Callable[[Frame], Image]]]] = {
     "bilinear": (True, False, lambda: partial(enlarge, filter="bilinear")),
     "bicubic": (True, False, lambda: enlarge),
@@ -126,11 +127,11 @@ def scores(
     Parameters
     ----------
     small, native : list of Frame
-        The sequence of half the size, and of the output's.
+        The sequence at half the size, and at the output's size.
     references : dict of int to (H, W, 3) float32
         By index of the frame.
     times : dict of str to float, optional
-        Milliseconds to tell with them.
+        By method, milliseconds to include in the scores.
 
     Returns
     -------
@@ -153,7 +154,7 @@ def scores(
 
 
 def _times(repetitions: int = 7) -> dict[str, float]:
-    """Milliseconds of processor time, of all cores together, of a step whose output has 1920×1080 pixels."""
+    """Milliseconds of processor time, summed over cores, of a step whose output has 1920×1080 pixels."""
     rng = np.random.default_rng(0)
 
     def frame(width: int, height: int) -> Frame:

@@ -1,1 +1,1 @@
-"""Sequences that Mitsuba renders, and their recordings on disk."""
+"""Sequences rendered by Mitsuba, and their recordings on disk."""

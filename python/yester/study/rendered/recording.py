@@ -1,4 +1,4 @@
-"""Sequences on disk for measurements: noisy frames and references, rendered once into a cache, or a user's own."""
+"""Sequences on disk for measurements: noisy frames and references, either rendered into a cache or a user's own."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ __all__ = ["Recording", "open_recording", "record"]
 
 Source = str | os.PathLike[str]
 
-#: First seed of references, above those of noisy frames, so that they share no random numbers. Not higher, because
-#: Mitsuba multiplies a seed by the number of an image's blocks, up to ten thousand, in 32 bits.
+#: First seed of references, above the seeds of noisy frames, so that they share no random numbers. Higher seeds could
+#: overflow: Mitsuba multiplies a seed by the number of an image's blocks, up to ten thousand, in 32 bits.
 _REFERENCE_SEEDS = 100_000
 
 
-#: Sequences whose references need more samples than others.
+#: Sequences whose references need more samples than usual.
 _HARD = ("many_lights", "switched_light", "naked_lamps", "caustics", "mist", "opening_door", "neon_corridor")
 
 
@@ -47,17 +47,17 @@ class Recording:
     Attributes
     ----------
     name : str
-        What to call it.
+        Name of the sequence.
     frames : list of Path
-        EXR files in order, of one size, all of them with colour.
+        EXR files in order, of one size, all with colour.
     references : dict of int to Path
         By index of the frame, the EXR file of its reference. May be empty.
     raw_albedo : dict of int to Path
         By index of the frame, the EXR file whose colour is the renderer's raw albedo. Empty unless requested.
     variants : tuple of Recording
-        The same sequence with other noise, each with the same references.
+        Other realisations of the noise, with the same references.
     reading : dict
-        The arguments of `read_exr` for noisy frames.
+        Arguments of `read_exr` for the noisy frames.
     """
 
     name: str
@@ -99,32 +99,32 @@ def record(
     raw_albedo: bool = False,
     halves: bool = False,
 ) -> Recording:
-    """Render the parts of a sequence of `scenes` that are not in the cache.
+    """Render a sequence into the cache, except the frames that are already there.
 
-    Noisy frames have one sample per pixel and all buffers but `Frame.replay`, in 32 bits. Files are written atomically
-    and have seeds of their own: an interrupted run resumes and gives the same bits. So do concurrent processes, which
-    at worst render a frame twice.
+    Noisy frames have one sample per pixel and all buffers except `Frame.replay`, in 32 bits. Files are written
+    atomically, and each frame has its own seed: an interrupted run resumes and gives the same bits. Concurrent
+    processes give the same bits as well; at worst they render a frame twice.
 
     Parameters
     ----------
     name : str
         One of `sequences.NAMES` or `sequences.LATE`.
     cache : path-like, optional
-        A folder, made if it does not exist. By default that of the environment variable ``YESTER_CACHE``, else
-        the user's cache folder for yester (``~/.cache/yester`` on Linux). Its contents depend on the versions of
-        Mitsuba and of this package. Nothing is removed automatically; the folder may be deleted at any time.
+        A folder, created if missing. By default the environment variable ``YESTER_CACHE``, else the user's cache folder
+        for yester (``~/.cache/yester`` on Linux). Frames are rendered anew for other versions of Mitsuba or of the
+        scenes. Nothing is removed automatically; the folder may be deleted at any time.
     frames, width, height : int, default 16, 256, 192
         Length and size of the sequence.
     seed : int, default 0
         Seed of the noise: frame i has ``seed + i``. References do not depend on it.
     variants : int, default 0
-        How often to render the noisy frames again, with other seeds: no two frames of all these have the same.
+        Number of further realisations of the noise; all their frames have different seeds.
     references : iterable of int, optional
         Frames that get a reference: by default the second half, after temporal methods have warmed up. Temporal metrics
         need consecutive frames.
     reference_spp : int, optional
-        Samples per pixel of references: by default 256, or 512 where small lights make more noise. With motion blur,
-        rounded up to a multiple of the instants.
+        Samples per pixel of references: by default 256, or 512 for sequences with more noise. With motion blur, rounded
+        up to a multiple of the number of instants.
     raw_albedo : bool, default False
         Also record the albedo of every noisy frame as Mitsuba's ``aov`` integrator gives it: 0 on glass and mirrors,
         anything from 0 to above 1 on rough metals, where `render_sequence` has 1.
@@ -139,9 +139,9 @@ def record(
     Raises
     ------
     ValueError
-        If the name is unknown, a number is too small, or a reference is asked for beyond the frames.
+        If the name is unknown, a number is too small, or a reference is beyond the last frame.
     OSError
-        If the cache cannot be written to.
+        If the cache cannot be written.
     ImportError
         If Mitsuba or OpenEXR is not installed.
     """
@@ -183,17 +183,17 @@ def open_recording(
     name: str | None = None,
     **reading: Any,
 ) -> Recording:
-    """Use existing files; only their headers are read.
+    """Make a recording of existing files. Only their headers are read.
 
     Parameters
     ----------
     frames : path-like or iterable of path-like
         The noisy EXR files: a folder, a pattern or several, as for `yester.io.sequence_paths`.
     references : path-like or iterable of path-like, optional
-        The same without noise. Either each has the name of the frame it belongs to, and there may be fewer; or all have
-        other names, and there are as many.
+        The files of the references. They are matched with the frames by name, in which case some frames may lack a
+        reference; or, if no name is that of a frame, by order, in which case their numbers must be equal.
     name : str, optional
-        What to call it; by default, as the folder of the frames.
+        Name of the recording; by default that of the frames' folder.
     **reading
         ``mapping`` and ``view`` of the frames, as for `yester.io.read_exr`.
 
@@ -204,11 +204,10 @@ def open_recording(
     Raises
     ------
     OSError
-        If something is not there, or cannot be opened.
+        If a file or folder does not exist or cannot be opened.
     ValueError
-        If a folder or pattern has no EXR file, a file is something else or damaged, has no colour, or another size than
-        the first frame; if some frames have albedo and others do not; if it cannot be told which reference belongs to
-        which frame.
+        If a folder or pattern has no EXR file; if a file is not an EXR file, damaged, without colour or of another size
+        than the first frame; if only some frames have albedo; if references cannot be matched with frames.
     ImportError
         If the OpenEXR package is not installed.
     """
@@ -239,7 +238,7 @@ def _pair(frames: list[Path], references: list[Path]) -> dict[int, Path]:
         pairs = {place[path.name]: path for path in references}
         if len(pairs) == len(references):
             return dict(sorted(pairs.items()))
-    # An off-by-one match would be worse than no reference.
+    # Never guess: references that are off by one frame would be worse than none.
     if any(known) and not all(known):
         stranger = references[known.index(False)]
         raise ValueError(f"references: expected names of frames, or none of them, got {stranger}")
@@ -253,11 +252,11 @@ def _cache() -> Path:
 
 
 def _digest(make: sequences.Make) -> str:
-    """Hash of the code that determines the bits of a sequence's frames."""
+    """Hash of the source code that determines the bits of a sequence's frames."""
     import mitsuba as mi
 
     made = hashlib.sha256(f"{metadata.version('mitsuba')} {mi.variant()}".encode())
-    # `scenes` has the builders that all share.
+    # All sequences share the builders in `scenes`.
     for module in dict.fromkeys((scenes, renderer, sys.modules[make.__module__])):
         made.update(inspect.getsource(module).encode())
     return made.hexdigest()[:12]
@@ -270,7 +269,7 @@ def _fill(parts: Sequence[dict[int, Path]], what: str, render: Callable[[range],
         return
     for paths in parts:
         paths[absent[0]].parent.mkdir(parents=True, exist_ok=True)
-    # Runs of frames in a row.
+    # Spans of consecutive missing frames.
     starts = [i for i in absent if i - 1 not in absent]
     stops = [i + 1 for i in absent if i + 1 not in absent]
     with tqdm(total=len(absent), desc=what, unit="frame", disable=None) as progress:
@@ -287,7 +286,7 @@ def _noisy(sequence: scenes.Sequence, part: range, seed: int, *, halves: bool = 
     if isinstance(sequence, Exposure):
         scene = renderer._Stage(sequence.scene).scene
         for i in part:
-            # With the frame before, to which motion leads; that has another seed and is dropped.
+            # Motion needs the frame before as well, which is rendered with another seed and dropped.
             before = [(sequence.cameras[i - 1], sequence.transforms[i - 1])] if i else []
             several = [
                 [*_shots(scene, [*before, instant], sequence.parameters[i], seed + i - len(before), halves=halves)][-1]
@@ -301,7 +300,7 @@ def _noisy(sequence: scenes.Sequence, part: range, seed: int, *, halves: bool = 
                 frames.append(Frame(**buffers, camera=sequence.cameras[i]))
             yield tuple(frames)
         return
-    # Motion wants the frame before; it is rendered for that and dropped.
+    # Motion needs the frame before as well, which is rendered and dropped.
     lead = min(part.start, 1)
     span = slice(part.start - lead, part.stop)
     options: dict[str, Any] = {
@@ -317,7 +316,7 @@ def _noisy(sequence: scenes.Sequence, part: range, seed: int, *, halves: bool = 
 
 
 def _clean(sequence: scenes.Sequence, part: range, spp: int) -> Iterator[Frame]:
-    """Frames of many samples per pixel, colour alone."""
+    """Frames of many samples per pixel, with colour only."""
     if isinstance(sequence, Exposure):
         for i in part:
             instants = sequence.instants[i]
@@ -339,7 +338,7 @@ def _clean(sequence: scenes.Sequence, part: range, spp: int) -> Iterator[Frame]:
 
 
 def _raw_albedo(sequence: scenes.Sequence, part: range, seed: int) -> Iterator[Frame]:
-    """What the renderer's own buffer of albedo has for the samples of `_noisy`."""
+    """The renderer's own albedo for the samples of `_noisy`."""
     stage = renderer._Stage(sequence.scene)
     poses = [stage.poses(named) for named in sequence.transforms]
     values = [stage.values(named) for named in sequence.parameters]
@@ -367,14 +366,14 @@ def _shots(
 
 
 def _instants(sequence: Exposure, frame: int, seed: int, shape: tuple[int, ...], half: int = 0) -> NDArray[np.int64]:
-    """At which instant each pixel of a noisy frame has its sample."""
+    """The index of the instant at which each pixel of a noisy frame is sampled."""
     return np.random.default_rng([seed, frame, half] if half else [seed, frame]).integers(
         len(sequence.instants[frame]), size=shape
     )
 
 
 def _picked(layers: list[NDArray[Any]], which: NDArray[np.int64]) -> NDArray[Any]:
-    """For each pixel, the value of the layer whose number it has."""
+    """Select, for each pixel, the value of the layer with its index."""
     rows, columns = np.indices(which.shape)
     picked: NDArray[Any] = np.stack(layers)[which, rows, columns]
     return picked

@@ -1,13 +1,15 @@
-"""Every rendered sequence by its name and its group."""
+"""The rendered sequences by name and by group, and the options with which commands choose among them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import TypeAlias
 
 from . import held_out, scenes, unkind, unseen
 
-__all__ = ["GROUPS", "LATE", "NAMES", "Make", "find"]
+__all__ = ["GROUPS", "LATE", "NAMES", "Make", "expand", "find", "parser"]
 
 #: Makes a sequence from the number of frames, and the width and height of the images.
 Make: TypeAlias = Callable[[int, int, int], scenes.Sequence]
@@ -21,15 +23,30 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 NAMES = tuple(name for group in GROUPS.values() for name in group)
 GROUPS["all"] = NAMES
-#: Sequences that are in no group but their own, so that nothing is chosen by them: for validation, once.
+#: Validation sequences outside ``all``: nothing was chosen or tuned by them.
 LATE = held_out.NAMES
 GROUPS["late-held-out"] = LATE
 
 
 def find(name: str) -> Make:
-    """Look a sequence up by its name; ValueError if there is none."""
+    """Find the constructor of a sequence; ValueError if the name is unknown."""
     for module in (scenes, unkind, unseen, held_out):
         if name in NAMES + LATE and hasattr(module, name):
             make: Make = getattr(module, name)
             return make
     raise ValueError(f"name: expected one of {', '.join(NAMES + LATE)}, got {name!r}")
+
+
+def expand(asked: Iterable[str]) -> list[str]:
+    """Replace the names of groups by those of their sequences; each sequence comes once."""
+    return [*dict.fromkeys(name for one in asked for name in GROUPS.get(one, (one,)))]
+
+
+def parser(module: str, about: str | None, default: Sequence[str] = ("all",)) -> ArgumentParser:
+    """Make a command's parser, with the options ``--sequences`` (for `expand`) and ``--cache`` (for `record`)."""
+    result = ArgumentParser(prog=f"python -m {module}", description=about)
+    known = [*GROUPS, *NAMES, *LATE]
+    groups = f"names, or {', '.join(GROUPS)}; by default {' '.join(default)}. all does not include {[*GROUPS][-1]}"
+    result.add_argument("--sequences", metavar="NAME", nargs="+", default=default, choices=known, help=groups)
+    result.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
+    return result

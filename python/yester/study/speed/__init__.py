@@ -1,1 +1,1 @@
-"""Benchmarks of kernels and pipelines beside other libraries and the limits of the machine."""
+"""Benchmarks of kernels and pipelines, compared with other libraries and with the machine's limits."""

@@ -1,20 +1,20 @@
-"""Times every kernel and pipeline, beside other libraries and the machine's limits.
+"""Times every kernel and pipeline, other libraries, and the machine's limits.
 
-Each task of `tasks.TASKS` is run at every size with every setting of threads and SIMD level. Both are fixed when the
-core is loaded, so that every setting has its own process, and rivals have one for each number of threads. The processes
-run one at a time, in turns whose order rotates, so that disturbances affect all of them alike. Every few tasks, each
-setting measures the machine's limits: the bandwidth of copies and the rate of multiply-adds.
+Each task of `tasks.TASKS` runs at every size in every setting of threads and SIMD level. Both are fixed when the core
+is loaded, so that every setting has its own process; rivals have one for each number of threads. The processes run one
+at a time in rotating order, so that disturbances affect all of them alike. Every few tasks, each setting measures the
+machine's limits: the bandwidth of copies and the rate of multiply-adds.
 
 A run is the mean of as many calls as fill 20 ms, at least one. Reports median and quartiles after warm-up (the first
-run); slow contenders get fewer runs: three, if these take more than `PATIENCE` seconds in all, and one, if the first
-alone did. References, which are very slow, are run up to 1920×1080 with the most threads. Beyond that size, rivals also
-have the most threads, and ours only the best SIMD level. Outputs are written to the arrays of the previous call, also
-by rivals that support it.
+run). Slow contenders get fewer runs: three if these take more than `PATIENCE` seconds in total, one if the first alone
+takes that long. The torch references, which are very slow, run up to 1920×1080 with the most threads. Above that size,
+rivals have the most threads only, and this package the best SIMD level only. Outputs overwrite the arrays of the
+previous call, also those of rivals that support it.
 
-The minimal traffic of a kernel is its images, each read or written once. The fraction of its limit is the time for that
-traffic at the bandwidth of copies, or for its multiply-adds at their rate if they have been counted and take longer,
-divided by its own time. Small images stay in caches, which are faster: their fraction may exceed one. State that
-pipelines keep between frames is not counted.
+The minimal traffic of a kernel is its images, each read or written once. Its time at the limit is the time for that
+traffic at the bandwidth of copies or, if counted and longer, the time for its multiply-adds at their rate. The fraction
+of the limit is this time divided by the measured one. Small images stay in caches, which are faster, so that their
+fraction may exceed one. State that pipelines keep between frames is not counted.
 
 The memory of a pipeline is the growth of its own process, from before it is constructed to the peak of a few steps,
 without the output images.
@@ -53,15 +53,15 @@ from .timings import HD, OURS, Limits, Memory, Timing, draw, markdown, write_csv
 
 __all__ = ["CALM", "LEVELS", "PATIENCE", "chosen", "measure", "resident", "run", "settings", "staged"]
 
-#: Instruction sets, each with all before it; neon stands alone.
+#: SIMD levels; each includes those before it. "neon", on other machines, is the only level there.
 LEVELS = ("baseline", "avx2", "avx512")
-#: Seconds after which a contender gets no further runs beyond the minimum, that minimum, and a run's shortest duration.
+#: Seconds after which a contender gets no runs beyond the minimum; this minimum; shortest duration of a run in seconds.
 PATIENCE, _FEWEST, _SHORTEST = 4.0, 3, 0.02
-#: Tasks.
+#: Number of tasks between measurements of the machine's limits.
 _LIMITS_EVERY = 4
-#: Steps over which a pipeline's memory is measured, and steps after which it should not grow any more.
+#: Steps over which a pipeline's memory is measured, and steps after which it should no longer grow.
 _STEPS, _SETTLED = 12, 3
-#: Seconds for which the threads of some rivals keep spinning after their work.
+#: Pause after each run in seconds: the threads of some rivals keep spinning after their work.
 CALM = 0.02
 
 
@@ -71,19 +71,19 @@ def settings(threads: Sequence[int] | None = None, simd: Sequence[str] | None = 
     Parameters
     ----------
     threads : sequence of int, optional
-        By default one, and all that there are.
+        By default one, and all threads.
     simd : sequence of str, optional
-        Levels; by default all that the machine has.
+        Levels; by default all levels of the machine.
 
     Returns
     -------
     list of (int, str)
-        The most threads with the best level first.
+        The most threads with the best level come first.
 
     Raises
     ------
     ValueError
-        If this process could not use as many threads, or that level.
+        If this process cannot use as many threads, or a level.
     """
     most, best = _core.settings()
     known = LEVELS[: LEVELS.index(best) + 1] if best in LEVELS else (best,)
@@ -99,16 +99,16 @@ def settings(threads: Sequence[int] | None = None, simd: Sequence[str] | None = 
 
 
 def chosen(only: Sequence[str] | None = None) -> list[Task]:
-    """Choose tasks by beginnings of their names; by default, all that can be run here.
+    """Choose tasks by prefixes of their names; by default, all tasks whose libraries are installed.
 
     Raises
     ------
     ValueError
-        If no name begins like that.
+        If no name has one of the prefixes.
     """
     for one in only or ():
         if not any(task.name.startswith(one) for task in TASKS):
-            raise ValueError(f"only: expected beginnings of {'; '.join(task.name for task in TASKS)}, got {one}")
+            raise ValueError(f"only: expected prefixes of {'; '.join(task.name for task in TASKS)}, got {one}")
     here = [task for task in TASKS if task.function != "OIDN" or imports("pyoidn")]
     return [task for task in here if not only or task.name.startswith(tuple(only))]
 
@@ -127,11 +127,11 @@ def run(
     Parameters
     ----------
     folder : Path
-        Made if it does not exist.
+        Output folder, created if missing.
     tasks, sizes, settings, repetitions
         As for `measure`.
     compare : bool, default True
-        Whether to time rivals, too.
+        Whether to time rivals as well.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def run(
 
 
 def _machine() -> str:
-    """The processor's name, where the system tells it."""
+    """The processor's model and the number of cores; Linux tells the model in a file only."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -163,7 +163,7 @@ def _machine() -> str:
 
 @dataclass
 class _Entrant:
-    """A contender in one setting, and what it has done."""
+    """A contender in one setting, and its runs so far."""
 
     name: str
     setting: tuple[int, str]
@@ -192,7 +192,7 @@ def measure(
     repetitions: int = 7,
     absent: Iterable[str] | None = (),
 ) -> list[Timing]:
-    """Time tasks, in turn with their rivals.
+    """Time tasks and their rivals, interleaved.
 
     Parameters
     ----------
@@ -202,21 +202,21 @@ def measure(
     settings : sequence of (int, str)
         Numbers of threads and SIMD levels: the most threads with the best level first.
     repetitions : int, default 7
-        Runs of each, at most.
+        Maximum number of runs of each contender.
     absent : iterable of str, default none
-        Libraries of rivals that are to be left out; None leaves out all rivals.
+        Libraries whose rivals are left out; None leaves out all rivals.
 
     Returns
     -------
     list of Timing
-        Those of one size and task stand together, ours before the rivals'.
+        Ordered by size, task and contender; this package comes before its rivals.
 
     Raises
     ------
     ValueError
-        If there are to be no repetitions.
+        If repetitions is below 1.
     OSError
-        If a process ends, as it does where memory is short.
+        If a process ends unexpectedly, for example for lack of memory.
     """
     if repetitions < 1:
         raise ValueError(f"repetitions: expected at least 1, got {repetitions}")
@@ -258,7 +258,7 @@ def measure(
 
 
 def _ours(workers: Mapping[tuple[int, str], _Worker], size: tuple[int, int]) -> Iterator[_Entrant]:
-    """In every setting; beyond 1920×1080 with the best level only."""
+    """This package in every setting; above 1920×1080 only with the best level."""
     best = next(iter(workers))[1]
     for setting, worker in workers.items():
         if math.prod(size) <= math.prod(HD) or setting[1] == best:
@@ -268,7 +268,10 @@ def _ours(workers: Mapping[tuple[int, str], _Worker], size: tuple[int, int]) -> 
 def _rivals(
     workers: Mapping[int, _Worker], task: Task, size: tuple[int, int], absent: Iterable[str]
 ) -> Iterator[_Entrant]:
-    """With every number of threads; beyond 1920×1080, and references, with the most; there, no references."""
+    """The rivals of a task with every number of threads; above 1920×1080 only with the most.
+
+    The torch reference runs with the most threads, up to 1920×1080.
+    """
     small = math.prod(size) <= math.prod(HD)
     for threads, worker in workers.items():
         most = threads == max(workers)
@@ -295,7 +298,7 @@ class _Worker:
         context = get_context("spawn")
         self._pipe, end = context.Pipe()
         self._process = context.Process(target=_serve, args=(end,), daemon=True)
-        # Ctrl-C is for the process that asks, from the very beginning of this one.
+        # The worker ignores Ctrl-C from its start: the main process handles it and ends the workers.
         with _environment(YESTER_THREADS=str(threads), YESTER_SIMD=simd), _on_interrupt(signal.SIG_IGN):
             self._process.start()
         end.close()
@@ -315,7 +318,7 @@ class _Worker:
         except (EOFError, ConnectionError):
             self._process.join()
             code = self._process.exitcode
-            raise OSError(f"a process of the benchmark has ended with code {code}: is memory short?") from None
+            raise OSError(f"a process of the benchmark ended with code {code}, perhaps for lack of memory") from None
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -334,7 +337,7 @@ def _environment(**variables: str) -> Iterator[None]:
 
 @contextmanager
 def staged(width: int, height: int) -> Iterator[Path]:
-    """The images of one size, in a temporary folder that is removed even if Ctrl-C is pressed while it is created."""
+    """Write the images of one size to a temporary folder, which is removed even after Ctrl-C during its creation."""
     heard: list[int] = []
     with _on_interrupt(lambda number, _: heard.append(number)):
         made = TemporaryDirectory(prefix="yester-bench-")
@@ -347,9 +350,9 @@ def staged(width: int, height: int) -> Iterator[Path]:
 
 @contextmanager
 def _on_interrupt(handler: Callable[[int, FrameType | None], object] | signal.Handlers) -> Iterator[None]:
-    """Do something else on Ctrl-C; processes that start meanwhile go on ignoring it if this one does."""
+    """Replace the handler of Ctrl-C. Processes that start meanwhile inherit SIG_IGN."""
     if threading.current_thread() is not threading.main_thread():
-        # Only that one hears it, and may decide.
+        # Signals reach the main thread only, and only it may set handlers.
         yield
         return
     before = signal.signal(signal.SIGINT, handler)
@@ -360,7 +363,7 @@ def _on_interrupt(handler: Callable[[int, FrameType | None], object] | signal.Ha
 
 
 def _serve(pipe: Connection) -> None:
-    """Serve requests until the pipe is closed."""
+    """Answer requests until the pipe is closed."""
     tasks = {task.name: task for task in TASKS}
     calls: dict[str, Call] = {}
     while True:
@@ -391,7 +394,7 @@ def _serve(pipe: Connection) -> None:
 
 
 def _timed(run: Callable[[], object]) -> float:
-    """Milliseconds of one call."""
+    """Mean time of a call in milliseconds, over calls that fill `_SHORTEST` seconds."""
     start, calls, elapsed = time.perf_counter(), 0, 0.0
     while elapsed < _SHORTEST:
         run()
@@ -417,7 +420,10 @@ def _memory(task: Task, images: Inputs) -> Memory | None:
 
 
 def resident() -> tuple[float, float]:
-    """Current and peak resident memory of this process in MB (Linux only: psutil does not tell the peak)."""
+    """Current and peak resident memory of this process in MB; OSError on systems other than Linux.
+
+    psutil has no peak on Linux, and that of `resource.getrusage` includes the process that started this one.
+    """
     lines = Path("/proc/self/status").read_text().splitlines()
     known = {name: text.split() for name, _, text in (line.partition(":") for line in lines)}
     now, most = (1.024e-3 * int(known[name][0]) for name in ("VmRSS", "VmHWM"))

@@ -1,6 +1,6 @@
 """Comparable functions of other libraries, for `yester bench`, with the same number of threads.
 
-Inputs are converted, and outputs allocated if the library supports that, before timing: only the filter is timed.
+Before timing, inputs are converted, and outputs are allocated if the library supports that: only the filter is timed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .tasks import Call, Inputs, Task
 
 __all__ = ["REFERENCE", "RIVALS", "Rival", "library", "missing", "start"]
 
-#: The name of the torch reference of a task.
+#: The contender's name of a task's torch reference.
 REFERENCE = "torch reference"
 
 
@@ -32,7 +32,7 @@ class Rival(NamedTuple):
     Attributes
     ----------
     library : str
-        As `missing` names it.
+        Its key in `missing`.
     make : callable
         Makes the function to be timed from `Inputs`.
     """
@@ -42,7 +42,7 @@ class Rival(NamedTuple):
 
 
 def missing() -> dict[str, str]:
-    """By library, how to install the missing ones, as in `peers`."""
+    """By name of a missing library, how to install it, as in `peers`."""
     _, absent = peers()
     remedy = absent.pop("SVGF in torch", None)
     if remedy:
@@ -53,12 +53,12 @@ def missing() -> dict[str, str]:
 
 
 def library(name: str) -> str:
-    """What `missing` calls the library of a rival, or of the reference."""
+    """The key in `missing` of a rival, or of the torch reference."""
     return "torch references" if name == REFERENCE else RIVALS[name].library
 
 
 def start(name: str, task: Task, inputs: Inputs) -> Call:
-    """Make a rival, or the reference, of a task ready to be timed."""
+    """Prepare a rival or the torch reference of a task for timing."""
     if name != REFERENCE:
         return Call(RIVALS[name].make(inputs))
     twins = references()
@@ -68,7 +68,7 @@ def start(name: str, task: Task, inputs: Inputs) -> Call:
             alpha = given.pop("alpha")
             return Call(lambda: twins.blend(given["color"], twins.clip_history(**given), alpha))
         return Call(partial(getattr(twins, task.function), **given))
-    # It has no reflections.
+    # The torch reference has no reflections.
     options = {key: value for key, value in task.options.items() if key != "reflections"}
     state = getattr(twins, task.function)(**options)
     turns = cycle(tensors(frame) for frame in task.frames(inputs))

@@ -1,8 +1,8 @@
 """The tasks of `yester bench`: every kernel and pipeline, and their input images.
 
 The images are two consecutive frames of a small ray-cast scene, one sample per pixel, with a camera motion of a few
-pixels; the history is as accumulated up to the first of them. A tenth of the histories are short, in blocks, so that
-kernels for short histories have as much work as after fast motion.
+pixels; the history is accumulated up to the first of them. A tenth of the pixels, in blocks, have short histories, so
+that kernels for short histories have as much work as after fast motion.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..synthetic.raycast import Light, Scene, Thing
 
 __all__ = ["TASKS", "Call", "Inputs", "Task", "stage"]
 
-#: The images of a frame; the frame before has them as `previous_color` and so on.
+#: The images of a frame; those of the previous frame are named `previous_albedo` and so on.
 _FRAME = ("albedo", "normal", "depth", "motion", "ids")
-#: The arrays of a pipeline's output, some of them optional.
+#: The arrays of a pipeline's output; some are optional.
 _MADE = ("color", "variance", "choice", "history_length", "confidence", "rejection")
-#: Period of the frames' noise. With a period of two, history would contain every new sample already, and reflections
+#: Period of the frames' noise. With a period of two, history would already contain every new sample, and reflections
 #: would be tested in many more tiles.
 _TURNS = 8
-#: Rows that are ray-cast at a time: few, so that they stay in cache.
+#: Rows that are ray-cast at a time; few enough to stay in cache.
 _BAND = 32
 
 
@@ -62,19 +62,19 @@ class Task:
     ----------
     name : str
     function : str
-        Of `yester`, and of the torch references.
+        Name in `yester` and in the torch references.
     images : dict of str to (str or list of str)
-        Arguments, and what of `Inputs` they are.
+        By argument, the name of its images in `Inputs`.
     options : dict, default none
         Other arguments.
     rivals : tuple of str, default none
-        Keys of `rivals.RIVALS`; the reference is one of every task.
+        Keys of `rivals.RIVALS`. The torch reference is a rival of every task.
     multiply_adds : float, optional
-        Minimal number per pixel; None if not counted. The limit is the issue rate of vector instructions, times lanes:
-        any other vector instruction (addition, multiplication, comparison, select, shift) counts as a multiply-add, and
-        so do divisions and roots, which take longer. Loads and stores are not counted.
+        Minimal number per pixel; None if not counted. The limit is the issue rate of vector instructions times lanes.
+        Every vector instruction (addition, multiplication, comparison, select, shift) counts as a multiply-add, and so
+        do divisions and roots, although they take longer. Loads and stores are not counted.
     jitter : (float, float), optional
-        The frames' jitter, which a pipeline may use to resolve them.
+        The jitter of the frames, for pipelines that use it.
     """
 
     name: str
@@ -87,11 +87,11 @@ class Task:
 
     @property
     def pipeline(self) -> bool:
-        """Whether it takes frames, and remembers."""
+        """Whether the function is a pipeline, which takes frames and keeps history."""
         return isinstance(getattr(yester, self.function), type)
 
     def frames(self, inputs: Inputs) -> list[Frame]:
-        """The input frames of pipelines, repeated endlessly."""
+        """The input frames of a pipeline, which are repeated endlessly."""
         frames = inputs.frames(self.jitter)
         match self.function:
             case "HalfRes":
@@ -101,7 +101,7 @@ class Task:
         return frames
 
     def arguments(self, inputs: Inputs) -> dict[str, Any]:
-        """By name."""
+        """The keyword arguments of a kernel."""
         images = {
             name: [inputs[one] for one in source] if isinstance(source, list) else inputs[source]
             for name, source in self.images.items()
@@ -109,9 +109,9 @@ class Task:
         return {**images, **self.options}
 
     def start(self, inputs: Inputs, frames: Sequence[Frame] = ()) -> Call:
-        """Prepare for timing: results are written to the previous call's arrays, so that no memory is allocated.
+        """Prepare for timing: results overwrite the previous call's arrays, so that no memory is allocated.
 
-        A pipeline gets the frames of `frames` unless others are given.
+        The frames of a pipeline are those of `Task.frames` unless others are given.
         """
         if self.pipeline:
             state, turns = getattr(yester, self.function)(**self.options), cycle(frames or self.frames(inputs))
@@ -132,7 +132,7 @@ class Task:
 
 
 def _halved(frame: Frame) -> Frame:
-    """A frame that `Upscaler` makes as large as this one."""
+    """The frame at half the size, as input of `Upscaler`."""
     buffers: dict[str, Any] = {name: buffer[::2, ::2] for name, buffer in frame.buffers().items()}
     buffers["motion"] = buffers["motion"] / np.array([2, 2, 1][: buffers["motion"].shape[-1]], np.float32)
     height, width, _ = buffers["color"].shape
@@ -141,7 +141,7 @@ def _halved(frame: Frame) -> Frame:
 
 
 def _bytes(values: Iterable[Any]) -> int:
-    """Of all arrays, also those in lists and tuples."""
+    """The size of all arrays, including those in lists and tuples."""
     total = 0
     for value in values:
         if isinstance(value, list | tuple):
@@ -152,7 +152,7 @@ def _bytes(values: Iterable[Any]) -> int:
 
 
 def _named(*names: str, **others: str | list[str]) -> dict[str, str | list[str]]:
-    """Arguments that are called as what they get, and others."""
+    """Arguments that have the name of their image, and others."""
     return {name: name for name in names} | others
 
 
@@ -188,36 +188,36 @@ _PUBLISHED: dict[str, Any] = {
     **dict.fromkeys(("gradient", "fireflies", "choice", "innovation", "antialias"), False),
 }
 
-# What one pixel takes of the vector units, as `Task.multiply_adds` counts, read from the kernels.
+# Vector operations per pixel as `Task.multiply_adds` counts them, read from the kernels.
 #
-# A tap's exponent: normals 8 for the squared distance, 2 to scale and subtract it; planes 2 to move the ray, 4 for the
-# distance from the plane and to subtract it; classes 2. The ray of a row of taps: 2.
+# Exponent of a tap. Normals: 8 for the squared distance, 2 to scale and subtract it. Planes: 2 to move the ray, 4 for
+# the distance from the plane and to subtract it. Class: 2. The ray of a row of taps: 2.
 _GUIDED, _ROW = 10 + 6 + 2, 2
-# Its centre: rays in units of the distance that counts as one.
+# The centre: its ray, scaled by the plane tolerance.
 _CENTER = 24
-# 3 to split the exponent, 10 for the polynomial, 2 to put both together, 2 to know where the weight is zero.
+# 3 to split the exponent, 10 for the polynomial, 2 to combine both, 2 to find zero weights.
 _EXP2 = 17
 
 
 def _pass(side: int) -> int:
-    """An à-trous pass: so many rows of as many taps, but for the centre, which sums begin with.
+    """An à-trous pass with `side` × `side` taps; the centre, with which the sums start, is not computed as a tap.
 
-    4 for luminance and 10 to add weight, colour and variance; then 30 for the blurred deviation and its reciprocal, 2
-    for a centre that is missing, 17 to divide the sums and for the luminance of the result.
+    Per tap 4 for luminance and 10 to add weight, colour and variance; per pixel 30 for the blurred deviation and its
+    reciprocal, 2 for a missing centre, 17 to divide the sums and for the luminance of the result.
     """
     return (side * side - 1) * (_GUIDED + 4 + _EXP2 + 10) + side * _ROW + _CENTER + 30 + 2 + 17
 
 
-# Before the first pass, and after the last: what is missing or no surface is found and replaced. Of pipelines, too, the
-# passes and this alone are counted.
+# Before the first pass and after the last, missing samples and background are found and replaced. Of pipelines, only
+# this and the passes are counted.
 _AROUND = 22 + 23 + 4
-# Variance in time 11; for a tenth of the pixels, whose history is short, 49 taps with 5 to know the moments by and 8 to
-# add them.
+# Temporal variance: 11. Spatial variance, for the tenth of the pixels with a short history: 49 taps, each with 5 to
+# weight the moments and 8 to add them.
 _ESTIMATE = 11 + 0.1 * (49 * (_GUIDED + _ROW + _EXP2 + 13) + _CENTER + 12)
-# Both colours 24 to convert; statistics of columns 86, across them 76; the box with its room 19, the way into it 52,
-# and 8 back to RGB.
+# Colour conversion 24 for each of two colours; statistics along columns 86, across them 76; the box 19, clipping to it
+# 52, and 8 back to RGB.
 _CLIP = 2 * 24 + 86 + 76 + 19 + 52 + 8
-# The blend by alpha that may follow: 16 to know what is missing, 22 to mix.
+# The optional blend by alpha: 16 to find missing samples, 22 to blend.
 _MIX = 16 + 22
 
 TASKS = (
@@ -305,7 +305,7 @@ TASKS = (
 
 
 class Inputs:
-    """The images of one size, read from where `stage` has put them when they are asked for, once.
+    """The images of one size, as `stage` wrote them. Each is read once, on first use.
 
     Parameters
     ----------
@@ -326,25 +326,25 @@ class Inputs:
         return self._read[name]
 
     def frames(self, jitter: tuple[float, float] | None = None) -> list[Frame]:
-        """Frames for an endless sequence, back and forth, each with its own noise."""
+        """Frames of an endless sequence that alternates between two views; each has its own noise."""
         return [self.frame(turn, jitter) for turn in range(_TURNS)]
 
     def frame(self, turn: int, jitter: tuple[float, float] | None = None) -> Frame:
-        """One of these."""
+        """A single one of these frames."""
         prefix = ("previous_", "")[turn % 2]
         images = {name: self[prefix + name] for name in (*_FRAME, "camera")}
         return Frame(self[_color(turn)], **images, jitter=jitter)
 
 
 def stage(folder: Path, width: int, height: int) -> None:
-    """Make the images of one size. Same size, same bits.
+    """Write the images of one size; equal sizes give equal bits.
 
     Parameters
     ----------
     folder : Path
-        It gets a file for each.
+        Gets one file for each image.
     width, height : int
-        In pixels.
+        Size in pixels.
     """
     rng = np.random.default_rng(0)
     scenes = [_scene(now, width, height) for now in (0, 1)]
@@ -391,13 +391,13 @@ def stage(folder: Path, width: int, height: int) -> None:
 
 
 def _color(turn: int) -> str:
-    """The file of an image; the first two frames are also the kernels' inputs."""
+    """The name of a frame's colour; the colours of the first two frames are also inputs of kernels."""
     name = ("previous_color", "color")[turn % 2]
     return name if turn < 2 else f"{name}_{turn}"
 
 
 def _scene(now: int, width: int, height: int) -> Scene:
-    """At every size the same view, in which as much moves by as many pixels as in a small image of 1920."""
+    """The same view at every size; motion in pixels does not depend on the size."""
     step = now * 1920 / width / 100
     camera = Camera.from_look_at([step, 1.2, 4], [0.5 * step, 0.6, 0], [0, 1, 0], 50, width, height)
     white, grey, red = (0.8, 0.8, 0.7), (0.4, 0.5, 0.4), (0.9, 0.2, 0.1)

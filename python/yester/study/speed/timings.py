@@ -1,4 +1,4 @@
-"""Results of `yester bench`: times beside the machine's limits, targets, tables and a chart."""
+"""Results of `yester bench`: times, fractions of the machine's limits, targets, tables and a chart."""
 
 from __future__ import annotations
 
@@ -29,14 +29,15 @@ HD, UHD, THREADS = (1920, 1080), (3840, 2160), 2
 
 
 class Limits(NamedTuple):
-    """The machine's limits (roofline), with the same threads and instruction set.
+    """The machine's limits (roofline) with a setting's threads and SIMD level.
 
     Attributes
     ----------
     bandwidth : float
-        Of copies of arrays of 134 MB, read and written, in GB/s.
+        Bytes read and written by copies of arrays of 134 MB, in GB/s.
     arithmetic : float
-        Multiply-adds of floats in registers, in 10⁹/s; where no instruction does both, multiplications and additions.
+        Multiply-adds of floats in registers, in 10⁹/s; where there is no such instruction, a multiplication and an
+        addition.
     """
 
     bandwidth: float
@@ -49,9 +50,9 @@ class Memory(NamedTuple):
     Attributes
     ----------
     most : float
-        In MB.
+        Peak in MB.
     growth : float
-        From the third step to the last of a few more, in MB.
+        Growth from the third to the last measured step, in MB.
     """
 
     most: float
@@ -60,7 +61,7 @@ class Memory(NamedTuple):
 
 @dataclass(frozen=True)
 class Timing:
-    """One task, done by one contender in one setting.
+    """The time of one task, by one contender in one setting.
 
     Attributes
     ----------
@@ -72,17 +73,17 @@ class Timing:
         Width and height, in pixels.
     threads : int
     simd : str
-        The instructions' name; empty for rivals, who choose themselves.
+        The SIMD level; empty for rivals, which choose it themselves.
     runs : tuple of float
         Times of all runs, in milliseconds.
     bytes : int
-        That go in and come out at least; 0 if unknown.
+        Minimal traffic: the size of all inputs and outputs; 0 if unknown.
     multiply_adds : float or None
-        That a pixel needs at least, if known.
+        Minimal number per pixel, if counted.
     limits : Limits or None
-        Of the setting; None for rivals.
+        Limits of the setting; None for rivals.
     memory : Memory or None
-        Of pipelines, if it was measured.
+        Memory of a pipeline, if measured.
     """
 
     task: str
@@ -102,7 +103,7 @@ class Timing:
 
     @property
     def ms(self) -> float:
-        """Their median."""
+        """Median of the runs."""
         return float(np.median(self.runs))
 
     @property
@@ -116,7 +117,7 @@ class Timing:
 
     @property
     def bandwidth(self) -> float | None:
-        """In GB/s, if it reads and writes everything once."""
+        """Minimal traffic per time, in GB/s; None if unknown."""
         return self.bytes / self.ms / 1e6 if self.bytes else None
 
     @property
@@ -132,7 +133,7 @@ class Timing:
 
     @property
     def share(self) -> float | None:
-        """Fraction of the limit; may exceed 1 for images in cache."""
+        """Time at the limit relative to the measured time; may exceed 1 for images in cache."""
         return self.limit and self.limit[1] / self.ms
 
 
@@ -145,7 +146,7 @@ class Target(NamedTuple):
     relation : "≤", "<" or "≥"
     wanted : float
     measured : float or None
-        None if not everything that it needs was measured.
+        None if a measurement that it needs is missing.
     """
 
     name: str
@@ -163,12 +164,12 @@ class Target(NamedTuple):
 
 
 def targets(timings: Sequence[Timing]) -> list[Target]:
-    """Compare the measurements with the targets: at 1920×1080 with two threads, unless stated otherwise.
+    """Compare the measurements with the targets, which hold for 1920×1080 and two threads unless stated otherwise.
 
     Parameters
     ----------
     timings : sequence of Timing
-        With one SIMD level or several; the level that comes first counts.
+        Of several SIMD levels, the first one counts.
 
     Returns
     -------
@@ -186,16 +187,16 @@ def targets(timings: Sequence[Timing]) -> list[Target]:
 
     def slower(task: str, rival: str, wanted: float, relation: str = "≤") -> Target:
         measured = ratio(timed(task), timed(task, rival), lambda t: t.ms)
-        return Target(f"{task}: time, in times of {rival}", relation, wanted, measured)
+        return Target(f"{task}: time relative to {rival}", relation, wanted, measured)
 
     def faster(task: str, rival: str, wanted: float) -> Target:
         measured = ratio(timed(task, rival), timed(task), lambda t: t.ms)
-        return Target(f"{task}: how many times faster than {rival}", "≥", wanted, measured)
+        return Target(f"{task}: speed relative to {rival}", "≥", wanted, measured)
 
     pipelines = [task.name for task in TASKS if task.pipeline and task.function != "OIDN"]
     one, five = timed("atrous, 1 pass"), timed("atrous, 5 passes")
     binding = f" ({one.limit[0]} binds)" if one and one.limit else ""
-    # What one call has before and after its passes, such as the guide, is in both.
+    # The difference excludes the work before and after the passes, such as preparing the guide.
     further = None
     if one and five and one.limit and five.limit:
         further = (five.limit[1] - one.limit[1]) / (five.ms - one.ms)
@@ -208,29 +209,29 @@ def targets(timings: Sequence[Timing]) -> list[Target]:
         slower("reproject, bilinear", "OpenCV remap, linear", 1.0),
         slower("reproject, catmull-rom", "OpenCV remap, cubic", 1.0, "<"),
         faster("clip_history, blended", "OpenCV blur + sqrBoxFilter", 3.0),
-        Target(f"atrous, 1 pass with its guide: share of the limit{binding}", "≥", 0.4, one.share if one else None),
-        Target("atrous, a further pass: share of the limit", "≥", 0.4, further),
+        Target(f"atrous, 1 pass with its guide: fraction of the limit{binding}", "≥", 0.4, one.share if one else None),
+        Target("atrous, a further pass: fraction of the limit", "≥", 0.4, further),
         slower("TAA, 5 taps", "OpenCV remap, linear", 4.0),
         faster("SVGF, 5 passes", "OIDN fast", 10.0),
         faster("SVGF, as published but 3x3", "OIDN fast", 10.0),
         faster("SVGF, 5 passes", REFERENCE, 40.0),
         *(
             Target(
-                f"{task}: one thread's time, in times of two",
+                f"{task}: time of one thread relative to two",
                 *("≥", 1.85, ratio(timed(task, threads=1), timed(task), lambda t: t.ms)),
             )
             for task in pipelines
         ),
         *(
             Target(
-                f"{task}: a pixel's time at 4K, in times of 1080p",
+                f"{task}: time per pixel at 4K relative to 1080p",
                 *("≤", 1.15, ratio(timed(task, size=UHD), timed(task), lambda t: t.ns_per_pixel)),
             )
             for task in pipelines
         ),
         held("SVGF, 5 passes", "state and scratch", 150, lambda memory: memory.most),
         held("SVGF, as published but 3x3", "state and scratch", 150, lambda memory: memory.most),
-        held("SVGF, 5 passes", "their growth from frame to frame", 0.5, lambda memory: memory.growth),
+        held("SVGF, 5 passes", "growth of state and scratch", 0.5, lambda memory: memory.growth),
     ]
 
 
@@ -240,11 +241,11 @@ def markdown(timings: Sequence[Timing], *, about: str, missing: Iterable[str] = 
     Parameters
     ----------
     timings : sequence of Timing
-        The setting that comes first is shown in full, of the others, and of references, the medians alone.
+        The first setting is shown in full; for other settings and for references, only the medians.
     about : str
-        A paragraph at its head.
+        The first paragraph.
     missing : iterable of str, default none
-        Who could not be compared with.
+        The contenders that were not measured, and why.
 
     Returns
     -------
@@ -278,8 +279,8 @@ def markdown(timings: Sequence[Timing], *, about: str, missing: Iterable[str] = 
         place = f"targets at {HD[0]}×{HD[1]}, {THREADS} threads"
         pages.append(_table((place, "wanted", "measured", ""), rows))
     if not held and any(task.name == timing.task and task.pipeline for task in TASKS for timing in ours):
-        pages.append("Not here: memory, which this system does not tell")
-    pages += [f"Not here: {one}" for one in missing]
+        pages.append("Not measured: memory, which this system does not report")
+    pages += [f"Not measured: {one}" for one in missing]
     return "\n\n".join(pages) + "\n"
 
 
@@ -288,8 +289,8 @@ def _setting(threads: int, simd: str) -> str:
 
 
 def _compare(timings: Sequence[Timing], settings: Sequence[tuple[int, str]]) -> str:
-    """A table of one size: a row for each task, with its reference in the last column, and below it one for each rival,
-    with how many times our time that takes.
+    """A table of one size: a row for each task, with its reference in the last column, and below it a row for each
+    rival, with its time relative to this package's.
     """
     cells: dict[tuple[str, str], dict[tuple[int, str], Timing]] = {}
     for timing in timings:
@@ -301,7 +302,7 @@ def _compare(timings: Sequence[Timing], settings: Sequence[tuple[int, str]]) -> 
     rows = []
     for (task, contender), found in cells.items():
         ours = contender == OURS
-        # Rivals choose the instructions themselves, and have one time for each number of threads.
+        # Rivals choose their instructions, and have one time for each number of threads.
         first, *rest = (
             found.get((threads, simd if ours else "")) if ours or simd == best else None for threads, simd in settings
         )
@@ -325,7 +326,7 @@ def _compare(timings: Sequence[Timing], settings: Sequence[tuple[int, str]]) -> 
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """In Markdown that can be read as it is: names to the left, figures to the right."""
+    """A Markdown table with aligned columns: the first to the left, the others to the right."""
     widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
 
     def line(cells: Sequence[str]) -> str:
@@ -338,7 +339,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def write_csv(timings: Sequence[Timing], folder: Path) -> None:
-    """Write ``bench.csv``, a row for each timing, and ``targets.csv``; what is unknown is empty."""
+    """Write ``bench.csv``, a row for each timing, and ``targets.csv``; unknown values are empty."""
     measures = ("ms", "ms_low", "ms_high", "runs", "ns_per_pixel", "gb_per_s", "share", "limit")
     machine, memory = ("copy_gb_per_s", "giga_multiply_adds_per_s"), ("held_mb", "growth_mb")
     head = ["task", "contender", "width", "height", "threads", "simd", *measures, *machine, *memory]
@@ -363,7 +364,7 @@ def _write(path: Path, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> No
 
 
 def draw(timings: Sequence[Timing]) -> Figure:
-    """Draw the time per pixel of every task beside its rivals': at the size with most of them, in the first setting.
+    """Draw the time per pixel of every task and its rivals, in the first setting, at the size with most timings.
 
     Parameters
     ----------
@@ -373,7 +374,7 @@ def draw(timings: Sequence[Timing]) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        A row for each task: a bar up to our time, a dot for each rival, and a stroke where the machine's limit is.
+        A row for each task: a bar for this package's time, a dot for each rival, a stroke for the machine's limit.
     """
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -390,7 +391,7 @@ def draw(timings: Sequence[Timing]) -> Figure:
     height = 1.6 + 0.3 * len(tasks)
     figure = Figure((8.4, height), dpi=72)
     axes = figure.add_axes((0.27, 0.55 / height, 0.69, 1 - 1.55 / height), facecolor="none")
-    # Bars on a logarithmic axis begin at its lower end, below all values.
+    # On a logarithmic axis, bars start at its lower end, below all values.
     least = min(min(t.ns_per_pixel, 1e6 * t.limit[1] / t.pixels if t.limit else math.inf) for t in same)
     start = 10 ** math.floor(math.log10(least))
     for timing in same:
@@ -413,7 +414,7 @@ def draw(timings: Sequence[Timing]) -> Figure:
     axes.tick_params(length=0, labelsize=9, labelcolor=INK, pad=5)
     for side, spine in axes.spines.items():
         spine.set(visible=side == "left", edgecolor=GRID)
-    axes.set_xlabel("time of a pixel [ns]", color=INK, size=10)
+    axes.set_xlabel("time per pixel [ns]", color=INK, size=10)
     title = f"{size[0]}×{size[1]}, {_setting(chief.threads, chief.simd)}"
     figure.text(0.02, 1 - 0.3 / height, title, color=INK, size=13, weight="bold", va="center")
     keys: list[Any] = [Patch(color=COLORS[0], label="Yester")]
@@ -428,5 +429,5 @@ def draw(timings: Sequence[Timing]) -> Figure:
 
 
 def _library(timing: Timing) -> str:
-    """The library in a rival's name."""
+    """The library of a rival: the first word of its name."""
     return timing.contender if timing.contender == REFERENCE else timing.contender.split()[0]

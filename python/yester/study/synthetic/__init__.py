@@ -1,1 +1,1 @@
-"""Failures and strains of temporal methods, staged in small scenes whose truth a ray-caster knows exactly."""
+"""Known failures of temporal methods and extreme inputs, in small ray-cast scenes with exact references."""

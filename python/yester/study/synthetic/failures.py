@@ -1,7 +1,7 @@
 """Known failures of temporal methods, as reported by users: scenarios with exact references.
 
-Each is a small scene of `raycast` that provokes one failure, at 96×64 pixels. Frames are numbered from the event, if
-there is one: earlier frames are warm-up, later ones are measured. Continuous motion has constant speed.
+Each scenario is a small scene of `raycast`, at 96×64 pixels, that provokes one failure. Frames are numbered from the
+event, if there is one: frames before it are warm-up, later frames are measured. Continuous motion has constant speed.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = ["FAILURES", "FRAMES", "HEIGHT", "SCENARIOS", "TRAIL", "WIDTH", "Scena
 Image: TypeAlias = NDArray[np.float32]
 Mask: TypeAlias = NDArray[np.bool_]
 
-#: Known failures: the symptom, and where it was reported.
+#: By failure: the symptom, and the reports of users.
 FAILURES: dict[str, tuple[str, str]] = {
     "disocclusion": (
         "noise or smear on newly visible surfaces; off-screen entry",
@@ -74,11 +74,11 @@ FAILURES: dict[str, tuple[str, str]] = {
     "additive shimmer on static detail": ("sub-pixel jitter of an over-tight clip", "godot #85123"),
 }
 
-#: Size of a scenario's frames in pixels: small, so that all scenarios take minutes.
+#: Size of a scenario's frames in pixels; small, so that all scenarios take only minutes.
 WIDTH, HEIGHT = 96, 64
-#: Frames of a scenario; the second half is measured.
+#: Frames of a scenario, of which the second half is measured.
 FRAMES = 32
-#: For continuous motion, a ghost is the image this many frames before.
+#: In scenarios with continuous motion, a ghost is the reference of this many frames ago.
 TRAIL = 4
 
 
@@ -92,9 +92,9 @@ class Shot(NamedTuple):
     truth : (H, W, 3) float32 or None
         The reference; None during warm-up.
     former : (H, W, 3) float32 or None
-        The image of a ghost, if the scenario is about ghosting.
+        The outdated image that a ghost shows, if the scenario is about ghosting.
     watch : (H, W) bool or None
-        The pixels in which the failure is visible; None means all.
+        The pixels in which the failure is visible; None for all pixels.
     """
 
     frame: Frame
@@ -105,13 +105,13 @@ class Shot(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """A frame from the renderer, with the information that a faulty exporter may misuse.
+    """A frame from the ray-caster, and further data to simulate faulty exporters.
 
     Attributes
     ----------
     frame : Frame
     now : int
-        Its number: 0 at the event, negative before.
+        Number of the frame: 0 at the event, negative before.
     shift : (2,) ndarray of float64
         Change of the jitter since the previous frame, in pixels.
     rng : numpy.random.Generator
@@ -131,18 +131,18 @@ class Scenario:
     ----------
     name : str
     failure : str
-        Of `FAILURES`.
+        A key of `FAILURES`.
     stage : callable
         The scene of a frame by its number, which is 0 at the event and negative before.
     deviation, fireflies : float, default 0
-        Noise of the frames, as `raycast.noise` has it. Without noise, samples are jittered, all alike and known; with
-        noise, they are spread over their pixels.
+        Parameters of `raycast.noise`. Without noise, all samples of a frame have the same known jitter; with noise,
+        samples are distributed randomly over their pixels.
     former : "event" or "trail", optional
-        The image of a ghost: the reference before the event, or that of `TRAIL` frames ago.
+        The outdated image that a ghost shows: the reference before the event, or that of `TRAIL` frames ago.
     watch : callable, optional
         Pixels in which the failure is visible, from a scene and the previous one.
     alter : callable, optional
-        Turns a `Taken` into the methods' input frame.
+        Converts a `Taken` to the methods' input frame.
     warm_up : bool, default True
         True if the first half of the frames is warm-up.
     frames : int, default `FRAMES`
@@ -165,9 +165,9 @@ class Scenario:
         Parameters
         ----------
         seed : int, default 0
-            Of the noise. Same seed, same bits.
+            Seed of the noise; equal seeds give equal bits.
         frames : int, optional
-            At most so many; by default as many as the scenario has.
+            Maximum number of frames; by default all frames of the scenario.
 
         Yields
         ------
@@ -177,7 +177,7 @@ class Scenario:
         start = -(count // 2) if self.warm_up else 0
         rng = np.random.default_rng(seed)
         offsets = jitter(count)
-        # Pixels that aliasing alone makes wrong need a truth that is finer than many of their samples together.
+        # Without noise, the error is aliasing alone, so that the reference needs more samples per pixel.
         side = 4 if self.deviation > 0 else 6
         scene, image, watch, shift = self.stage(start), None, None, np.zeros(2)
         truths: deque[Image] = deque(maxlen=TRAIL + 1)
@@ -203,7 +203,7 @@ class Scenario:
 
 
 def uncovered(scene: Scene, before: Scene) -> Mask:
-    """Disoccluded pixels: their surface was hidden in the previous frame, or outside."""
+    """Disoccluded pixels: their surface was hidden in the previous frame, or outside the image."""
     camera = scene.camera
     hits = cast(scene, centres(camera))
     moved = motion(hits, scene, before)
@@ -216,7 +216,7 @@ def uncovered(scene: Scene, before: Scene) -> Mask:
 
 
 def _shows(*ids: int) -> Callable[[Scene, Scene], Mask]:
-    """Pixels that are at least partly covered by one of these things."""
+    """Make a `Scenario.watch`: pixels that are at least partly covered by one of these things."""
 
     def watch(scene: Scene, before: Scene) -> Mask:
         offsets = (np.arange(4) + 0.5) / 4 - 0.5
@@ -227,7 +227,7 @@ def _shows(*ids: int) -> Callable[[Scene, Scene], Mask]:
     return watch
 
 
-# The stages. One scene unit is 20 to 40 pixels.
+# The scenes. One scene unit is 20 to 40 pixels.
 
 _SAND, _EARTH = (0.75, 0.68, 0.55), (0.4, 0.33, 0.25)
 _CREAM, _BLUE, _RED, _GREEN = (0.8, 0.78, 0.7), (0.15, 0.3, 0.6), (0.8, 0.15, 0.1), (0.1, 0.7, 0.15)
@@ -247,7 +247,7 @@ def _room(
     emission: Color | Texture = (0.0, 0.0, 0.0),
     mirror: bool = False,
 ) -> Scene:
-    """A floor, a wall 2 behind the origin, and things, whose ids begin with 3."""
+    """A floor (id 1), a wall two units behind the origin (id 2), and things (ids from 3)."""
     floor = Thing(Rectangle(), turn([1, 0, 0], -90), value_noise(_SAND, _EARTH, 0.25))
     paint = wall or checker(_CREAM, (0.45, 0.5, 0.42), 0.5)
     back = Thing(Rectangle(), translate(0, 0, -2), paint, emission, mirror)
@@ -262,7 +262,7 @@ _still_room = cache(lambda: _room(_ball(-0.7, 0.45, 0), Thing(Box((0.7, 0.9, 0.7
 
 
 def _to_and_fro(now: int, pace: float) -> float:
-    """At a constant pace within the view."""
+    """Position at constant speed, to and fro within the view."""
     reach = 1.5
     return abs((pace * now - reach) % (4 * reach) - 2 * reach) - reach
 
@@ -289,7 +289,7 @@ def _moving_lamp(now: int) -> Scene:
 
 
 def _mirrored(ball: float, camera: float) -> Scene:
-    """A wall and a ball behind the camera, seen in a mirror before it."""
+    """A wall and a ball behind the camera, seen in a mirror in front of it."""
     behind = Thing(Rectangle(), translate(0, 0, 7), checker(_SAND, _BLUE, 1.2))
     view = _camera(camera, look=(camera, 0.8, 0))
     return _room(behind, _ball(ball, 1.9, 5, 0.9), camera=view, wall=(0.9, 0.9, 0.9), mirror=True)
@@ -305,7 +305,7 @@ def _mirror_passed(now: int) -> Scene:
 
 def _moving_shadow(now: int) -> Scene:
     sun = Light((0.3, 1.0, 0.15), (0.9, 0.85, 0.7), distant=True)
-    # Above the view; what is seen of it is its shadow.
+    # The ball is above the view; only its shadow is visible.
     return _room(Thing(Sphere(0.45), translate(0.06 * now + 0.8, 3, 0.8)), lights=(sun,))
 
 
@@ -344,7 +344,7 @@ _still_wires = cache(partial(_wires, 0, 0.0))
 @cache
 def _red_and_green() -> Scene:
     camera = _camera(y=0, z=3, look=(0, 0, 0))
-    # Two stripes a pixel: jitter decides which of them the whole image shows.
+    # Two stripes per pixel: the jitter decides which of them the whole image shows.
     pixel = float(np.subtract(*camera.unproject([[1.5, 0.5], [0.5, 0.5]], [5.0, 5.0])[:, 0]))
     wall = Thing(Rectangle(), translate(0, 0, -2), stripes(_RED, _GREEN, pixel / 2))
     return Scene((wall,), camera, ambient=(1, 1, 1))
@@ -374,7 +374,7 @@ def _drifting(now: int) -> Scene:
 def _spinning(now: int) -> Scene:
     place = translate(0, 0.8, 0.5) @ turn([0.2, 1, 0.1], 30 * now)
     room = _room(Thing(Sphere(0.6), place, value_noise(_CREAM, _SAND, 0.25)))
-    # From all sides alike: what turns keeps its light, and its history is right.
+    # Ambient light only: shading does not change with the rotation, so that history stays valid.
     return Scene(room.things, room.camera, ambient=(0.8, 0.8, 0.8))
 
 
@@ -389,7 +389,7 @@ def _without(*buffers: str) -> Callable[[Taken], Frame]:
 
 
 def _some_missing(taken: Taken) -> Frame:
-    """Before the event, samples here and there and a whole block are missing."""
+    """Before the event, two percent of the samples and a whole block are missing."""
     if taken.now >= 0:
         return taken.frame
     color = taken.frame.color.copy()
@@ -405,17 +405,17 @@ def _moved(frame: Frame) -> Image:
 
 
 def _unannounced(taken: Taken) -> Frame:
-    """A cut that is not marked as such."""
+    """A cut that the motion does not mark."""
     frame = taken.frame
     return replace(frame, motion=np.zeros_like(_moved(frame))) if taken.now == 0 else frame
 
 
 def _shaken(taken: Taken) -> Frame:
-    """Motion between projections of jittered cameras."""
+    """Motion vectors that contain the jitter of both cameras."""
     return replace(taken.frame, motion=_moved(taken.frame) + np.array([*taken.shift, 0], np.float32))
 
 
-#: Relative deviations of the light of a sample: with the first, PSNR is about 16 dB.
+#: Relative standard deviations of a sample's light; the first gives a PSNR of about 16 dB.
 _NOISY, _VERY_NOISY = 0.5, 1.0
 
 _LIGHT = "moving light, light switched"

@@ -1,11 +1,11 @@
-"""A small exact ray-caster: scenes of which all buffers, motion and the noise-free image are known exactly.
+"""A small exact ray-caster: scenes whose buffers, motion and noise-free image are known exactly.
 
 A scene is the arrangement of things at one moment; a sequence is a list of scenes with the same things in the same
-order. Shapes are analytic and move rigidly; shading is Lambertian, by point and directional lights with hard shadows,
-plus an ambient term; mirrors are perfect and reflect once. Noise is multiplied in, so that the mean of `shoot` is
-`truth`. Lengths are in scene units, matrices take column vectors, colours are linear.
+order. Shapes are analytic and move rigidly. Shading is Lambertian, by point and directional lights with hard shadows,
+plus an ambient term; mirrors are perfect and reflect once. Noise is multiplicative with mean one, so that the mean of
+`shoot` is `truth`. Lengths are in scene units, matrices take column vectors, colours are linear.
 
-Internally vectors are (3, N), as numpy is fastest along rows.
+Internally vectors are (3, N), since numpy is fastest along rows.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ __all__ = [
 
 Floats: TypeAlias = NDArray[np.float64]
 Color: TypeAlias = tuple[float, float, float]
-#: From points in object space, (3, N), to colours, (3, N).
+#: Maps points in object space, (3, N), to colours, (3, N).
 Texture: TypeAlias = Callable[[Floats], Floats]
 
-#: Rays start this far from the surface that they leave, in scene units.
+#: Distance between a surface and the start of rays that leave it, in scene units.
 _CLEARANCE = 1e-6
 #: Distance of the background in scene units: its parallax is below the resolution of float32 pixel coordinates.
 _FAR = 1e9
@@ -39,22 +39,22 @@ class Shape(Protocol):
     """A surface in object space."""
 
     def hit(self, origin: Floats, direction: Floats) -> Floats:
-        """Distance along rays of unit direction, (3, 1) or (3, N), to the first hit: (N,), infinity where none is."""
+        """Distance along rays of unit direction, (3, 1) or (3, N), to the first hit: (N,), infinity for a miss."""
         ...
 
     def normal(self, point: Floats) -> Floats:
-        """Unit normals at points of the surface, both (3, N), of either sign."""
+        """Unit normals at points of the surface, both (3, N); the sign is arbitrary."""
         ...
 
 
 @dataclass(frozen=True)
 class Rectangle:
-    """In the plane z = 0, around the origin. Infinite sides make it a plane.
+    """A rectangle in the plane z = 0, centred at the origin. With infinite sides, a plane.
 
     Attributes
     ----------
     width, height : float, default infinity
-        Along x and y, in scene units.
+        Sides along x and y, in scene units.
     """
 
     width: float = np.inf
@@ -73,12 +73,12 @@ class Rectangle:
 
 @dataclass(frozen=True)
 class Sphere:
-    """Around the origin.
+    """A sphere centred at the origin.
 
     Attributes
     ----------
     radius : float
-        In scene units.
+        Radius in scene units.
     """
 
     radius: float
@@ -92,12 +92,12 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Box:
-    """Around the origin, with sides along the axes.
+    """An axis-aligned box centred at the origin.
 
     Attributes
     ----------
     size : (x, y, z)
-        Of its sides, in scene units.
+        Lengths of the sides, in scene units.
     """
 
     size: tuple[float, float, float]
@@ -117,14 +117,14 @@ class Box:
 
 @dataclass(frozen=True)
 class Wire:
-    """A cylinder with round ends.
+    """A cylinder with hemispherical ends.
 
     Attributes
     ----------
     start, end : (x, y, z)
-        Of its axis; not the same point.
+        Two different points, the ends of the axis.
     radius : float
-        In scene units.
+        Radius in scene units.
     """
 
     start: tuple[float, float, float]
@@ -137,13 +137,13 @@ class Wire:
         across = origin - start
         squared = (axis**2).sum()
         along, offset = _dot(axis, direction), _dot(axis, across)
-        # Intersection with the infinite cylinder: ray and origin without their components along the axis.
+        # Intersect the infinite cylinder: project ray and origin to the plane perpendicular to the axis.
         a = squared - along**2
         b = squared * _dot(across, direction) - offset * along
         c = squared * _dot(across, across) - offset**2 - self.radius**2 * squared
         root = b * b - a * c
         nearest = np.full(root.shape, np.inf)
-        near = np.flatnonzero(root >= 0)  # few rays: the rest of the work is for them alone
+        near = np.flatnonzero(root >= 0)  # continue with the few rays that hit it
         across, offset, c = (np.broadcast_to(v, (*v.shape[:-1], root.size))[..., near] for v in (across, offset, c))
         direction, along, a, b, root = direction[:, near], along[near], a[near], b[near], root[near]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -162,32 +162,32 @@ class Wire:
 
 
 def checker(one: Color, other: Color, size: float) -> Texture:
-    """Cubes of two colours in turn.
+    """A 3D chessboard of two colours.
 
     Parameters
     ----------
     one, other : (r, g, b)
-        One has the cube that begins at the origin.
+        `one` is the colour of the cube between the origin and (size, size, size).
     size : float
-        Of a cube's sides, in scene units.
+        Side of a cube, in scene units.
     """
 
     def texture(point: Floats) -> Floats:
-        # Nudged, so that faces on the boundary of two cubes belong to one of them despite rounding.
+        # A small offset, so that a face on the boundary of two cubes has one colour despite rounding.
         return _either(np.floor(point / size + 1e-9).sum(0) % 2 == 0, one, other)
 
     return texture
 
 
 def stripes(one: Color, other: Color, width: float, axis: int = 0) -> Texture:
-    """Two colours in turn along an axis.
+    """Stripes of two colours that alternate along an axis.
 
     Parameters
     ----------
     one, other : (r, g, b)
-        One has the stripe that begins at the origin.
+        `one` is the colour from the origin to `width`.
     width : float
-        Of a stripe, in scene units.
+        Width of a stripe, in scene units.
     axis : int, default 0
         0, 1 or 2 for x, y or z.
     """
@@ -199,13 +199,13 @@ def stripes(one: Color, other: Color, width: float, axis: int = 0) -> Texture:
 
 
 def value_noise(one: Color, other: Color, size: float, seed: int = 0) -> Texture:
-    """Between two colours at random: values at the corners of a lattice, smoothly interpolated (Perlin 1985).
+    """A random blend of two colours: values at the corners of a lattice, smoothly interpolated (Perlin 1985).
 
     Parameters
     ----------
     one, other : (r, g, b)
     size : float
-        Of the lattice, in scene units. It repeats after 32.
+        Period of the lattice in scene units; the texture repeats after 32 periods.
     seed : int, default 0
     """
     period = 32
@@ -226,14 +226,14 @@ def value_noise(one: Color, other: Color, size: float, seed: int = 0) -> Texture
 
 
 def translate(x: float, y: float, z: float) -> Floats:
-    """The matrix that moves points by so much, in scene units."""
+    """The matrix of a translation, in scene units."""
     matrix = np.eye(4)
     matrix[:3, 3] = x, y, z
     return matrix
 
 
 def turn(axis: ArrayLike, degrees: float) -> Floats:
-    """The matrix that turns points around an axis through the origin, right-handed (Rodrigues' formula)."""
+    """The matrix of a right-handed rotation around an axis through the origin (Rodrigues' formula)."""
     x, y, z = np.asarray(axis, np.float64) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.radians(degrees)
@@ -250,15 +250,15 @@ class Thing:
     ----------
     shape : Shape
     place : (4, 4) ndarray, default the identity
-        From its own space to the world: rigid.
+        Rigid transform from object space to the world.
     albedo : (r, g, b) or Texture, default a light grey
-        0 to 1; for a mirror, its reflectance.
+        0 to 1; the reflectance of a mirror.
     emission : (r, g, b) or Texture, default black
         Light emitted to the camera; it illuminates nothing.
     mirror : bool, default False
         A perfect mirror; other mirrors appear black in it.
     shadow : bool, default True
-        Casts shadows.
+        Whether it casts shadows.
     """
 
     shape: Shape
@@ -278,7 +278,7 @@ class Light:
     place : (x, y, z)
         Its position; for a distant light, the direction towards it.
     color : (r, g, b)
-        Radiance of a white surface that faces it, at a distance of one scene unit; for a distant light, at any
+        Radiance of a white surface that faces the light, at a distance of one scene unit; for a distant light, at any
         distance.
     distant : bool, default False
     """
@@ -319,7 +319,7 @@ class Hits:
     pixels : (..., 2)
         The positions, in pixels, x right, y down, pixel centres at +0.5.
     ids, depth, position, normal, object_normal, albedo, emission : (...) or (..., 3)
-        As `yester.Frame` has them.
+        As in `yester.Frame`.
     local : (..., 3)
         The position in object space; for background, a distant point.
     light : (..., 3)
@@ -355,7 +355,7 @@ def cast(scene: Scene, pixels: ArrayLike) -> Hits:
     Returns
     -------
     Hits
-        With the positions' leading shape.
+        With the leading shape of `pixels`.
 
     Raises
     ------
@@ -408,8 +408,8 @@ def motion(hits: Hits, scene: Scene, before: Scene) -> Floats:
     Returns
     -------
     (..., 3) ndarray of float64
-        As `yester.Frame` has motion: previous minus current pixel and depth. NaN where the point was not in front of
-        the camera. The background moves with the camera's rotation alone.
+        As in `yester.Frame`: previous minus current pixel and depth. NaN where the point was not in front of the
+        camera. The background moves with the camera's rotation only.
     """
     places = np.stack([np.eye(4), *(thing.place for thing in before.things)])[hits.ids]
     then = np.einsum("...ij,...j->...i", places[..., :3, :3], hits.local) + places[..., :3, 3]
@@ -445,19 +445,19 @@ def noise(
     fireflies: float = 0.0,
     brightness: float = 50.0,
 ) -> NDArray[np.float32]:
-    """Factors of mean one: a gamma distribution, with a few that carry much of the energy.
+    """Random factors of mean one: a gamma distribution, optionally with rare, bright fireflies.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     shape : tuple of int
     deviation : float
-        Relative standard deviation of the factors other than fireflies; 1 makes them exponential, like paths that
-        either hit a light or miss it.
+        Relative standard deviation of the factors other than fireflies. With 1, the distribution is exponential, which
+        resembles paths that either hit a light or miss it.
     fireflies : float, default 0
         Fraction of fireflies.
     brightness : float, default 50
-        Factor of fireflies. The others are darkened, so that the mean stays one.
+        Factor of fireflies. The other factors are reduced, so that the mean stays one.
 
     Returns
     -------
@@ -466,12 +466,12 @@ def noise(
     Raises
     ------
     ValueError
-        If the deviation is negative, or fireflies would carry more energy than there is.
+        If the deviation is negative, or fireflies × brightness is not below 1.
     """
     if not deviation >= 0:
         raise ValueError(f"deviation: expected at least 0, got {deviation}")
     if not 0 <= fireflies * brightness < 1:
-        raise ValueError(f"fireflies: expected a share that carries less than all energy, got {fireflies}×{brightness}")
+        raise ValueError(f"fireflies: expected fireflies × brightness from 0 to below 1, got {fireflies}×{brightness}")
     factors = np.ones(shape)
     if deviation > 0:
         factors = rng.gamma(deviation**-2, deviation**2, shape)
@@ -496,18 +496,18 @@ def shoot(
     ----------
     scene : Scene
     before : Scene or None
-        The previous frame's scene, for motion; the scene itself if there is none.
+        The previous frame's scene, for motion; None for no motion.
     rng : numpy.random.Generator
     deviation, fireflies : float, default 0
-        Of the `noise` on light. Emission and background have none.
+        Parameters of `noise`, which multiplies light. Emission and background have no noise.
     jitter : (2,) array_like of float, optional
-        One offset for all samples, stored in the frame; by default samples are distributed randomly over their pixels,
+        One offset for all samples, stored in the frame. By default samples are distributed randomly over their pixels,
         as in a path tracer.
 
     Returns
     -------
     Frame
-        All but ``replay`` and ``hit_distance``. Every buffer is of the colour's own sample.
+        Without ``replay`` and ``hit_distance``. All buffers belong to the sample of the colour.
     """
     camera = scene.camera
     offsets = rng.random((camera.height, camera.width, 2)) - 0.5 if jitter is None else np.asarray(jitter)
@@ -530,7 +530,7 @@ def shoot(
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What rays meet: (N,) and (3, N)."""
+    """The first hits of rays: (N,) and (3, N)."""
 
     ids: NDArray[np.uint32]
     point: Floats
@@ -587,7 +587,7 @@ def _lighting(scene: Scene, point: Floats, normal: Floats, hit: NDArray[np.bool_
 
 
 def _into(thing: Thing, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
-    """Rays in the thing's own space; distances along them stay what they were."""
+    """Transform rays to object space; distances along them do not change."""
     rotation, position = thing.place[:3, :3], thing.place[:3, 3:]
     return rotation.T @ (origin - position), rotation.T @ direction
 

@@ -1,8 +1,8 @@
-"""Stress tests: methods on known failure cases, measured against exact references, with a verdict.
+"""Stress tests: methods on known failures and extreme inputs, measured against exact references, with a verdict.
 
-`examine` runs the failures that users report (`failures`), `strain` extreme numbers, sizes and buffers,
-`endure` sequences of thousands of frames. All return a `Trial` for each method, with a verdict by `LIMITS`. `run` does
-everything and writes the results.
+`examine` runs the failures that users report (`failures`), `strain` extreme values, sizes and buffers, `endure`
+sequences of thousands of frames. All return a `Trial` for each method, with a verdict by `LIMITS`. `run` runs all of
+them and writes the results.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @dataclass(frozen=True)
 class Limit:
-    """The bounds of a measure up to which it holds and up to which it degrades; beyond, it fails.
+    """The bounds of a measure up to which a method holds and up to which it degrades; beyond, it fails.
 
     Attributes
     ----------
     measure : str
-        Its name.
+        Name of the measure.
     holds, degrades : float
         Bounds of its magnitude.
     why : str
-        The definition of the measure, and the reason for its bounds.
+        Definition of the measure, and reason for its bounds.
     """
 
     measure: str
@@ -65,108 +65,108 @@ class Limit:
         return "holds" if abs(value) <= self.holds else "degrades" if abs(value) <= self.degrades else "fails"
 
 
-#: The measures of the verdict. Those that do not apply are left out; the worst of the others decides.
+#: The measures of the verdict. The worst of those that apply to a case decides.
 LIMITS: tuple[Limit, ...] = (
-    Limit("lost", 0, 0, "Pixels of the output that are not finite. There is no excuse for one."),
+    Limit("lost", 0, 0, "Pixels of the output that are not finite. Not a single one is acceptable."),
     Limit(
         "ghost",
         0.15,
         0.5,
-        "Largest share of what is past that still shows, from the event on; of what moves all the time, the past is "
-        "four frames ago. A seventh of an edge's contrast is a faint double image; with half of it, one sees the past "
-        "as well as the present.",
+        "Largest weight of the outdated image in the output, from the event on. The outdated image is the reference "
+        "before the event or, with continuous motion, that of four frames ago. A seventh of an edge's contrast is a "
+        "faint double image; with half of it, past and present are equally visible.",
     ),
     Limit(
         "early",
         0.15,
         0.5,
-        "As ghost, but before the event: largest share of the image after it that shows in one of the four frames "
-        "before. Only methods that use later frames can be too early.",
+        "Largest weight of the image after the event in the four frames before it. Only methods that use later frames "
+        "can show an event too early.",
     ),
     Limit(
         "lag",
         2,
         8,
-        "Frames after the event until the ghost is below a tenth for good. At 60 frames a second, two frames are as "
-        "long as displays take themselves; eight are 130 ms, which everybody sees.",
+        "Frames after the event until the ghost stays below a tenth. At 60 frames per second, two frames are the "
+        "latency of a display; eight are 130 ms, which every viewer notices.",
     ),
     Limit(
         "flicker",
         0.01,
         0.03,
-        "Standard deviation over time, in the last quarter of the frames, of sRGB values from 0 to 1 where the truth "
-        "stands still. 2.5 of 255 steps are at the threshold of what is seen; three times as much is seen at once.",
+        "Standard deviation over time, in the last quarter of the frames, of sRGB values from 0 to 1 in pixels whose "
+        "reference is constant. 2.5 of 255 steps are at the threshold of vision; three times as much is obvious.",
     ),
     Limit(
         "bias",
         0.02,
         0.1,
-        "Relative error of the mean luminance of what is watched, late in the sequence. Two percent are the threshold "
-        "of contrast (Weber's law); with ten, an image is visibly of another brightness.",
+        "Relative error of the mean luminance of the affected pixels, late in the sequence. Two percent are the "
+        "threshold of contrast (Weber's law); with ten percent, the brightness of an image is visibly wrong.",
     ),
     Limit(
         "blur",
         0.25,
         0.5,
-        "How much less steep than the truth's its strongest edges are. A tent of a pixel's radius instead of the "
-        "truth's box costs 0.1 to 0.2 in these scenes, which is a matter of taste; resampling bilinearly half a pixel "
-        "away costs 0.2 to 0.37, and with half the slope every edge is two pixels wide where it was one.",
+        "Loss of slope at the strongest edges, relative to the reference. A tent filter of one pixel's radius instead "
+        "of the reference's box costs 0.1 to 0.2 in these scenes, which is a matter of taste. One bilinear resampling "
+        "by half a pixel costs 0.2 to 0.37. With half the slope, every edge of one pixel is two pixels wide.",
     ),
     Limit(
         "error",
         0.5,
         1,
-        "relMSE of what is watched as a share of the input's, or of 0.01 where the input has less, which is what "
-        "aliasing alone costs here. Half the squared error is what twice the samples give, without any history; more "
-        "than the input's is harm.",
+        "relMSE of the affected pixels relative to that of the input, or to 0.01 where the input has less, which is "
+        "the cost of aliasing alone here. Twice the samples would halve the squared error without any history; more "
+        "than the input's error is harm.",
     ),
     Limit(
         "difference",
         0.02,
         0.25,
-        "Mean difference from what comes out in ordinary conditions, as a share of its mean. Two percent are not seen; "
-        "a quarter is another image.",
+        "Mean difference from the output in ordinary conditions, relative to its mean. Two percent are invisible; a "
+        "quarter is another image.",
     ),
     Limit(
         "drift",
         0.002,
         0.02,
-        "By how much the mean luminance, as a share of the truth's, changes from the begin to the end of a long run, "
-        "by regression. A tenth of what can be seen, and what can.",
+        "Change of the mean luminance from the beginning to the end of a long run, by linear regression, relative to "
+        "the reference. The bounds are a tenth of the threshold of contrast, and the threshold.",
     ),
     Limit(
         "growth",
         0.1,
         0.5,
-        "By how much relMSE has grown from the first tenth of a long run to the last, as a share. The noise of the "
-        "measurement stays below a tenth.",
+        "Relative growth of relMSE from the first tenth of a long run to the last. The noise of this measure is below "
+        "a tenth.",
     ),
     Limit(
         "memory",
         4,
         32,
-        "MiB by which the process has grown after the first tenth of a long run. Allocators round by a few; one row of "
-        "pixels lost with every frame makes five in ten thousand frames.",
+        "Growth of the process after the first tenth of a long run, in MiB. Allocators cause a few; a leak of one row "
+        "of pixels per frame adds up to five in ten thousand frames.",
     ),
 )
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One method in one case.
+    """The result of one method in one case.
 
     Attributes
     ----------
     part : "failures", "strains" or "endurance"
     case, method : str
-        Their names.
+        Names of case and method.
     values : dict of str to float
         By measure: those of `LIMITS` that apply, and others.
     verdict : "holds", "degrades" or "fails"
     reason : str
-        The measures that decide, or what went wrong.
+        The decisive measures with their values, or the error that the method raised.
     worst : (H, 4 W, 3) uint8 or None
-        Of the frame with the largest relMSE: input, output, truth and four times the error, from left to right.
+        The frame with the largest relMSE: input, output, reference and four times the error, from left to right.
     """
 
     part: str
@@ -178,7 +178,7 @@ class Trial:
     worst: NDArray[np.uint8] | None = field(default=None, repr=False)
 
 
-#: The noisy frames as they are, for comparison.
+#: The noisy frames themselves, for comparison.
 INPUT = Method("input", "input", lambda frames: (Result(frame.color) for frame in frames))
 
 
@@ -197,7 +197,7 @@ def examine(
     Returns
     -------
     list of Trial
-        The first is of the input itself; then, in order, of the methods. One that raises an error fails with it.
+        The input itself comes first, then the methods in order. A method that raises an exception fails.
     """
     shots = [*scenario.shots(seed, frames)]
     stage = _Stage(scenario, shots)
@@ -222,9 +222,10 @@ class Strain:
     frames : callable
         Makes the frames.
     ordinary : callable or None
-        Makes ordinary frames whose first and last output should be the same, up to `scale`; None if there are none.
+        Makes ordinary frames, whose first and last outputs should be equal to those of `frames` divided by `scale`;
+        None if there are none.
     scale : float, default 1
-        Divisor of the output before it is compared.
+        Divisor of the output before the comparison.
     """
 
     name: str
@@ -244,8 +245,8 @@ def strain(case: Strain, methods: Sequence[Method] = PIPELINES) -> list[Trial]:
     Returns
     -------
     list of Trial
-        With ``lost``, the pixels that are not finite in all frames, and ``difference``, the larger one of the first and
-        the last frame, if there is something to compare them with.
+        With ``lost``, the number of pixels that are not finite, over all frames, and, if there are ordinary frames,
+        ``difference``, the larger one of the first and the last frame.
     """
     trials = []
     for method in methods:
@@ -262,10 +263,10 @@ def strain(case: Strain, methods: Sequence[Method] = PIPELINES) -> list[Trial]:
 
 
 def endure(method: Method, *, moving: bool, frames: int = 10_000, seed: int = 0, progress: bool = True) -> Trial:
-    """Run a method on a long sequence: are energy, quality and memory stable?
+    """Run a method on a long sequence, to see whether brightness, error and memory are stable.
 
-    48×32 pixels of a small scene, whose camera stands still or goes slowly, by fractions of a pixel, in circles of 128
-    frames.
+    The frames are 48×32 pixels of a small scene. The camera stands still, or moves by fractions of a pixel on a circle
+    of 128 frames.
 
     Parameters
     ----------
@@ -275,15 +276,14 @@ def endure(method: Method, *, moving: bool, frames: int = 10_000, seed: int = 0,
     frames : int, default 10000
         At least 100.
     seed : int, default 0
-        Of the noise.
+        Seed of the noise.
     progress : bool, default True
-        Whether to show it.
+        Whether to show a progress bar.
 
     Returns
     -------
     Trial
-        With ``bias``, ``drift``, ``growth``, ``lost``, ``relmse`` of the last tenth and ``memory``, where the system
-        tells it (Linux).
+        With ``bias``, ``drift``, ``growth``, ``lost``, ``relmse`` of the last tenth, and ``memory``.
     """
     if frames < 100:
         raise ValueError(f"frames: expected at least 100, got {frames}")
@@ -297,7 +297,7 @@ def endure(method: Method, *, moving: bool, frames: int = 10_000, seed: int = 0,
         lost += _lost([image])
         if i == frames // 10:
             begin = _resident()
-        # The stride has no factor in common with the tour: each of its frames has its turn.
+        # The stride has no common factor with the length of the tour, so that all its frames are measured.
         if i >= 64 and i % 7 == 0:
             shown, expected = np.nan_to_num(image), tour[i % len(tour)][1]
             energies.append(np.mean(shown @ _LUMINANCE) / np.mean(expected @ _LUMINANCE))
@@ -337,7 +337,7 @@ class Report:
 
     @property
     def parts(self) -> dict[str, list[Trial]]:
-        """The trials, by what they are part of."""
+        """The trials by `Trial.part`."""
         return {part: [t for t in self.trials if t.part == part] for part in dict.fromkeys(t.part for t in self.trials)}
 
 
@@ -358,33 +358,33 @@ def run(
     Parameters
     ----------
     folder : path
-        For ``stress.csv`` with all measures, ``stress.md`` with the verdicts and what they are based on, and
-        ``worst/SCENARIO-METHOD.png`` with, from left to right, input, output, truth and four times the error of the
-        worst frame. Made if it does not exist; files of these names are replaced.
+        For ``stress.csv`` with all measures, ``stress.md`` with the verdicts and the definitions of the measures, and
+        ``worst/SCENARIO-METHOD.png`` with, from left to right, input, output, reference and four times the error of
+        the worst frame. Created if missing; files of these names are replaced.
     scenarios, methods : iterable of str, optional
-        Names of those to run; by default all of `SCENARIOS` and of `pipelines`.
+        Names; by default all of `SCENARIOS` and of `pipelines`.
     frames : int, optional
-        At most so many frames of each scenario; at least 2.
+        Maximum number of frames of each scenario, at least 2.
     strains : bool, default True
         Whether to run `STRAINS`.
     endurance : int, default 10000
-        Frames of the long runs, still and moving; 0 for none.
+        Frames of the long runs, with still and with moving camera; 0 for none.
     quick : bool, default False
-        With 16 frames unless told otherwise, and without strains and long runs.
+        Whether to skip strains and long runs, and run 16 frames of each scenario unless `frames` is given.
     seed : int, default 0
-        Of all noise.
+        Seed of all noise.
     pipelines : sequence of Method, default `PIPELINES`
-        What `methods` are chosen from.
+        The methods that `methods` chooses from.
 
     Returns
     -------
     Report
-        As text, the verdicts.
+        Its text is the tables of verdicts.
 
     Raises
     ------
     ValueError
-        If a name is unknown, or there are too few frames.
+        If a name is unknown, or a number of frames too small.
     """
     staged = _chosen("scenarios", scenarios, {scenario.name: scenario for scenario in SCENARIOS})
     named = None if methods is None else [current_name(name) for name in methods]
@@ -417,14 +417,14 @@ def run(
 
 
 class _Run:
-    """A method's run on a sequence, and the error that has ended it."""
+    """A run of a method on a sequence, and the exception that ended it."""
 
     def __init__(self, method: Method) -> None:
         self.method = method
         self.error: Exception | None = None
 
     def on(self, frames: Iterable[Frame]) -> Iterator[Image]:
-        """Yield the images, until the method raises an error or gives others than expected."""
+        """Yield the images until the method raises an exception or returns an image of the wrong shape."""
         shapes: deque[tuple[int, ...]] = deque()
 
         def noted() -> Iterator[Frame]:
@@ -439,8 +439,8 @@ class _Run:
                     raise ValueError(f"expected an image of shape {expected}, got {shape}")
                 yield result.color
             if shapes:
-                raise ValueError(f"expected an image for each frame, got {len(shapes)} less")
-        except Exception as error:  # any exception is a result of the method
+                raise ValueError(f"expected an image for each frame, got {len(shapes)} fewer")
+        except Exception as error:  # any exception of the method is a result of the test
             self.error = error
 
 
@@ -479,7 +479,7 @@ class _Stage:
         self.still = (np.ptp(late, axis=0) < 1e-6).all(-1) & (scenario.warm_up and len(late) > 1)
 
     def measure(self, every: list[Image]) -> tuple[dict[str, float], NDArray[np.uint8]]:
-        """The measures of the images of all frames, and the worst of them as `Trial` has it."""
+        """The measures of the images of all frames, and the image of the worst frame (`Trial.worst`)."""
         images = every[-len(self.shots) :]
         pictures = [_picture(image) for image in images]
         found: dict[str, list[float]] = {name: [] for name in ("ghost", "bias", "blur", "psnr", "relmse")}
@@ -494,7 +494,7 @@ class _Stage:
             if not watch.any():
                 found["relmse"].append(0.0)
                 continue
-            # What is watched, as an image of one row.
+            # The affected pixels, as an image of one row.
             output, expected = (Picture(one.linear[watch][None]) for one in (picture, true))
             found["psnr"].append(min(psnr(output, expected), 99.0))
             found["relmse"].append(relmse(output, expected))
@@ -514,7 +514,7 @@ class _Stage:
         return values, _comparison(self.shots[worst].frame.color, images[worst], self.truths[worst].linear)
 
     def _early(self, image: Image) -> float:
-        """The weight of the image after the event in one before it."""
+        """The weight of the reference after the event in an image from before it."""
         assert self.formers[0] is not None
         return ghost(_picture(image), self.formers[0], self.truths[0])
 
@@ -524,13 +524,13 @@ def _picture(image: Image) -> Picture:
 
 
 def _comparison(*images: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Input, output, truth and four times the error; what is missing is magenta."""
+    """Input, output, reference and four times the error; pixels that are not finite are magenta."""
     shown = [np.where(np.isfinite(image).all(-1, keepdims=True), srgb(image), (1, 0, 1)) for image in images]
     error = np.clip(4 * np.abs(shown[1] - shown[2]), 0, 1)
     return np.asarray(np.hstack([*shown, error]) * 255 + 0.5, np.uint8)
 
 
-# What endurance and strains look at.
+# The scene of endurance and strains.
 
 _SIZE = 48, 32
 
@@ -554,7 +554,7 @@ def _set(camera: Camera) -> Scene:
 
 @cache
 def _tour(moving: bool) -> list[tuple[Frame, Image]]:
-    """Frames without noise, whose last one leads to the first, and their truths."""
+    """Frames of a closed path without noise, and their references."""
     angles = np.linspace(0, 2 * np.pi, 128, endpoint=False) if moving else np.zeros(16)
     scenes = [_set(_view(0.3 * np.cos(angle), 0.1 * np.sin(angle))) for angle in angles]
     truths = [truth(scene) for scene in scenes] if moving else [truth(scenes[0])] * len(scenes)
@@ -563,7 +563,7 @@ def _tour(moving: bool) -> list[tuple[Frame, Image]]:
 
 
 def _toured(tour: Sequence[tuple[Frame, Image]], count: int, seed: int) -> Iterator[Frame]:
-    """Its frames again and again, each time with other noise."""
+    """Repeat the frames of a tour, each time with new noise."""
     rng = np.random.default_rng(seed)
     for frame, _ in islice(cycle(tour), count):
         assert frame.emission is not None
@@ -573,7 +573,7 @@ def _toured(tour: Sequence[tuple[Frame, Image]], count: int, seed: int) -> Itera
 
 @cache
 def _frames(size: tuple[int, int] = _SIZE, count: int = 12) -> tuple[Frame, ...]:
-    """Frames with noise, from a slow camera."""
+    """Frames with noise, from a slowly moving camera."""
     rng = np.random.default_rng(0)
     scenes = [_set(_view(0.02 * i, size=size)) for i in range(-1, count)]
     return tuple(shoot(scene, before, rng, deviation=0.5) for before, scene in pairwise(scenes))
@@ -591,7 +591,7 @@ def _radiance(scale: float) -> Strain:
 
 
 def _length(scale: float) -> Strain:
-    """Another unit of length."""
+    """The same scene in another unit of length."""
 
     def scaled(frame: Frame) -> Frame:
         buffers = frame.buffers()
@@ -607,7 +607,10 @@ def _length(scale: float) -> Strain:
 def _changed(
     name: str, buffer: str, value: float | None, *, at: int | None = None, like: float | None = None
 ) -> Strain:
-    """A buffer is of one value, in one frame or in all; what comes out is as if it were of another, or as ever."""
+    """A buffer has one value everywhere, in one frame (`at`) or in all.
+
+    The output should be that of ordinary frames, or that of frames whose buffer has the value `like`.
+    """
 
     def frames(value: float | None) -> list[Frame]:
         made = list(_frames())
@@ -621,7 +624,8 @@ def _changed(
     return Strain(name, lambda: frames(value), _frames if at is not None else lambda: frames(like))
 
 
-#: Extreme numbers, sizes and buffers. Radiance may be in any unit, and so may lengths: what comes out should follow.
+#: Extreme values, sizes and buffers. Radiance and lengths may have any unit: the output should scale with radiance and
+#: not depend on the unit of length.
 STRAINS: tuple[Strain, ...] = (
     *(_radiance(scale) for scale in (1e-6, 1e-3, 1e3, 1e6, 1e-40, 1e30)),
     *(_length(scale) for scale in (2.5e-5, 2.5e5)),
@@ -635,18 +639,18 @@ STRAINS: tuple[Strain, ...] = (
 
 
 def _resident() -> float:
-    """MiB of memory that this process holds."""
+    """Resident memory of this process in MiB."""
     return float(psutil.Process().memory_info().rss) / 2**20
 
 
-# What is written.
+# Output.
 
 
 def _chosen(argument: str, names: Iterable[str] | None, known: dict[str, T]) -> list[T]:
     wanted = list(known) if names is None else list(names)
     for name in wanted:
         if name not in known:
-            raise ValueError(f"{argument}: unknown {name!r}; there are {', '.join(map(repr, known))}")
+            raise ValueError(f"{argument}: expected some of {', '.join(map(repr, known))}, got {name!r}")
     return [known[name] for name in wanted]
 
 
@@ -660,7 +664,7 @@ def _slug(name: str) -> str:
 
 
 def _write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Three times as large, pixel by pixel."""
+    """Write a picture enlarged three times, without interpolation."""
     from PIL import Image as Images
 
     with beside(path) as temporary:
@@ -680,7 +684,7 @@ def _write_table(path: Path, trials: list[Trial]) -> None:
 
 
 def _table(part: str, trials: list[Trial]) -> str:
-    """Cases by methods: the verdict and the first measure that decides; of the input, its PSNR."""
+    """A table of cases by methods: the verdict and the first decisive measure; for the input, its PSNR."""
     methods = list(dict.fromkeys(trial.method for trial in trials))
     rows = [[part, *methods]]
     for case in dict.fromkeys(trial.case for trial in trials):
@@ -707,18 +711,18 @@ def _written(report: Report) -> str:
     return f"""# Where it fails
 
 {report}
-A verdict is that of the worst measure, which stands behind it. All measures are in `stress.csv`, the worst frames in
+A verdict is that of the worst measure, whose value follows it. All measures are in `stress.csv`, the worst frames in
 `worst/`.
 
-## What is measured
+## Measures
 
 | measure | holds up to | degrades up to | |
 |---|---|---|---|
 {limits}
 
-## What is staged
+## Scenarios
 
-| failure | what is seen | reported | scenarios |
+| failure | symptom | reported | scenarios |
 |---|---|---|---|
 {failures}
 """
