@@ -74,6 +74,12 @@ class Finding:
         The buffers that told.
     matrix : (2, 2) ndarray of float64 or None
         For motion: canonical x and y from the stored ones.
+
+    Examples
+    --------
+    >>> print(yester.Finding("depth", "wrong", "distance along the ray", "--map depth.kind=distance"))
+    depth    wrong     distance along the ray
+                       write: --map depth.kind=distance
     """
 
     subject: str
@@ -125,7 +131,6 @@ def check_motion(frames: Iterable[Frame], *, channels: Channels | None = None) -
     --------
     Vertical motion points up, as Blender stores it:
 
-    >>> import numpy as np, yester
     >>> rng = np.random.default_rng(0)
     >>> texture = rng.random((80, 120, 3), np.float32)
     >>> steps = [(0, 0), (3, 5), (8, 7)]  # rows and columns by which the image has moved
@@ -167,6 +172,20 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
     ------
     ValueError
         If there are fewer than two frames, or of several sizes.
+
+    Examples
+    --------
+    Depth is stored as the distance along the ray:
+
+    >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], 60, 96, 64)
+    >>> position = camera.unproject(np.stack(np.mgrid[:64, :96][::-1], -1) + 0.5, np.full((64, 96), 5.0))
+    >>> distance = np.linalg.norm(position - camera.position, axis=-1)
+    >>> frame = yester.Frame(np.ones((64, 96, 3)), depth=distance, position=position, camera=camera)
+    >>> cameras, depth, *_ = yester.check([frame, frame])
+    >>> cameras.verdict, depth.verdict, depth.stored
+    ('right', 'wrong', 'distance along the ray')
+    >>> depth.remedy
+    '--map depth=depth.Z --map depth.kind=distance'
     """
     shot, names = _shot(frames), _named(channels)
     cameras, shot = _cameras(shot)
