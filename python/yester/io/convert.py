@@ -122,11 +122,17 @@ def _conversions(name: str, found: Found, known: Recognised, *, camera: bool) ->
     return told
 
 
-def _scaled(value: Array, form: Form, name: str, display: tuple[float, float]) -> Array:
-    factors = np.ones(value.shape[-1], np.float32)
-    factors[: len(form.scale)] = form.scale[: len(factors)]
+def multipliers(name: str, form: Form, count: int, display: tuple[float, float]) -> NDArray[np.float32]:
+    """What the components of a buffer are multiplied by; `display` as for `canonical`."""
+    factors = np.ones(count, np.float32)
+    factors[: len(form.scale)] = form.scale[:count]
     if name.startswith("motion") and form.unit != "pixels":
         factors[:2] *= np.float32(display) / (1 if form.unit == "uv" else 2)
+    return factors
+
+
+def _scaled(value: Array, form: Form, name: str, display: tuple[float, float]) -> Array:
+    factors = multipliers(name, form, value.shape[-1], display)
     return value if (factors == 1).all() else (value * factors).astype(np.float32)
 
 

@@ -26,7 +26,7 @@ from .._core import Camera
 from ..frame import Frame
 from . import layout
 from .channels import CANONICAL, Recognised, guesses, missing, recognise
-from .convert import View, canonical, notes
+from .convert import View, canonical, multipliers, notes
 from .files import beside
 from .mapping import Mapped, apply, load
 from .stdout import kept_output
@@ -81,6 +81,8 @@ class Description:
         The one that is read.
     remarks : tuple of str
         On choices among several layers.
+    factors : dict of str to tuple of float
+        By buffer, what the stored components are multiplied by.
 
     See Also
     --------
@@ -103,6 +105,7 @@ class Description:
     views: tuple[str, ...] = ()
     view: str = ""
     remarks: tuple[str, ...] = ()
+    factors: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -503,6 +506,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     used = {name for one in known.buffers.values() for name in (*one.channels, *one.plus, *one.target)}
     unrecognised = tuple(name for name in contents.places if name not in used and name not in known.unused)
     height, width = _size(contents.header)
+    display = tuple(map(float, _window(contents.header, "displayWindow")[1]))
     return Description(
         path=path,
         width=width,
@@ -520,6 +524,10 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
         views=contents.views,
         view=contents.view,
         remarks=known.remarks,
+        factors={
+            buffer: tuple(multipliers(buffer, found.form, len(found.channels), display).tolist())
+            for buffer, found in known.buffers.items()
+        },
     )
 
 
