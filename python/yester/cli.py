@@ -184,6 +184,49 @@ def _parser() -> argparse.ArgumentParser:
     upscale.add_argument("--sharpness", type=float, default=0.0, help="0 (off, the default) to 1")
     upscale.add_argument("--denoise", action="store_true", help="denoise with SVGF first")
 
+    screen = command(_picture, "picture", "turn EXR frames into PNG files or an animation")
+    screen.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+    about = "folder for PNG files of the same names; for one file, also a name that ends in .png; an animation, if the "
+    about += "name ends in .webp or .mp4"
+    screen.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=about)
+    screen.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="%(default)s")
+    about = "tone curve: clip (default), reinhard or aces"
+    screen.add_argument("--curve", choices=("clip", "reinhard", "aces"), default="clip", help=about)
+    screen.add_argument("--fps", type=float, default=24.0, help="of animations; %(default)s")
+
+    versus = command(
+        _compare, "compare", "write a page that compares the frames of two or three folders, with exposure"
+    )
+    for name, about in (("a", "EXR frames: a folder or a file"), ("b", "the same, otherwise denoised")):
+        versus.add_argument(name, metavar=name.upper(), type=Path, help=about)
+    versus.add_argument("reference", metavar="REFERENCE", nargs="?", type=Path, help="the same without noise")
+    about = "%(default)s"
+    versus.add_argument("-o", "--output", metavar="FILE", type=Path, default=Path("yester-compare.html"), help=about)
+    versus.add_argument("--frames", metavar="N", type=_count, default=8, help="evenly spread; %(default)s")
+    versus.add_argument("--half", action="store_true", help="round to float16: a smaller page")
+    versus.add_argument("--open", action="store_true", help="open it in a browser")
+
+    ready = command(_prepare, "prepare", "prepare a training set from rendered sequences")
+    about = "folders of EXR sequences, which may lie in folders, and Noisebase stores"
+    ready.add_argument("inputs", metavar="IN", nargs="+", type=Path, help=about)
+    ready.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="absent or empty")
+    about = "images of each frame, such as color history validity difference variance denoised demodulated reference"
+    about += "; by default, all that the first sequence allows"
+    ready.add_argument("--buffers", metavar="NAME", nargs="+", help=about)
+    ready.add_argument(
+        "--sizes", metavar="SIZE", nargs="+", choices=("full", "half"), default=["full"], help="full, half"
+    )
+    ready.add_argument("--crop", metavar="WxH", type=_size, help="cut windows of this size from each sequence")
+    ready.add_argument("--crops", metavar="N", type=_count, default=1, help="windows per sequence; %(default)s")
+    ready.add_argument("--seed", metavar="N", type=int, default=0, help="of the windows' places; %(default)s")
+    ready.add_argument("--half", action="store_true", help="store colours, normals and validity as float16")
+    ready.add_argument("--format", choices=("zarr", "exr"), default="zarr", help="%(default)s")
+    about = "folder with the same EXR files without noise, for reference"
+    ready.add_argument("--references", metavar="DIR", type=Path, help=about)
+    ready.add_argument("--jobs", metavar="N", type=_count, help="processes; by default, one per core")
+    ready.add_argument("--scheduler", metavar="ADDRESS", help="let the workers of this Dask scheduler do it")
+    ready.add_argument("--resume", action="store_true", help="go on where an earlier run stopped")
+
     info = command(_info, "info", "list the buffers of an EXR file, and the consequences of each missing one")
     info.add_argument("file", metavar="FILE", type=Path)
     channels(info)
@@ -379,6 +422,59 @@ def _upscale(options: argparse.Namespace) -> int:
     return _convert(options, "upscale", run, result, look)
 
 
+def _picture(options: argparse.Namespace) -> None:
+    _need("picture", "OpenEXR", "PIL", "tqdm")
+    from tqdm import tqdm
+
+    from .io import read_exr, sequence_paths
+    from .io.ahead import ahead
+    from .io.pictures import write_animation, write_png
+
+    paths = sequence_paths(options.inputs)
+    look = {"exposure": options.exposure, "curve": options.curve}
+    film = options.output.suffix.lower() in (".webp", ".mp4")
+    targets = [] if film else _targets(paths, options.output, ".png")
+    for folder in {options.output.parent} if film else {target.parent for target in targets}:
+        _writable(folder)
+    read = ahead(read_exr(path).color for path in paths)
+    with closing(read), tqdm(read, "picture", len(paths), unit="frame", disable=None) as images:
+        if film:
+            write_animation(options.output, images, fps=options.fps, **look)
+            return
+        for target, image in zip(targets, images, strict=True):
+            write_png(target, image, **look)
+
+
+def _compare(options: argparse.Namespace) -> None:
+    _need("exr", "OpenEXR", "tqdm")
+    from .study.compare.viewer import names_of, write_comparison
+
+    _writable(options.output.parent)
+    paths = [path for path in (options.a, options.b, options.reference) if path is not None]
+    sources = dict(zip(names_of(paths), paths, strict=True))
+    write_comparison(options.output, sources, frames=options.frames, half=options.half)
+    print(options.output)
+    if options.open:
+        import webbrowser
+
+        webbrowser.open(options.output.resolve().as_uri())
+
+
+def _prepare(options: argparse.Namespace) -> int:
+    _need("data", *(("zarr",) if options.format == "zarr" else ("OpenEXR",)), "tqdm")
+    from .prepare import prepare
+
+    names = "buffers", "sizes", "crop", "crops", "seed", "half", "format", "references", "jobs", "scheduler", "resume"
+    done = prepare(options.inputs, options.output, **{name: getattr(options, name) for name in names})
+    for message in (message for messages in done.set_aside.values() for message in messages):
+        print(f"set aside: {message}", file=sys.stderr)
+    print(f"{done.folder}: {len(done.sequences)} sequences, {done.frames} frames")
+    if done.set_aside:
+        few = ", ".join(done.set_aside)
+        print(f"{len(done.set_aside)} sequences were set aside: {few}; --resume tries them again", file=sys.stderr)
+    return int(bool(done.set_aside))
+
+
 def _noted(outputs: Iterable[Output], used: dict[str, None]) -> Iterator[Output]:
     """Yield the outputs unchanged, and add the buffers that they used to `used`."""
     for output in outputs:
@@ -546,10 +642,10 @@ def _recognised(files: list[Description]) -> list[str]:
     return list(lines)
 
 
-def _targets(paths: list[Path], output: Path) -> list[Path]:
+def _targets(paths: list[Path], output: Path, suffix: str = ".exr") -> list[Path]:
     """The output path of each input: in a folder under its own name, or, for a single file, the given name."""
-    if output.suffix.lower() != ".exr" or output.is_dir():
-        return [output / path.name for path in paths]
+    if output.suffix.lower() != suffix or output.is_dir():
+        return [output / (path.name if suffix == ".exr" else f"{path.stem}{suffix}") for path in paths]
     if len(paths) > 1:
         raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got a file name")
     return [output]

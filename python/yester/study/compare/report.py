@@ -268,7 +268,6 @@ def write_report(
                 raise ValueError(f"recordings: expected one named {point.scene}, got {', '.join(by_name) or 'none'}")
             stored.setdefault(point.scene, {})[point.method] = stored_images(point.images)
     by_scene = dict(sorted(by_scene.items(), key=lambda item: item[0] != ALL))
-    template = files(__package__).joinpath("report.html").read_text("utf-8")
     path.parent.mkdir(parents=True, exist_ok=True)
     with beside(path) as temporary:
         charts: dict[str, dict[str, str]] = {scene: {} for scene in by_scene}
@@ -304,15 +303,27 @@ def write_report(
             ],
         }
         data["images"] = [f"data:image/webp;base64,{base64.b64encode(image).decode()}" for image in images]
-        # Escaped, so that no text in the data can close the script element.
-        text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-        colors = "".join(
-            f"--line{i}: color-mix(in srgb, {color} var(--pure), var(--ink)); "
-            f"--name{i}: color-mix(in srgb, {color} 60%, var(--ink)); "
-            for i, color in enumerate(COLORS)
-        )
-        filled = {"title": html.escape(title), "about": html.escape(about), "colors": colors, "data": text}
-        temporary.write_text(re.sub(r"{{(\w+)}}", lambda name: filled[name[1]], template), "utf-8")
+        write_page(temporary, data, title=title, about=about)
+
+
+def write_page(
+    path: Path, data: dict[str, Any], *, title: str, about: str, precision: str = "", pixels: Iterable[str] = ()
+) -> None:
+    """Fill the page with data: a report's, or linear images to compare, which are elements of the page."""
+    # Escaped, so that no text in the data can close the script element.
+    text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    colors = "".join(
+        f"--line{i}: color-mix(in srgb, {color} var(--pure), var(--ink)); "
+        f"--name{i}: color-mix(in srgb, {color} 60%, var(--ink)); "
+        for i, color in enumerate(COLORS)
+    )
+    words = {"title": title, "about": about, "precision": precision}
+    filled = {name: html.escape(value) for name, value in words.items()} | {"colors": colors, "data": text}
+    template = files(__package__).joinpath("report.html").read_text("utf-8")
+    with path.open("w", encoding="utf-8") as page:
+        for i, piece in enumerate(re.split(r"{{(\w+)}}", template)):
+            # Pixels are long, so they are not held together.
+            page.writelines(pixels if i % 2 and piece == "pixels" else [filled[piece] if i % 2 else piece])
 
 
 def _known(points: Sequence[Point]) -> None:

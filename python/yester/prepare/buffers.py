@@ -1,0 +1,180 @@
+"""The images that a training set has for each frame: the frame's own buffers, and those that earlier frames add."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._core import SVGF, accumulate, demodulate, estimate_variance, reproject
+from ..frame import Frame, present
+from ..judge import known_motion, surface_tests
+
+__all__ = ["CHANNELS", "DERIVED", "derive", "halve", "needs"]
+
+Images = dict[str, NDArray[Any]]
+
+#: Every image by name, and its number of channels.
+CHANNELS: dict[str, int] = {
+    "color": 3,
+    "albedo": 3,
+    "normal": 3,
+    "depth": 1,
+    "motion": 2,
+    "ids": 1,
+    "position": 3,
+    "emission": 3,
+    "object_normal": 3,
+    "replay": 3,
+    "hit_distance": 1,
+    "reactive": 1,
+    "demodulated": 3,
+    "history": 3,
+    "history_length": 1,
+    "validity": 1,
+    "difference": 3,
+    "variance": 1,
+    "denoised": 3,
+    "reference": 3,
+}
+
+#: Those that are computed.
+DERIVED = ("demodulated", "history", "history_length", "validity", "difference", "variance", "denoised")
+_TEMPORAL = {"history", "history_length", "validity", "difference", "variance"}
+
+#: Smallest weight of the new sample in the history: that of `SVGF`.
+ALPHA = 0.2
+
+#: At half size, these are of one pixel of the four: the one nearest to the camera.
+_OF_ONE = {"normal", "depth", "motion", "ids", "position", "object_normal", "hit_distance", "reactive"}
+
+
+def needs(name: str, known: Collection[str]) -> str | None:
+    """What is missing for an image, given a sequence's buffers (and ``"camera"``); None if nothing is."""
+    places = "camera" in known and ("depth" in known or "position" in known)
+    if name == "motion" or name in _TEMPORAL or name == "denoised":
+        known_motion = "motion" in known or places
+        return None if known_motion else "no motion, and no camera with depth or position to compute it from"
+    if name == "demodulated":
+        return None if "albedo" in known else "no albedo"
+    return None if name in known else f"no {name}"
+
+
+def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[Images, int]]:
+    """Compute the images of each frame of a sequence.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        In order, of one size.
+    wanted : collection of str
+        Names in `CHANNELS`; ``reference``, which frames do not have, is left out.
+
+    Yields
+    ------
+    images : dict of str to (H, W) or (H, W, C) ndarray
+        In the order of `CHANNELS`.
+    missing : int
+        The number of pixels without a finite colour, which are 0 in ``color``, ``demodulated`` and ``difference``.
+
+    Notes
+    -----
+    With c the colour, m the motion and h the mean of the earlier frames (`accumulate` with alpha 0.2):
+
+    - ``history`` is h carried along m (`reproject`, validated by depth, normals and ids where frames have them), before
+      c is merged into it; ``history_length`` its number of samples; ``validity`` the valid fraction of its footprint,
+      0 to 1. All are 0 in the first frame, and where nothing is carried.
+    - ``difference`` is c minus the previous frame's c carried along m; 0 where nothing is carried.
+    - ``variance`` is that of a sample's luminance, over the frames until this one (`estimate_variance`).
+    - ``denoised`` is what ``SVGF()`` makes of this frame and the earlier ones.
+    - ``demodulated`` is c divided by the albedo, as `demodulate` does.
+    - ``motion`` is computed from the cameras where frames have none; 0 where it is unknown, and in the first frame.
+    """
+    wanted = set(wanted)
+    denoiser = SVGF() if "denoised" in wanted else None
+    before: Frame | None = None
+    known: Any = None
+    for frame in frames:
+        if before is not None and frame.shape != before.shape:
+            (height, width), (own, across) = before.shape, frame.shape
+            expected = f"height {height} and width {width}, as in earlier frames"
+            raise ValueError(f"expected {expected}, got height {own} and width {across}")
+        motion = None if before is None else known_motion(before, frame)
+        images: Images = dict(frame.buffers())
+        seen = np.isfinite(frame.color).all(-1)
+        images["color"] = present(frame)
+        if "motion" in wanted:
+            given = frame.motion if motion is None else motion
+            images["motion"] = np.zeros((*frame.shape, 2), np.float32)
+            if before is not None and given is not None:
+                np.copyto(images["motion"], given[..., :2], where=np.isfinite(given[..., :2]))
+        if "demodulated" in wanted and frame.albedo is not None:
+            images["demodulated"] = demodulate(images["color"], frame.albedo, emission=frame.emission)
+        if wanted & _TEMPORAL:
+            temporal, known = _carried(frame, before, known, motion)
+            images |= temporal
+        if "variance" in wanted:
+            guides = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
+            if frame.depth is not None and frame.normal is not None:
+                guides["camera"] = frame.camera
+            images["variance"] = estimate_variance(known.moments, known.history_length, **guides)
+        if denoiser is not None:
+            images["denoised"] = denoiser.step(frame).color
+        before = frame
+        yield {name: images[name] for name in CHANNELS if name in wanted and name in images}, int((~seen).sum())
+
+
+def _carried(frame: Frame, before: Frame | None, known: Any, motion: NDArray[np.float32] | None) -> tuple[Images, Any]:
+    """What the frames before are for this one, and the history with this frame in it."""
+    if before is None or motion is None:
+        mean, moments, length, validity = (np.zeros((*frame.shape, *c), np.float32) for c in ((3,), (2,), (), ()))
+        difference = np.zeros_like(mean)
+    else:
+        # A missing sample is what the frames before it say.
+        former = np.where(np.isfinite(before.color).all(-1, keepdims=True), before.color, known.color)
+        images = [known.color, known.moments, known.history_length, former]
+        (mean, moments, length, former), validity = reproject(images, motion, **surface_tests(before, frame, motion))
+        both = np.isfinite(frame.color).all(-1) & (validity > 0)
+        difference = np.where(both[..., None], frame.color - former, np.float32(0))
+    found = {"history": mean, "history_length": length, "validity": validity, "difference": difference}
+    return found, accumulate(frame.color, mean, moments, length, confidence=validity, alpha=ALPHA)
+
+
+def halve(images: Images, depth: NDArray[np.float32] | None = None) -> Images:
+    """The images at half size.
+
+    Parameters
+    ----------
+    images : dict of str to (H, W) or (H, W, C) ndarray
+        As `derive` gives them. The last row or column of an odd size counts twice.
+    depth : (H, W) ndarray, optional
+        Of the frame.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Of height and width H/2 and W/2, rounded up. Colours, ``validity`` and ``history_length`` are means of four
+        pixels, and ``variance`` that of such a mean. Geometry is that of the nearest pixel of the four by `depth`, or
+        else of the upper left one, and ``motion`` is in pixels of the half size.
+    """
+    result: Images = {}
+    nearest = None if depth is None else _four(depth).argmin(0)
+    for name, image in images.items():
+        four = _four(image)
+        if name in _OF_ONE:
+            index = np.zeros(four.shape[1:3], np.intp) if nearest is None else nearest
+            half = np.take_along_axis(four, index.reshape(1, *index.shape, *[1] * (image.ndim - 2)), 0)[0]
+            half = half * np.float32(0.5) if name == "motion" else half
+        else:
+            half = four.mean(0, dtype=np.float32) * np.float32(0.25 if name == "variance" else 1)
+        result[name] = np.ascontiguousarray(half)
+    return result
+
+
+def _four(image: NDArray[Any]) -> NDArray[Any]:
+    """The pixels of each 2×2 block, (4, H/2, W/2, ...)."""
+    height, width = image.shape[:2]
+    image = np.pad(image, [(0, height % 2), (0, width % 2), *[(0, 0)] * (image.ndim - 2)], "edge")
+    return np.stack([image[y::2, x::2] for y in (0, 1) for x in (0, 1)])

@@ -1,0 +1,566 @@
+"""Prepares sequences: one task each, in this process, in several, or on the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import multiprocessing
+import os
+import platform
+import shutil
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
+from glob import escape
+from importlib import metadata
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, Literal
+from uuid import uuid4
+
+import numpy as np
+
+from .. import __version__
+from ..io.ahead import ahead
+from ..io.files import beside
+from .buffers import CHANNELS, DERIVED, derive, halve, needs
+from .sources import Damaged, Known, Source, find_sequences
+from .store import EXRFiles, Writer, ZarrStore, checksums, stored
+
+__all__ = ["Parameters", "Prepared", "prepare"]
+
+_WRITERS: dict[str, type[Writer]] = {"zarr": ZarrStore, "exr": EXRFiles}
+#: Times that a sequence is tried while the process that works on it dies.
+_ATTEMPTS = 3
+#: Seconds to wait for a scheduler.
+_PATIENCE = 10
+_MANIFEST = "manifest.json"
+
+_Path = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What is made of every frame. See `prepare`."""
+
+    buffers: tuple[str, ...]
+    sizes: tuple[str, ...]
+    crop: tuple[int, int] | None
+    crops: int
+    seed: int
+    half: bool
+    format: str
+
+    def groups(self, source: str, known: Known) -> Iterator[tuple[str, slice, slice]]:
+        """The crops of a sequence: name, rows and columns. The same window in every frame, at even places."""
+        if self.crop is None:
+            yield "", slice(known.height), slice(known.width)
+            return
+        width, height = self.crop
+        if width > known.width or height > known.height:
+            raise Damaged(f"{source}: {known.width} x {known.height}, smaller than the crop, {width} x {height}")
+        digest = hashlib.sha256(f"{self.seed} {source}".encode()).digest()
+        random = np.random.default_rng(np.frombuffer(digest, np.uint32))
+        for number in range(self.crops):
+            y, x = (
+                2 * int(random.integers((room - side) // 2 + 1))
+                for room, side in ((known.height, height), (known.width, width))
+            )
+            yield f"crop{number}", slice(y, y + height), slice(x, x + width)
+
+    def bytes(self, known: Known) -> int:
+        """Of a sequence, not compressed."""
+        width, height = self.crop or (known.width, known.height)
+        pixel = sum(CHANNELS[name] * stored(name, self.half).itemsize for name in self.buffers)
+        pixels = sum({"full": width * height, "half": -(-width // 2) * -(-height // 2)}[size] for size in self.sizes)
+        return known.frames * (self.crops if self.crop else 1) * pixels * pixel
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What `prepare` did.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    sequences : tuple of str
+        The names of the sequences in the folder.
+    frames : int
+        Their frames in all, those of an earlier run among them.
+    set_aside : dict of str to tuple of str
+        The sequences that could not be prepared, and why: a message for each damaged file.
+    """
+
+    folder: Path
+    sequences: tuple[str, ...]
+    frames: int
+    set_aside: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Task:
+    source: Source
+    known: Known
+    folder: Path
+    parameters: Parameters
+
+
+@dataclass(frozen=True)
+class _Done:
+    """How a task ended: with frames, or with what was wrong with its inputs, or with what was wrong with the disk."""
+
+    name: str
+    frames: int = 0
+    damaged: tuple[str, ...] = ()
+    failed: tuple[int, str, str] | None = None
+
+
+def prepare(
+    inputs: _Path | Iterable[_Path],
+    folder: _Path,
+    *,
+    buffers: Sequence[str] | None = None,
+    sizes: Sequence[Literal["full", "half"]] = ("full",),
+    crop: tuple[int, int] | None = None,
+    crops: int = 1,
+    seed: int = 0,
+    half: bool = False,
+    format: Literal["zarr", "exr"] = "zarr",
+    references: _Path | None = None,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+) -> Prepared:
+    """Prepare a training set from rendered sequences.
+
+    Parameters
+    ----------
+    inputs : path-like or iterable of path-like
+        Folders of sequences: folders of EXR files, or Noisebase stores (zip files). See `find_sequences`.
+    folder : path-like
+        Where the set is written; must be absent or empty, unless `resume`.
+    buffers : sequence of str, optional
+        The images of each frame: buffers of `Frame`, ``"reference"``, and any of ``"demodulated"``, ``"history"``,
+        ``"history_length"``, ``"validity"``, ``"difference"``, ``"variance"`` and ``"denoised"``, as `derive` defines
+        them. By default all that the first sequence allows.
+    sizes : sequence of {"full", "half"}, default ("full",)
+        Half size is made of full size, as `halve` does.
+    crop : (int, int), optional
+        Width and height of windows that are cut from each sequence. Histories are those of whole frames.
+    crops : int, default 1
+        Number of windows per sequence. They keep their place in all frames.
+    seed : int, default 0
+        Of the windows' places, which depend on it and on the sequence's name alone.
+    half : bool, default False
+        Store colours, normals and validity as float16.
+    format : {"zarr", "exr"}, default "zarr"
+        A Zarr store with arrays (F, C, H, W) for each sequence, or multi-layer EXR files.
+    references : path-like, optional
+        For EXR inputs: a folder with files of the same paths and names, without noise.
+    jobs : int, optional
+        Processes, each of which takes one sequence at a time and its share of the cores. By default as many as there
+        are cores, but no more than sequences.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as ``"tcp://node1:8786"``, whose workers do the work instead. They must see
+        the inputs and `folder` under the same paths.
+    resume : bool, default False
+        Go on where an earlier run with the same parameters stopped.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    FileNotFoundError
+        If an input is not there.
+    FileExistsError
+        If `folder` has something in it and `resume` is not set.
+    OSError
+        If there is not enough space, before any work is done; if the disk fills up nevertheless, or cannot be written.
+        `resume` goes on from there.
+    ValueError
+        If a parameter is out of range; if the folder lies in the inputs; if there are no sequences; on `resume`, if the
+        parameters or versions are others.
+    ImportError
+        If zarr, OpenEXR or distributed is needed and not installed.
+
+    Notes
+    -----
+    Every sequence is written beside its place and renamed when it is complete, with its ``manifest.json``: the SHA-256
+    of every file, the names of the inputs, the windows' places. The one in `folder` has the parameters, the versions,
+    the sequences and those set aside. Neither depends on the number of processes, on interruptions, or on time. A
+    sequence is tried up to three times where the process that works on it dies.
+    """
+    folder = Path(folder)
+    given = [Path(inputs)] if isinstance(inputs, str | os.PathLike) else [Path(path) for path in inputs]
+    if jobs is not None and jobs < 1:
+        raise ValueError(f"jobs: expected at least 1, got {jobs}")
+    if crops < 1:
+        raise ValueError(f"crops: expected at least 1, got {crops}")
+    if crop is not None and min(crop) < 1:
+        raise ValueError(f"crop: expected at least 1 x 1, got {crop[0]} x {crop[1]}")
+    if format not in _WRITERS:
+        raise ValueError(f"format: expected zarr or exr, got {format}")
+    if not sizes or not {*sizes} <= {"full", "half"}:
+        raise ValueError(f"sizes: expected full, half or both, got {', '.join(sizes) or 'none'}")
+    for path in given:
+        if folder.resolve() == path.resolve() or path.resolve() in folder.resolve().parents:
+            raise ValueError(f"{folder}: lies in {path}, which is read; choose a folder elsewhere")
+    if folder.is_dir() and any(folder.iterdir()) and not resume:
+        raise FileExistsError(errno.EEXIST, "exists already and is not empty; --resume goes on with it", str(folder))
+    sources, found_aside = find_sequences(given, references)
+    known: dict[str, Known] = {}
+    aside = {name: tuple(messages) for name, messages in found_aside.items()}
+    for source in sources:
+        try:
+            known[source.name] = source.look()
+        except Damaged as error:
+            aside[source.name] = error.args
+    parameters = Parameters(
+        _chosen(buffers, [*known.values()]),
+        tuple(size for size in ("full", "half") if size in sizes),
+        crop and (int(crop[0]), int(crop[1])),
+        crops if crop else 1,
+        seed,
+        half,
+        format,
+    )
+    tasks = []
+    for source in sources:
+        if source.name not in known:
+            continue
+        try:
+            _check(source, known[source.name], parameters)
+        except Damaged as error:
+            aside[source.name] = error.args
+            continue
+        tasks.append(_Task(source, known[source.name], folder.resolve(), parameters))
+    folder.mkdir(parents=True, exist_ok=True)
+    _begin(folder, parameters)
+    done = {task.source.name: task.known.frames for task in tasks if _finished(folder / task.source.name)}
+    waiting = [task for task in tasks if task.source.name not in done]
+    _space(folder, sum(parameters.bytes(task.known) for task in waiting))
+    results = _run(waiting, jobs, scheduler, done=sum(done.values()))
+    try:
+        with closing(results):
+            for result in results:
+                if result.failed:
+                    raise OSError(*result.failed)
+                if result.damaged:
+                    aside[result.name] = result.damaged
+                else:
+                    done[result.name] = result.frames
+    finally:
+        _clear(folder)
+    names = [task.source.name for task in tasks if task.source.name in done]
+    _end(folder, parameters, names, aside)
+    return Prepared(folder, tuple(names), sum(done.values()), dict(sorted(aside.items())))
+
+
+def _chosen(buffers: Sequence[str] | None, known: list[Known]) -> tuple[str, ...]:
+    """The images to make, in the order of `CHANNELS`."""
+    if buffers is None:
+        first = known[0].buffers if known else frozenset({"color"})
+        return tuple(name for name in CHANNELS if needs(name, first) is None)
+    for name in buffers:
+        if name not in CHANNELS:
+            raise ValueError(f"buffers: expected some of {', '.join(CHANNELS)}, got {name}")
+    if not buffers:
+        raise ValueError(f"buffers: expected some of {', '.join(CHANNELS)}, got none")
+    return tuple(name for name in CHANNELS if name in buffers)
+
+
+def _check(source: Source, known: Known, parameters: Parameters) -> None:
+    """Raise `Damaged` if a sequence lacks something."""
+    for name in parameters.buffers:
+        if lacks := needs(name, known.buffers):
+            of = f", which {name} is made of" if name in DERIVED else ""
+            raise Damaged(f"{source.files[0]}: {lacks}{of}")
+    for _ in parameters.groups(source.name, known):
+        pass
+
+
+def _about(parameters: Parameters) -> dict[str, Any]:
+    packages = {"zarr": "zarr", "exr": "OpenEXR"}[parameters.format]
+    versions = {"yester": __version__, "numpy": np.__version__, packages: metadata.version(packages)}
+    # Bits of the history are the same on all processors of one kind.
+    versions["machine"] = platform.machine()
+    return {"parameters": json.loads(json.dumps(asdict(parameters))), "versions": versions}
+
+
+def _begin(folder: Path, parameters: Parameters) -> None:
+    """Check what an earlier run left, remove what it had not finished, and note the parameters."""
+    path = folder / _MANIFEST
+    about = _about(parameters)
+    if path.exists():
+        former = json.loads(path.read_text("utf-8"))
+        for kind, values in about.items():
+            for name, value in values.items():
+                if former.get(kind, {}).get(name) != value:
+                    got = former.get(kind, {}).get(name)
+                    raise ValueError(f"{path}: expected the same {kind} to resume, got {name} {got}, now {value}")
+    elif any(folder.iterdir()):
+        raise ValueError(f"{folder}: nothing to resume: it has no {_MANIFEST}, but other files")
+    else:
+        _write(path, {**about, "complete": False})
+    _clear(folder)
+    for item in folder.glob(f".{_MANIFEST}.*.tmp"):
+        item.unlink(missing_ok=True)
+
+
+def _end(folder: Path, parameters: Parameters, names: list[str], aside: dict[str, tuple[str, ...]]) -> None:
+    sequences = {}
+    for name in names:
+        path = folder / name / _MANIFEST
+        known = json.loads(path.read_text("utf-8"))
+        sequences[name] = {key: known[key] for key in ("frames", "height", "width")}
+        sequences[name]["manifest_sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    # Where inputs lie is no business of the set's: names are enough, and paths would differ from disk to disk.
+    _write(
+        folder / _MANIFEST,
+        {**_about(parameters), "complete": not aside, "sequences": sequences, "set_aside": dict(sorted(aside.items()))},
+    )
+
+
+def _write(path: Path, content: dict[str, Any]) -> None:
+    with beside(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
+def _finished(folder: Path) -> bool:
+    return (folder / _MANIFEST).is_file()
+
+
+def _space(folder: Path, needed: int) -> None:
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        need = f"up to {needed / 1e9:.2f} GB are needed and {free / 1e9:.2f} GB are free"
+        raise OSError(errno.ENOSPC, f"{need}: fewer buffers or crops, float16 or another disk", str(folder))
+
+
+# One sequence
+
+
+def _work(task: _Task, told: Callable[[], object] = lambda: None) -> _Done:
+    """Prepare one sequence: written beside and renamed."""
+    name = task.source.name
+    target = task.folder / name
+    if _finished(target):  # by a worker that had been given up
+        return _Done(name, task.known.frames)
+    temporary = task.folder / f".{_flat(name)}.{uuid4().hex}.tmp"
+    try:
+        temporary.mkdir()
+        _fill(task, temporary, told)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            temporary.rename(target)
+        except OSError:
+            if not _finished(target):
+                raise
+        return _Done(name, task.known.frames)
+    except Damaged as error:
+        return _Done(name, damaged=error.args)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        return _Done(name, failed=(error.errno or errno.EIO, reason, str(error.filename or target)))
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _flat(name: str) -> str:
+    return name.replace("/", "+")
+
+
+def _clear(folder: Path, name: str | None = None) -> None:
+    """Remove what is half-written: of one sequence, or of all."""
+    for item in folder.glob(f".{'*' if name is None else escape(_flat(name))}.*.tmp"):
+        shutil.rmtree(item, ignore_errors=True)
+
+
+def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> None:
+    source, known, parameters = task.source, task.known, task.parameters
+    groups = [*parameters.groups(source.name, known)]
+    writer = _WRITERS[parameters.format](folder, known.frames, parameters.half)
+    references: list[Any] = []
+    missing = []
+
+    def frames() -> Iterator[Any]:
+        with closing(ahead(source.read())) as pairs:
+            for frame, reference in pairs:
+                references.append(reference)
+                yield frame
+
+    wanted = {*parameters.buffers, "depth"} if "half" in parameters.sizes else {*parameters.buffers}
+    made = derive(frames(), wanted)
+    for index in range(known.frames + 1):
+        try:
+            images, absent = next(made)
+        except StopIteration:
+            if index < known.frames:
+                raise Damaged(f"{source.files[0]}: expected {known.frames} frames, got {index}") from None
+            break
+        except (TypeError, ValueError) as error:
+            path = source.files[min(index, len(source.files) - 1)]
+            raise Damaged(f"{path}: {error}") from None
+        missing.append(absent)
+        reference = references.pop()
+        if "reference" in wanted:
+            if reference is None or reference.shape != (known.height, known.width, 3):
+                raise Damaged(f"{source.files[0]}: frame {index}: no reference of the same size")
+            images["reference"] = reference
+        lacks = [name for name in parameters.buffers if name not in images]
+        if lacks:
+            path = source.files[min(index, len(source.files) - 1)]
+            raise Damaged(f"{path}: no {lacks[0]}, which the first frame of the sequence has")
+        depth = images.get("depth")
+        images = {name: images[name] for name in parameters.buffers}
+        for group, rows, columns in groups:
+            cut = {name: image[rows, columns] for name, image in images.items()}
+            if "full" in parameters.sizes:
+                writer.write(index, "/".join(filter(None, (group, "full"))), cut)
+            if "half" in parameters.sizes:
+                small = halve(cut, None if depth is None else depth[rows, columns])
+                writer.write(index, "/".join(filter(None, (group, "half"))), small)
+        told()
+    _write(
+        folder / _MANIFEST,
+        {
+            "frames": known.frames,
+            "height": known.height,
+            "width": known.width,
+            "inputs": [path.name for path in source.files],
+            "references": [path.name for path in source.references],
+            "missing_pixels": missing,
+            "crops": {g: {"x": c.start, "y": r.start} for g, r, c in groups if g},
+            "sha256": checksums(folder),
+        },
+    )
+
+
+# Many sequences
+
+
+def _run(tasks: list[_Task], jobs: int | None, scheduler: str | None, *, done: int) -> Generator[_Done, None, None]:
+    """Run the tasks, and show progress in frames."""
+    from tqdm import tqdm
+
+    total = done + sum(task.known.frames for task in tasks)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    jobs = min(jobs or cores, max(len(tasks), 1))
+    with tqdm(desc="prepare", total=total, initial=done, unit="frame", disable=None) as progress:
+        if not tasks:
+            return
+        if scheduler is None and jobs == 1:
+            for task in tasks:
+                yield _work(task, progress.update)
+            return
+        frames = {task.source.name: task.known.frames for task in tasks}
+        results = _on_cluster(tasks, scheduler) if scheduler else _in_processes(tasks, jobs, cores)
+        with closing(results):
+            for result in results:
+                progress.update(frames[result.name])
+                yield result
+
+
+def _lost(name: str) -> _Done:
+    return _Done(name, damaged=(f"{name}: the process that worked on it died {_ATTEMPTS} times",))
+
+
+def _in_processes(tasks: list[_Task], jobs: int, cores: int) -> Generator[_Done, None, None]:
+    context = multiprocessing.get_context("spawn")
+    others = multiprocessing.active_children()
+    stopped = threading.Event()
+    free: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
+
+    # One pool per process, as a process that dies takes its pool's other tasks with it.
+    def start() -> None:
+        free.put(ProcessPoolExecutor(1, context, _start, (max(1, cores // jobs),)))
+
+    def attempt(task: _Task) -> _Done:
+        name = task.source.name
+        for _ in range(_ATTEMPTS):
+            pool = free.get()
+            try:
+                result = pool.submit(_work, task).result()
+            except BrokenProcessPool:
+                start()
+                _clear(task.folder, name)
+                if stopped.is_set():
+                    break
+            else:
+                free.put(pool)
+                return result
+        return _lost(name)
+
+    with ThreadPoolExecutor(jobs) as threads:
+        for _ in range(jobs):
+            start()
+        futures = [threads.submit(attempt, task) for task in tasks]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BaseException:
+            stopped.set()
+            threads.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                if child not in others:
+                    child.terminate()
+            raise
+    while not free.empty():
+        free.get().shutdown()
+
+
+def _start(threads: int) -> None:
+    """Begin a process: with its share of the cores, and no longer than the one that started it."""
+    os.environ.setdefault("YESTER_THREADS", str(threads))
+    # An interrupt is seen to by the one that started it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _on_cluster(tasks: list[_Task], address: str) -> Generator[_Done, None, None]:
+    try:
+        from distributed import Client
+        from distributed import as_completed as completed
+        from distributed.scheduler import KilledWorker
+    except ImportError as error:
+        raise ImportError("a scheduler needs dask and distributed: pip install 'yester[data]'") from error
+    try:
+        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise OSError(f"{address}: no Dask scheduler can be reached: {error}") from None
+    with client:
+        run = uuid4().hex
+        # Workers that vanish are seen to by the scheduler; only tasks are told apart here.
+        futures = {
+            client.submit(
+                _work, task, key=f"prepare-{_flat(task.source.name)}-{run}", pure=False, retries=_ATTEMPTS - 1
+            ): task
+            for task in tasks
+        }
+        for future in completed(futures, loop=client.loop):
+            task = futures[future]
+            try:
+                result = future.result()
+            except KilledWorker:
+                result = _lost(task.source.name)
+            if not result.damaged and not result.failed and not _finished(task.folder / task.source.name):
+                raise OSError(
+                    f"{task.folder / task.source.name}: not here, though a worker wrote it: the workers and this "
+                    "machine must share the folder"
+                )
+            yield result

@@ -1,0 +1,601 @@
+"""Training sets: what is in them, and how they come about when things go wrong."""
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import flight
+import noisebase
+import numpy as np
+import psutil
+import pytest
+import yester
+import zarr
+from compare import assert_close
+from yester.io import read_exr, write_exr
+from yester.io.noisebase import decode_color, layout, read_noisebase
+from yester.prepare import CHANNELS, Source, derive, find_sequences, halve, prepare, run, store
+
+WIDTH, HEIGHT = 32, 24
+
+
+def shots(count: int, width: int = WIDTH, height: int = HEIGHT, seed: int = 0) -> list[yester.Frame]:
+    rng = np.random.default_rng(seed)
+    clean = (flight.shoot(number, width, height) for number in range(count))
+    return [replace(frame, color=flight.noisy(frame, rng)) for frame in clean]
+
+
+def write(folder: Path, frames: list[yester.Frame]) -> None:
+    folder.mkdir(parents=True)
+    for i, frame in enumerate(frames):
+        write_exr(folder / f"frame_{i:04}.exr", frame)
+
+
+@pytest.fixture
+def inputs(tmp_path) -> Path:
+    """Two sequences, one in a folder of its own."""
+    write(tmp_path / "in" / "one", shots(3))
+    write(tmp_path / "in" / "set" / "two", shots(2, seed=1))
+    return tmp_path / "in"
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def command(*arguments) -> list[str]:
+    return [sys.executable, "-W", "error", "-m", "yester", "prepare", *map(str, arguments)]
+
+
+def told(*arguments, code: int) -> list[str]:
+    result = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=120)
+    assert result.returncode == code, result.stderr
+    return result.stderr.splitlines()
+
+
+# The images
+
+
+def test_derived_images_are_the_kernels():
+    frames = shots(4)
+    frames[2] = replace(frames[2], color=np.where(np.indices((HEIGHT, WIDTH, 1))[1] == 3, np.nan, frames[2].color))
+    svgf, before, known = yester.SVGF(), None, None
+    for index, (frame, (images, missing)) in enumerate(zip(frames, derive(frames, set(CHANNELS)), strict=True)):
+        assert missing == (HEIGHT if index == 2 else 0)
+        color = np.nan_to_num(frame.color)
+        zero = np.zeros((HEIGHT, WIDTH), np.float32)
+        mean, moments, length, validity, former = color * 0, np.zeros((HEIGHT, WIDTH, 2)), zero, zero, None
+        if before is not None:
+            motion = frame.motion
+            tests = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
+            tests |= {f"previous_{name}": getattr(before, name) for name in tests}
+            tests["previous_camera"] = before.camera
+            seen = np.where(np.isfinite(before.color), before.color, known.color)
+            history = [known.color, known.moments, known.history_length, seen]
+            (mean, moments, length, former), validity = yester.reproject(history, motion, **tests)
+            np.testing.assert_array_equal(images["motion"], motion[..., :2])
+        known = yester.accumulate(frame.color, mean, moments, length, confidence=validity, alpha=0.2)
+        guides = {name: getattr(frame, name) for name in ("depth", "normal", "ids", "camera")}
+        want = {
+            "color": color,
+            "demodulated": yester.demodulate(color, frame.albedo),
+            "history": mean,
+            "history_length": length,
+            "validity": validity,
+            "variance": yester.estimate_variance(known.moments, known.history_length, **guides),
+            "denoised": svgf.step(frame).color,
+        }
+        for name, image in want.items():
+            np.testing.assert_array_equal(images[name], image, name)
+        difference = np.zeros_like(color)
+        if former is not None:
+            both = (validity > 0) & np.isfinite(frame.color).all(-1)
+            difference[both] = (color - former)[both]
+            assert 0.5 < both.mean() < 1
+        np.testing.assert_array_equal(images["difference"], difference)
+        assert [name for name in CHANNELS if name in images] == list(images)
+        before = frame
+
+
+def test_a_still_view_has_the_mean_of_its_frames():
+    rng = np.random.default_rng(0)
+    color = rng.exponential(1, (4, 8, 9, 3)).astype(np.float32)
+    frames = [yester.Frame(each, motion=np.zeros((8, 9, 2))) for each in color]
+    for index, (images, _) in enumerate(derive(frames, {"history", "validity", "difference", "history_length"})):
+        if index == 0:
+            assert not any(image.any() for image in images.values())
+            continue
+        assert_close("history", images["history"], color[:index].mean(0, np.float64), rtol=1e-5)
+        assert_close("difference", images["difference"], color[index] - color[index - 1], rtol=1e-5)
+        assert (images["validity"] == 1).all()
+        assert (images["history_length"] == index).all()
+
+
+def test_half_size():
+    depth = np.array([[1, 2, 3], [0.5, 4, 1], [9, 9, 9]], np.float32)
+    images = {
+        "color": np.arange(27, dtype=np.float32).reshape(3, 3, 3),
+        "motion": np.arange(18, dtype=np.float32).reshape(3, 3, 2),
+        "ids": np.arange(9, dtype=np.uint32).reshape(3, 3),
+        "variance": np.full((3, 3), 4, np.float32),
+    }
+    small = halve(images, depth)
+    # The last column and row count twice.
+    np.testing.assert_array_equal(small["color"][0, 0], (images["color"][:2, :2]).mean((0, 1)))
+    np.testing.assert_array_equal(small["color"][1, 1], images["color"][2, 2])
+    np.testing.assert_array_equal(small["ids"], [[3, 5], [6, 8]])
+    np.testing.assert_array_equal(small["motion"][0], images["motion"][1, [0, 2]] / 2)
+    np.testing.assert_array_equal(small["variance"], np.ones((2, 2)))
+    assert small["ids"].dtype == np.uint32
+    np.testing.assert_array_equal(halve(images)["ids"], [[0, 2], [6, 8]])
+
+
+# Noisebase
+
+
+def test_shared_exponents():
+    """Against the formula written out."""
+    color = np.array([[[255, 0], [128, 1]], [[0, 3], [7, 9]], [[0, 255], [64, 32]], [[255, 0], [128, 7]]], np.uint8)
+    low, high = -3.5, 4.25
+    want = color[:3] / 255 * np.exp(low + (color[3] + 1.0) / 256 * (high - low))
+    assert_close("rgb", decode_color(color, np.array([low, high])), want, rtol=1e-6)
+
+
+@pytest.mark.parametrize("single", [False, True])
+def test_stores_are_what_was_rendered(tmp_path, single):
+    size, window = (54, 96), (54, 96) if single else (32, 40)
+    path = tmp_path / "store"
+    if single:
+        noisebase.single_frames(path)
+        paths = sorted(path.iterdir())
+    else:
+        path = tmp_path / "store.zip"
+        noisebase.training(path)
+        paths = [path]
+    assert layout(paths[0]).single is single
+    for index, (frame, reference) in enumerate(read_noisebase(paths)):
+        shot = flight.shoot(index, size[1], size[0])
+        top, left = noisebase.offset(index) if not single else (0, 0)
+        cut = np.s_[top : top + window[0], left : left + window[1]]
+        hit = shot.ids[cut] > 0
+        assert_close("reference", reference, shot.color[cut], rtol=1e-6)
+        named = noisebase.arrays(index, size, window)
+        want = decode_color(named["color"], named["exposure"]).mean(-1)
+        assert_close("color", frame.color, np.moveaxis(want, 0, -1), rtol=1e-5)
+        assert abs(frame.color.mean() / (shot.color[cut].mean()) - 1) < 0.1
+        assert_close("albedo", frame.albedo, shot.albedo[cut], rtol=1e-3)
+        assert_close("normal", frame.normal, shot.normal[cut], rtol=1e-3)
+        assert_close("depth", frame.depth[hit], shot.depth[cut][hit], rtol=1e-5)
+        assert np.isinf(frame.depth[~hit]).all()
+        if index == 0:
+            assert not frame.motion.any()
+            continue
+        motion = shot.motion[cut].copy()
+        if not single:
+            # The window has moved as well.
+            motion[..., :2] += np.subtract(noisebase.offset(index), noisebase.offset(index - 1))[::-1]
+        assert_close("motion", frame.motion, motion, rtol=1e-4)
+
+
+def test_damaged_stores_are_named(tmp_path):
+    named = noisebase.arrays(0, (54, 96), (32, 40))
+    for name, change, words in (
+        ("lacks", {"diffuse": None}, "diffuse is missing"),
+        ("moved", {"crop_offset": np.array([0, 0], np.int32)}, "positions project"),
+        ("shape", {"color": np.zeros((3, 32, 40, 4), np.uint8)}, r"color: expected shape"),
+    ):
+        path = tmp_path / f"{name}.zip"
+        changed = {key: value for key, value in {**named, **change}.items() if value is not None}
+        noisebase.save(path, changed, single=True)
+        with pytest.raises(ValueError, match=f"^{path}: .*{words}"):
+            list(read_noisebase(path))
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(ValueError, match=f"^{path}: truncated or corrupt"):
+        list(read_noisebase(path))
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        list(read_noisebase(tmp_path / "nowhere.zip"))
+
+
+def test_a_set_of_a_store(tmp_path):
+    noisebase.training(tmp_path / "in.zip")
+    done = prepare(tmp_path / "in.zip", tmp_path / "out")
+    assert (done.sequences, done.frames, done.set_aside) == (("in",), 4, {})
+    data = zarr.open_group(tmp_path / "out" / "in" / "data.zarr", mode="r")["full"]
+    assert {"reference", "history", "denoised"} < set(data.array_keys())
+    noise, denoised = (np.mean((data[name][-1] - data["reference"][-1]) ** 2) for name in ("color", "denoised"))
+    assert denoised < 0.3 * noise
+
+
+# Sequences
+
+
+def test_sequences_are_found(tmp_path):
+    frames = shots(1)
+    for name in ("b/10", "b/9"):
+        write(tmp_path / "in" / name, frames)
+    write(tmp_path / "in" / "jump", frames * 2)
+    (tmp_path / "in" / "jump" / "frame_0001.exr").rename(tmp_path / "in" / "jump" / "frame_0005.exr")
+    noisebase.training(tmp_path / "in" / "scene.zip", frames=1)
+    noisebase.single_frames(tmp_path / "in" / "test", frames=2)
+    (tmp_path / "in" / "test" / "broken.zip").write_bytes(b"PK")
+    found, aside = find_sequences(tmp_path / "in")
+    assert [source.name for source in found] == ["scene", "b/9", "b/10", "jump", "jump-2", "test"]
+    assert [len(source.files) for source in found] == [1, 1, 1, 1, 1, 2]
+    assert list(aside) == ["test/broken"]
+    assert "broken.zip: truncated or corrupt" in aside["test/broken"][0]
+    with pytest.raises(ValueError, match="two sequences would have the name scene"):
+        find_sequences([tmp_path / "in", tmp_path / "in" / "scene.zip"])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match="no EXR files and no Noisebase stores"):
+        find_sequences(tmp_path / "empty")
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        find_sequences(tmp_path / "nowhere")
+
+
+# Sets
+
+
+def test_what_is_stored(inputs, tmp_path):
+    """Zarr, EXR, crops, half size and float16 hold the same images."""
+    named = {"sizes": ("full", "half"), "crop": (16, 12), "crops": 2, "jobs": 1}
+    prepare(inputs, tmp_path / "zarr", **named)
+    prepare(inputs, tmp_path / "exr", format="exr", **named)
+    prepare(inputs, tmp_path / "float16", half=True, **named)
+    frames = [read_exr(path) for path in sorted((inputs / "one").iterdir())]
+    wanted = [name for name in CHANNELS if name not in ("emission", "object_normal", "replay", "reference")]
+    wanted = [name for name in wanted if name not in ("hit_distance", "reactive")]
+    crops = json.loads((tmp_path / "zarr" / "one" / "manifest.json").read_text())["crops"]
+    assert list(crops) == ["crop0", "crop1"]
+    assert crops["crop0"] != crops["crop1"]
+    data, half = (zarr.open_group(tmp_path / one / "one" / "data.zarr", mode="r") for one in ("zarr", "float16"))
+    for index, (images, _) in enumerate(derive(frames, wanted)):
+        assert list(images) == wanted
+        for crop, place in crops.items():
+            x, y = place["x"], place["y"]
+            assert x % 2 == y % 2 == 0
+            cut = {name: image[y : y + 12, x : x + 16] for name, image in images.items()}
+            for size, made in (("full", cut), ("half", halve(cut, cut["depth"]))):
+                exr = read_exr(tmp_path / "exr" / "one" / crop / size / f"frame_{index:04}.exr")
+                for name, image in made.items():
+                    stored = data[crop][size][name]
+                    assert stored.shape[:2] == (3, CHANNELS[name])
+                    assert stored.metadata.dimension_names == ("frame", "channel", "y", "x")
+                    assert stored.chunks == (1, *stored.shape[1:])
+                    planes = np.moveaxis(np.atleast_3d(image), -1, 0)
+                    np.testing.assert_array_equal(stored[index], planes)
+                    small = half[crop][size][name][index]
+                    assert small.dtype == (np.uint32 if name == "ids" else small.dtype)
+                    np.testing.assert_allclose(small, planes, rtol=1e-3, atol=1e-4)
+                    if name in exr.buffers():
+                        np.testing.assert_array_equal(getattr(exr, name), image)
+    assert half["crop0/full/color"].dtype == np.float16
+    assert half["crop0/full/depth"].dtype == np.float32
+    layers = store.import_module("OpenEXR").File(str(tmp_path / "exr/one/crop0/full/frame_0002.exr")).channels()
+    np.testing.assert_array_equal(layers["history"].pixels, np.moveaxis(data["crop0/full/history"][2], 0, -1))
+    np.testing.assert_array_equal(layers["validity.Y"].pixels, data["crop0/full/validity"][2, 0])
+
+
+def test_references(inputs, tmp_path):
+    shutil.copytree(inputs, tmp_path / "clean")
+    for path in (tmp_path / "clean").rglob("*.exr"):
+        write_exr(path, np.full((HEIGHT, WIDTH, 3), 0.5, np.float32))
+    named = {"buffers": ["reference", "color"], "references": tmp_path / "clean", "jobs": 1}
+    prepare(inputs, tmp_path / "out", **named)
+    data = zarr.open_group(tmp_path / "out" / "one" / "data.zarr", mode="r")["full"]
+    assert set(data.array_keys()) == {"color", "reference"}
+    assert (data["reference"][:] == 0.5).all()
+    (tmp_path / "clean" / "one" / "frame_0001.exr").unlink()
+    done = prepare(inputs, tmp_path / "again", **named)
+    assert done.sequences == ("set/two",)
+    assert done.set_aside["one"] == (f"{tmp_path / 'clean' / 'one' / 'frame_0001.exr'}: no such reference",)
+
+
+def test_the_manifest(inputs, tmp_path):
+    done = prepare(inputs, tmp_path / "out", jobs=1)
+    assert (done.sequences, done.frames) == (("one", "set/two"), 5)
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["complete"] is True
+    assert manifest["versions"]["yester"] == yester.__version__
+    assert manifest["parameters"]["format"] == "zarr"
+    assert "reference" not in manifest["parameters"]["buffers"]
+    for name, known in manifest["sequences"].items():
+        folder = tmp_path / "out" / name
+        assert known["manifest_sha256"] == hashlib.sha256((folder / "manifest.json").read_bytes()).hexdigest()
+        own = json.loads((folder / "manifest.json").read_text())
+        assert own["inputs"] == [f"frame_{i:04}.exr" for i in range(known["frames"])]
+        files = {path: hashlib.sha256(data).hexdigest() for path, data in tree(folder).items()}
+        del files["manifest.json"]
+        assert own["sha256"] == files
+    assert str(tmp_path) not in (tmp_path / "out" / "manifest.json").read_text()
+
+
+@pytest.mark.slow
+def test_processes_write_the_same_bytes(inputs, tmp_path):
+    prepare(inputs, tmp_path / "one", jobs=1)
+    prepare(inputs, tmp_path / "two", jobs=2)
+    assert tree(tmp_path / "one") == tree(tmp_path / "two")
+
+
+# Bad input
+
+
+def test_damaged_files_are_set_aside(inputs, tmp_path):
+    """Every damaged file is named; the other sequences go on."""
+    shutil.copytree(inputs / "one", inputs / "three")
+    for name, size in (("frame_0001.exr", -100), ("frame_0002.exr", 200)):
+        path = inputs / "one" / name
+        path.write_bytes(path.read_bytes()[:size])
+    (inputs / "set" / "two" / "frame_0000.exr").write_bytes(b"no image")
+    lines = told(inputs, "-o", tmp_path / "out", code=1)
+    aside = [line for line in lines if line.startswith("set aside: ")]
+    paths = inputs / "one" / "frame_0001.exr", inputs / "one" / "frame_0002.exr", inputs / "set/two/frame_0000.exr"
+    for line, path in zip(aside, paths, strict=True):
+        assert line.startswith(f"set aside: {path}: ")
+    assert lines[-1] == "2 sequences were set aside: one, set/two; --resume tries them again"
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert list(manifest["sequences"]) == ["three"]
+    assert {name: len(messages) for name, messages in manifest["set_aside"].items()} == {"one": 2, "set/two": 1}
+    assert manifest["complete"] is False
+    # Repaired, they join the others, and the set is as if nothing had happened.
+    for name in ("frame_0001.exr", "frame_0002.exr"):
+        shutil.copy(inputs / "three" / name, inputs / "one" / name)
+    write_exr(inputs / "set" / "two" / "frame_0000.exr", shots(1, seed=1)[0])
+    done = prepare(inputs, tmp_path / "out", resume=True, jobs=1)
+    assert done.sequences == ("one", "set/two", "three")
+    prepare(inputs, tmp_path / "fresh", jobs=1)
+    assert tree(tmp_path / "out") == tree(tmp_path / "fresh")
+
+
+def test_what_sequences_lack_is_told(inputs, tmp_path):
+    write(inputs / "bare", [yester.Frame(np.ones((HEIGHT, WIDTH, 3)))] * 2)
+    write(inputs / "small", shots(2, 8, 6))
+    frames = shots(2)
+    write(inputs / "changing", [frames[0], replace(frames[1], albedo=None)])
+    write(inputs / "growing", [frames[0], shots(2, 40, 24)[1]])
+    done = prepare(inputs, tmp_path / "out", buffers=["demodulated", "history"], crop=(16, 12), jobs=1)
+    assert done.sequences == ("one", "set/two")
+    assert "no albedo, which demodulated is made of" in done.set_aside["bare"][0]
+    assert "smaller than the crop, 16 x 12" in done.set_aside["small"][0]
+    assert "frame_0001.exr: no demodulated" in done.set_aside["changing"][0]
+    assert "expected height 24 and width 32" in done.set_aside["growing"][0]
+    done = prepare(inputs / "bare", tmp_path / "other", buffers=["history"], jobs=1)
+    assert "no motion, and no camera" in done.set_aside["bare"][0]
+
+
+def test_outputs_that_are_refused(inputs, tmp_path):
+    before = tree(inputs)
+    for out in (inputs, inputs / "one", inputs / "new"):
+        with pytest.raises(ValueError, match=f"^{out}: lies in {inputs}, which is read"):
+            prepare(inputs, out)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").write_text("mine")
+    with pytest.raises(FileExistsError, match="exists already and is not empty"):
+        prepare(inputs, tmp_path / "out")
+    with pytest.raises(ValueError, match="nothing to resume"):
+        prepare(inputs, tmp_path / "out", resume=True)
+    assert tree(tmp_path / "out") == {"mine": b"mine"}
+    assert tree(inputs) == before
+    prepare(inputs, tmp_path / "done", jobs=1)
+    with pytest.raises(FileExistsError):
+        prepare(inputs, tmp_path / "done", jobs=1)
+    made = tree(tmp_path / "done")
+    with pytest.raises(ValueError, match="expected the same parameters to resume, got half False, now True"):
+        prepare(inputs, tmp_path / "done", half=True, resume=True)
+    assert prepare(inputs, tmp_path / "done", resume=True).frames == 5
+    assert tree(tmp_path / "done") == made
+
+
+@pytest.mark.parametrize(
+    ("named", "words"),
+    [
+        ({"buffers": ["histroy"]}, "buffers: expected some of color, .*, got histroy"),
+        ({"buffers": []}, "got none"),
+        ({"sizes": ["quarter"]}, "sizes: expected full, half or both, got quarter"),
+        ({"crop": (0, 4)}, "crop: expected at least 1 x 1, got 0 x 4"),
+        ({"crops": 0}, "crops: expected at least 1"),
+        ({"jobs": 0}, "jobs: expected at least 1"),
+        ({"format": "tiff"}, "format: expected zarr or exr, got tiff"),
+    ],
+)
+def test_wrong_parameters(inputs, tmp_path, named, words):
+    with pytest.raises(ValueError, match=words):
+        prepare(inputs, tmp_path / "out", **named)
+    assert not (tmp_path / "out").exists()
+
+
+def test_space_is_looked_at_first(inputs, tmp_path, monkeypatch):
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(run.shutil, "disk_usage", lambda _: usage._replace(free=1000))
+    with pytest.raises(OSError, match=r"up to 0.00 GB are needed and 0.00 GB are free") as caught:
+        prepare(inputs, tmp_path / "out", jobs=1)
+    assert caught.value.errno == errno.ENOSPC
+    assert list(tree(tmp_path / "out")) == ["manifest.json"]
+
+
+@pytest.mark.parametrize("format", ["zarr", "exr"])
+def test_a_full_disk(inputs, tmp_path, monkeypatch, format):
+    """It ends the run in the second sequence; what is complete stays, and a later run goes on."""
+    kind = run._WRITERS[format]
+
+    class Full(kind):
+        def write(self, index, group, images):
+            if self._folder_name.startswith(".set+two") and index == 1:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "the file")
+            super().write(index, group, images)
+
+        def __init__(self, folder, frames, half):
+            self._folder_name = folder.name
+            super().__init__(folder, frames, half)
+
+    with monkeypatch.context() as patch:
+        patch.setitem(run._WRITERS, format, Full)
+        with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+            prepare(inputs, tmp_path / "out", format=format, jobs=1)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["manifest.json", "one"]
+    prepare(inputs, tmp_path / "out", format=format, jobs=1, resume=True)
+    prepare(inputs, tmp_path / "fresh", format=format, jobs=1)
+    assert tree(tmp_path / "out") == tree(tmp_path / "fresh")
+
+
+# Interruptions
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory) -> tuple[Path, dict[str, bytes]]:
+    """Four sequences that take a while, and the set that they make."""
+    folder = tmp_path_factory.mktemp("long")
+    for number in range(4):
+        write(folder / "in" / f"shot{number}", shots(6, 320, 240, seed=number))
+    prepare(folder / "in", folder / "out", jobs=1)
+    return folder / "in", tree(folder / "out")
+
+
+def until(what, timeout: float = 60) -> None:
+    end = time.monotonic() + timeout
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def under_way(folder: Path) -> bool:
+    """One sequence at least is complete, and one is being written."""
+    return any(folder.glob("shot*/manifest.json")) and any(folder.glob(".*.tmp/data.zarr/full/*/c.2*"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_it_goes_on_after_kill_9(long, tmp_path, jobs):
+    inputs, want = long
+    out = tmp_path / "out"
+    running = subprocess.Popen(command(inputs, "-o", out, "--jobs", jobs), stderr=subprocess.DEVNULL)
+    until(lambda: under_way(out))
+    children = psutil.Process(running.pid).children(recursive=True)
+    running.send_signal(signal.SIGKILL)
+    running.wait()
+    # Its processes end with it.
+    assert not psutil.wait_procs(children, timeout=20)[1]
+    assert any(out.glob(".*.tmp"))
+    complete = len([*out.glob("shot*/manifest.json")])
+    assert 0 < complete < 4
+    assert prepare(inputs, out, resume=True, jobs=1).frames == 24
+    assert tree(out) == want
+
+
+@pytest.mark.slow
+def test_a_lost_process_is_replaced(long, tmp_path):
+    inputs, want = long
+    out = tmp_path / "out"
+    running = subprocess.Popen(command(inputs, "-o", out, "--jobs", 2), stderr=subprocess.PIPE, text=True)
+    until(lambda: under_way(out))
+    workers = [p for p in psutil.Process(running.pid).children() if "spawn_main" in " ".join(p.cmdline())]
+    assert len(workers) == 2
+    workers[0].kill()
+    said = running.communicate(timeout=180)[1]
+    assert running.returncode == 0, said
+    assert tree(out) == want
+
+
+@pytest.mark.slow
+def test_a_sequence_that_kills_its_process_is_set_aside(inputs, tmp_path, monkeypatch):
+    """Whatever it is, it must not keep the others from being prepared, nor go on for ever."""
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
+    write(inputs / "deadly", shots(2))
+
+    def found(*given):
+        sources, aside = find_sequences(*given)
+        return [Deadly(**vars(each)) if each.name == "deadly" else each for each in sources], aside
+
+    monkeypatch.setattr(run, "find_sequences", found)
+    done = prepare(inputs, tmp_path / "out", jobs=2)
+    assert done.sequences == ("one", "set/two")
+    assert done.set_aside == {"deadly": ("deadly: the process that worked on it died 3 times",)}
+    assert not any((tmp_path / "out").glob(".*"))
+
+
+class Deadly(Source):
+    """A sequence whose second frame kills the process that reads it."""
+
+    def read(self):
+        frames = super().read()
+        yield next(frames)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_an_interrupt_leaves_nothing_half_written(long, tmp_path, ctrl_c):
+    inputs, want = long
+    out = tmp_path / "out"
+    running = subprocess.Popen(command(inputs, "-o", out, "--jobs", 2), stderr=subprocess.PIPE, text=True)
+    until(lambda: under_way(out))
+    children = psutil.Process(running.pid).children()
+    running.send_signal(signal.SIGINT)
+    said = running.communicate(timeout=60)[1]
+    assert running.returncode == 130, said
+    assert said.splitlines()[-1] == "yester: interrupted"
+    assert not psutil.wait_procs(children, timeout=20)[1]
+    assert not any(out.glob(".*"))
+    assert prepare(inputs, out, resume=True, jobs=1).frames == 24
+    assert tree(out) == want
+
+
+# Clusters
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler and two workers, each a process of its own without a guard; address and workers."""
+    log = (tmp_path / "cluster.log").open("w")
+    started = []
+
+    def start(*arguments):
+        program = [sys.executable, "-m", "dask", *map(str, arguments)]
+        started.append(subprocess.Popen(program, stdout=log, stderr=log, cwd=tmp_path))
+        return started[-1]
+
+    file = tmp_path / "scheduler.json"
+    start("scheduler", "--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file)
+    until(lambda: file.exists() and file.stat().st_size > 0)
+    options = "--nthreads", 1, "--no-nanny", "--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", file
+    workers = [start("worker", *options) for _ in range(2)]
+    try:
+        yield json.loads(file.read_text())["address"], workers
+    finally:
+        for process in reversed(started):
+            process.kill()
+            process.wait()
+        log.close()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # of distributed, when workers vanish
+def test_a_cluster_that_loses_a_worker(long, cluster, tmp_path):
+    inputs, want = long
+    address, workers = cluster
+    out = tmp_path / "out"
+    arguments = command(inputs, "-o", out, "--scheduler", address)
+    arguments.remove("-W")
+    arguments.remove("error")
+    running = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True)
+    until(lambda: under_way(out))
+    workers[0].kill()
+    said = running.communicate(timeout=180)[1]
+    assert running.returncode == 0, said
+    assert workers[1].poll() is None
+    # What the lost worker had begun is removed by the next run.
+    assert prepare(inputs, out, resume=True).frames == 24
+    assert tree(out) == want
+
+
+@pytest.mark.slow
+def test_no_scheduler(inputs, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "_PATIENCE", 1)
+    with pytest.raises(OSError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler can be reached"):
+        prepare(inputs, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
