@@ -9,6 +9,8 @@ from yester.study.compare.methods import PIPELINES, Method, Result
 from yester.study.synthetic import failures, stress
 from yester.study.synthetic.failures import FAILURES, SCENARIOS
 
+pytestmark = pytest.mark.slow
+
 NAMED = {scenario.name: scenario for scenario in SCENARIOS}
 FRAMES = 8
 
