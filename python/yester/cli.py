@@ -623,7 +623,7 @@ def _remove_unfinished(targets: list[Path]) -> None:
 
 def _recognised(files: list[Description]) -> list[str]:
     """Lines on the renderers of files, and on choices among their layers; each once."""
-    lines = {}
+    lines: dict[str, Description] = {}
     for known in files:
         if known.renderer:
             lines.setdefault(f"recognised: {known.renderer}, by {known.evidence}", known)

@@ -508,8 +508,8 @@ def guesses(unknown: Iterable[str]) -> dict[str, str]:
     del known[""]
     layers: dict[str, dict[str, str]] = {}
     for channel in unknown:
-        layer, _, component = channel.rpartition(".")
-        layers.setdefault(layer or component, {})[component.upper() if layer else ""] = channel
+        group, _, component = channel.rpartition(".")
+        layers.setdefault(group or component, {})[component.upper() if group else ""] = channel
     result = {}
     for name, channels in layers.items():
         near = get_close_matches(_plain(name.rpartition(".")[2]), known, 1, 0.75)

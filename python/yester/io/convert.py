@@ -127,7 +127,7 @@ def multipliers(name: str, form: Form, count: int, display: tuple[float, float])
     factors = np.ones(count, np.float32)
     factors[: len(form.scale)] = form.scale[:count]
     if name.startswith("motion") and form.unit != "pixels":
-        factors[:2] *= np.float32(display) / (1 if form.unit == "uv" else 2)
+        factors[:2] *= np.asarray(display, np.float32) / (1 if form.unit == "uv" else 2)
     return factors
 
 
@@ -198,7 +198,8 @@ def _to_world(buffers: dict[str, Array], forms: Mapping[str, Form], view: View |
 
 def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, space: str) -> Array:
     """Depth along the camera axis, +inf where nothing was hit."""
-    depth, form = buffers["depth"].astype(np.float32, copy=False), forms["depth"]
+    depth: Array = buffers["depth"].astype(np.float32, copy=False)
+    form = forms["depth"]
     miss = {"zero": depth == 0, "far": ~(depth < _FAR), "inf": np.zeros_like(depth, bool)}[form.miss]
     position = buffers.get("position")
     from_position = form.kind == "distance" or form.space == "either"
@@ -234,8 +235,8 @@ def _mark_misses(buffers: dict[str, Array], forms: Mapping[str, Form]) -> None:
         buffers["albedo"] = np.where(nothing[..., None], 0, buffers["albedo"])
 
 
-def _transformed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
+def _transformed(points: NDArray[np.float64], matrix: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3], np.float64)
 
 
 def _unit(normal: Array) -> NDArray[np.float32]:
@@ -243,4 +244,6 @@ def _unit(normal: Array) -> NDArray[np.float32]:
     normal = normal.astype(np.float32, copy=False)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     uneven = (np.abs(length - 1) > 1e-3) & (length > 0)
-    return np.divide(normal, length, out=normal.copy(), where=uneven)
+    unit = normal.copy()
+    np.divide(normal, length, out=unit, where=uneven)
+    return unit
