@@ -54,7 +54,7 @@ _KEPT = 24
 class Finding:
     """What the data say about one buffer's convention.
 
-    Attributes
+    Parameters
     ----------
     subject : {"cameras", "depth", "motion", "jitter", "normal", "albedo"}
     verdict : {"right", "wrong", "unclear", "unchecked"}
@@ -181,9 +181,9 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
     >>> position = camera.unproject(np.stack(np.mgrid[:64, :96][::-1], -1) + 0.5, np.full((64, 96), 5.0))
     >>> distance = np.linalg.norm(position - camera.position, axis=-1)
     >>> frame = yester.Frame(np.ones((64, 96, 3)), depth=distance, position=position, camera=camera)
-    >>> cameras, depth, *_ = yester.check([frame, frame])
-    >>> cameras.verdict, depth.verdict, depth.stored
-    ('right', 'wrong', 'distance along the ray')
+    >>> _, depth, *_ = yester.check([frame, frame])
+    >>> depth.verdict, depth.stored
+    ('wrong', 'distance along the ray')
     >>> depth.remedy
     '--map depth=depth.Z --map depth.kind=distance'
     """
