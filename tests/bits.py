@@ -1,8 +1,8 @@
 """The bits of all kernels and pipelines, which are the same on every machine: `python tests/bits.py > tests/bits.txt`.
 
-Each line has a name, the hash of the inputs and the hash of the results, for images from less than a vector to more
-than a band of rows. Inputs are rounded to multiples of 2⁻¹², as numpy's functions differ in their last bits between
-machines.
+Each line has a name, the hash of the inputs and the hash of the results, over images from less than a vector to more
+than a band of rows. Inputs are made by numpy, whose functions differ in the last bits from machine to machine: they are
+rounded to multiples of 2⁻¹².
 """
 
 import hashlib
@@ -19,7 +19,7 @@ GRID = 2.0**12
 
 
 def rounded(value):
-    """Round float arrays and cameras within containers; other values are unchanged."""
+    """Arrays of floats and cameras within containers, rounded; the rest as it is."""
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
         with np.errstate(invalid="ignore"):
             return (np.rint(value.astype(np.float64) * GRID) / GRID + 0.0).astype(value.dtype)  # + 0: no -0
@@ -40,8 +40,10 @@ def numbers(value) -> bytes:
         return b"".join(numbers(item) for item in value.values())
     if isinstance(value, list | tuple):
         return b"".join(map(numbers, value))
-    # The payload of NaN does not count.
-    return np.where(np.isnan(value), np.nan, value).tobytes() if isinstance(value, np.ndarray) else b""
+    if not isinstance(value, np.ndarray):
+        return b""
+    # The payload of NaN is no bit of the result.
+    return np.where(np.isnan(value), np.nan, value).astype(value.dtype).tobytes()
 
 
 def short(parts: list[bytes]) -> str:
@@ -73,10 +75,10 @@ def digest() -> str:
     rng = np.random.default_rng(0)
     before = None
     for number in range(4):
-        shot = replace(flight.shoot(number, 171, 97), motion=None)
-        buffers = rounded({**shot.buffers(), "color": flight.noisy(shot, rng), "camera": shot.camera})
+        shot = flight.shoot(number, 171, 97)
+        buffers = rounded(vars(replace(shot, color=flight.noisy(shot, rng), motion=None)))
         buffers["color"][number, 5:9] = np.nan
-        frame = yester.Frame(**buffers, replay=before, jitter=(0.25, -0.125))
+        frame = yester.Frame(**buffers | {"replay": before, "jitter": (0.25, -0.125)})
         before = frame.color * np.float32(0.5)
         for name, pipeline in pipelines.items():
             out = pipeline.step(quarter(frame, number) if isinstance(pipeline, yester.HalfRes) else frame)

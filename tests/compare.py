@@ -5,7 +5,6 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
-import torch
 import yester
 
 # A dozen roundings, relative to the compared numbers: that close to a threshold, float32 may decide unlike float64.
@@ -42,8 +41,11 @@ def each(names: str | Sequence[str], cases: Iterable) -> Callable[[Callable], Ca
     return decorate
 
 
-def tensor(value, dtype=torch.float64):
-    """Convert numpy to torch: floats to `dtype`, ids to int64, containers by element, the rest unchanged."""
+def tensor(value, dtype=None):
+    """Convert numpy to torch: floats to `dtype` (default float64), ids to int64, others unchanged."""
+    import torch  # here, so that `bits` needs numpy alone
+
+    dtype = dtype or torch.float64
     if isinstance(value, np.ndarray):
         integers = value.dtype.kind in "ui"
         return torch.from_numpy(value.astype(np.int64)) if integers else torch.tensor(value, dtype=dtype)

@@ -14,7 +14,12 @@ os.environ["YESTER_REFERENCES"] = str(Path(__file__).parent)
 # By default the same examples every time. The nightly profile tries more, and others each night; what it prints of a
 # failure repeats it.
 settings.register_profile(
-    "yester", deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+    "yester",
+    deadline=None,
+    derandomize=True,
+    database=None,
+    max_examples=200,
+    suppress_health_check=list(HealthCheck),
 )
 settings.register_profile(
     "nightly", settings.get_profile("yester"), derandomize=False, max_examples=2000, print_blob=True

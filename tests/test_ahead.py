@@ -14,7 +14,7 @@ def test_order(length, count):
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_looks_ahead_and_not_further(count):
+def test_reads_ahead_within_the_limit(count):
     """Each item signals its start; an item too far ahead would signal before it is requested."""
     making = threading.Semaphore(0)
 

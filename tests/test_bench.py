@@ -88,7 +88,7 @@ def test_every_rival_runs(name, inputs):
 
 
 @pytest.mark.parametrize("name", ["remap, linear", "grid_sample, bilinear"])
-def test_rivals_do_the_like(name, inputs):
+def test_rivals_give_the_same_results(name, inputs):
     """Inside the image, rivals give our results."""
     (task,) = (task for task in TASKS if task.name == "reproject, bilinear")
     (full,) = (rival for rival in task.rivals if rival.endswith(name))
@@ -123,7 +123,7 @@ def test_memory_of_a_pipeline(tmp_path):
     assert abs(memory.growth) < image
 
 
-def test_memory_is_what_is_left_of_growth(monkeypatch, inputs):
+def test_memory_is_the_lasting_growth(monkeypatch, inputs):
     (task,) = (task for task in TASKS if task.name == "TAA")
     known = iter([(100, 105), (120, 130), (140, 150), (150, 155), *[(151, 160)] * 8, (153, 170)])
     monkeypatch.setattr(bench, "resident", lambda: next(known))
@@ -230,13 +230,13 @@ def test_page_and_tables(tmp_path):
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["exposure", "TAA"]
 
 
-def test_what_the_system_does_not_tell_is_named():
+def test_missing_system_information_is_named():
     assert "Not measured: memory" in markdown([timing("TAA", OURS, 6.0)], about="")
     assert "Not measured: memory" not in markdown([timing("exposure", OURS, 6.0)], about="")
     assert "targets" not in markdown([timing("exposure", OURS, 6.0)], about="")
 
 
-def test_who_is_slow_has_few_runs(monkeypatch, tmp_path):
+def test_slow_contenders_get_fewer_runs(monkeypatch, tmp_path):
     class Worker:
         def __init__(self, *times):
             self.times = [0.0, *times]
@@ -297,7 +297,7 @@ def test_something_is_to_be_measured():
         bench.measure(TASKS, [HD], [(1, "")], repetitions=0)
 
 
-def test_what_is_missing_is_named(monkeypatch):
+def test_missing_rivals_and_extras_are_named(monkeypatch):
     assert rivals.missing() == {}
     with monkeypatch.context() as here:
         for name in ("pyoidn", "cv2", "torch"):

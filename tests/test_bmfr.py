@@ -59,6 +59,7 @@ def test_pipeline_is_its_kernels(named, newer):
     check_bits(frames_of((*NAMES, *newer), 10 if named == {} else 4), **named)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", range(len(NAMES) + 1))
 def test_every_subset_of_buffers(count):
     for names in itertools.combinations(NAMES, count):
@@ -72,8 +73,12 @@ def test_any_size(size):
     check_bits([yester.Frame(colors(rng, *size), normal=normal) for _ in range(3)])
 
 
-@pytest.mark.parametrize("newer", [(), ("object_normal", "replay")])
-@pytest.mark.parametrize("named", [{}, PLAIN, {"features": "all", "antialias": False}], ids=str)
+@pytest.mark.parametrize("newer", [pytest.param((), marks=pytest.mark.slow), ("object_normal", "replay")])
+@pytest.mark.parametrize(
+    "named",
+    [{}, *(pytest.param(n, marks=pytest.mark.slow) for n in (PLAIN, {"features": "all", "antialias": False}))],
+    ids=str,
+)
 def test_reference(named, newer):
     """The pipeline against its float64 composition, in which decisions may flip in a few blocks."""
     names = (*NAMES, *newer)

@@ -183,7 +183,7 @@ def test_values_are_those_of_the_metrics(recording, tmp_path):
     assert sorted(path.name for path in svgf.images.glob("history*")) == ["history_0004.webp", "history_0005.webp"]
 
 
-def test_what_is_measured_is_kept(recording, tmp_path):
+def test_measurements_are_stored(recording, tmp_path):
     method, starts = counted(SVGF)
     first = measure(recording, [method], tmp_path, metrics=QUICK)
     assert measure(recording, [method], tmp_path, metrics=QUICK) == first
@@ -338,7 +338,7 @@ def test_a_method_with_long_turns_has_one(monkeypatch, tmp_path):
     assert {name: len(each) for name, each in spent.items()} == {"long": 3, "black": 9}
 
 
-def test_the_time_axis_says_its_size(recording, tmp_path):
+def test_the_time_axis_names_the_size(recording, tmp_path):
     noisy, svgf = chart([recording], [SVGF], tmp_path, metrics=["psnr"], images=0, size=LITTLE)
     assert (noisy.ms, noisy.size) == (0, None)
     assert svgf.size == LITTLE
@@ -445,7 +445,7 @@ def test_variants_are_averaged(recording, tmp_path):
 @pytest.mark.parametrize("channels", [0, 2, 3])
 @pytest.mark.parametrize("names", [(), ("depth",), ("position",), ("depth", "normal"), ("normal", "ids")])
 @pytest.mark.parametrize("cameras", [False, True])
-def test_flow_of_whatever_files_hold(channels, names, cameras):
+def test_flow_of_any_buffers(channels, names, cameras):
     """With or without cameras, for any given motion and surfaces, all visible surfaces are followed."""
     height, width = 12, 16
     shared = {
@@ -531,7 +531,7 @@ def test_harmful_components(monkeypatch):
     assert len(ablation.harmful([replace(good, scene="thicket")])) == 1
 
 
-def test_exceptions_are_about_what_there_is():
+def test_exceptions_name_existing_components():
     components = {each.method.name for each in ABLATIONS if each.whole.default and not each.added}
     for (component, scene), reason in harm.EXCEPTIONS.items():
         assert component in components

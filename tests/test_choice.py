@@ -7,7 +7,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from reference.choice import costs, relative, together
 from test_innovation import motions
@@ -99,7 +99,6 @@ def averaged(image):
     return image
 
 
-@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -117,7 +116,6 @@ def test_reference_of_comparisons(seed, size, count, exposure, end, known, holes
     compare_check(**given, evidence=evidence, exposure=exposure, usual=round(end * (count - 1)))
 
 
-@settings(max_examples=200)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 80), st.integers(1, 80)),
@@ -193,7 +191,7 @@ def test_fifteen_samples_decide_nothing():
     assert (at_rest(evidence)[0] == 1).all()
 
 
-def test_nothing_known_is_the_usual_one():
+def test_no_evidence_gives_the_usual_candidate():
     """Without coverage or motion there is no evidence, and without candidates or samples none is added."""
     rng = np.random.default_rng(0)
     given = carried(rng, 21, 43, 3, holes=0)
@@ -502,7 +500,7 @@ def test_three_samples_predict(alpha, first):
     assert others == [first is not None and number >= first for number in range(8)]
 
 
-def test_only_what_chooses_says_so():
+def test_only_pipelines_that_choose_report_it():
     frame = yester.Frame(np.ones((20, 30, 3), np.float32), depth=np.ones((20, 30), np.float32))
     assert yester.SVGF().step(frame).choice.shape == (20, 30)
     for pipeline in (yester.SVGF(choice=False), yester.BMFR(), yester.HalfRes(), yester.TAA(), yester.Upscaler()):
@@ -549,7 +547,7 @@ def test_frames_of_nothing(value):
         assert out.color.mean() == pytest.approx(1, rel=0.1)
 
 
-def test_what_is_missing_is_filled_as_usual():
+def test_missing_pixels_are_filled_as_usual():
     """A pixel without any sample gets as many passes as without a choice, whatever its tile has chosen."""
     rng = np.random.default_rng(0)
     svgf, mixed = yester.SVGF(), []
@@ -580,7 +578,7 @@ def test_detail_gets_fewer_passes_and_noise_more():
     assert error(chosen, right) < 0.98 * error(plain, right)
 
 
-def test_mirrors_keep_what_they_show():
+def test_mirrors_keep_their_images():
     """Evidence follows the motion of the mirrored surface, as history does."""
 
     def last(**named):

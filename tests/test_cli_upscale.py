@@ -52,7 +52,7 @@ def test_options(sequence, tmp_path):
         np.testing.assert_array_equal(read_exr(tmp_path / "out" / f"shot{i + 1}.exr").color, want)
 
 
-def test_frames_without_jitter_are_told_of(tmp_path):
+def test_frames_without_jitter_are_reported(tmp_path):
     (tmp_path / "small").mkdir()
     for i in range(2):
         write_exr(tmp_path / "small" / f"{i}.exr", noise(seed=i))

@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 LENGTHS = np.float32([0, 0.3, 1, 2, 3.5, 17, 1000, -1, np.nan, np.inf, -np.inf])
@@ -48,7 +48,6 @@ def check(first, second, **named):
     return got
 
 
-@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -83,7 +82,6 @@ def test_by_hand():
     np.testing.assert_allclose(color[0, 0], 2 + 4 * 3 / 1027, rtol=1e-6)
 
 
-@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32), size=st.tuples(st.integers(1, 20), st.integers(1, 40)))
 def test_order_changes_nothing_but_roundings(seed, size):
     """The order of two histories, and of combining three; lengths add up."""
@@ -103,7 +101,6 @@ def test_order_changes_nothing_but_roundings(seed, size):
     assert_same_bits(combine(a, b)[2], total)
 
 
-@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 20), st.integers(1, 40)),

@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import BAND, SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from test_reproject import RAMP, SOFT, TESTS, surface, thresholds
 from yester import Rejection
@@ -25,7 +25,6 @@ def check(motion, **named):
     return rejection, confidence
 
 
-@settings(max_examples=200)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),

@@ -45,7 +45,7 @@ def test_white_is_the_identity():
     np.testing.assert_array_equal(yester.remodulate(color, np.ones_like(color)), color)
 
 
-def test_black_is_taken_as_it_is():
+def test_black_albedo_divides_by_one():
     color = compare.colors(np.random.default_rng(0), 5, 7, holes=0)
     np.testing.assert_array_equal(yester.demodulate(color, 0 * color), color)
     np.testing.assert_array_equal(yester.remodulate(color, 0 * color), color)

@@ -40,7 +40,7 @@ def test_uniform_motion_stays():
         assert_same_bits(yester.dilate_motion(motion, depth, **named), motion)
 
 
-def test_what_is_unknown_is_chosen_last():
+def test_unknown_motion_is_chosen_last():
     motion = np.full((1, 3, 2), np.nan, np.float32)
     motion[0, 2] = 7
     depth = np.float32([[1, 2, np.inf]])

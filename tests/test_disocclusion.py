@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import BAND, SIZES, TAILS, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 
@@ -16,7 +16,6 @@ def check(depth, motion, **named):
     return got
 
 
-@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -44,7 +43,7 @@ def moving_square(step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return depth, motion, hidden
 
 
-def test_what_was_behind_is_told():
+def test_newly_visible_surfaces_are_marked():
     for step in (3, 5):
         depth, motion, hidden = moving_square(step)
         share = check(depth, motion)

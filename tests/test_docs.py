@@ -175,25 +175,51 @@ def test_channels_of_buffers(tmp_path):
     assert said == yester.io.describe(tmp_path / "frame.exr").channels
 
 
-def test_files_of_blender(tmp_path, monkeypatch):
-    """The conversion that the conventions give, on a file of Cycles, of which `Vector` alone is recognised."""
-    passes = {"Combined": "RGBA", "Denoising Albedo": "RGB", "Normal": "XYZ", "Vector": "XYZW", "Depth": "Z"}
-    names = [f"ViewLayer.{name}.{component}" for name, components in passes.items() for component in components]
-    planes = write_planes(tmp_path / "frame.exr", names, np.random.default_rng(0))
-    monkeypatch.chdir(tmp_path)
-    frame = run(DOCS / "conventions.md")["read_blender"]("frame.exr")
-    assert set(frame.buffers()) == {"color", "albedo", "normal", "depth", "motion", "motion_next"}
-    assert (frame.depth == planes["ViewLayer.Depth.Z"]).all()
-    assert (frame.motion[..., 1] == -planes["ViewLayer.Vector.Y"]).all()
-    assert (frame.motion_next[..., 0] == -planes["ViewLayer.Vector.Z"]).all()
-    assert (frame.color[..., 2] == planes["ViewLayer.Combined.B"]).all()
-    assert yester.io.describe("frame.exr").channels.keys() == {"motion", "motion_next"}
-    with pytest.raises(ValueError, match="no colour"):
-        yester.io.read_exr("frame.exr")
+def test_layers_of_cycles(tmp_path):
+    """Files are recognised as the conventions say: each layer alone, behind the name of a view layer."""
+    found = {cells[0]: cells[1] for cells in rows(DOCS / "conventions.md", "### Blender Cycles")}
+    assert {name for buffer in found for name in re.findall(r"`(\w+)`", buffer)} == {
+        *("color", "albedo", "normal", "depth", "motion", "motion_next", "ids", "position", "emission")
+    }
+    components = {"color": "RGB", "albedo": "RGB", "normal": "XYZ", "depth": "Z", "position": "XYZ", "emission": "RGB"}
+    for cell, layers in found.items():
+        buffer = cell.strip("`")
+        for layer in re.findall(r"`([\w .]+)`", layers):
+            if layer.startswith("Vector"):
+                names, buffer = (
+                    [f"Vector.{one}" for one in layer[-2:]],
+                    "motion" if layer.endswith("XY") else "motion_next",
+                )
+            elif layer.startswith("Crypto"):
+                names = [f"{layer}00.{one}" for one in "rgba"]
+            else:
+                names = [f"{layer}.{one}" for one in components.get(buffer, "X")]
+            names = [f"ViewLayer.{name}" for name in names]
+            colour = [f"ViewLayer.Combined.{one}" for one in "RGB"] if buffer != "color" else []
+            write_planes(tmp_path / "frame.exr", [*colour, *names], np.random.default_rng(0))
+            known = yester.io.describe(tmp_path / "frame.exr")
+            assert (known.renderer, list(known.channels[buffer])) == ("Blender Cycles", names)
 
 
-def test_files_of_pbrt(tmp_path):
-    """The conventions say that their colour alone is recognised."""
+def test_layers_of_pbrt(tmp_path):
     names = [f"{name}.{component}" for name in ("P", "N", "Ns") for component in "XYZ"]
     write_planes(tmp_path / "frame.exr", [*"RGB", "Albedo.R", "Albedo.G", "Albedo.B", *names], np.random.default_rng(0))
-    assert yester.io.describe(tmp_path / "frame.exr").channels.keys() == {"color"}
+    known = yester.io.describe(tmp_path / "frame.exr")
+    assert known.channels.keys() == {"color", "albedo", "normal", "depth", "position"}
+    assert known.channels["normal"] == ("Ns.X", "Ns.Y", "Ns.Z")
+
+
+def test_layers_that_are_not_used(tmp_path):
+    """Motion of which unit or sign are not known is not used, and a mapping is asked for."""
+    for cell, _, remedy in rows(DOCS / "conventions.md", "### Arnold, RenderMan, V-Ray, MoonRay, Unreal"):
+        for layer in re.findall(r"`(\w+)`", cell):
+            # V-Ray's layer is named like others, so that its header is needed.
+            header = {"vrayInfo/version": "7"} if layer == "Velocity" else {}
+            names = [f"{layer}.{one}" for one in ("RGB" if layer == "Velocity" else "RG")]
+            plus = ["zfiltered"] if layer in ("backward", "forward") else []
+            planes = write_planes(tmp_path / "frame.exr", [*"RGB", *names, *plus], np.random.default_rng(0))
+            OpenEXR.File(header, planes).write(str(tmp_path / "frame.exr"))
+            known = yester.io.describe(tmp_path / "frame.exr")
+            assert not {"motion", "motion_next"} & known.channels.keys()
+            assert names[0] in known.unused
+            assert ("map it" in known.unused[names[0]]) == remedy.startswith("a mapping")

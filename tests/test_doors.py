@@ -148,7 +148,7 @@ def test_measured(recording, tmp_path):
     assert [(each.door, each.richer) for each in bare] == [("no albedo", FULL)]
 
 
-def test_what_is_told():
+def test_losses_are_printed():
     """Losses against the full door, mean and worst; and cases in which more buffers make it worse."""
     full = {"psnr": 30.0, "relmse": 0.01}
     found = [

@@ -157,7 +157,7 @@ def test_mutated():
     assert fuzz_exr.main(2000) == 0
 
 
-def test_the_fuzzer_tells_of_faults(monkeypatch, capfd):
+def test_the_fuzzer_reports_faults(monkeypatch, capfd):
     """An exception, a process that dies, and one that hangs."""
     broken = """
 import ctypes, sys, time
@@ -230,6 +230,6 @@ def test_kept_output(capsys):
 
 
 @pytest.mark.parametrize("name", sorted(fuzz_exr.samples().keys() - {"deep"}))
-def test_what_is_not_damaged_is_read(tmp_path, name):
+def test_undamaged_parts_are_read(tmp_path, name):
     (tmp_path / "a.exr").write_bytes(fuzz_exr.samples()[name])
     assert io.read_exr(tmp_path / "a.exr").shape == (18, 20)

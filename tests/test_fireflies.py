@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from test_variance import surface
 
@@ -34,7 +34,6 @@ def check(color, rtol=1e-5, **named):
     return got, removed
 
 
-@settings(max_examples=150)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 30), st.integers(1, 40)),
@@ -47,7 +46,6 @@ def test_reference(seed, size, holes, **named):
     check(image(np.random.default_rng(seed), *size, holes=holes), **named)
 
 
-@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 30), st.integers(1, 30)),
@@ -92,7 +90,7 @@ def test_constant_stays_to_the_bit(value, threshold):
     assert not removed.any()
 
 
-def test_what_is_below_its_limit_and_far_from_fireflies_stays_to_the_bit():
+def test_pixels_below_their_limit_and_far_from_fireflies_keep_their_bits():
     rng = np.random.default_rng(0)
     color = rng.uniform(1, 1.5, (40, 40, 3)).astype(np.float32)
     color[20, 20] = 30
@@ -132,7 +130,7 @@ def test_surfaces_are_apart():
     np.testing.assert_allclose(got.sum(dtype=np.float64), color.sum(dtype=np.float64), rtol=1e-6)
 
 
-def test_what_history_predicted_is_none():
+def test_light_that_history_predicts_is_no_firefly():
     color = np.random.default_rng(0).uniform(0.9, 1.1, (20, 20, 3)).astype(np.float32)
     color[10, 10] = 8
     expected = np.ones_like(color)
@@ -146,7 +144,6 @@ def test_what_history_predicted_is_none():
     assert removed[10, 10] == pytest.approx(7, abs=0.5)
 
 
-@settings(max_examples=50)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -163,7 +160,7 @@ def test_light_is_kept_or_reported(seed, size, redistribute, **named):
     assert luminance(got).sum() + lost == pytest.approx(luminance(color).sum(), rel=1e-5, abs=1e-6)
 
 
-def test_only_what_stands_out_is_cut():
+def test_only_outliers_are_cut():
     """A firefly beside noise: cut to its neighbours' limit; without redistribution the rest keeps its bits."""
     rng = np.random.default_rng(0)
     color = rng.uniform(0.9, 1.1, (30, 30, 3)).astype(np.float32)

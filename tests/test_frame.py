@@ -19,7 +19,7 @@ def buffers(height=4, width=6):
     return named
 
 
-def test_keeps_what_is_canonical():
+def test_keeps_canonical_arrays():
     """Without a copy, in canonical order, with its sizes as attributes."""
     given = buffers()
     frame = yester.Frame(**given, camera=flight.camera(0, 6, 4))

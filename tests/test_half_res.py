@@ -85,7 +85,7 @@ def test_reference(named):
         assert_close("HalfRes history_length", got.history_length, want.history_length, rtol=1e-4, **where)
 
 
-def test_whole_frames_need_nothing():
+def test_full_frames_are_not_reconstructed():
     """Where nothing is missing, nothing is reconstructed."""
     pipelines = yester.HalfRes(), yester.HalfRes(weight=1.0, radius=1)
     for frame in frames_of(NAMES, 4, pattern=lambda color, _: color, holes=False):
@@ -122,7 +122,7 @@ def test_history_converges_to_the_mean_of_the_pixels_own_samples():
 
 
 @pytest.mark.parametrize("share", [1 / 2, 1 / 4, 1 / 16])
-def test_any_pattern_and_share(share):
+def test_any_pattern_and_density(share):
     """Random pixels at any density: no holes in the output, and less error than in the samples."""
     rng = np.random.default_rng(0)
     shot = flight.shoot(0, 96, 64, moving=False)
@@ -163,7 +163,7 @@ def fed(pipeline, pattern):
     return lambda number, color, frame: pipeline.step(replace(frame, color=pattern(color, number)))
 
 
-def test_it_beats_what_is_simpler():
+def test_it_beats_simpler_methods():
     """From the same samples, less error than from copies of them, and little more than from four times as many."""
     whole = errors_in_motion(fed(yester.SVGF(), lambda color, _: color))[12:].mean()
     half = errors_in_motion(fed(yester.HalfRes(), traced))[12:].mean()
@@ -172,7 +172,7 @@ def test_it_beats_what_is_simpler():
     assert half < 2 * whole
 
 
-def test_light_that_is_switched_reaches_what_is_not_traced():
+def test_switched_light_reaches_untraced_pixels():
     """In a frame or two; histories that wait for samples of their own need four."""
 
     def switch(number):

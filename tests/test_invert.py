@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from yester import Camera
 
@@ -25,7 +25,6 @@ def test_reference(size, channels, absent):
     assert_same_bits(yester.invert_motion(motion, **given), want.numpy().astype(np.float32))
 
 
-@settings(max_examples=50)
 @given(dx=st.integers(-5, 5), dy=st.integers(-5, 5), size=st.tuples(st.integers(1, 20), st.integers(1, 20)))
 def test_whole_pixels_are_inverted_exactly(dx, dy, size):
     """Known where pixels move to, unknown where the image enters."""

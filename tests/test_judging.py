@@ -28,7 +28,7 @@ def test_the_judge_beside_the_truth(recordings):
     assert share.startswith("the sign is right in ")
 
 
-def test_what_a_plan_is_worth(recordings):
+def test_gain_of_a_plan(recordings):
     found = judging.worth(recordings[0])
     assert found.scene == "cornell_box"
     assert found.plan.stages

@@ -7,7 +7,7 @@ import pytest
 import yester
 from compare import assert_same_bits
 from yester import io
-from yester.io import channels
+from yester.io import channels, exr
 
 HALF_STEP = 2.0**-10
 
@@ -455,7 +455,7 @@ def test_lossless_compressions_are_kept(tmp_path, shot, name):
 
 
 def test_compression_as_told(tmp_path, shot):
-    for name in io.COMPRESSIONS:
+    for name in exr.COMPRESSIONS:
         io.write_exr(tmp_path / "a.exr", shot.color, half=True, compression=name)
         header = OpenEXR.File(str(tmp_path / "a.exr"), header_only=True).header()
         assert header["compression"] == getattr(OpenEXR, f"{'NO' if name == 'none' else name.upper()}_COMPRESSION")

@@ -280,7 +280,7 @@ def test_the_reversed_sequence_is_as_good():
     assert apart < 0.1 * np.mean([(one - truth) ** 2 for one in there])
 
 
-def test_what_comes_into_view_is_known_from_later_on():
+def test_disocclusions_use_later_frames():
     """A cut to another view: earlier frames have no history for the frame after it, later ones do."""
     given = still(8)
     away = yester.Camera(given[0].camera.world_to_clip @ np.diag([1.0, 1, -1, 1]), 61, 43)
@@ -303,7 +303,7 @@ def test_given_motion_to_the_next_frame_is_used():
 
 
 @pytest.mark.parametrize("place", range(1, 6))
-def test_what_a_cut_separates_stays_apart(place):
+def test_a_cut_separates_both_sides(place):
     """Each side of a cut is denoised as if alone."""
     first, second = still(place), [without(frame, "ids") for frame in still(6)[place:]]
     turned = [
@@ -322,7 +322,7 @@ def test_what_a_cut_separates_stays_apart(place):
         same(one, other, ("history_length",))
 
 
-def test_without_motion_and_cameras_it_says_so_once_and_goes_forward_only():
+def test_without_motion_and_cameras_it_warns_once_and_goes_forward_only():
     given = [without(frame, "motion", "camera", "jitter") for frame in frames(9)]
     pipeline = yester.SVGF()
     with warnings.catch_warnings(record=True) as caught:
@@ -334,7 +334,7 @@ def test_without_motion_and_cameras_it_says_so_once_and_goes_forward_only():
         same(output, pipeline.step(frame))
 
 
-def test_a_hole_in_what_is_known_ends_one_side_only_there():
+def test_a_frame_without_camera_separates_both_directions_only_there():
     given = still(6)
     given[2] = without(given[2], "camera")
     with pytest.warns(UserWarning, match="later frames are not used"):

@@ -50,7 +50,7 @@ def test_results_of_absurd_size():
 
 
 @pytest.mark.slow
-def test_memory_that_cannot_be_had():
+def test_out_of_memory():
     """A MemoryError in the middle of a step leaves the pipeline as after `reset`, and usable."""
     run("""
         import resource

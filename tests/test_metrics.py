@@ -69,7 +69,7 @@ def test_psnr_by_hand():
     assert psnr(np.full((2, 2, 3), 1e-3), np.zeros((2, 2, 3))) == pytest.approx(-20 * np.log10(12.92e-3))
 
 
-def test_psnr_ignores_what_a_display_cannot_show():
+def test_psnr_ignores_values_out_of_display_range():
     assert psnr(np.full((1, 1, 3), 5.0), np.full((1, 1, 3), 2.0)) == float("inf")
 
 
@@ -150,7 +150,7 @@ def test_edge_sharpness_is_contrast_at_the_edges(contrast):
     assert edge_sharpness(grey(image), grey(reference)) == pytest.approx(contrast)
 
 
-def test_edge_sharpness_looks_at_the_steepest():
+def test_edge_sharpness_counts_the_steepest():
     """One half of the image has a weak texture that is lost, the other strong edges that are kept."""
     stripes = np.tile(np.arange(32) // 2 % 2, (16, 1))
     reference = np.where(np.arange(32) < 16, 0.1, 0.8) * stripes
@@ -244,7 +244,7 @@ def test_temporal_error_of_independent_noise():
     assert temporal_error(*frames, still, still) == pytest.approx(expected, rel=0.02)
 
 
-def test_temporal_error_ignores_what_stays_wrong(pair):
+def test_temporal_error_ignores_constant_errors(pair):
     image, reference = pair
     assert temporal_error(image, image, reference, reference) == 0
     assert temporal_error(reference, image, reference, image) == 0
@@ -261,7 +261,7 @@ def test_temporal_error_knows_its_arguments(pair):
 
 
 @pytest.mark.parametrize("position", range(4))
-def test_temporal_error_names_what_is_wrong(position):
+def test_temporal_error_names_bad_input(position):
     name = ["image", "before", "reference", "reference_before"][position]
     images = [np.zeros((4, 5, 3)) for _ in range(4)]
     images[position] = np.zeros((4, 5))
@@ -314,7 +314,7 @@ def test_warped_error_counts_whole_footprints_whatever_their_rounding():
     assert warped_error(image, before, motion, inner) == pytest.approx(np.sqrt(1 / inner.sum()))
 
 
-def test_warped_error_leaves_out_what_has_no_motion(pair):
+def test_warped_error_leaves_out_pixels_without_motion(pair):
     image, before = pair
     motion = np.zeros((*image.shape[:2], 2))
     assert warped_error(image, before, motion) == pytest.approx(10 ** (-psnr(image, before) / 20), rel=1e-6)
@@ -325,7 +325,7 @@ def test_warped_error_leaves_out_what_has_no_motion(pair):
     assert warped_error(image, before, motion) == 0
 
 
-def test_warped_error_names_what_is_wrong(pair):
+def test_warped_error_names_bad_input(pair):
     image, before = pair
     shape = image.shape[:2]
     motion = np.zeros((*shape, 2))
@@ -361,11 +361,11 @@ def test_flicker_is_the_noise_at_every_length():
     assert flicker(images[:2]) == pytest.approx(0.02, rel=0.03)
 
 
-def test_flicker_ignores_what_stays_wrong(pair):
+def test_flicker_ignores_constant_errors(pair):
     assert flicker([pair[0]] * 5) == 0
 
 
-def test_flicker_names_what_is_wrong(pair):
+def test_flicker_names_bad_input(pair):
     image, other = pair
     with pytest.raises(ValueError, match=r"^images: expected at least 2, got 1"):
         flicker([image])
@@ -396,7 +396,7 @@ def event() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("share", [-0.2, 0, 0.3, 1])
-def test_ghost_is_the_share_of_the_former_image(share, event):
+def test_ghost_is_the_fraction_of_the_former_image(share, event):
     truth, former = event
     image = truth + share * (former - truth)
     assert ghost(linear(image), linear(truth), linear(former)) == pytest.approx(share)
@@ -405,7 +405,7 @@ def test_ghost_is_the_share_of_the_former_image(share, event):
     assert ghost(linear(image), linear(truth), linear(former)) == pytest.approx(share)
 
 
-def test_ghost_weighs_pixels_by_what_changed(event):
+def test_ghost_weighs_pixels_by_their_change(event):
     """A ghost in a part of the event counts as the part's fraction of the squared change."""
     truth, former = event
     image = truth.copy()
@@ -450,7 +450,7 @@ def test_lag(ghosts, expected):
     assert lag(np.array(ghosts, np.float32) * 2, threshold=0.201) == expected
 
 
-def test_lag_names_what_is_wrong():
+def test_lag_names_bad_input():
     with pytest.raises(ValueError, match=r"^ghosts: expected shape \(T,\), got \(\)"):
         lag(0.5)
     with pytest.raises(ValueError, match=r"^ghosts: 1 of 2 values are not finite"):
@@ -470,7 +470,7 @@ def test_registry_names_the_unknown():
 
 
 @pytest.mark.parametrize("key", METRICS)
-def test_registry_knows_what_is_better_and_what_it_takes(key):
+def test_registry_knows_directions_and_arguments(key):
     """For a static image in weak and in strong noise, with the arguments that the metric declares."""
     one = metric(key)
     rng = np.random.default_rng(20)

@@ -470,6 +470,170 @@ def test_parameters():
     assert_same_frames(render_sequence(loaded, views, parameters=values, seed=5), frames)
 
 
+# Vertices that move
+
+
+def sheared(i):
+    """A linear map that is not rigid: it bends the corners' angles, and stretches."""
+    return np.array([[1 + 0.06 * i, 0.1 * i, 0], [0.02 * i * i, 1 - 0.03 * i, 0.05 * i], [0, 0.04 * i, 1]])
+
+
+def test_motion_of_vertices():
+    """Points of triangles go where their corners go: of a linear map, exactly where it takes them."""
+    cube = mi.load_dict(scene(), parallel=False, optimize=False).shapes()[SHAPES.index("cube")]
+    corners = np.array(mi.traverse(cube)["vertex_positions"])
+    centre = np.array([-1, 0.5, 0])
+
+    def mapped(points, i):
+        return (points - centre) @ sheared(i).T + centre
+
+    values = [{"cube.vertex_positions": mapped(corners.reshape(-1, 3), i).ravel()} for i in range(3)]
+    lift = [{"ball": T().translate([0.05 * i, 0, 0])} for i in range(3)]
+    options = {"parameters": values, "transforms": lift, "next": True}
+    frames = list(render_sequence(scene(), flight(3), **options))
+    for i in (1, 2):
+        frame, before = frames[i], frames[i - 1]
+        cube = frame.ids == 1 + SHAPES.index("cube")
+        assert cube.sum() > 15
+        point = frame.position[cube].astype(np.float64)
+        former = mapped((point - centre) @ np.linalg.inv(sheared(i)).T + centre, i - 1)
+        pixels, depth = before.camera.project(former)
+        here, now = frame.camera.project(point)
+        want = np.concatenate([pixels - here, (depth - now)[:, None]], -1)
+        np.testing.assert_allclose(frame.motion[cube], want, atol=1e-3)
+        # It is another motion than that of a cube that stands still.
+        still = before.camera.project(point)[0] - here
+        assert np.abs(frame.motion[cube][:, :2] - still).max() > 0.3
+        # There and back.
+        ahead = before.ids == 1 + SHAPES.index("cube")
+        point = before.position[ahead].astype(np.float64)
+        later = mapped((point - centre) @ np.linalg.inv(sheared(i - 1)).T + centre, i)
+        want = frame.camera.project(later)[0] - before.camera.project(point)[0]
+        np.testing.assert_allclose(before.motion_next[ahead][:, :2], want, atol=1e-3)
+    # Everything else is as it is without.
+    plain = list(render_sequence(scene(), flight(3), transforms=lift))
+    for frame, other in zip(frames, plain, strict=True):
+        same = (frame.ids == other.ids) & (frame.ids != 1 + SHAPES.index("cube"))
+        assert_same_bits(frame.motion[same], other.motion[same])
+
+
+@pytest.mark.slow
+def test_motion_of_a_waving_sheet():
+    """A fine mesh follows a wave that is not linear; where its points were is known by their texture coordinates."""
+    side = 65
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.2, 1.2, side)]), -1).reshape(-1, 2)
+    corner = np.arange(side * side).reshape(side, side)
+    a, b, c, d = (corner[i : side - 1 + i, j : side - 1 + j].ravel() for i, j in ((0, 0), (0, 1), (1, 1), (1, 0)))
+    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
+
+    def height(x, y, i):
+        return 0.15 * np.sin(3 * x + 0.7 * i) * np.cos(2 * y - 0.5 * i)
+
+    def waved(i):
+        x, y = grid.T
+        return np.stack([x, 0.5 + y / 2, height(x, y, i)], -1).astype(np.float32)
+
+    mesh = mi.Mesh("sheet", side * side, len(faces))
+    known = mi.traverse(mesh)
+    known["vertex_positions"], known["faces"] = waved(0).ravel(), faces.astype(np.uint32).ravel()
+    known.update()
+    plan = {"type": "scene", "sensor": sensor(), "sky": {"type": "constant"}, "sheet": mesh}
+    values = [{"sheet.vertex_positions": waved(i).ravel()} for i in range(3)]
+    frames = list(render_sequence(plan, flight(3), parameters=values))
+    for i in (1, 2):
+        frame, before = frames[i], frames[i - 1]
+        hit = frame.ids > 0
+        assert hit.sum() > 100
+        x, y, z = frame.position[hit].astype(np.float64).T
+        np.testing.assert_allclose(z, height(x, 2 * y - 1, i), atol=2e-3)  # of triangles this small
+        former = np.stack([x, y, z - height(x, 2 * y - 1, i) + height(x, 2 * y - 1, i - 1)], -1)
+        want = before.camera.project(former)[0] - frame.camera.project(frame.position[hit])[0]
+        np.testing.assert_allclose(frame.motion[hit][:, :2], want, atol=0.02)
+        assert np.abs(frame.motion[hit][:, :2] - frame.motion[hit][:, :2].mean(0)).max() > 0.1
+
+
+# Cameras without a centre
+
+
+def test_orthographic():
+    """Hits lie in their pixels, and motion leads back to what was seen there."""
+    plan = scene(sensor=sensor("orthographic", near_clip=0.5, to_world=VIEW))
+    del plan["sensor"]["fov"]
+    poses = [
+        T().look_at([0.5 + 0.1 * i, 1, 5], [0.05 * i, 0.5, 0], [0, 1, 0]).scale([1.8 - 0.1 * i, 1.8 - 0.1 * i, 1])
+        for i in range(3)
+    ]
+    frames = list(render_sequence(plan, poses, transforms=list(dance(3))))
+    assert set(np.unique(frames[0].ids)) == {0, *range(1, 7)}
+    moves = list(dance(3))
+    for i, frame in enumerate(frames):
+        assert frame.camera is None
+        hit = frame.ids > 0
+        # What Mitsuba's own rays meet, in pixels.
+        own = mi.load_dict({**plan["sensor"], "to_world": poses[i]})
+        to_uv = np.array(own.projection_transform().matrix) @ np.linalg.inv(matrix(poses[i]))
+        pixels = (frame.position @ to_uv[:2, :3].T + to_uv[:2, 3]) * [WIDTH, HEIGHT]
+        inside_pixels(pixels, hit)
+        pose = matrix(poses[i])
+        depth = (frame.position - pose[:3, 3]) @ pose[:3, 2]
+        np.testing.assert_allclose(frame.depth[hit], depth[hit], atol=1e-5)
+        assert (frame.depth[~hit] == np.inf).all()
+        if not i:
+            continue
+        np.testing.assert_array_equal(frame.motion[~hit], 0)
+        former = frame.position.astype(np.float64)
+        for name, here in moves[i].items():
+            back = moves[i - 1].get(name, np.eye(4)) @ np.linalg.inv(here)
+            own_pixels = frame.ids == 1 + SHAPES.index(name)
+            former[own_pixels] = former[own_pixels] @ back[:3, :3].T + back[:3, 3]
+        then = np.array(own.projection_transform().matrix) @ np.linalg.inv(matrix(poses[i - 1]))
+        want = (former @ then[:2, :3].T + then[:2, 3]) * [WIDTH, HEIGHT] - pixels
+        np.testing.assert_allclose(frame.motion[hit][:, :2], want[hit], atol=1e-4)
+    with pytest.raises(ValueError, match=r"cameras: expected poses, as the sensor is orthographic, got yester\.Camera"):
+        render_sequence(plan, [yester.Camera.from_look_at([0, 1, 5], [0, 0, 0], [0, 1, 0], 40, WIDTH, HEIGHT)])
+
+
+# Two halves
+
+
+@pytest.mark.parametrize("spp", [1, 2])
+def test_halves(spp):
+    """Independent, and together a frame of twice the samples."""
+    options = {"transforms": list(dance(3)), "gradient": True}
+    pairs = list(render_sequence(scene(), flight(3), spp=spp, halves=True, **options))
+    whole = list(render_sequence(scene(), flight(3), spp=2 * spp, **options))
+    assert len(pairs) == 3
+    for (one, other), both in zip(pairs, whole, strict=True):
+        np.testing.assert_allclose((one.color + other.color) / 2, both.color, rtol=1e-5)
+        np.testing.assert_allclose((one.albedo + other.albedo) / 2, both.albedo, rtol=1e-5)
+        assert (one.color != other.color).any()
+        assert_same_bits(one.position, both.position)
+        assert one.camera == other.camera == both.camera
+    # Each half asks its own first sample whether the surface is still there.
+    replay = (one.replay + other.replay) / 2
+    known = np.isfinite(replay)
+    assert known.mean() > 0.5
+    np.testing.assert_allclose(replay[known], both.replay[known], rtol=1e-5)
+
+
+def test_halves_of_colour_alone():
+    ((one, other),) = render_sequence(scene(), [VIEW], spp=16, halves=True, buffers=False)
+    assert set(one.buffers()) == set(other.buffers()) == {"color"}
+    difference = one.color - other.color
+    assert (difference != 0).mean() > 0.4  # the sky has no noise
+    assert abs(difference.mean()) < 0.1 * one.color.mean()
+
+
+def test_halves_that_are_not_used_up():
+    """The scene is left as it was."""
+    loaded = mi.load_dict(scene(), parallel=False, optimize=False)
+    before = np.array(mi.traverse(loaded)["cube.vertex_positions"])
+    pairs = render_sequence(loaded, flight(3), transforms=list(dance(3)), halves=True)
+    next(pairs), next(pairs)
+    pairs.close()
+    np.testing.assert_array_equal(np.array(mi.traverse(loaded)["cube.vertex_positions"]), before)
+
+
 # Replay
 
 

@@ -159,7 +159,7 @@ def test_the_largest_floats():
 @pytest.mark.parametrize(
     ("slope", "times"), [(0.07, 18), (0.13, 10), (0.2, 5), (0.31, 4), (0.45, 2.9), (0.618, 2.5), (1.0, 1.4)]
 )
-def test_slanted_edges_come_closer_to_the_truth(slope, times):
+def test_slanted_edges_come_closer_to_the_reference(slope, times):
     """The reference is the area under the line; a mean over several lines, as some have equal stairs."""
     before = after = 0
     inner = np.s_[:, 20:-20]  # without lines that end at the border

@@ -33,7 +33,7 @@ def test_alone_it_is_itself():
 
 
 @pytest.mark.parametrize("innovation", [False, True])
-def test_between_temporal_stages_it_is_their_list(innovation):
+def test_between_temporal_stages_it_is_their_composition(innovation):
     oidn = yester.OIDN("fast", temporal=True, innovation=innovation)
     history = yester.SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)
     antialiasing, before, evidence = yester.TAA("denoised"), None, None

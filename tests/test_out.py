@@ -104,7 +104,7 @@ def broken(part):
 
 
 @each_call
-def test_what_does_not_do_is_refused_before_any_work(name):
+def test_unusable_arrays_are_refused_before_any_work(name):
     wants = results(name)
     for index, want in enumerate(wants):
         for wrong, error in broken(want):
@@ -132,7 +132,7 @@ def test_nothing_is_written_when_an_argument_is_wrong():
         assert all((part == 7).all() for part in out)
 
 
-def test_a_pipeline_of_memory_owned_by_the_caller():
+def test_accumulation_in_the_callers_memory():
     """A sequence accumulated in place, frame by frame, equals the one in new arrays."""
     rng = np.random.default_rng(0)
     fresh = [np.zeros((8, 9, *channels), np.float32) for channels in ((3,), (2,), ())]

@@ -100,7 +100,7 @@ def test_tables(data, name):
         assert text.startswith("```")
 
 
-def test_what_they_say(data):
+def test_contents_of_tables(data):
     assert table("methods", data)[1] == [
         *("**SVGF, both sides** (`yester denoise`)", "31", "**34.60**", *["**0.1000**"] * 3)
     ]

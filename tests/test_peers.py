@@ -91,7 +91,7 @@ def test_torch_is_ours():
         assert np.mean(np.abs(other - ours) > 1e-3 * np.abs(ours) + 1e-5) < 0.005
 
 
-def test_what_is_missing_is_named(monkeypatch):
+def test_missing_peers_are_named(monkeypatch):
     with monkeypatch.context() as here:
         for name in ("pyoidn", "cv2", "torch"):
             here.setitem(sys.modules, name, None)

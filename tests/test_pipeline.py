@@ -38,7 +38,7 @@ def frames(count=3):
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_says_its_parameters(call):
+def test_repr_has_the_parameters(call):
     assert repr(CALLS[call]()) == call
 
 

@@ -155,7 +155,7 @@ def test_a_broken_buffer_is_left_out(moving):
     assert results[0] < 0.7 * results[1]
 
 
-def test_what_stands_still_is_averaged(still):
+def test_static_sequences_are_averaged(still):
     """Under constant light: over 32 frames the error is smaller, and reflections are off."""
     found = yester.plan(still)
     assert found.static

@@ -213,7 +213,7 @@ def frames(folder, **buffers):
     return folder
 
 
-def test_what_is_used_and_missing_is_said(tmp_path, capsys):
+def test_used_and_missing_buffers_are_printed(tmp_path, capsys):
     """Once; and a warning that history is accumulated in place if there are neither motion nor cameras."""
     run("denoise", frames(tmp_path / "bare", albedo=np.ones((24, 32, 3))), "-o", tmp_path / "out")
     said = capsys.readouterr().err.splitlines()

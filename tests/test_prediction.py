@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 
@@ -25,7 +25,6 @@ def check(*frames, **named):
     return got
 
 
-@settings(max_examples=150)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),

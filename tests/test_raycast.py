@@ -287,7 +287,7 @@ def test_frames_average_to_the_truth():
     assert np.abs(error).mean() < 0.1 * np.std(frames, 0).mean()
 
 
-def test_frame_has_all_that_is_known():
+def test_frame_has_all_exact_buffers():
     frame = raycast.shoot(moving(1), moving(0), np.random.default_rng(0), deviation=1.0)
     assert set(yester.frame.BUFFERS) - set(frame.buffers()) == {"hit_distance", "motion_next", "reactive", "replay"}
     assert frame.jitter is None

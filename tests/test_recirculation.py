@@ -9,7 +9,7 @@ import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from composed import sample, sequence
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from yester.metrics import psnr
 
@@ -47,7 +47,6 @@ def check(given: tuple, **named) -> tuple:
     return got
 
 
-@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -67,7 +66,7 @@ def test_sizes(height, width, fetch):
     check(images(np.random.default_rng(width), height, width), fetch=fetch)
 
 
-def test_shares_and_what_is_carried():
+def test_weights_and_qualities_by_hand():
     """Weights by quality, within their range; old quality halves after `fade` pixels; sums grow up to the limit."""
     new, old = np.zeros((1, 4, 3), np.float32), np.ones((1, 4, 3), np.float32)
     one, three = np.full((1, 4), 1, np.float32), np.float32([[3, 3, 3, 0]])
@@ -241,7 +240,7 @@ def test_reference_pipeline(options):
         assert got.missing == want.missing
 
 
-def test_the_preset_is_what_it_says():
+def test_the_preset_is_its_parameters():
     given = {"factor": 4, "levels": 2, "nearness": 1, "history": "fetch", "share": (0.1, 0.5), "innovation": False}
     pipeline, other, plain = yester.Recirculation("textbook"), yester.Recirculation(**given), yester.Recirculation()
     for frame in frames_of(("depth", "motion"), count=3):
@@ -308,7 +307,7 @@ def still_frames(count, side, color=None):
 
 
 @pytest.mark.parametrize("side", [2, 4])
-def test_what_stands_still_converges_to_the_full_picture(side):
+def test_static_scenes_converge_to_the_full_image(side):
     """Once every pixel has been traced the image is nearly complete, and the error keeps falling."""
     whole, pipeline = sample(flight.camera(0.0, 61, 43))["color"], yester.Recirculation()
     found = [psnr(pipeline.step(frame).color, whole) for frame in still_frames(16 * side**2, side)]
@@ -330,7 +329,7 @@ def test_all_traced_is_shown_as_it_is():
         assert output.missing == 0
 
 
-def test_a_moving_camera_is_better_off_than_without_memory():
+def test_history_helps_a_moving_camera():
     """At a sixteenth of the pixels and half a pixel of motion: half the squared error of filling alone."""
     errors, pipeline = [], yester.Recirculation()
     for i in range(24):
@@ -415,7 +414,7 @@ def test_cuts_start_anew():
     np.testing.assert_array_equal(output.color[new], alone.color[new])
 
 
-def test_what_frames_need():
+def test_required_buffers():
     camera = flight.camera(0.0, 6, 5)
     color, depth = np.ones((5, 6, 3), np.float32), np.ones((5, 6), np.float32)
     pipeline = yester.Recirculation()

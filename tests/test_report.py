@@ -108,7 +108,7 @@ def report(material, tmp_path_factory) -> Path:
 # Images
 
 
-def test_images_are_what_was_given(tmp_path):
+def test_images_are_those_given(tmp_path):
     color, reference = picture("room", "SVGF", 4), picture("room", "reference", 4)
     given = result(color, own=True)
     save_images(tmp_path / "new", 12, given, reference)
@@ -156,7 +156,7 @@ def test_bad_images_change_nothing(tmp_path):
 # Charts
 
 
-def test_every_point_is_where_it_was_measured(material):
+def test_points_are_drawn_at_their_measurements(material):
     points = [point for point in material[0] if point.scene == "room"]
     (axes,) = draw(points, METRICS["psnr"]).axes
     places = {line.get_gid(): line.get_xydata()[0] for line in axes.lines if line.get_gid()}
@@ -168,7 +168,7 @@ def test_every_point_is_where_it_was_measured(material):
     assert axes.get_ylabel() == "PSNR [dB], higher is better"
 
 
-def test_what_spans_much_is_logarithmic():
+def test_wide_ranges_are_logarithmic():
     points = measured("room")[1:4]
     assert draw(points, METRICS["relmse"]).axes[0].get_yscale() == "linear"
     points.append(replace(points[0], method="bad", values={"relmse": 3.0}))
@@ -219,7 +219,7 @@ def test_the_default_is_ringed_and_peers_are_hollow():
     assert peer.get_color() == "#ffffff"
 
 
-def test_what_takes_no_time_is_a_line_across():
+def test_methods_without_time_are_lines_across():
     (axes,) = draw(measured("room"), METRICS["psnr"]).axes
     (line,) = [line for line in axes.lines if line.get_gid() == "point-0"]
     assert set(line.get_ydata()) == {18.0}
@@ -266,7 +266,7 @@ def test_figures_as_files(material, tmp_path):
     assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in again]
 
 
-def test_charts_refuse_what_they_cannot_draw(tmp_path):
+def test_charts_refuse_invalid_input(tmp_path):
     points = measured("room")
     with pytest.raises(ValueError, match="balls, room"):
         draw([*points, *measured("balls")], METRICS["psnr"])
@@ -376,7 +376,7 @@ def test_page_has_its_words(page):
     assert page.locator("#metric option").all_inner_texts() == ["PSNR [dB]", "relMSE", "SSIM", "FLIP"]
 
 
-def test_hover_tells_a_points_values(page):
+def test_hover_shows_a_points_values(page):
     for i, (name, *_, ms, psnr) in enumerate(METHODS):
         if not ms:
             continue

@@ -54,7 +54,7 @@ def test_its_own_grid_is_the_image(filter):
 
 
 @pytest.mark.parametrize("filter", ["lanczos-2", "catmull-rom", "bilinear"])
-def test_samples_of_a_slope_say_what_it_is_elsewhere(filter):
+def test_samples_of_a_ramp_reproduce_it_elsewhere(filter):
     """Offsets, their signs and the grid's position: samples of a linear ramp reproduce the ramp."""
     y, x = np.mgrid[:12, :14] + 0.5
     v, u = np.mgrid[:24, :35] + 0.5

@@ -38,7 +38,7 @@ def test_constant_in_constant_out(filter):
 
 
 @pytest.mark.parametrize("filter", FILTERS)
-def test_samples_of_a_slope_say_what_it_is_at_the_centre(filter):
+def test_samples_of_a_ramp_reproduce_it_at_the_centres(filter):
     """Offsets and their signs: samples of a linear ramp reproduce the ramp."""
     offsets = yester.jitter(64, sequence="rotated-grid")
     y, x = np.mgrid[:12, :14] + 0.5

@@ -105,7 +105,7 @@ def ids(sequence):
     return {shape.id(): number for number, shape in enumerate(shapes, 1)}
 
 
-def test_mirror_room_reflects_what_moves():
+def test_mirror_room_reflects_motion():
     """With the same random numbers and a static camera, the mirror's image changes while the mirror stays."""
     sequence = scenes.mirror_room(8, 80, 60)
     before, frame = still(sequence, 3, 4)
@@ -152,7 +152,7 @@ def test_sunlit_teapot():
     assert light[shining].sum() > 1.5 * light[~shining].sum()
 
 
-def test_moving_light_sweeps_over_what_stands_still():
+def test_moving_light_sweeps_over_static_surfaces():
     """Light on static surfaces changes from frame to frame; the lamp is in view in the middle of the sequence."""
     sequence = scenes.moving_light(9, 64, 48)
     number = ids(sequence)

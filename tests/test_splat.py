@@ -4,7 +4,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from yester import Camera
 
@@ -40,7 +40,6 @@ def check(given: dict, camera: Camera, previous: Camera, **named) -> tuple:
     return got
 
 
-@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
@@ -119,7 +118,7 @@ def test_points_land_where_they_project():
     np.testing.assert_allclose(far[y, x], z, rtol=1e-6)
 
 
-def test_points_that_come_near_cover_what_they_should():
+def test_approaching_points_cover_more_pixels():
     """At a third of the distance a point covers 3×3 pixels, at 1/81 of the weight; no hole is left."""
     color, depth = np.full((40, 60), np.nan, np.float32), np.full((40, 60), 6, np.float32)
     color[20, 30] = 1

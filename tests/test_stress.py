@@ -9,6 +9,8 @@ from yester.study.compare.methods import PIPELINES, Method, Result
 from yester.study.synthetic import failures, stress
 from yester.study.synthetic.failures import FAILURES, SCENARIOS
 
+pytestmark = pytest.mark.slow
+
 NAMED = {scenario.name: scenario for scenario in SCENARIOS}
 FRAMES = 8
 
@@ -104,7 +106,7 @@ def test_uncovered():
     assert columns.max() < box.max()
 
 
-def test_what_enters_the_view_is_uncovered():
+def test_pixels_that_enter_the_view_are_uncovered():
     scenario = NAMED["view races"]
     mask = failures.uncovered(scenario.stage(1), scenario.stage(0))
     assert mask[:, -5:].mean() > 0.9
@@ -346,7 +348,7 @@ def test_strain(case):
     assert ("difference" in result.values) == (case.ordinary is not None)
 
 
-def test_strain_of_what_depends_on_the_exposure():
+def test_strain_of_a_method_that_depends_on_the_exposure():
     curve = method("tone", lambda number, image: image / (1 + image))
     results = {case.name: stress.strain(case, [curve])[0] for case in stress.STRAINS[:6]}
     assert results["radiance × 1e+06"].verdict == "fails"

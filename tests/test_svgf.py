@@ -72,6 +72,7 @@ def test_pipeline_is_its_kernels(named, replay):
     check_bits(frames_of((*NAMES, *(NEWER if replay else ["object_normal"])), 6), **named)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", range(len(NAMES) + 1))
 def test_every_subset_of_buffers(count):
     """With any subset of buffers, the pipeline gives the kernels' bits."""
@@ -117,7 +118,7 @@ def test_a_dolly_keeps_its_history(channels):
     assert ("camera" in out.used) == (channels != 3)
 
 
-def test_what_moves_by_itself_is_expected_at_its_depth():
+def test_moving_things_are_expected_at_their_depth():
     """Motion other than the cameras' tells no change of depth: the expected depth is the current one."""
     svgf = yester.SVGF(**PLAIN)
     for number in range(3):
@@ -198,7 +199,7 @@ def test_reflections_are_their_kernels(known):
     assert won[16] == asked[17] == 0, "and without any, nobody asks"
 
 
-def test_scores_start_anew_where_nobody_asked():
+def test_scores_restart_where_candidates_were_not_tested():
     """A picture, for which virtual motion is wrong, becomes a mirror while its candidates are not tested."""
     rng = np.random.default_rng(0)
     frames = []
@@ -210,7 +211,7 @@ def test_scores_start_anew_where_nobody_asked():
     assert other.won[0] == 0 < other.won[8]
 
 
-def test_a_lost_camera_starts_asking_anew():
+def test_a_lost_camera_restarts_the_scores():
     rng = np.random.default_rng(0)
     frames = []
     for number in range(8):
@@ -473,7 +474,7 @@ def test_steady_light_keeps_its_history():
     assert found[0] < 1.25 * found[1]
 
 
-def test_replays_tell_exactly():
+def test_replays_give_exact_changes():
     """Only in the half where the light is switched does history restart with the first sample of new light."""
     rng, shot = np.random.default_rng(0), flight.shoot(0, 96, 64, moving=False)
     seen, sides = shot.ids > 0, np.arange(96)[None, :, None]

@@ -114,7 +114,7 @@ def test_doubts_are_as_the_reference_has_them(doubts):
         ({"ids": True}, yester.Rejection.ID),
     ],
 )
-def test_another_surface_lends_no_history(doubts, bits):
+def test_history_of_another_surface_is_rejected(doubts, bits):
     """With equal colours, clipping does not remove the old surface's history; validation does."""
     rng = np.random.default_rng(0)
     size = (12, 16)
@@ -296,7 +296,7 @@ def test_a_still_image_converges_to_the_supersampled(preset, factor):
 @pytest.mark.parametrize(
     ("preset", "factors"), [("best", (1.9, 1.5)), ("denoised", (2.3, 1.8)), ("filament", (2.1, 1.7))]
 )
-def test_a_moving_camera_sees_it_too(preset, factors):
+def test_a_moving_camera_comes_closer_to_the_supersampled(preset, factors):
     """The errors of jittered samples, and of samples at the centres, divided by these factors."""
     errors, taa = [], yester.TAA(preset)
     for number, offset in enumerate(yester.jitter(24)):

@@ -183,7 +183,7 @@ def test_shallow_focus(tmp_path):
     only = masks[1] & ~masks[0]
     assert 0.05 < mixed[only].mean() < 0.95
     # Frames and the reference differ by noise alone.
-    frames = [next(recording._noisy(sequence, range(2, 3), seed)).color for seed in range(20, 32)]
+    frames = [next(recording._noisy(sequence, range(2, 3), seed))[0].color for seed in range(20, 32)]
     reference = one.reference(2)
     assert abs(np.mean(frames, 0) - reference).mean() < 0.5 * abs(frames[0] - reference).mean()
     assert np.mean(frames) == pytest.approx(reference.mean(), rel=0.03)

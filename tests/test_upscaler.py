@@ -182,7 +182,7 @@ def moving_sphere(number: int, width: int, height: int) -> raycast.Scene:
     return raycast.Scene(things, eye, ambient=(0.7, 0.7, 0.7))
 
 
-def test_what_comes_into_view_leaves_no_ghost():
+def test_disocclusions_leave_no_ghost():
     """The wall that the sphere uncovers is in the mask from its first frame on, without the sphere's red."""
     rng, offsets, upscaler = np.random.default_rng(0), yester.jitter(32), yester.Upscaler()
     for number in range(10):

@@ -121,7 +121,7 @@ def test_a_mirror_shows_the_same_point(buffer):
 
 
 @pytest.mark.parametrize("buffer", ["depth", "position"])
-def test_what_is_not_known_is_not_known(buffer):
+def test_invalid_distances_give_nan(buffer):
     camera = flight.camera(0, 4, 4)
     geometry = np.ones((4, 4), np.float32)
     if buffer == "position":

@@ -62,6 +62,7 @@ from ._core import (
     thin_features,
     virtual_motion,
 )
+from .check import Finding, check, check_motion
 from .frame import Frame
 from .oidn import OIDN
 from .plan import Plan, plan
@@ -122,6 +123,7 @@ __all__ = [
     "TAA",
     "Accumulated",
     "Camera",
+    "Finding",
     "Frame",
     "HalfRes",
     "History",
@@ -138,6 +140,8 @@ __all__ = [
     "atrous",
     "blend",
     "blend_factor",
+    "check",
+    "check_motion",
     "choice",
     "clip_history",
     "combine_histories",

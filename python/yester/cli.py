@@ -30,6 +30,7 @@ from . import (
     Recirculation,
     Upscaler,
     __version__,
+    check,
     denoise,
     plan,
 )
@@ -69,8 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0; 1 if damaged files were left out; 2 for invalid input, after one line on stderr; 130 if
-        interrupted.
+        Exit status: 0; 1 if damaged files were left out, or a check found something wrong; 2 for invalid input, after
+        one line on stderr; 130 if interrupted.
     """
     try:
         options = _parser().parse_args(arguments)
@@ -229,6 +230,12 @@ def _parser() -> argparse.ArgumentParser:
     info = command(_info, "info", "list the buffers of an EXR file, and the consequences of each missing one")
     info.add_argument("file", metavar="FILE", type=Path)
     channels(info)
+
+    looked = command(_checked, "check", "find wrong conventions of motion, cameras, depth, normals, jitter and albedo")
+    looked.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
+    about = "consecutive frames to look at, from the middle of the first shot; %(default)s"
+    looked.add_argument("--frames", metavar="N", type=_count, default=6, help=about)
+    channels(looked)
 
     chart = command(_chart, "chart", "chart the error of every method over its time, on rendered or your own sequences")
     chart.add_argument("frames", metavar="FRAMES", nargs="*", help="noisy EXR files: a folder, files or a pattern")
@@ -513,8 +520,9 @@ def _convert(
     """Run a method on the frames of each shot, from input files to output files of the same names."""
     from tqdm import tqdm
 
-    from .io import COMPRESSIONS, Plate, read_plate, sequence_paths, write_exr
+    from .io import Plate, read_plate, sequence_paths, write_exr
     from .io.ahead import ahead
+    from .io.exr import COMPRESSIONS
     from .io.shots import breaks
 
     if options.compression not in (None, *COMPRESSIONS):
@@ -615,7 +623,7 @@ def _remove_unfinished(targets: list[Path]) -> None:
 
 def _recognised(files: list[Description]) -> list[str]:
     """Lines on the renderers of files, and on choices among their layers; each once."""
-    lines = {}
+    lines: dict[str, Description] = {}
     for known in files:
         if known.renderer:
             lines.setdefault(f"recognised: {known.renderer}, by {known.evidence}", known)
@@ -678,6 +686,46 @@ def _info(options: argparse.Namespace) -> None:
         print("missing:")
         for name, cost in known.missing.items():
             print(f"  {name:<{width}} {cost}")
+
+
+def _checked(options: argparse.Namespace) -> int:
+    _need("exr", "OpenEXR")
+    from .io import describe, read_exr, sequence_paths
+    from .io.mapping import load
+    from .io.shots import breaks
+
+    reading = _reading(options)
+    paths = sequence_paths(options.inputs)
+    end, *_ = [*breaks(paths), len(paths)]
+    start = max(end - options.frames, 0) // 2
+    chosen = paths[start : min(start + options.frames, end)]
+    if len(chosen) < 2:
+        raise ValueError(f"{paths[0]}: expected at least two consecutive frames, got {len(chosen)}")
+    known = describe(chosen[-1], **reading)
+    if "motion" not in known.channels and (guess := _like_motion(known)):
+        print(f"tried: motion={','.join(guess)}")
+        reading["mapping"] |= load({"motion": guess})
+        known = describe(chosen[-1], **reading)
+    stored = {
+        buffer: [*zip(known.factors[buffer], channels, strict=True)]
+        for buffer, channels in known.channels.items()
+        if buffer in ("motion", "depth", "normal")
+    }
+    found = check((read_exr(path, **reading) for path in chosen), channels=stored)
+    print(f"{known.renderer or 'no renderer'} recognised; looked at {chosen[0].name} to {chosen[-1].name}")
+    print(*found, sep="\n")
+    return int(any(finding.verdict == "wrong" for finding in found))
+
+
+def _like_motion(known: Description) -> list[str]:
+    """Two channels that may hold motion: of a layer that is known but not used, or one with a similar name."""
+    layers: dict[str, list[str]] = {}
+    for channel, why in known.unused.items():
+        if "motion" in f"{channel} {why}".lower():
+            layers.setdefault(channel.rpartition(".")[0], []).append(channel)
+    guesses = [guess.partition("=")[2].split(",") for guess in known.guesses.values() if guess.startswith("motion=")]
+    several = [sorted(own, key=lambda name: "RGXY".find(name[-1])) for own in layers.values() if len(own) > 1]
+    return next(([*own[:2]] for own in [*several, *guesses]), [])
 
 
 def _grouped(channels: Iterable[str], *, sort: bool = True) -> str:

@@ -81,7 +81,7 @@ class Frame:
     and depth or position are known, otherwise by fetching the first frame's albedo and normals (or else its colour)
     along it. If another convention fits clearly better (y up, the opposite direction, normalised device coordinates
     from -1 to 1, or fractions of the image's sides from 0 to 1), they emit a `UserWarning` with the factor to multiply
-    by.
+    by. `check` is the thorough form, for all buffers.
 
     Examples
     --------

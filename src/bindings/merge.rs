@@ -531,17 +531,18 @@ pub enum AlphaArg<'py> {
 
 impl<'py> AlphaArg<'py> {
     pub fn new(alpha: &Bound<'py, PyAny>, size: Size) -> PyResult<Self> {
-        // `extract` would also accept an array of one pixel as a number.
+        // `extract` would also accept an array of one pixel as a number, of which older versions of numpy warn.
         let axes = alpha
             .getattr("ndim")
             .and_then(|axes| axes.extract::<usize>());
         let is_image = alpha.is_instance_of::<PyUntypedArray>() || axes.is_ok_and(|axes| axes > 0);
-        match alpha.extract() {
-            Ok(share) if !is_image => {
+        let share: Option<f32> = if is_image { None } else { alpha.extract().ok() };
+        match share {
+            Some(share) => {
                 blend::check_alpha(share)?;
                 Ok(Self::Constant(share))
             }
-            _ => {
+            None => {
                 let map = Input::new(alpha, "alpha", Channels::One)?;
                 Ok(Self::Map(map.sized("alpha", size)?))
             }

@@ -1,4 +1,5 @@
 //! A check, at a sequence's second frame, that motion has the direction and units that this library expects.
+//! It is the quick form of `yester.check`, which has more hypotheses, more buffers and standard errors.
 //!
 //! Mistakes are factors of motion: −1 where it points the other way, or up; half the image's sides where it comes in
 //! normalised device coordinates, its sides where it comes as fractions of the image. On a sparse grid of pixels, the motion
@@ -75,7 +76,7 @@ impl Display for Mistake {
         write!(
             f,
             "motion: expected previous minus current position in pixels, x right, y down; {} would agree better \
-             with {unit} and {direction}: multiply x by {x} and y by {y}",
+             with {unit} and {direction}: multiply x by {x} and y by {y} (`yester check` tells more)",
             self.against
         )
     }

@@ -5,7 +5,6 @@ renders sequences.
 """
 
 from .exr import (
-    COMPRESSIONS,
     Description,
     Plate,
     describe,
@@ -18,7 +17,6 @@ from .exr import (
 )
 
 __all__ = [
-    "COMPRESSIONS",
     "Description",
     "Plate",
     "describe",

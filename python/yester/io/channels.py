@@ -6,7 +6,8 @@ buffer it can hold. Layers are written as they are documented: ``"Normal.XYZ"`` 
 layer Normal, ``"RGB"`` for components without a layer, ``"Px,Py,Pz"`` for channels that are named in full, and
 ``"CryptoObject##.RGBA"`` for the numbered ranks of a cryptomatte.
 
-What is marked as inferred is what a renderer's users observe, not what its documentation or sources say.
+What is marked as inferred is what a renderer's users observe, not what its documentation or sources say; so are the
+attributes by which the files of Arnold, RenderMan, V-Ray and Unreal are recognised.
 """
 
 from __future__ import annotations
@@ -507,8 +508,8 @@ def guesses(unknown: Iterable[str]) -> dict[str, str]:
     del known[""]
     layers: dict[str, dict[str, str]] = {}
     for channel in unknown:
-        layer, _, component = channel.rpartition(".")
-        layers.setdefault(layer or component, {})[component.upper() if layer else ""] = channel
+        group, _, component = channel.rpartition(".")
+        layers.setdefault(group or component, {})[component.upper() if group else ""] = channel
     result = {}
     for name, channels in layers.items():
         near = get_close_matches(_plain(name.rpartition(".")[2]), known, 1, 0.75)

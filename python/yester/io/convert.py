@@ -122,23 +122,32 @@ def _conversions(name: str, found: Found, known: Recognised, *, camera: bool) ->
     return told
 
 
-def _scaled(value: Array, form: Form, name: str, display: tuple[float, float]) -> Array:
-    factors = np.ones(value.shape[-1], np.float32)
-    factors[: len(form.scale)] = form.scale[: len(factors)]
+def multipliers(name: str, form: Form, count: int, display: tuple[float, float]) -> NDArray[np.float32]:
+    """What the components of a buffer are multiplied by; `display` as for `canonical`."""
+    factors = np.ones(count, np.float32)
+    factors[: len(form.scale)] = form.scale[:count]
     if name.startswith("motion") and form.unit != "pixels":
-        factors[:2] *= np.float32(display) / (1 if form.unit == "uv" else 2)
+        factors[:2] *= np.asarray(display, np.float32) / (1 if form.unit == "uv" else 2)
+    return factors
+
+
+def _scaled(value: Array, form: Form, name: str, display: tuple[float, float]) -> Array:
+    factors = multipliers(name, form, value.shape[-1], display)
     return value if (factors == 1).all() else (value * factors).astype(np.float32)
 
 
 def _cryptomatte(planes: list[Array]) -> NDArray[np.uint32]:
     """The id that covers most of each pixel; 0 where nothing covers more."""
-    ids = np.stack(planes[0::2]).astype(np.float32).view(np.uint32)
-    coverage = np.nan_to_num(np.stack(planes[1::2]).astype(np.float32))
-    best = coverage.argmax(0)[None]
-    chosen = np.take_along_axis(ids, best, 0)[0]
-    covered = np.take_along_axis(coverage, best, 0)[0]
-    nothing = (covered <= 0) | (1 - coverage.sum(0) > covered)
-    return np.where(nothing, 0, chosen).astype(np.uint32)
+    best, total = np.zeros((2, *planes[0].shape), np.float32)
+    chosen = np.zeros(best.shape, np.uint32)
+    for number, share in zip(planes[0::2], planes[1::2], strict=True):
+        coverage = np.fmax(share, np.float32(0))  # NaN covers nothing
+        more = coverage > best
+        chosen[more] = np.ascontiguousarray(number, np.float32).view(np.uint32)[more]
+        best[more] = coverage[more]
+        total += coverage
+    chosen[1 - total > best] = 0
+    return chosen
 
 
 def _whole(ids: Array) -> Array:
@@ -189,7 +198,8 @@ def _to_world(buffers: dict[str, Array], forms: Mapping[str, Form], view: View |
 
 def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | None, space: str) -> Array:
     """Depth along the camera axis, +inf where nothing was hit."""
-    depth, form = buffers["depth"].astype(np.float32, copy=False), forms["depth"]
+    depth: Array = buffers["depth"].astype(np.float32, copy=False)
+    form = forms["depth"]
     miss = {"zero": depth == 0, "far": ~(depth < _FAR), "inf": np.zeros_like(depth, bool)}[form.miss]
     position = buffers.get("position")
     from_position = form.kind == "distance" or form.space == "either"
@@ -199,7 +209,11 @@ def _depth(buffers: dict[str, Array], forms: Mapping[str, Form], view: View | No
         depth = view[0].project(position)[1]
     elif view is not None and form.kind == "distance":
         depth = depth * (view[0].rays()[1] @ view[0].forward) + np.float32(form.near)
-    return np.where(miss, np.float32(np.inf), depth).astype(np.float32) if miss.any() or form != Form() else depth
+    return (
+        np.where(miss, np.float32(np.inf), depth).astype(np.float32, copy=False)
+        if miss.any() or form != Form()
+        else depth
+    )
 
 
 def _mark_misses(buffers: dict[str, Array], forms: Mapping[str, Form]) -> None:
@@ -221,13 +235,15 @@ def _mark_misses(buffers: dict[str, Array], forms: Mapping[str, Form]) -> None:
         buffers["albedo"] = np.where(nothing[..., None], 0, buffers["albedo"])
 
 
-def _transformed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
+def _transformed(points: NDArray[np.float64], matrix: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3], np.float64)
 
 
 def _unit(normal: Array) -> NDArray[np.float32]:
     """Normals of unit length; zeros stay zeros."""
-    normal = normal.astype(np.float32)
+    normal = normal.astype(np.float32, copy=False)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     uneven = (np.abs(length - 1) > 1e-3) & (length > 0)
-    return np.divide(normal, length, out=normal.copy(), where=uneven)
+    unit = normal.copy()
+    np.divide(normal, length, out=unit, where=uneven)
+    return unit

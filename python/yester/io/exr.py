@@ -26,7 +26,7 @@ from .._core import Camera
 from ..frame import Frame
 from . import layout
 from .channels import CANONICAL, Recognised, guesses, missing, recognise
-from .convert import View, canonical, notes
+from .convert import View, canonical, multipliers, notes
 from .files import beside
 from .mapping import Mapped, apply, load
 from .stdout import kept_output
@@ -81,6 +81,8 @@ class Description:
         The one that is read.
     remarks : tuple of str
         On choices among several layers.
+    factors : dict of str to tuple of float
+        By buffer, what the stored components are multiplied by.
 
     See Also
     --------
@@ -103,6 +105,7 @@ class Description:
     views: tuple[str, ...] = ()
     view: str = ""
     remarks: tuple[str, ...] = ()
+    factors: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -252,8 +255,9 @@ def write_exr(
         65504, or as float32. By default, in the type of the channels that they replace, otherwise as float32. The
         others always have 32 bits.
     compression : str, optional
-        One of `COMPRESSIONS`, in the names of the OpenEXR library. By default that of `like`, if it is lossless: a
-        second lossy compression would change what is copied. Otherwise ``"zip"``.
+        ``"none"``, ``"rle"``, ``"zips"``, ``"zip"``, ``"piz"``, ``"pxr24"``, ``"b44"``, ``"b44a"``, ``"dwaa"``,
+        ``"dwab"``, ``"htj2k256"`` or ``"htj2k32"``, as the OpenEXR library has them. By default that of `like`, if it
+        is lossless: a second lossy compression would change what is copied. Otherwise ``"zip"``.
     like : Plate, optional
         Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
         layers), windows, the remaining attributes of the header, and all other parts. Colour replaces the channels that
@@ -502,6 +506,8 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     used = {name for one in known.buffers.values() for name in (*one.channels, *one.plus, *one.target)}
     unrecognised = tuple(name for name in contents.places if name not in used and name not in known.unused)
     height, width = _size(contents.header)
+    display_width, display_height = _window(contents.header, "displayWindow")[1]
+    display = float(display_width), float(display_height)
     return Description(
         path=path,
         width=width,
@@ -519,6 +525,10 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
         views=contents.views,
         view=contents.view,
         remarks=known.remarks,
+        factors={
+            buffer: tuple(multipliers(buffer, found.form, len(found.channels), display).tolist())
+            for buffer, found in known.buffers.items()
+        },
     )
 
 

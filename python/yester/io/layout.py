@@ -104,7 +104,8 @@ def subset(path: Path, keep: Collection[int]) -> bytes:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         parts, at = headers(data)
         ends = [max(one.start + one.size for one in header.values()) + 1 for header in parts]
-        kept, chunks = [], []
+        kept: list[bytes] = []
+        chunks: list[bytes] = []
         for number, header in enumerate(parts):
             (count,) = struct.unpack("<i", _value(data, header["chunkCount"]))
             if number in keep:

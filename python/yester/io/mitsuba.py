@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ _STILL = np.eye(4)
 _SAME = 1e-4
 #: Mitsuba's largest blocks of an image, pixels to a side.
 _BLOCK = 32
+_VERTICES = ".vertex_positions"
 _AOVS = "albedo:albedo,depth:depth,normal:sh_normal,position:position,ids:shape_index"
 
 
@@ -62,6 +63,7 @@ def camera(sensor: Any) -> Camera:
     return Camera(to_clip @ to_uv @ np.linalg.inv(to_world), width, height)
 
 
+@overload
 def render_sequence(
     scene: Any,
     cameras: Iterable[Camera | ArrayLike],
@@ -73,7 +75,35 @@ def render_sequence(
     gradient: bool = False,
     next: bool = False,
     buffers: bool = True,
-) -> Iterator[Frame]:
+    halves: Literal[False] = False,
+) -> Iterator[Frame]: ...
+@overload
+def render_sequence(
+    scene: Any,
+    cameras: Iterable[Camera | ArrayLike],
+    *,
+    spp: int = 1,
+    seed: int = 0,
+    transforms: Iterable[Mapping[str, ArrayLike]] | None = None,
+    parameters: Iterable[Mapping[str, Any]] | None = None,
+    gradient: bool = False,
+    next: bool = False,
+    buffers: bool = True,
+    halves: Literal[True],
+) -> Iterator[tuple[Frame, Frame]]: ...
+def render_sequence(
+    scene: Any,
+    cameras: Iterable[Camera | ArrayLike],
+    *,
+    spp: int = 1,
+    seed: int = 0,
+    transforms: Iterable[Mapping[str, ArrayLike]] | None = None,
+    parameters: Iterable[Mapping[str, Any]] | None = None,
+    gradient: bool = False,
+    next: bool = False,
+    buffers: bool = True,
+    halves: bool = False,
+) -> Iterator[Frame] | Iterator[tuple[Frame, Frame]]:
     """Render frames with all their buffers, one by one.
 
     Parameters
@@ -81,9 +111,10 @@ def render_sequence(
     scene : dict, path-like or mitsuba.Scene
         A dictionary, an XML file, or a loaded scene, which in the end is what it was. The scene's own integrator
         makes the colour. Of its first sensor come the clip planes, the aperture and, for cameras given as matrices,
-        the field of view and the size.
+        the field of view and the size. It may be of type ``perspective``, ``thinlens`` or ``orthographic``.
     cameras : iterable of Camera, or of (4, 4) array_like or mitsuba.ScalarTransform4f
-        One per frame: a camera, or just its pose, which takes the place of the first sensor's ``to_world``.
+        One per frame: a camera, or just its pose, which takes the place of the first sensor's ``to_world``. An
+        orthographic sensor takes poses alone, in which scales of x and y are half the width and height that it sees.
     spp : int, default 1
         Samples per pixel of colour, albedo and emission. The other buffers are always those of the first sample (with
         1, the very one that made the colour), because a mean of ids or of positions means nothing.
@@ -94,8 +125,9 @@ def render_sequence(
         it is in this frame. Shapes that are not named stand where the scene has them.
     parameters : iterable of mapping of str to value, optional
         One per frame: by name as ``mitsuba.traverse(scene)`` has it, such as ``"lamp.emitter.radiance.value"``, the
-        value of whatever else changes. Parameters that are not named are as the scene has them. Motion knows nothing of
-        them: what moves belongs in `transforms`.
+        value of whatever else changes. Parameters that are not named are as the scene has them. Of these, motion
+        follows the ``vertex_positions`` of meshes, whose triangles must stay what they are, and which must not be part
+        of an instance. Whatever else moves belongs in `transforms`.
     gradient : bool, default False
         Give every frame but the first a `Frame.replay`, for one more rendering per frame. Two independent samples of a
         pixel differ by their noise, however still the light; two that share all random numbers differ by the change
@@ -106,13 +138,18 @@ def render_sequence(
         Give every frame a `Frame.motion_next`, exact as `motion` is; in the last frame it is zero.
     buffers : bool, default True
         If False, frames have a colour and the camera only, and are rendered several times as fast: for references.
+    halves : bool, default False
+        Yield pairs of frames that show the same with independent noise, each of `spp` samples. They have the samples
+        of a frame with twice as many: the mean of their colours is its colour.
 
     Yields
     ------
-    Frame
-        With buffers and camera. Albedo is 1 on surfaces without a diffuse part, such as metals, whose light is
-        not to be demodulated. Normals are the shading normals. `ids` count `scene.shapes()` from 1. Motion
-        is exact for the point that was hit, under the motion of camera and shapes; in the first frame it is zero.
+    Frame, or tuple of two
+        With buffers and camera, which is None for orthographic sensors: `Camera` has a centre of projection. Albedo is
+        1 on surfaces without a diffuse part, such as metals, whose light is not to be demodulated. Normals are the
+        shading normals. `ids` count `scene.shapes()` from 1. Motion is exact for the point that was hit, under the
+        motion of camera, shapes and vertices; in the first frame it is zero. So it is for the background of an
+        orthographic sensor, which has no place.
         `emission` is what the camera sees of lights and environment directly; it is None with volumetric integrators,
         whose media would dim it. `object_normal` is the normal turned back to where the scene has the shape; it is None
         if no shape ever moves. `jitter` is None, as samples are spread over their pixels, and so is `hit_distance`.
@@ -155,21 +192,38 @@ def render_sequence(
         if len(given) != len(views):
             raise ValueError(f"{name}: expected one for each of {len(views)} cameras, got {len(given)}")
     shots = [_Shot(view, stage.sensor(view), *state) for view, *state in zip(views, poses, values, strict=True)]
-    return _frames(stage, shots, spp, seed, buffers, gradient, next)
+    if not halves:
+        return _frames(stage, shots, spp, seed, buffers, gradient, next)
+    return _pairs(*(_frames(stage, shots, spp, seed, buffers, gradient, next, half, 2) for half in range(2)))
+
+
+def _pairs(one: Generator[Frame], other: Generator[Frame]) -> Iterator[tuple[Frame, Frame]]:
+    with closing(one), closing(other):
+        yield from zip(one, other, strict=True)
 
 
 def _frames(
-    stage: _Stage, shots: list[_Shot], spp: int, seed: int, buffers: bool, gradient: bool, onwards: bool
-) -> Iterator[Frame]:
+    stage: _Stage,
+    shots: list[_Shot],
+    spp: int,
+    seed: int,
+    buffers: bool,
+    gradient: bool,
+    onwards: bool,
+    part: int = 0,
+    parts: int = 1,
+) -> Generator[Frame]:
     last: dict[str, NDArray[Any]] = {}
     try:
         for index, shot in enumerate(shots):
             stage.arrange(shot.poses, shot.values)
             sensor = stage.mi.load_dict(shot.sensor)
             if not buffers:
-                yield Frame(stage.render(stage.light, sensor, seed + index, spp)[""], camera=shot.camera)
+                one = stage.render(stage.light, sensor, (seed + index) * parts + part, spp)
+                yield Frame(one[""], camera=shot.known)
                 continue
-            seeds = range((seed + index) * spp, (seed + index + 1) * spp)
+            start = ((seed + index) * parts + part) * spp
+            seeds = range(start, start + spp)
             first = stage.sample(sensor, seeds[0])
             total = {name: first[name].astype(np.float64) for name in ("color", "albedo", "emission")}
             for number in seeds[1:]:
@@ -180,26 +234,25 @@ def _frames(
             position = np.where(hit[..., None], first["position"], np.float32(np.nan))
             ids = first["ids"]
             before, after = shots[max(index - 1, 0)], shots[min(index + 1, len(shots) - 1)]
-            back, forth = stage.moved(shot, before), stage.moved(shot, after)
+            back = stage.moved(shot, before)
             replay = None
             if gradient and index:
-                replay = stage.replay(before, range(seeds[0] - spp, seeds[0]), last, [*back])
+                former = start - parts * spp
+                replay = stage.replay(before, range(former, former + spp), last, [*back])
             last = first
             yield Frame(
                 total["color"] / spp,
                 albedo=total["albedo"] / spp,
                 normal=first["normal"],
                 depth=np.where(hit, shot.camera.project(position)[1], np.inf),
-                motion=motion_vectors(position, shot.camera, before.camera, ids=ids, transforms=back),
-                motion_next=motion_vectors(position, shot.camera, after.camera, ids=ids, transforms=forth)
-                if onwards
-                else None,
+                motion=stage.motion(shot, before, position, first),
+                motion_next=stage.motion(shot, after, position, first) if onwards else None,
                 ids=ids,
                 position=position,
                 emission=total["emission"] / spp if stage.clear else None,
                 object_normal=stage.unturned(first["normal"], ids, shot.poses) if stage.movers else None,
                 replay=replay,
-                camera=shot.camera,
+                camera=shot.known,
             )
     finally:
         stage.arrange({}, {})
@@ -209,10 +262,32 @@ def _frames(
 class _Shot:
     """What one frame is to show: the camera, the Mitsuba sensor made of it, where shapes are, and what else changes."""
 
-    camera: Camera
+    camera: Camera | _Parallel
     sensor: dict[str, Any]
     poses: dict[str, Matrix]
     values: dict[str, Any]
+
+    @property
+    def known(self) -> Camera | None:
+        """The camera of the frame."""
+        return self.camera if isinstance(self.camera, Camera) else None
+
+
+@dataclass(frozen=True)
+class _Parallel:
+    """An orthographic camera: from world to [0, 1] with y down, its pose, and the size of the image."""
+
+    to_uv: Matrix
+    pose: Matrix
+    width: int
+    height: int
+
+    def project(self, points: NDArray[Any]) -> tuple[Matrix, Matrix]:
+        """As `Camera.project`."""
+        points = np.asarray(points, np.float64)
+        uv = points @ self.to_uv[:2, :3].T + self.to_uv[:2, 3]
+        forward = self.pose[:3, 2] / np.linalg.norm(self.pose[:3, 2])
+        return uv * [self.width, self.height], (points - self.pose[:3, 3]) @ forward
 
 
 class _Stage:
@@ -234,7 +309,13 @@ class _Stage:
         self.standing: dict[str, Any] = {}
         self.intrinsics: tuple[Matrix, int, int] | None = None
         self.lens: dict[str, Any] = {"type": "perspective"}
-        if scene.sensors():
+        if scene.sensors() and scene.sensors()[0].class_name() == "OrthographicCamera":
+            sensor, known = scene.sensors()[0], mi.traverse(scene.sensors()[0])
+            clip = {name: _number(known, name) for name in ("near_clip", "far_clip")}
+            self.lens = {"type": "orthographic", **clip}
+            width, height = map(int, sensor.film().crop_size())
+            self.intrinsics = _matrix(sensor.projection_transform(), "sensor"), width, height
+        elif scene.sensors():
             sensor = scene.sensors()[0]
             base = camera(sensor)
             to_world = _matrix(sensor.world_transform(), "sensor")
@@ -248,11 +329,21 @@ class _Stage:
         self.light = scene.integrator() or mi.load_dict({"type": "path"})
         self.clear = "Volumetric" not in self.light.class_name()
         self.emission = mi.load_dict({"type": "path", "max_depth": 1})
-        self.surface = mi.load_dict({"type": "aov", "aovs": _AOVS})
         # By id, with places for background and for what is inside an instance.
         bsdfs = [shape.bsdf() for shape in scene.shapes()]
         mirrors = [bsdf is not None and not mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) for bsdf in bsdfs]
         self.mirrors = np.array([False, *mirrors, False])
+
+    @cached_property
+    def surface(self) -> Any:
+        bent = ",prims:prim_index" if self.bent else ""
+        return self.mi.load_dict({"type": "aov", "aovs": _AOVS + bent})
+
+    @property
+    def bent(self) -> list[str]:
+        """The ids of shapes whose vertices move."""
+        named = (name.removesuffix(_VERTICES) for name in sorted(self.changing) if name.endswith(_VERTICES))
+        return [name for name in named if name in self.index]
 
     @cached_property
     def parameters(self) -> Any:
@@ -262,7 +353,13 @@ class _Stage:
     def index(self) -> dict[str, int]:
         return {shape.id(): number for number, shape in enumerate(self.scene.shapes(), 1)}
 
-    def camera(self, view: Camera | ArrayLike) -> Camera:
+    def camera(self, view: Camera | ArrayLike) -> Camera | _Parallel:
+        if self.lens["type"] == "orthographic" and self.intrinsics is not None:
+            if isinstance(view, Camera):
+                raise ValueError("cameras: expected poses, as the sensor is orthographic, got yester.Camera")
+            to_uv, width, height = self.intrinsics
+            pose = _matrix(view, "cameras")
+            return _Parallel(to_uv @ np.linalg.inv(pose), pose, width, height)
         if isinstance(view, Camera):
             return view
         if self.intrinsics is None:
@@ -270,8 +367,15 @@ class _Stage:
         projection, width, height = self.intrinsics
         return Camera(projection @ np.linalg.inv(_matrix(view, "cameras")), width, height)
 
-    def sensor(self, view: Camera) -> dict[str, Any]:
+    def sensor(self, view: Camera | _Parallel) -> dict[str, Any]:
         """The description of the Mitsuba sensor of a camera."""
+        if isinstance(view, _Parallel):
+            return {
+                **self.lens,
+                "to_world": self.mi.ScalarTransform4f(view.pose),
+                "film": self.film(view),
+                "sampler": {"type": "independent"},
+            }
         to_camera = view.world_to_camera
         projection = view.world_to_clip @ np.linalg.inv(to_camera)
         (zoom, skew, right, _), (lean, tall, up, _) = projection[:2] / projection[3, 2]
@@ -289,15 +393,18 @@ class _Stage:
             "fov_axis": "x",
             # Mitsuba's x points left.
             "to_world": self.mi.ScalarTransform4f(np.linalg.inv(np.diag([-1.0, 1, 1, 1]) @ to_camera)),
-            "film": {
-                "type": "hdrfilm",
-                "width": view.width,
-                "height": view.height,
-                "pixel_format": "rgb",
-                "component_format": "float32",
-                "rfilter": {"type": "box"},
-            },
+            "film": self.film(view),
             "sampler": {"type": "independent"},
+        }
+
+    def film(self, view: Camera | _Parallel) -> dict[str, Any]:
+        return {
+            "type": "hdrfilm",
+            "width": view.width,
+            "height": view.height,
+            "pixel_format": "rgb",
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
         }
 
     def poses(self, named: Mapping[str, ArrayLike]) -> dict[str, Matrix]:
@@ -320,6 +427,39 @@ class _Stage:
             for name in other.poses.keys() | shot.poses.keys()
             if not np.array_equal(other.poses.get(name, _STILL), shot.poses.get(name, _STILL))
         }
+
+    def motion(
+        self, shot: _Shot, other: _Shot, position: NDArray[Any], seen: Mapping[str, NDArray[Any]]
+    ) -> NDArray[np.float32]:
+        """Motion of what one shot sees to where it is in another."""
+        ids, moved = seen["ids"], self.moved(shot, other)
+        if isinstance(shot.camera, Camera) and isinstance(other.camera, Camera):
+            vectors = motion_vectors(position, shot.camera, other.camera, ids=ids, transforms=moved)
+            exact = np.isin(ids, [self.index[name] for name in self.bent])
+        else:
+            # Without a centre of projection, the background has no place.
+            vectors = np.zeros((*ids.shape, 3), np.float32)
+            exact = ids > 0
+        if not exact.any():
+            return vectors
+        there = position.astype(np.float64)
+        for number, matrix in moved.items():
+            here = ids == number
+            there[here] = there[here] @ matrix[:3, :3].T + matrix[:3, 3]
+        for name in self.bent:
+            here = ids == self.index[name]
+            faces = np.array(self.parameters[f"{name}.faces"], np.int64).reshape(-1, 3)
+            corners = faces[seen["prims"][here, 0].astype(np.int64)]
+            now, then = (self.vertices(each, name)[corners] for each in (shot, other))
+            there[here] = (_barycentrics(there[here], now)[..., None] * then).sum(1)
+        (pixels, depth), (others, further) = shot.camera.project(position), other.camera.project(there)
+        change = np.concatenate([others - pixels, (further - depth)[..., None]], -1)
+        return np.where(exact[..., None], change, vectors).astype(np.float32)
+
+    def vertices(self, shot: _Shot, name: str) -> Matrix:
+        """Where the vertices of a mesh are in a shot, (N, 3)."""
+        key = name + _VERTICES
+        return np.array(shot.values.get(key, self._standing(key)), np.float64).reshape(-1, 3)
 
     def values(self, named: Mapping[str, Any]) -> dict[str, Any]:
         """Checked values of parameters, as Mitsuba has them."""
@@ -475,6 +615,16 @@ def _mitsuba() -> Any:
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
     return mi
+
+
+def _barycentrics(points: Matrix, corners: Matrix) -> Matrix:
+    """Weights (N, 3) of the corners (N, 3, 3) of triangles at points (N, 3) in their planes (Ericson, *Real-Time
+    Collision Detection*, section 3.4)."""
+    one, two, place = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
+    a, b, c = (one * one).sum(-1), (one * two).sum(-1), (two * two).sum(-1)
+    d, e = (place * one).sum(-1), (place * two).sum(-1)
+    second, third = np.stack([c * d - b * e, a * e - b * d]) / (a * c - b * b)
+    return np.stack([1 - second - third, second, third], -1)
 
 
 def _number(parameters: Any, name: str) -> float:

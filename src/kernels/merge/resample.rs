@@ -66,7 +66,7 @@ impl Axis {
                     along.map(|weight| weight * scale)
                 }
             };
-            let tap = |k: usize| before as isize + k as isize - 1;
+            let tap = |k: usize| (before as isize).saturating_add(k as isize - 1); // offsets may be huge
             let within = |k: usize, weight: f32| {
                 if (0..=last).contains(&tap(k)) {
                     weight

@@ -26,8 +26,6 @@ from .judging import Judged
 
 __all__ = ["judged", "two_buffer_error"]
 
-#: Seed of the second half, beyond those of the first one's frames.
-_OTHER = 1000
 #: The first frame that is judged, as in `judging`.
 _START = 2
 
@@ -54,7 +52,7 @@ def two_buffer_error(
         The results of each method: for every frame of the first half, and of the second.
     halves : pair of sequences of Frame
         The frames of both halves, in order: the same views, with noise independent of each other, as
-        `render_sequence` renders with different seeds.
+        `render_sequence` renders with `halves`.
     start : int, default 0
         The first frame whose results are compared.
     tile : int, default 16
@@ -97,7 +95,7 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
     Parameters
     ----------
     one, other : Recording
-        The same sequence with different seeds, and with references up to the last frame.
+        The same sequence with independent noise, and with references up to the last frame.
 
     Returns
     -------
@@ -144,7 +142,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     by_halves: list[Judged] = []
     by_prediction: list[Judged] = []
     for name in expand(options.sequences):
-        found = judged(*(record(name, options.cache, **shape, seed=seed) for seed in (0, _OTHER)))
+        one = record(name, options.cache, **shape, halves=True)
+        found = judged(one, one.variants[0])
         by_halves += found[0]
         by_prediction += found[1]
     for title, each in (("two buffers", by_halves), ("prediction", by_prediction)):

@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import metadata
@@ -97,6 +97,7 @@ def record(
     references: Iterable[int] | None = None,
     reference_spp: int | None = None,
     raw_albedo: bool = False,
+    halves: bool = False,
 ) -> Recording:
     """Render a sequence into the cache, except the frames that are already there.
 
@@ -127,6 +128,9 @@ def record(
     raw_albedo : bool, default False
         Also record the albedo of every noisy frame as Mitsuba's ``aov`` integrator gives it: 0 on glass and mirrors,
         anything from 0 to above 1 on rough metals, where `render_sequence` has 1.
+    halves : bool, default False
+        Render every noisy frame as two half-buffers with independent noise, of one sample per pixel each. The second
+        ones are the first of the recording's variants.
 
     Returns
     -------
@@ -158,17 +162,19 @@ def record(
 
     sequence = make(frames, width, height)
     folder = (Path(cache) if cache else _cache()) / f"{name}-{frames}x{width}x{height}-{_digest(make)}"
-    noisy = {i: folder / f"noisy-{seed}" / f"frame_{i:04}.exr" for i in range(frames)}
+    parts = [f"half-{seed}-{number}" for number in (1, 2)] if halves else [f"noisy-{seed}"]
+    noisy = [{i: folder / part / f"frame_{i:04}.exr" for i in range(frames)} for part in parts]
     clean = {i: folder / f"reference-{reference_spp}" / f"frame_{i:04}.exr" for i in chosen}
     raw = {i: folder / f"albedo-{seed}" / f"frame_{i:04}.exr" for i in range(frames if raw_albedo else 0)}
-    _fill(noisy, f"{name}, frames", lambda part: _noisy(sequence, part, seed))
-    _fill(clean, f"{name}, references", lambda part: _clean(sequence, part, reference_spp))
-    _fill(raw, f"{name}, albedo", lambda part: _raw_albedo(sequence, part, seed))
+    _fill(noisy, f"{name}, frames", lambda part: _noisy(sequence, part, seed, halves=halves))
+    _fill([clean], f"{name}, references", lambda part: zip(_clean(sequence, part, reference_spp)))
+    _fill([raw], f"{name}, albedo", lambda part: zip(_raw_albedo(sequence, part, seed)))
     again: dict[str, Any] = {"frames": frames, "width": width, "height": height, "reference_spp": reference_spp}
-    again |= {"references": chosen, "raw_albedo": raw_albedo}
+    again |= {"references": chosen, "raw_albedo": raw_albedo, "halves": halves}
     seeds = range(seed + frames, seed + (variants + 1) * frames, frames)
     others = tuple(record(name, cache, seed=other, **again) for other in seeds)
-    return Recording(name, [*noisy.values()], clean, raw, others)
+    second = [Recording(name, [*half.values()], clean, raw) for half in noisy[1:]]
+    return Recording(name, [*noisy[0].values()], clean, raw, (*second, *others))
 
 
 def open_recording(
@@ -256,49 +262,57 @@ def _digest(make: sequences.Make) -> str:
     return made.hexdigest()[:12]
 
 
-def _fill(paths: dict[int, Path], what: str, render: Callable[[range], Iterable[Frame]]) -> None:
-    """Render the missing frames; they have the same bits as in a full render."""
-    absent = [i for i, path in paths.items() if not path.exists()]
+def _fill(parts: Sequence[dict[int, Path]], what: str, render: Callable[[range], Iterable[tuple[Frame, ...]]]) -> None:
+    """Render the missing frames, with the same bits as in a full render, each in as many parts as there are."""
+    absent = [i for i in parts[0] if not all(paths[i].exists() for paths in parts)]
     if not absent:
         return
-    paths[absent[0]].parent.mkdir(parents=True, exist_ok=True)
+    for paths in parts:
+        paths[absent[0]].parent.mkdir(parents=True, exist_ok=True)
     # Spans of consecutive missing frames.
     starts = [i for i in absent if i - 1 not in absent]
     stops = [i + 1 for i in absent if i + 1 not in absent]
     with tqdm(total=len(absent), desc=what, unit="frame", disable=None) as progress:
         for start, stop in zip(starts, stops, strict=True):
             part = range(start, stop)
-            for i, frame in zip(part, render(part), strict=True):
-                write_exr(paths[i], frame)
+            for i, frames in zip(part, render(part), strict=True):
+                for paths, frame in zip(parts, frames, strict=True):
+                    write_exr(paths[i], frame)
                 progress.update()
 
 
-def _noisy(sequence: scenes.Sequence, part: range, seed: int) -> Iterator[Frame]:
-    """Frames of one sample per pixel, with all buffers."""
+def _noisy(sequence: scenes.Sequence, part: range, seed: int, *, halves: bool = False) -> Iterator[tuple[Frame, ...]]:
+    """Frames of one sample per pixel, with all buffers; each alone, or a pair with independent noise."""
     if isinstance(sequence, Exposure):
         scene = renderer._Stage(sequence.scene).scene
         for i in part:
             # Motion needs the frame before as well, which is rendered with another seed and dropped.
             before = [(sequence.cameras[i - 1], sequence.transforms[i - 1])] if i else []
-            shots = [
-                [*_shots(scene, [*before, instant], sequence.parameters[i], seed + i - len(before))][-1]
+            several = [
+                [*_shots(scene, [*before, instant], sequence.parameters[i], seed + i - len(before), halves=halves)][-1]
                 for instant in sequence.instants[i]
             ]
-            which = _instants(sequence, i, seed, shots[0].shape)
-            buffers = {name: _picked([shot.buffers()[name] for shot in shots], which) for name in shots[0].buffers()}
-            yield Frame(**buffers, camera=sequence.cameras[i])
+            frames = []
+            for half, shots in enumerate(zip(*several, strict=True) if halves else [several]):
+                which = _instants(sequence, i, seed, shots[0].shape, half)
+                names = shots[0].buffers()
+                buffers = {name: _picked([shot.buffers()[name] for shot in shots], which) for name in names}
+                frames.append(Frame(**buffers, camera=sequence.cameras[i]))
+            yield tuple(frames)
         return
     # Motion needs the frame before as well, which is rendered and dropped.
     lead = min(part.start, 1)
     span = slice(part.start - lead, part.stop)
-    rendered = renderer.render_sequence(
-        sequence.scene,
-        sequence.cameras[span],
-        seed=seed + span.start,
-        transforms=sequence.transforms[span],
-        parameters=sequence.parameters[span],
-    )
-    yield from islice(rendered, lead, None)
+    options: dict[str, Any] = {
+        "seed": seed + span.start,
+        "transforms": sequence.transforms[span],
+        "parameters": sequence.parameters[span],
+    }
+    if halves:
+        pairs = renderer.render_sequence(sequence.scene, sequence.cameras[span], halves=True, **options)
+        yield from islice(pairs, lead, None)
+        return
+    yield from zip(islice(renderer.render_sequence(sequence.scene, sequence.cameras[span], **options), lead, None))
 
 
 def _clean(sequence: scenes.Sequence, part: range, spp: int) -> Iterator[Frame]:
@@ -344,16 +358,18 @@ def _raw_albedo(sequence: scenes.Sequence, part: range, seed: int) -> Iterator[F
 
 def _shots(
     scene: Any, instants: list[tuple[Camera, Any]], parameters: dict[str, Any], seed: int, **options: Any
-) -> Iterator[Frame]:
-    """The instants of one frame."""
+) -> Iterator[Any]:
+    """The instants of one frame, or pairs if halves are asked for."""
     cameras, transforms = zip(*instants, strict=True)
     same = [parameters] * len(cameras)
     return renderer.render_sequence(scene, cameras, seed=seed, transforms=transforms, parameters=same, **options)
 
 
-def _instants(sequence: Exposure, frame: int, seed: int, shape: tuple[int, ...]) -> NDArray[np.int64]:
+def _instants(sequence: Exposure, frame: int, seed: int, shape: tuple[int, ...], half: int = 0) -> NDArray[np.int64]:
     """The index of the instant at which each pixel of a noisy frame is sampled."""
-    return np.random.default_rng([seed, frame]).integers(len(sequence.instants[frame]), size=shape)
+    return np.random.default_rng([seed, frame, half] if half else [seed, frame]).integers(
+        len(sequence.instants[frame]), size=shape
+    )
 
 
 def _picked(layers: list[NDArray[Any]], which: NDArray[np.int64]) -> NDArray[Any]:

@@ -275,8 +275,8 @@ def _rivals(
     small = math.prod(size) <= math.prod(HD)
     for threads, worker in workers.items():
         most = threads == max(workers)
-        for name in (*task.rivals, rivals.REFERENCE):
-            runs = small and most and task.function != "OIDN" if name == rivals.REFERENCE else small or most
+        for name in (*task.rivals, *([rivals.REFERENCE] if task.reference else [])):
+            runs = small and most if name == rivals.REFERENCE else small or most
             if runs and rivals.library(name) not in absent:
                 yield _Entrant(name, (threads, ""), worker)
 

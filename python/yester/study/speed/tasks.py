@@ -75,6 +75,8 @@ class Task:
         do divisions and roots, although they take longer. Loads and stores are not counted.
     jitter : (float, float), optional
         The jitter of the frames, for pipelines that use it.
+    reference : bool, default True
+        False if no torch reference is timed, because there is none, or because it takes 20 GB of memory at 1920×1080.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Task:
     rivals: tuple[str, ...] = ()
     multiply_adds: float | None = None
     jitter: tuple[float, float] | None = None
+    reference: bool = True
 
     @property
     def pipeline(self) -> bool:
@@ -241,7 +244,7 @@ TASKS = (
     Task("clip_history, blended", "clip_history", _BLEND, {}, (_MOMENTS,), _CLIP + _MIX),
     Task("clip_history, minmax", "clip_history", _named("history", "color"), _TEXTBOOK, ("OpenCV erode + dilate",)),
     Task("clip_history, hull", "clip_history", _named("history", "color"), _HULL | {"box": "hull"}),
-    Task("clip_history, exact hull", "clip_history", _named("history", "color"), _HULL),
+    Task("clip_history, exact hull", "clip_history", _named("history", "color"), _HULL, reference=False),
     Task("exposure", "exposure", _named("color")),
     Task("alternation", "alternation", _named("color")),
     Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
@@ -286,7 +289,7 @@ TASKS = (
     Task("TAA", "TAA", jitter=(0.25, -0.125)),
     Task("TAA, 5 taps", "TAA", {}, _FIVE_TAPS, (_LINEAR,)),
     Task("BMFR", "BMFR", rivals=("OIDN high",)),
-    Task("OIDN, temporal", "OIDN", {}, {"temporal": True}),
+    Task("OIDN, temporal", "OIDN", {}, {"temporal": True}, reference=False),
     Task("Recirculation, of all", "Recirculation"),
     Task("Upscaler, 2", "Upscaler", jitter=(0.25, -0.125)),
     Task("SVGF", "SVGF", multiply_adds=_AROUND + 4 * _pass(3)),

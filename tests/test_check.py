@@ -1,0 +1,158 @@
+"""Every planted mistake is named, and none is found without one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yester
+from yester import cli
+from yester.io import write_sequence
+from yester.study.compare import mistakes
+from yester.study.compare.mistakes import MISTAKES, findings, sequence
+
+#: One of each kind for the quick part of the suite.
+QUICK = ("NDC, y up", "transposed matrix")
+
+
+def named(mistake):
+    return f"{mistake.name} ({'jittered, ' * mistake.jittered}{len(mistake.buffers)} buffers)"
+
+
+def every():
+    seen = set()
+    for mistake in MISTAKES:
+        quick = mistake.name in QUICK and mistake.name not in seen
+        seen.add(mistake.name)
+        yield pytest.param(mistake, id=named(mistake), marks=[] if quick else pytest.mark.slow)
+
+
+@pytest.mark.parametrize("mistake", [*every()])
+def test_planted_mistakes_are_named(mistake):
+    found = findings(mistake)
+    wrong = {finding.subject: finding for finding in found if finding.verdict == "wrong"}
+    assert wrong.keys() == {mistake.subject} - {""}, "\n".join(map(str, found))
+    for finding in wrong.values():
+        assert finding.stored.startswith(mistake.stored)
+        assert finding.remedy
+        if np.isfinite(finding.margin):
+            assert finding.margin > 3 * finding.error > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_mistake_is_found_without_one(seed):
+    """Of noise far above the light, too."""
+    for mistake in MISTAKES:
+        if not mistake.subject:
+            found = findings(mistake, seed=seed, deviation=2.0)
+            assert "wrong" not in [finding.verdict for finding in found], "\n".join(map(str, found))
+
+
+def shifted(motion, count=4, size=(80, 120)):
+    """A texture that moves by whole pixels, faster and faster, with the motion that is made of its true one."""
+    texture = np.random.default_rng(0).random((*size, 3), np.float32)
+    places = [(i * i, 2 * i + i * i) for i in range(count)]
+    for i, place in enumerate(places):
+        y, x = np.subtract(places[max(i - 1, 0)], place)
+        image = np.roll(texture, place, (0, 1))
+        vectors = np.full((*size, 2), motion(x, y), np.float32)
+        yield yester.Frame(image, albedo=image, motion=vectors)
+
+
+def test_the_matrix_makes_motion_canonical():
+    right = [*shifted(lambda x, y: (x, y))]
+    assert yester.check_motion(right).verdict == "right"
+    np.testing.assert_array_equal(yester.check_motion(right).matrix, np.eye(2))
+    wrong = [*shifted(lambda x, y: (y / 40, x / 60))]
+    finding = yester.check_motion(wrong)
+    assert (finding.verdict, finding.stored) == ("wrong", "normalised device coordinates, (row, column) order")
+    for frame, before in zip(right, wrong, strict=True):
+        np.testing.assert_allclose(before.motion @ finding.matrix.T, frame.motion, rtol=1e-6)
+
+
+def test_channels_are_named_with_what_was_done_to_them():
+    """Vertical motion was turned at the door, which was wrong: the remedy is to take it as it is."""
+    finding = yester.check_motion(
+        shifted(lambda x, y: (x, -y)), channels={"motion": [(1.0, "Vector.X"), (-1.0, "Vector.Y")]}
+    )
+    assert finding.remedy == "--map motion=Vector.X,Vector.Y"
+    finding = yester.check_motion(
+        shifted(lambda x, y: (2 * x, -2 * y)), channels={"motion": [(120.0, "mvec.X"), (80.0, "mvec.Y")]}
+    )
+    assert finding.remedy == "--map motion=mvec.X,-mvec.Y --map motion.unit=ndc"
+
+
+def test_a_still_scene_tells_nothing():
+    frame = next(shifted(lambda x, y: (x, y)))
+    finding = yester.check_motion([frame] * 3)
+    assert finding.verdict == "unclear"
+    assert "y up" in finding.rivals
+    assert not finding.remedy
+    assert "and" in str(finding)
+
+
+def test_a_cut_is_no_mistake():
+    rng = np.random.default_rng(0)
+    frames = [replace(f, albedo=rng.random(f.color.shape)) for f in shifted(lambda x, y: (x, y))]
+    finding = yester.check_motion(frames)
+    assert (finding.verdict, finding.stored) == ("unclear", "no hypothesis explains the frames, as at a cut")
+
+
+def test_two_frames_are_enough():
+    frames = [*shifted(lambda x, y: (x, -y))][2:]
+    assert yester.check_motion(frames).stored == "y up"
+
+
+@pytest.mark.slow
+def test_large_frames_are_thinned_first():
+    frames = shifted(lambda x, y: (x / 800, -y / 600), 3, (600, 800))
+    assert yester.check_motion(frames).stored == "fractions of the image's sides, y up"
+
+
+def test_frames_without_guides():
+    found = yester.check([yester.Frame(frame.color) for frame in shifted(lambda x, y: (x, y))])
+    assert {finding.verdict for finding in found} == {"unchecked"}
+    assert [finding.subject for finding in found] == ["cameras", "depth", "motion", "jitter", "normal", "albedo"]
+
+
+def test_bad_input():
+    frame, other, *_ = shifted(lambda x, y: (x, y))
+    for check in (yester.check, yester.check_motion):
+        with pytest.raises(ValueError, match="frames: expected at least two, got 1"):
+            check([frame])
+        with pytest.raises(ValueError, match="frames: expected one size"):
+            check([frame, yester.Frame(other.color[1:])])
+    with pytest.raises(ValueError, match="frames: expected motion"):
+        yester.check_motion([frame, replace(other, motion=None)])
+
+
+def test_missing_values_are_no_evidence():
+    frames = [*shifted(lambda x, y: (x, -y))]
+    for frame in frames:
+        frame.motion[:20] = np.nan
+        frame.albedo[30:40, :50] = np.inf
+    assert yester.check_motion(frames).stored == "y up"
+
+
+def test_command(tmp_path, capsys):
+    """It names the option to write, and is content with it."""
+    (mistake,) = [m for m in MISTAKES if m.name == "NDC, y up" and "camera" in m.buffers]
+    write_sequence(tmp_path, mistake.make(sequence())[2:5])
+    assert cli.main(["check", str(tmp_path)]) == 1
+    said = capsys.readouterr().out
+    options = "--map motion=motion.X,-motion.Y --map motion.unit=ndc"
+    assert f"write: {options}\n" in said
+    assert "looked at frame_0000.exr to frame_0002.exr" in said
+    assert cli.main(["check", str(tmp_path), *options.split(), "--frames", "3"]) == 0
+    assert "wrong" not in capsys.readouterr().out
+    assert cli.main(["check", str(tmp_path / "frame_0000.exr")]) == 2
+    assert "expected at least two consecutive frames" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_table_is_written(capsys, monkeypatch):
+    monkeypatch.setattr(mistakes, "MISTAKES", MISTAKES[:1] + MISTAKES[-2:])
+    mistakes.main([])
+    _, _, right, lit, colour = capsys.readouterr().out.strip().splitlines()
+    assert "nothing is wrong" in right
+    assert all("albedo | wrong: contains lighting" in line for line in (lit, colour))
