@@ -99,7 +99,7 @@ def _ordered(array: NDArray[Any], copy: bool | None) -> NDArray[Any]:
     return np.array(array, order="C") if copy else array
 
 
-def _array(images: ArrayLike) -> NDArray[Any]:
+def _array(images: Any) -> NDArray[Any]:
     """An array that shares its memory with what is given, if that is possible."""
     try:
         if not hasattr(images, "__array__") and hasattr(images, "__dlpack__"):
