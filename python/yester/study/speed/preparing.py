@@ -67,7 +67,8 @@ def measure(folder: Path, sequences: int, frames: int, width: int, height: int, 
                     raise RuntimeError(f"{way}: expected the bytes of one process, got others")
                 want, size = made, sum(map(len, made.values())) / total / 1e6
     rows = [f"| {way} | {total / seconds:.2f} | {seconds:.1f} |" for way, seconds in best.items()]
-    head = f"{sequences} sequences of {frames} frames of {width}×{height}, all images, Zarr, float32: {size:.0f} MB a frame"
+    about = f"all images, Zarr, float32: {size:.0f} MB a frame"
+    head = f"{sequences} sequences of {frames} frames of {width}×{height}, {about}"
     return "\n".join([head, "", "| | frames a second | seconds |", "|---|---|---|", *rows])
 
 
