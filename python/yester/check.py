@@ -54,7 +54,7 @@ _KEPT = 24
 class Finding:
     """What the data say about one buffer's convention.
 
-    Attributes
+    Parameters
     ----------
     subject : {"cameras", "depth", "motion", "jitter", "normal", "albedo"}
     verdict : {"right", "wrong", "unclear", "unchecked"}
@@ -74,6 +74,10 @@ class Finding:
         The buffers that told.
     matrix : (2, 2) ndarray of float64 or None
         For motion: canonical x and y from the stored ones.
+
+    See Also
+    --------
+    check : Finds these for all buffers.
 
     Examples
     --------
@@ -177,7 +181,7 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
     --------
     Depth is stored as the distance along the ray:
 
-    >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], 60, 96, 64)
+    >>> camera = yester.Camera.from_look_at([1, 2, 5], [0, 0, 0], [0, 1, 0], 60, 96, 64)
     >>> position = camera.unproject(np.stack(np.mgrid[:64, :96][::-1], -1) + 0.5, np.full((64, 96), 5.0))
     >>> distance = np.linalg.norm(position - camera.position, axis=-1)
     >>> frame = yester.Frame(np.ones((64, 96, 3)), depth=distance, position=position, camera=camera)
