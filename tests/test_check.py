@@ -1,7 +1,5 @@
 """Every planted mistake is named, and none is found without one."""
 
-import doctest
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -158,7 +156,3 @@ def test_the_table_is_written(capsys, monkeypatch):
     _, _, right, lit, colour = capsys.readouterr().out.strip().splitlines()
     assert "nothing is wrong" in right
     assert all("albedo | wrong: contains lighting" in line for line in (lit, colour))
-
-
-def test_examples():
-    assert doctest.testmod(sys.modules["yester.check"]).failed == 0
