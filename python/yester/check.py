@@ -416,7 +416,7 @@ def _mapping(
 ) -> str:
     """The options of the command line that read a buffer, in that form, as a matrix says: one channel a component."""
     height, width = size
-    terms = [(row[i] * channels[i][0], channels[i][1]) for row in matrix for i in np.flatnonzero(row)]
+    terms = [(row[i] * channels[i][0], channels[i][1]) for row in matrix for i in np.flatnonzero(row).tolist()]
     named = ",".join(f"{'-' if factor < 0 else ''}{name}" for factor, name in terms)
     lengths = np.abs([factor for factor, _ in terms])
     units = {"pixels": (1, 1), "uv": (width, height), "ndc": (width / 2, height / 2)}
@@ -470,11 +470,17 @@ def _log_depth(frame: Frame) -> Floats:
     return np.log(np.where(known, depth, 1e3 * depth[known].max(initial=1)))[..., None]
 
 
+def _samples(frame: Frame) -> NDArray[np.float64]:
+    """The places of the samples, as far as they are known, in pixels, (H, W, 2)."""
+    rows, columns = np.mgrid[: frame.height, : frame.width] + 0.5
+    return np.stack([columns, rows], -1) + (frame.jitter or (0, 0))
+
+
 def _unprojected(frame: Frame) -> Floats:
     """Positions of pixel centres by depth; NaN for background."""
     assert frame.camera is not None
     depth = np.asarray(frame.depth, np.float64)
-    places = np.stack(np.mgrid[: frame.height, : frame.width][::-1], -1) + 0.5 + (frame.jitter or (0, 0))
+    places = _samples(frame)
     points = frame.camera.unproject(places, np.where(np.isfinite(depth), depth, 1))
     return np.where(np.isfinite(depth)[..., None], points, np.nan)
 
@@ -510,7 +516,7 @@ def _footprint(position: Floats) -> Floats:
         before = np.pad(step, [(1, 0) if i == axis else (0, 0) for i in range(2)], mode="edge")
         after = np.pad(step, [(0, 1) if i == axis else (0, 0) for i in range(2)], mode="edge")
         steps.append(np.fmin(before, after))
-    return np.fmax(np.fmax(*steps), 1e-6 * np.linalg.norm(position, axis=-1))
+    return np.asarray(np.fmax(np.fmax(*steps), 1e-6 * np.linalg.norm(position, axis=-1)))
 
 
 def _warped(
@@ -557,7 +563,7 @@ def _disagreement(
 
     def apart(name: str, image: NDArray[np.float32]) -> Floats:
         difference = np.abs(image - filled[name])
-        return np.linalg.norm(difference, axis=-1) if name == "position" else difference.mean(-1)
+        return np.asarray(np.linalg.norm(difference, axis=-1) if name == "position" else difference.mean(-1))
 
     for name, image in now.items():
         height, width = image.shape[:2]
@@ -569,7 +575,7 @@ def _disagreement(
     total = max(sum(chance), 1e-9)
 
     def disagreement(warped: list[NDArray[np.float32]]) -> NDArray[np.float64]:
-        parts = (_clipped(apart(*one), scale) for *one, scale in zip(now, warped, scales, strict=True))
+        parts = (_clipped(apart(name, image), scale) for name, image, scale in zip(now, warped, scales, strict=True))
         return np.asarray(sum(parts) / total)
 
     return disagreement
@@ -649,12 +655,11 @@ def _cameras(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
 
     def distance(frame: Frame, camera: Camera | None) -> NDArray[np.float64]:
         position = np.asarray(frame.position, np.float64)
-        known = np.isfinite(position).all(-1)
+        known = np.asarray(np.isfinite(position).all(-1))
         if camera is None:
             return _means(np.ones(frame.shape), known)
         pixels, _ = camera.project(np.nan_to_num(position))
-        centres = np.stack(np.mgrid[: frame.height, : frame.width][::-1], -1) + 0.5 + (frame.jitter or (0, 0))
-        return _means(_clipped(np.linalg.norm(pixels - centres, axis=-1), 4), known)
+        return _means(_clipped(np.linalg.norm(pixels - _samples(frame), axis=-1), 4), known)
 
     return _layout(shot, slice(1, -1) if len(shot) > 2 else slice(None), distance, ["position"])
 
@@ -723,6 +728,7 @@ def _depth(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]]
     exact = []
     for frame in shot:
         assert frame.camera is not None
+        assert frame.position is not None
         position = np.nan_to_num(np.asarray(frame.position, np.float64))
         z = frame.camera.project(position)[1]
         ray = np.linalg.norm(position - frame.camera.position, axis=-1)
@@ -823,7 +829,7 @@ def _jitter(shot: list[Frame]) -> Finding:
     remedy = "motion - (jitter - previous_jitter): render motion with cameras that are not jittered"
     remedies = ["", remedy, "motion + (jitter - previous_jitter)"]
     if known:
-        changes = [np.subtract(b.jitter, a.jitter) for a, b in pairwise(shot)]
+        changes = [_shift(b, a) for a, b in pairwise(shot)]
         if max(np.abs(change).max() for change in changes) < 0.02:
             return Finding("jitter", "unchecked", "the jitter does not change")
     elif not geometry:
@@ -861,8 +867,8 @@ def _jitter(shot: list[Frame]) -> Finding:
         spread = np.linalg.norm(error[most]) * np.sqrt(len(tiles[most]))
         if size > max(0.05, 5 * sure, 3 * spread):
             x, y = mean[most]
-            stored = f"a constant offset of ({x:.2f}, {y:.2f}) pixels in motion, as jitter leaves it"
-            return Finding("jitter", "wrong", stored, remedy, float(size), float(sure), (), ("camera",))
+            said = f"a constant offset of ({x:.2f}, {y:.2f}) pixels in motion, as jitter leaves it"
+            return Finding("jitter", "wrong", said, remedy, float(size), float(sure), (), ("camera",))
         return Finding("jitter", "right", "no constant offset in motion", "", 0.0, float(sure), (), ("camera",))
     guides = _guides(shot)
     stored = [np.asarray(frame.motion)[..., :2] for frame in shot]
@@ -880,6 +886,10 @@ def _jitter(shot: list[Frame]) -> Finding:
 # Normals
 
 
+#: The form of normals in camera space.
+_IN_CAMERA: dict[str, Any] = {"space": "camera"}
+
+
 def _normal(shot: list[Frame], channels: Channels) -> Finding:
     """Normals beside the slopes of positions."""
     if any(frame.normal is None for frame in shot):
@@ -894,7 +904,7 @@ def _normal(shot: list[Frame], channels: Channels) -> Finding:
     changes["y and z swapped (z is up)"] = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), False
     changes["y and z swapped (z is down)"] = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), False
     read = channels["normal"]
-    remedies = [_mapping("normal", m, read, **{"space": "camera"} if c else {}) for m, c in changes.values()]
+    remedies = [_mapping("normal", m, read, **_IN_CAMERA if c else {}) for m, c in changes.values()]
     names, remedies = [*changes, "encoded from 0 to 1"], ["", *remedies[1:], "2 * normal - 1"]
     residuals: list[list[NDArray[np.float64]]] = [[] for _ in names]
     for frame in shot:

@@ -102,8 +102,9 @@ def findings(mistake: Mistake, **named: Any) -> list[Finding]:
     right = sequence(jittered=mistake.jittered, **named)
     wrong = mistake.make(right)
     kept = {*mistake.buffers, "jitter"}
-    absent = {name for frame in wrong for name in (*frame.buffers(), "camera") if name not in kept} - {"color"}
-    return check([replace(frame, **dict.fromkeys(absent)) for frame in wrong])
+    every = {name for frame in wrong for name in (*frame.buffers(), "camera")}
+    absent: dict[str, Any] = dict.fromkeys(every - kept - {"color"})
+    return check([replace(frame, **absent) for frame in wrong])
 
 
 def table(**named: Any) -> str:
@@ -170,7 +171,7 @@ def _relayed(change: Callable[[NDArray[np.float64]], Any]) -> Change:
 def _ray(frame: Frame) -> NDArray[np.float64]:
     assert frame.camera is not None
     assert frame.position is not None
-    return np.linalg.norm(frame.position - frame.camera.position, axis=-1)
+    return np.asarray(np.linalg.norm(frame.position - frame.camera.position, axis=-1))
 
 
 def _shaken(sign: float) -> Change:
@@ -178,7 +179,7 @@ def _shaken(sign: float) -> Change:
 
     def change(frames: list[Frame]) -> list[Frame]:
         pairs = zip([frames[0], *frames], frames, strict=False)
-        shifts = [np.subtract(frame.jitter, before.jitter) for before, frame in pairs]
+        shifts = [np.subtract(frame.jitter or (0, 0), before.jitter or (0, 0)) for before, frame in pairs]
         return [
             replace(frame, motion=(frame.motion[..., :2] + sign * shift).astype(np.float32))  # type: ignore[index]
             for frame, shift in zip(frames, shifts, strict=True)
@@ -225,7 +226,7 @@ _CLIP_DOWN = _relayed(lambda m: np.diag([1, -1, 1, 1]) @ m)
 _UV = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 _ALONG_RAY = _each("depth", lambda frame, _: _ray(frame))
 _FROM_NEAR = _each("depth", lambda frame, depth: _ray(frame) * (1 - 0.2 / depth))
-_Z_UP = _each("normal", lambda _, normal: normal[..., [0, 2, 1]] * np.float32([1, -1, 1]))
+_Z_UP = _each("normal", lambda _, normal: normal[..., [0, 2, 1]] * np.array([1, -1, 1], np.float32))
 _CURRENT = "current minus previous position"
 
 #: No mistake first, then those of motion, cameras, depth, normals, jitter and albedo.

@@ -90,7 +90,7 @@ def filtered(frames: Sequence[Frame], names: Sequence[str]) -> Iterator[Frame]:
         filters[name].commit()
     try:
         for frame in frames:
-            changed = {}
+            changed: dict[str, Any] = {}
             for name in names:
                 images[name][:] = getattr(frame, name)
                 filters[name].execute()
