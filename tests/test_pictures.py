@@ -96,6 +96,7 @@ def told(*arguments, code=0) -> str:
     return result.stderr
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path):
     (tmp_path / "in").mkdir()
     images = [np.full((8, 10, 3), 0.1 * i, np.float32) for i in range(3)]

@@ -105,6 +105,14 @@ def test_derived_images_are_the_kernels():
         before = frame
 
 
+def test_motion_is_computed_from_cameras():
+    first, second = (replace(frame, motion=None) for frame in shots(2))
+    (_, _), (images, _) = derive([first, second], {"motion"})
+    want = yester.motion_vectors(second.position, second.camera, first.camera)[..., :2]
+    np.testing.assert_array_equal(images["motion"], want)
+    assert want.any()
+
+
 def test_a_still_view_has_the_mean_of_its_frames():
     rng = np.random.default_rng(0)
     color = rng.exponential(1, (4, 8, 9, 3)).astype(np.float32)
@@ -243,6 +251,7 @@ def test_sequences_are_found(tmp_path):
 # Sets
 
 
+@pytest.mark.slow
 def test_what_is_stored(inputs, tmp_path):
     """Zarr, EXR, crops, half size and float16 hold the same images."""
     named = {"sizes": ("full", "half"), "crop": (16, 12), "crops": 2, "jobs": 1}
@@ -327,6 +336,7 @@ def test_processes_write_the_same_bytes(inputs, tmp_path):
 # Bad input
 
 
+@pytest.mark.slow
 def test_damaged_files_are_set_aside(inputs, tmp_path):
     """Every damaged file is named; the other sequences go on."""
     shutil.copytree(inputs / "one", inputs / "three")

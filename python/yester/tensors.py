@@ -1,0 +1,118 @@
+"""Images with channels first, and batches of them, as neural networks have them; and back.
+
+Functions of Yester take CPU tensors as they are: those with float32 values in (H, W, C) order share their memory. Their
+results are numpy arrays, which ``torch.from_dlpack`` (or any other library's) takes without a copy.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["channels_first", "channels_last"]
+
+
+def channels_last(images: ArrayLike, *, copy: bool | None = None) -> NDArray[Any]:
+    """Move channels behind the columns: (C, H, W) to (H, W, C), and batches likewise.
+
+    Parameters
+    ----------
+    images : (..., C, H, W) array_like
+        A numpy array, a CPU tensor of any library with DLPack, or a nested sequence; any leading axes, such as those of
+        a batch and of time.
+    copy : bool, optional
+        True: a copy in C order. False: a view, never a copy. By default a view if it is in C order, as it is for
+        tensors in torch's memory format ``channels_last``, and a copy otherwise, which every function of Yester would
+        make of a view.
+
+    Returns
+    -------
+    ndarray
+        (..., H, W, C), of the same type; (..., H, W) if C is 1, as depths and ids are.
+
+    Raises
+    ------
+    TypeError
+        If it is a tensor that needs gradients, or on another device, or of a type that numpy lacks.
+    ValueError
+        If there are fewer than three axes; if `copy` is False and a view cannot be made.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> channels_last(np.zeros((8, 3, 24, 32))).shape
+    (8, 24, 32, 3)
+    >>> channels_last(np.zeros((1, 24, 32))).shape
+    (24, 32)
+    """
+    array = _array(images)
+    if array.ndim < 3:
+        raise ValueError(f"images: expected shape (..., C, H, W), got {array.shape}")
+    moved = array[..., 0, :, :] if array.shape[-3] == 1 else np.moveaxis(array, -3, -1)
+    return _ordered(moved, copy)
+
+
+def channels_first(images: ArrayLike, *, channels: bool = True, copy: bool | None = None) -> NDArray[Any]:
+    """Move channels before the rows: (H, W, C) to (C, H, W), and batches likewise.
+
+    Parameters
+    ----------
+    images : (..., H, W, C) or (..., H, W) array_like
+        Results of Yester, one or several.
+    channels : bool, default True
+        Whether the last axis is that of channels. If not, an axis of one channel is added.
+    copy : bool, optional
+        True: a copy in C order, which networks work on fastest. False or by default: a view.
+
+    Returns
+    -------
+    ndarray
+        (..., C, H, W), of the same type; ``torch.from_dlpack`` makes a tensor of it without a copy.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `channels_last`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> channels_first(np.zeros((8, 24, 32, 3))).shape
+    (8, 3, 24, 32)
+    >>> channels_first(np.zeros((24, 32)), channels=False).shape
+    (1, 24, 32)
+    """
+    array = _array(images)
+    least = 3 if channels else 2
+    if array.ndim < least:
+        expected = "(..., H, W, C)" if channels else "(..., H, W)"
+        raise ValueError(f"images: expected shape {expected}, got {array.shape}")
+    moved = np.moveaxis(array, -1, -3) if channels else array[..., None, :, :]
+    return _ordered(moved, bool(copy) or False)
+
+
+def _ordered(array: NDArray[Any], copy: bool | None) -> NDArray[Any]:
+    if copy is None:
+        return np.ascontiguousarray(array)
+    return np.array(array, order="C") if copy else array
+
+
+def _array(images: Any) -> NDArray[Any]:
+    """An array that shares its memory with what is given, if that is possible."""
+    try:
+        if not hasattr(images, "__array__") and hasattr(images, "__dlpack__"):
+            return np.from_dlpack(images)
+        return np.asarray(images)
+    except (BufferError, RuntimeError, TypeError) as error:
+        named = {name: str(getattr(images, name, "")) for name in ("requires_grad", "device", "dtype")}
+        if named["requires_grad"] == "True":
+            got = "a tensor that needs gradients: pass x.detach()"
+        elif named["dtype"].endswith("bfloat16"):
+            got = "bfloat16, which numpy does not have: pass x.float()"
+        elif named["device"] not in ("", "cpu"):
+            got = f"a tensor on {named['device']}: pass x.cpu()"
+        else:
+            raise
+        raise TypeError(f"images: expected an array, got {got}") from error
