@@ -240,7 +240,7 @@ def test_groups(tmp_path):
     assert all(f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "late-held-out", "all"))
     assert all(name in line for name in GROUPS["all"] + GROUPS["late-held-out"])
     options = argparse.Namespace(frames=[], sequences=["unkind-tuning", "cut", "grass"], cache=None)
-    vars(options).update(size=(8, 6), length=1, reference_spp=1, seeds=1, doors=None)
+    vars(options).update(size=(8, 6), length=1, reference_spp=1, seeds=1, doors=None, map=None, view=None)
     asked = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("yester.study.rendered.recording.record", lambda name, *_, **__: asked.append(name))

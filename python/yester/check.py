@@ -75,6 +75,10 @@ class Finding:
     matrix : (2, 2) ndarray of float64 or None
         For motion: canonical x and y from the stored ones.
 
+    See Also
+    --------
+    check : Finds these for all buffers.
+
     Examples
     --------
     >>> print(yester.Finding("depth", "wrong", "distance along the ray", "--map depth.kind=distance"))
@@ -177,13 +181,13 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
     --------
     Depth is stored as the distance along the ray:
 
-    >>> camera = yester.Camera.from_look_at([0, 0, 5], [0, 0, 0], [0, 1, 0], 60, 96, 64)
+    >>> camera = yester.Camera.from_look_at([1, 2, 5], [0, 0, 0], [0, 1, 0], 60, 96, 64)
     >>> position = camera.unproject(np.stack(np.mgrid[:64, :96][::-1], -1) + 0.5, np.full((64, 96), 5.0))
     >>> distance = np.linalg.norm(position - camera.position, axis=-1)
     >>> frame = yester.Frame(np.ones((64, 96, 3)), depth=distance, position=position, camera=camera)
-    >>> _, depth, *_ = yester.check([frame, frame])
-    >>> depth.verdict, depth.stored
-    ('wrong', 'distance along the ray')
+    >>> cameras, depth, *_ = yester.check([frame, frame])
+    >>> cameras.verdict, depth.verdict, depth.stored
+    ('right', 'wrong', 'distance along the ray')
     >>> depth.remedy
     '--map depth=depth.Z --map depth.kind=distance'
     """
@@ -457,7 +461,7 @@ def _finite(image: NDArray[np.float32]) -> NDArray[np.float32]:
 def _by_id(frame: Frame) -> Floats:
     """A colour for each id: what lies between two is neither."""
     mixed = np.asarray(frame.ids, np.uint64)[..., None] * np.array([2654435761, 2246822519, 3266489917], np.uint64)
-    return np.asarray(((mixed >> np.uint64(16)) % np.uint64(1024)) / 1024)
+    return ((mixed >> np.uint64(16)) % np.uint64(1024)) / 1024
 
 
 def _log_depth(frame: Frame) -> Floats:
@@ -466,11 +470,17 @@ def _log_depth(frame: Frame) -> Floats:
     return np.log(np.where(known, depth, 1e3 * depth[known].max(initial=1)))[..., None]
 
 
+def _samples(frame: Frame) -> NDArray[np.float64]:
+    """The places of the samples, as far as they are known, in pixels, (H, W, 2)."""
+    rows, columns = np.mgrid[: frame.height, : frame.width] + 0.5
+    return np.stack([columns, rows], -1) + (frame.jitter or (0, 0))
+
+
 def _unprojected(frame: Frame) -> Floats:
     """Positions of pixel centres by depth; NaN for background."""
     assert frame.camera is not None
     depth = np.asarray(frame.depth, np.float64)
-    places = np.stack([*np.mgrid[: frame.height, : frame.width][::-1]], -1) + 0.5 + (frame.jitter or (0, 0))
+    places = _samples(frame)
     points = frame.camera.unproject(places, np.where(np.isfinite(depth), depth, 1))
     return np.where(np.isfinite(depth)[..., None], points, np.nan)
 
@@ -649,8 +659,7 @@ def _cameras(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
         if camera is None:
             return _means(np.ones(frame.shape), known)
         pixels, _ = camera.project(np.nan_to_num(position))
-        centres = np.stack([*np.mgrid[: frame.height, : frame.width][::-1]], -1) + 0.5 + (frame.jitter or (0, 0))
-        return _means(_clipped(np.linalg.norm(pixels - centres, axis=-1), 4), known)
+        return _means(_clipped(np.linalg.norm(pixels - _samples(frame), axis=-1), 4), known)
 
     return _layout(shot, slice(1, -1) if len(shot) > 2 else slice(None), distance, ["position"])
 
@@ -858,16 +867,16 @@ def _jitter(shot: list[Frame]) -> Finding:
         spread = np.linalg.norm(error[most]) * np.sqrt(len(tiles[most]))
         if size > max(0.05, 5 * sure, 3 * spread):
             x, y = mean[most]
-            stored = f"a constant offset of ({x:.2f}, {y:.2f}) pixels in motion, as jitter leaves it"
-            return Finding("jitter", "wrong", stored, remedy, float(size), float(sure), (), ("camera",))
+            said = f"a constant offset of ({x:.2f}, {y:.2f}) pixels in motion, as jitter leaves it"
+            return Finding("jitter", "wrong", said, remedy, float(size), float(sure), (), ("camera",))
         return Finding("jitter", "right", "no constant offset in motion", "", 0.0, float(sure), (), ("camera",))
     guides = _guides(shot)
-    vectors = [np.asarray(frame.motion)[..., :2] for frame in shot]
+    stored = [np.asarray(frame.motion)[..., :2] for frame in shot]
     residuals = []
     for sign in (0, 1, -1):
         clean = [
             motion - np.float32(sign * _shift(frame, shot[max(i - 1, 0)]))
-            for i, (motion, frame) in enumerate(zip(vectors, shot, strict=True))
+            for i, (motion, frame) in enumerate(zip(stored, shot, strict=True))
         ]
         given = [_Motion("", np.eye(2))]
         residuals.append(_warped(given, range(1, len(shot)), shot, clean, guides, 1)[0])
@@ -875,6 +884,10 @@ def _jitter(shot: list[Frame]) -> Finding:
 
 
 # Normals
+
+
+#: The form of normals in camera space.
+_IN_CAMERA: dict[str, Any] = {"space": "camera"}
 
 
 def _normal(shot: list[Frame], channels: Channels) -> Finding:
@@ -891,8 +904,7 @@ def _normal(shot: list[Frame], channels: Channels) -> Finding:
     changes["y and z swapped (z is up)"] = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), False
     changes["y and z swapped (z is down)"] = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), False
     read = channels["normal"]
-    in_camera: dict[str, Any] = {"space": "camera"}
-    remedies = [_mapping("normal", m, read, **in_camera if c else {}) for m, c in changes.values()]
+    remedies = [_mapping("normal", m, read, **_IN_CAMERA if c else {}) for m, c in changes.values()]
     names, remedies = [*changes, "encoded from 0 to 1"], ["", *remedies[1:], "2 * normal - 1"]
     residuals: list[list[NDArray[np.float64]]] = [[] for _ in names]
     for frame in shot:

@@ -506,8 +506,8 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     used = {name for one in known.buffers.values() for name in (*one.channels, *one.plus, *one.target)}
     unrecognised = tuple(name for name in contents.places if name not in used and name not in known.unused)
     height, width = _size(contents.header)
-    display_width, display_height = _window(contents.header, "displayWindow")[1]
-    display = float(display_width), float(display_height)
+    _, (across, down) = _window(contents.header, "displayWindow")
+    display = float(across), float(down)
     return Description(
         path=path,
         width=width,

@@ -313,7 +313,7 @@ class _Stage:
             sensor, known = scene.sensors()[0], mi.traverse(scene.sensors()[0])
             clip = {name: _number(known, name) for name in ("near_clip", "far_clip")}
             self.lens = {"type": "orthographic", **clip}
-            width, height = map(int, sensor.film().crop_size())
+            width, height = (int(side) for side in sensor.film().crop_size())
             self.intrinsics = _matrix(sensor.projection_transform(), "sensor"), width, height
         elif scene.sensors():
             sensor = scene.sensors()[0]

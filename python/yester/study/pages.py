@@ -52,7 +52,11 @@ class Source(NamedTuple):
 RUNS = {
     "accuracy": Source(f"yester chart {_FRAMES} --metrics psnr relmse flip temporal_error", "points.csv"),
     "ablation": Source(f"yester chart --ablate {_FRAMES}", "ablation.csv"),
-    "doors": Source(f"yester chart --doors {_FRAMES} --methods SVGF --no-peers", "doors.csv"),
+    "doors": Source(
+        "yester chart --doors --sequences tuning held-out --size 128x96 --length 12 --reference-spp 256"
+        " --methods SVGF --no-peers",
+        "doors.csv",
+    ),
     "oracle": Source("yester.study.compare.oracle", ""),
     "plans": Source("yester.study.compare.judging", ""),
     "later_frames": Source(
@@ -455,7 +459,8 @@ def _best(rows: Sequence[Sequence[str]], first: int) -> list[list[str]]:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    rule = ["---", *["--:"] * (len(head) - 1)]
+    numbers = [all(re.match(r"[*+−–-]*\d|–?$", row[i]) for row in rows) for i in range(1, len(head))]
+    rule = ["---", *("--:" if right else "---" for right in numbers)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
 
 

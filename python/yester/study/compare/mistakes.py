@@ -102,9 +102,9 @@ def findings(mistake: Mistake, **named: Any) -> list[Finding]:
     right = sequence(jittered=mistake.jittered, **named)
     wrong = mistake.make(right)
     kept = {*mistake.buffers, "jitter"}
-    absent = {name for frame in wrong for name in (*frame.buffers(), "camera") if name not in kept} - {"color"}
-    without: dict[str, Any] = dict.fromkeys(absent)
-    return check([replace(frame, **without) for frame in wrong])
+    every = {name for frame in wrong for name in (*frame.buffers(), "camera")}
+    absent: dict[str, Any] = dict.fromkeys(every - kept - {"color"})
+    return check([replace(frame, **absent) for frame in wrong])
 
 
 def table(**named: Any) -> str:
@@ -171,12 +171,7 @@ def _relayed(change: Callable[[NDArray[np.float64]], Any]) -> Change:
 def _ray(frame: Frame) -> NDArray[np.float64]:
     assert frame.camera is not None
     assert frame.position is not None
-    return np.asarray(np.linalg.norm(frame.position - frame.camera.position, axis=-1), np.float64)
-
-
-def _offset(frame: Frame) -> NDArray[np.float64]:
-    assert frame.jitter is not None
-    return np.array(frame.jitter)
+    return np.asarray(np.linalg.norm(frame.position - frame.camera.position, axis=-1))
 
 
 def _shaken(sign: float) -> Change:
@@ -184,7 +179,7 @@ def _shaken(sign: float) -> Change:
 
     def change(frames: list[Frame]) -> list[Frame]:
         pairs = zip([frames[0], *frames], frames, strict=False)
-        shifts = [_offset(frame) - _offset(before) for before, frame in pairs]
+        shifts = [np.subtract(frame.jitter or (0, 0), before.jitter or (0, 0)) for before, frame in pairs]
         return [
             replace(frame, motion=(frame.motion[..., :2] + sign * shift).astype(np.float32))  # type: ignore[index]
             for frame, shift in zip(frames, shifts, strict=True)
