@@ -1,8 +1,6 @@
 """The page that compares folders, as its readers use it, in a browser."""
 
 import io
-import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Page, expect
 from yester.io import write_exr
 from yester.metrics import srgb
 from yester.study.compare.viewer import names_of, write_comparison
@@ -39,18 +37,6 @@ def folders(tmp_path_factory) -> dict[str, Path]:
         for frame in FRAMES:
             write_exr(root / name / f"shot_{frame:04}.exr", picture(name, frame), half=name == "reference")
     return {name: root / name for name in VALUES}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None:
-        reason = "no browser found: install chromium (on Debian: apt-get install chromium)"
-        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(reason)
-    with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        yield running
-        running.close()
 
 
 @pytest.fixture

@@ -180,10 +180,11 @@ def _shaken(sign: float) -> Change:
     def change(frames: list[Frame]) -> list[Frame]:
         pairs = zip([frames[0], *frames], frames, strict=False)
         shifts = [np.subtract(frame.jitter or (0, 0), before.jitter or (0, 0)) for before, frame in pairs]
-        return [
-            replace(frame, motion=(frame.motion[..., :2] + sign * shift).astype(np.float32))  # type: ignore[index]
-            for frame, shift in zip(frames, shifts, strict=True)
-        ]
+        shaken = []
+        for frame, shift in zip(frames, shifts, strict=True):
+            assert frame.motion is not None
+            shaken.append(replace(frame, motion=(frame.motion[..., :2] + sign * shift).astype(np.float32)))
+        return shaken
 
     return change
 
