@@ -90,7 +90,8 @@ def antialias(settings: dict, history, color, motion, depth, tests=None) -> tupl
         moved = motion
         if settings["dilate"] != "none":
             choose = "longest" if depth is None else "nearest"
-            moved = yester.dilate_motion(motion, depth, choose=choose, window=settings["dilate"])
+            among = {"window": settings["dilate"], "margin": settings["dilate_margin"]}
+            moved = yester.dilate_motion(motion, depth, choose=choose, **among)
         known = {"fallback": False, **tests}
         (old, length), coverage = yester.reproject(history[:2], moved, filter=settings["filter"], **known)
         if settings["alternation"]:
@@ -781,7 +782,7 @@ class Upscaler:
 
         motion = find_motion(frame, self.before)
         choose = "longest" if frame.depth is None else "nearest"
-        moved = enlarge(yester.dilate_motion(motion, frame.depth, choose=choose)[..., :2].copy())
+        moved = enlarge(yester.dilate_motion(motion, frame.depth, choose=choose, margin=0.1)[..., :2].copy())
         moved *= (np.float32(large[::-1]) / np.float32(small[::-1])).astype(np.float32)
         hidden = np.zeros(large, np.float32)
         if frame.depth is not None:

@@ -12,13 +12,14 @@ NEAREST, LONGEST = {"choose": "nearest"}, {"choose": "longest"}
 @pytest.mark.parametrize("window", ["3x3", "cross"])
 @pytest.mark.parametrize("choose", ["nearest", "longest"])
 @pytest.mark.parametrize("channels", [2, 3])
-def test_reference(size, window, choose, channels):
+@pytest.mark.parametrize("margin", [0.0, 0.1, 0.6])
+def test_reference(size, window, choose, channels, margin):
     """It only selects: bit for bit, ties included."""
     rng = np.random.default_rng([*size, channels])
     motion = compare.motions(rng, *size, channels)
     depth = compare.surfaces(rng, *size)["depth"].round(1)  # so that there are ties
-    want = reference.dilate_motion(tensor(motion), tensor(depth), choose=choose, window=window)
-    got = yester.dilate_motion(motion, depth, choose=choose, window=window)
+    want = reference.dilate_motion(tensor(motion), tensor(depth), choose=choose, window=window, margin=margin)
+    got = yester.dilate_motion(motion, depth, choose=choose, window=window, margin=margin)
     assert_same_bits(got, want.numpy().astype(np.float32))
 
 
@@ -31,6 +32,17 @@ def test_an_edge_grows_by_a_pixel():
     cross = yester.dilate_motion(motion, depth, window="cross")[..., 0] == 4
     assert cross.sum() == 5
     assert_same_bits(yester.dilate_motion(motion, choose="longest"), yester.dilate_motion(motion, depth))
+
+
+def test_a_slope_keeps_its_motion_and_an_edge_grows():
+    """A plane that turns, and before it a column that is nearer than the margin."""
+    depth = np.tile(np.linspace(5, 4, 16, dtype=np.float32), (4, 1))
+    motion = np.stack([depth, np.zeros_like(depth)], -1)
+    assert_same_bits(yester.dilate_motion(motion, depth, margin=0.1), motion)
+    assert_same_bits(yester.dilate_motion(motion, choose="longest", margin=0.1), motion)
+    depth[:, 8], motion[:, 8] = 3, (9, 9)
+    grown = (yester.dilate_motion(motion, depth, margin=0.1)[..., 1] == 9).any(0).nonzero()[0]
+    np.testing.assert_array_equal(grown, [7, 8, 9])
 
 
 def test_uniform_motion_stays():
@@ -57,3 +69,6 @@ def test_bad_modes():
         yester.dilate_motion(motion, choose="longest", window="5x5")
     with pytest.raises(ValueError, match="depth"):
         yester.dilate_motion(motion, np.ones((4, 5), np.float32))
+    for margin in (-0.1, 1, np.nan):
+        with pytest.raises(ValueError, match="margin: expected a number from 0 to below 1"):
+            yester.dilate_motion(motion, choose="longest", margin=margin)

@@ -290,12 +290,12 @@ proptest! {
         let distance = draw.wild(1);
         written!(size, 3, |motion| virtual_motion::virtual_motion(geometry, distance.pixels(), &now, &before, motion));
         let motion = draw.wild(3);
-        let window = draw.of(&dilate::Window::NAMES).1;
+        let params = dilate::Params { window: draw.of(&dilate::Window::NAMES).1, margin: 0.9 * draw.share() };
         let choice = match draw.coin() {
             true => dilate::Choice::Nearest(depth.view()),
             false => dilate::Choice::Longest,
         };
-        let dilated = written!(size, 3, |dilated| dilate::dilate_motion(motion.pixels(), choice, window, dilated));
+        let dilated = written!(size, 3, |dilated| dilate::dilate_motion(motion.pixels(), choice, params, dilated));
         let known = |v: &f32| motion.pixels().elements().0.iter().any(|m| m.to_bits() == v.to_bits());
         prop_assert!(dilated.iter().all(|v| v.is_nan() || known(v)));
     }

@@ -24,7 +24,7 @@ use super::frame::{
 use super::recall::find_gradient;
 use crate::error::Result;
 use crate::image::{Image, Pixels, Records, View};
-use crate::kernels::camera::dilate::{Choice, Window, dilate_motion};
+use crate::kernels::camera::dilate::{self, Choice, dilate_motion};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
@@ -86,8 +86,8 @@ impl Stage {
         let choice = depth.map_or(Choice::Longest, Choice::Nearest);
 
         let params = self.params.exposed(color);
-        let window = (params.dilate).filter(|_| params.gradient || params.alternation);
-        let dilated = window.map(|window| dilate(motion, choice, window));
+        let dilation = (params.dilation()).filter(|_| params.gradient || params.alternation);
+        let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
         let moved = dilated.as_ref().map_or(motion, Image::pixels);
         let past = |records: &Records, filter| fetch(records, moved, tests, filter);
         let gradient = (before.as_ref().filter(|_| params.gradient))
@@ -149,10 +149,10 @@ fn fetch(past: &Records, motion: Pixels, tests: Tests, filter: Filter) -> (Image
 }
 
 /// The motion that pixels take from their neighbourhoods.
-pub(super) fn dilate(motion: Pixels, choice: Choice, window: Window) -> Image {
+pub(super) fn dilate(motion: Pixels, choice: Choice, params: dilate::Params) -> Image {
     let mut dilated = Image::blank(motion.size, motion.channels);
     let out = dilated.bands().map(PixelsMut::Planar);
-    dilate_motion(motion, choice, window, out);
+    dilate_motion(motion, choice, params, out);
     dilated
 }
 

@@ -20,7 +20,7 @@ use super::recall::find_gradient;
 use super::taa::dilate;
 use crate::error::{Error, Result, in_range};
 use crate::image::{Image, Pixels, Records, SEGMENT, Size, View, segments};
-use crate::kernels::camera::dilate::{Choice, Window};
+use crate::kernels::camera::dilate::{self, Choice};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::kernels::fetch::reproject::{self, reproject};
@@ -173,7 +173,7 @@ impl Steps for Upscaler {
         let exposure = exposure(fresh);
 
         let choice = depth.map_or(Choice::Longest, Choice::Nearest);
-        let dilated = dilate(motion.pixels(), choice, Window::Square);
+        let dilated = dilate(motion.pixels(), choice, dilate::Params::EDGES);
         let disoccluded = find_disoccluded(depth, motion.pixels(), params.separation);
         let thin = find_thin_features(fresh);
         let (color, weight) = grids.resample(fresh);

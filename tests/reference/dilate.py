@@ -1,8 +1,9 @@
+import numpy as np
 import torch
 from torch import Tensor
 
 
-def dilate_motion(motion: Tensor, depth: Tensor | None = None, *, choose="nearest", window="3x3") -> Tensor:
+def dilate_motion(motion: Tensor, depth: Tensor | None = None, *, choose="nearest", window="3x3", margin=0.0) -> Tensor:
     """The motion of the nearest surface, or the longest, among a pixel and its neighbours.
 
     Source: Karis 2014, High Quality Temporal Supersampling.
@@ -13,6 +14,7 @@ def dilate_motion(motion: Tensor, depth: Tensor | None = None, *, choose="neares
     depth : (H, W)
     choose : "nearest" or "longest"
     window : "3x3" or "cross"
+    margin : how much nearer than the pixel a neighbour must be, or how much longer its motion; relative
 
     Returns
     -------
@@ -26,7 +28,9 @@ def dilate_motion(motion: Tensor, depth: Tensor | None = None, *, choose="neares
     offsets = [(0, 0)] + [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if window == "3x3" or dx == 0 or dy == 0]
     height, width = known.shape
     rows, columns = torch.arange(height)[:, None], torch.arange(width)[None]  # (H, 1), (1, W)
-    best, best_rank, best_known = motion, rank, known
+    rest = torch.tensor(1 - np.float32(margin), dtype=torch.float32)
+    own = rank.float() * (rest if choose == "nearest" else 1 / (rest * rest))  # (H, W), rounded as it decides
+    best, best_rank, best_known = motion, own, known  # (H, W, 2|3), (H, W), (H, W)
     for dx, dy in offsets:
         y, x = (rows + dy).clamp(0, height - 1), (columns + dx).clamp(0, width - 1)  # (H, 1), (1, W)
         inside = (rows + dy == y) & (columns + dx == x)  # (H, W)

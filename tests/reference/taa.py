@@ -19,6 +19,7 @@ from .resolve import resolve
 
 TEXTBOOK = {
     "dilate": "none",
+    "dilate_margin": 0.0,
     "filter": "bilinear",
     "box": "minmax",
     "gamma": 1.0,
@@ -62,6 +63,7 @@ FILAMENT = TEXTBOOK | {
 }
 BEST = TEXTBOOK | {
     "dilate": "3x3",
+    "dilate_margin": 0.1,
     "filter": "catmull-rom",
     "box": "variance",
     "space": "tonemapped-ycocg",
@@ -113,7 +115,8 @@ def antialias(
         there = motion  # (H, W, 2|3)
         if settings["dilate"] != "none":
             choose = "longest" if depth is None else "nearest"
-            there = dilate_motion(motion, depth, choose=choose, window=settings["dilate"])  # (H, W, 2|3)
+            among = {"window": settings["dilate"], "margin": settings["dilate_margin"]}
+            there = dilate_motion(motion, depth, choose=choose, **among)  # (H, W, 2|3)
         (old, length), coverage = reproject(history[:2], there, filter=settings["filter"], fallback=False, **tests)
         if settings["alternation"]:
             memory, known = reproject(history[2], there, fallback=False, **tests)  # (H, W, 7), (H, W)

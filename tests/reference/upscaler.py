@@ -53,7 +53,7 @@ class Upscaler:
 
         motion = find_motion(frame, self.before)  # (H, W, 2|3)
         choose = "longest" if frame.depth is None else "nearest"
-        moved = enlarge(dilate_motion(motion, frame.depth, choose=choose))[..., :2]  # (h, w, 2)
+        moved = enlarge(dilate_motion(motion, frame.depth, choose=choose, margin=0.1))[..., :2]  # (h, w, 2)
         moved = moved * torch.tensor([zoom_x, zoom_y], dtype=moved.dtype)  # (h, w, 2)
         color, weight = resample(frame.color, large, offset=(x, y))  # (h, w, 3), (h, w)
         hidden = torch.zeros_like(weight)  # (h, w)

@@ -33,6 +33,8 @@ use crate::pipelines::taa;
 ///     Pixels up to which motion is slow, and from which it is fast.
 /// dilate : {"3x3", "cross", "none"}, optional
 ///     Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
+/// dilate_margin : float, optional
+///     Its margin, 0 to below 1.
 /// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
 ///     As in `reproject`.
 /// box, gamma, window, space, response : str or float, optional
@@ -109,8 +111,8 @@ pub struct TAA {
 #[pymethods]
 impl TAA {
     #[new]
-    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, filter=None, r#box=None,
-        gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
+    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, dilate_margin=None,
+        filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
         plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
         innovation=false))]
     fn new(
@@ -120,6 +122,7 @@ impl TAA {
         fast_alpha: Option<f32>,
         speed: Option<Bounds>,
         dilate: Option<&str>,
+        dilate_margin: Option<f32>,
         filter: Option<&str>,
         r#box: Option<&str>,
         gamma: Option<f32>,
@@ -149,6 +152,7 @@ impl TAA {
         }
         let mut params = choice("preset", renamed(py, preset)?, &taa::Params::PRESETS)?;
         params.dilate = or(dilate, "dilate", &taa::Params::DILATIONS, params.dilate)?;
+        params.dilate_margin = dilate_margin.unwrap_or(params.dilate_margin);
         params.filter = or(filter, "filter", &Filter::NAMES, params.filter)?;
         let factor = &mut params.blend_factor;
         factor.alpha = alpha.unwrap_or(factor.alpha);

@@ -4,12 +4,17 @@
 //! the current sample hits, the edge would never be antialiased; if it follows the foreground, the edge moves as one
 //! (Karis 2014, *High Quality Temporal Supersampling*). Without depth, the longest motion stands in for the nearest.
 //!
+//! Away from edges nothing is gained: where motion varies over a surface, as under rotation or zoom, a neighbour's motion
+//! misses the pixel's history by up to a pixel and blurs it. So a neighbour may be required to be nearer by a margin m,
+//! z < (1 - m) z₀, or its motion to be longer by as much, (1 - m) |v| > |v₀|. The published rule has m = 0.
+//!
 //! Inputs: motion (2 or 3), depth (1, optional). Output: motion. Motion that is not finite is never chosen; depth that
 //! is NaN or not above 0 counts as infinite. Ties go to the pixel itself, then to the first neighbour from the top
 //! left.
 
 use std::ops::Range;
 
+use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::math::smaller;
 use crate::pixels::{PixelsMut, Rolling, Row, lanes};
@@ -29,6 +34,38 @@ impl Window {
     pub const NAMES: [(&str, Self); 2] = [("3x3", Self::Square), ("cross", Self::Cross)];
 }
 
+/// Parameters of [`dilate_motion`].
+#[derive(Clone, Copy, Debug)]
+pub struct Params {
+    /// The neighbours that are searched.
+    pub window: Window,
+    /// How much nearer than the pixel a neighbour must be, or how much longer its motion; relative; from 0 to below 1; 0.
+    pub margin: f32,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            window: Window::Square,
+            margin: 0.0,
+        }
+    }
+}
+
+impl Params {
+    /// At edges alone, which are steps of depth; less of a difference is the slope of a surface.
+    pub const EDGES: Self = Self {
+        window: Window::Square,
+        margin: 0.1,
+    };
+
+    /// An error about the argument `margin` if that is out of range.
+    pub fn check(&self, margin: &str) -> Result<()> {
+        let expected = "a number from 0 to below 1";
+        in_range(margin, self.margin, expected, |m| (0.0..1.0).contains(&m))
+    }
+}
+
 /// The criterion: the neighbour with the least depth, or with the longest motion.
 #[derive(Clone, Copy, Debug)]
 pub enum Choice<'a> {
@@ -43,17 +80,24 @@ pub(crate) struct Dilation<'a> {
     motion: Pixels<'a>,
     choice: Choice<'a>,
     window: Window,
+    /// Factor on a pixel's own rank, by which it wins against neighbours within the margin.
+    handicap: f32,
     /// Rank, then the channels of motion; the lowest rank wins. The rank is the depth, or minus the squared length. It
     /// is `f32::MAX` for infinite depth and infinity for unknown motion.
     rows: Rolling<4>,
 }
 
 impl<'a> Dilation<'a> {
-    pub fn new(motion: Pixels<'a>, choice: Choice<'a>, window: Window) -> Self {
+    pub fn new(motion: Pixels<'a>, choice: Choice<'a>, Params { window, margin }: Params) -> Self {
+        let rest = 1.0 - margin;
         Self {
             motion,
             choice,
             window,
+            handicap: match choice {
+                Choice::Nearest(_) => rest,
+                Choice::Longest => 1.0 / (rest * rest),
+            },
             rows: Rolling::new(motion.size.width, 1),
         }
     }
@@ -106,7 +150,8 @@ impl<'a> Dilation<'a> {
         let rows = [-1, 0, 1].map(|dy| self.rows.columns(run, dy));
         for i in 0..lanes(run) {
             // Start from the pixel itself, so that it wins ties.
-            let [mut best, mut x, mut y, mut z] = rows[1].map(|row| row[i + 1]);
+            let [own, mut x, mut y, mut z] = rows[1].map(|row| row[i + 1]);
+            let mut best = own * self.handicap;
             for dy in 0..3 {
                 for dx in 0..3 {
                     if has(dx, dy) {
@@ -157,20 +202,20 @@ fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, x, y, z]: [&mut [f32]
 struct Dilate<'a> {
     motion: Pixels<'a>,
     choice: Choice<'a>,
-    window: Window,
+    params: Params,
 }
 
 /// Writes the motion of the chosen neighbour.
 pub fn dilate_motion<'a>(
     motion: Pixels<'a>,
     choice: Choice<'a>,
-    window: Window,
+    params: Params,
     dilated: impl Iterator<Item = PixelsMut<'a>>,
 ) {
     let kernel = Dilate {
         motion,
         choice,
-        window,
+        params,
     };
     rows::run(&kernel, motion.size.height, dilated);
 }
@@ -180,7 +225,7 @@ impl<'a> Kernel for Dilate<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut dilated: PixelsMut<'a>) {
-        let mut dilation = Dilation::new(self.motion, self.choice, self.window);
+        let mut dilation = Dilation::new(self.motion, self.choice, self.params);
         let mut chosen = [[0.0; SEGMENT]; 3];
         for y in rows.clone() {
             dilation.roll(y, y == rows.start);

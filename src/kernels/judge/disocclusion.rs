@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
-use crate::kernels::camera::dilate::{Choice, Dilation, Window};
+use crate::kernels::camera::dilate::{self, Choice, Dilation};
 use crate::kernels::fetch::footprint::MIN_COVERAGE;
 use crate::pixels::{PixelsMut, Row, lanes};
 use crate::rows::{self, Kernel, Simd};
@@ -81,7 +81,11 @@ impl Before {
 
 impl<'a> Moved<'a> {
     fn dilation(&self) -> Dilation<'a> {
-        Dilation::new(self.motion, Choice::Nearest(self.depth), Window::Square)
+        Dilation::new(
+            self.motion,
+            Choice::Nearest(self.depth),
+            dilate::Params::default(),
+        )
     }
 
     /// Computes where the pixels of a span were.

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::image::Pixels;
-use crate::kernels::camera::dilate::Window;
+use crate::kernels::camera::dilate::{self, Window};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
@@ -19,6 +19,8 @@ use crate::pipelines::frame::SurfaceRecords;
 pub struct Params {
     /// The neighbours whose motion a pixel may take; none: always its own.
     pub dilate: Option<Window>,
+    /// The margin of the dilation.
+    pub dilate_margin: f32,
     /// How history is interpolated.
     pub filter: Filter,
     /// How history is clipped to the colours of the neighbourhood.
@@ -136,6 +138,7 @@ impl Params {
     /// The textbook equation: history clamped to the range of its neighbourhood, a blend factor of 5 %.
     pub const TEXTBOOK: Self = Self {
         dilate: None,
+        dilate_margin: 0.0,
         filter: Filter::Bilinear,
         clip: neighborhood::Params {
             bounds: Bounds::MinMax,
@@ -210,6 +213,7 @@ impl Params {
     /// Our own measurements' choice for frames without noise.
     pub const BEST: Self = Self {
         dilate: Some(Window::Square),
+        dilate_margin: dilate::Params::EDGES.margin,
         filter: Filter::Wide(Wide::CatmullRom),
         clip: neighborhood::Params {
             bounds: Bounds::Variance,
@@ -246,12 +250,19 @@ impl Params {
 
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
+        (self.dilation().iter()).try_for_each(|dilation| dilation.check("dilate_margin"))?;
         self.clip.check()?;
         (self.innovation.iter()).try_for_each(innovation::Params::check)?;
         self.limits.thresholds().check()?;
         anti_lag::check("anti_lag", self.anti_lag)?;
         self.blend_factor.check()?;
         self.blend.check()
+    }
+
+    /// The parameters of the dilation, if there is one.
+    pub(super) fn dilation(&self) -> Option<dilate::Params> {
+        let margin = self.dilate_margin;
+        self.dilate.map(|window| dilate::Params { window, margin })
     }
 
     /// The same with the exposure of a colour for tone curves and relative luminances, if there are any.

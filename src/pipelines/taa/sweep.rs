@@ -175,9 +175,9 @@ struct Past<'a> {
 impl<'a> Past<'a> {
     #[inline(always)]
     fn new(sweep: &Sweep<'a>) -> Self {
-        let window = sweep.params.dilate.filter(|_| sweep.fetch.is_some());
+        let dilation = (sweep.params.dilation()).filter(|_| sweep.fetch.is_some());
         Self {
-            dilation: window.map(|window| Dilation::new(sweep.motion, sweep.choice, window)),
+            dilation: dilation.map(|params| Dilation::new(sweep.motion, sweep.choice, params)),
             dilated: [[0.0; SEGMENT]; 3],
             fetched: sweep.fetch.as_ref().map(Fetch::room),
             color: [[0.0; SEGMENT]; 3],
