@@ -450,13 +450,14 @@ def test_what_may_be_colour_is_told(tmp_path, capsys):
     pixels = {f"Combned.{c}": np.ones((4, 5), np.float32) for c in "RGB"}
     layouts.store(tmp_path / "a.exr", pixels, {})
     want = "Combned may be it: --map 'color=Combned.R,Combned.G,Combned.B'"
-    with pytest.raises(ValueError, match=re.escape(f"got Combned.R, Combned.G, Combned.B; {want}")):
+    with pytest.raises(ValueError, match=re.escape(f"got Combned.B, Combned.G, Combned.R; {want}")):
         io.read_exr(tmp_path / "a.exr")
     assert main(["denoise", str(tmp_path / "a.exr"), "-o", str(tmp_path / "out")]) == 2
     assert want in capsys.readouterr().err
     assert main(["info", str(tmp_path / "a.exr")]) == 0
     assert "Combned may be color: --map 'color=Combned.R" in capsys.readouterr().out
-    assert io.read_exr(tmp_path / "a.exr", mapping="color=Combned.R,Combned.G,Combned.B").shape == (4, 5)
+    mapping = "color=Combned.R,Combned.G,Combned.B"
+    assert main(["denoise", str(tmp_path / "a.exr"), "-o", str(tmp_path / "out"), "--map", mapping]) == 0
 
 
 # Compression and pixel types

@@ -376,9 +376,11 @@ def _plan(options: argparse.Namespace) -> None:
     from .io.shots import breaks
 
     reading = _reading(options)
-    if options.output:
-        _writable(options.output.parent)
     paths = sequence_paths(options.inputs)
+    if options.output:
+        if options.output.resolve() in {path.resolve() for path in paths}:
+            raise ValueError(f"{options.output}: the plan would overwrite this input; choose another name")
+        _writable(options.output.parent)
     end, *_ = [*breaks(paths), len(paths)]
     found = _planned(read_exr(path, **reading) for path in paths[:end])
     if options.output:
