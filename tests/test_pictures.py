@@ -132,4 +132,14 @@ def test_the_command(tmp_path):
     told("picture", tmp_path / "in", "-o", tmp_path / "out", "--overwrite")
     with Image.open(tmp_path / "out" / "f2.png") as picture:
         np.testing.assert_array_equal(np.asarray(picture), displayed(images[2]))
+    (tmp_path / "in" / "f1.exr").write_bytes(b"no image")
+    for name in ("few", "few.webp"):
+        said = told("picture", tmp_path / "in", "-o", tmp_path / name, code=1)
+        assert said.splitlines() == [f"left out: {tmp_path / 'in' / 'f1.exr'}: not an EXR file"]
+    assert {path.name for path in (tmp_path / "few").iterdir()} == {"f0.png", "f2.png"}
+    with Image.open(tmp_path / "few.webp") as film:
+        assert film.n_frames == 2
+    said = told("picture", tmp_path / "in" / "f1.exr", "-o", tmp_path / "none.webp", code=2)
+    assert [line.partition(": ")[0] for line in said.splitlines()] == ["left out", "yester"]
+    assert not (tmp_path / "none.webp").exists()
     assert "expected a folder for 3 files" in told("picture", tmp_path / "in", "-o", tmp_path / "a.png", code=2)

@@ -426,7 +426,7 @@ def _upscale(options: argparse.Namespace) -> int:
     return _convert(options, "upscale", run, result, look)
 
 
-def _picture(options: argparse.Namespace) -> None:
+def _picture(options: argparse.Namespace) -> int:
     _need("picture", "OpenEXR", "PIL", "tqdm")
     from tqdm import tqdm
 
@@ -441,13 +441,25 @@ def _picture(options: argparse.Namespace) -> None:
     _spare(targets, options)
     for folder in {target.parent for target in targets}:
         _writable(folder)
-    read = ahead(read_exr(path).color for path in paths)
+    unread: list[Path] = []
+
+    def color(path: Path) -> NDArray[np.float32] | None:
+        try:
+            return read_exr(path).color
+        except (OSError, ValueError) as error:
+            unread.append(path)
+            tqdm.write(f"left out: {error}", file=sys.stderr)
+            return None
+
+    read = ahead(map(color, paths))
     with closing(read), tqdm(read, "picture", len(paths), unit="frame", disable=None) as images:
         if film:
-            write_animation(options.output, images, fps=options.fps, **look)
-            return
-        for target, image in zip(targets, images, strict=True):
-            write_png(target, image, **look)
+            write_animation(options.output, (one for one in images if one is not None), fps=options.fps, **look)
+        else:
+            for target, image in zip(targets, images, strict=True):
+                if image is not None:
+                    write_png(target, image, **look)
+    return int(bool(unread))
 
 
 def _compare(options: argparse.Namespace) -> None:
