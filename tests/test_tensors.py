@@ -86,9 +86,7 @@ def test_tensors_with_dlpack_alone():
         yester.Frame(color, depth=Exporter(color))
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_rgb"])
-def test_tensors_of_mitsuba(variant):
-    mi.set_variant(variant)
+def test_tensors_of_mitsuba():
     color = mi.TensorXf(np.random.default_rng(0).random((*SIZE, 3), np.float32))
     frame = yester.Frame(color, albedo=color)
     assert frame.color.ctypes.data == frame.albedo.ctypes.data == np.from_dlpack(color).ctypes.data
