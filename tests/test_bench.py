@@ -300,7 +300,7 @@ def test_something_is_to_be_measured():
 def test_missing_rivals_and_extras_are_named(monkeypatch):
     assert rivals.missing() == {}
     with monkeypatch.context() as here:
-        for name in ("pyoidn", "cv2", "torch"):
+        for name in ("mitsuba_oidn", "cv2", "torch"):
             here.setitem(sys.modules, name, None)
         absent = rivals.missing()
     assert list(absent) == ["Open Image Denoise", "OpenCV with ximgproc", "torch references", "torch"]
@@ -341,7 +341,7 @@ def test_bench(tmp_path):
 
 def test_missing_rivals_are_named(tmp_path):
     arguments = ("bench", *LITTLE, "--simd", "baseline", "--only", "reproject, b", "TAA, 5", "-o", tmp_path)
-    result = without("cv2,pyoidn", *arguments)
+    result = without("cv2,mitsuba_oidn", *arguments)
     named = [line.split(": ")[1] for line in result.stdout.splitlines() if line.startswith("Not measured")]
     assert named == ["Open Image Denoise", "OpenCV with ximgproc"]
     rows = table(tmp_path / "bench.csv")

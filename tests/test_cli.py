@@ -227,7 +227,7 @@ def test_methods_refuse_before_work_starts(sequence, tmp_path):
         assert f"{option}: expected" in refused(
             "denoise", sequence, "-o", out, "--method", method, f"--{option}", value
         )
-    bare = "import sys; sys.modules['pyoidn'] = None; from yester.cli import main; sys.exit(main(sys.argv[1:]))"
+    bare = "import sys; sys.modules['mitsuba_oidn'] = None; from yester.cli import main; sys.exit(main(sys.argv[1:]))"
     result = run("denoise", sequence, "-o", out, "--method", "oidn", code=2, program=("-c", bare))
     assert "pip install 'yester[oidn]'" in result.stderr
     assert not out.exists()

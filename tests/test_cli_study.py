@@ -251,8 +251,8 @@ def test_groups(tmp_path):
 @pytest.mark.parametrize(
     ("modules", "absent", "there"),
     [
-        ("pyoidn,torch", ["Open Image Denoise", "SVGF in torch"], ["guided filter, 4 px", "guided filter, 8 px"]),
-        ("pyoidn,cv2,torch", ["Open Image Denoise", "OpenCV with ximgproc", "SVGF in torch"], []),
+        ("mitsuba_oidn,torch", ["Open Image Denoise", "SVGF in torch"], ["guided filter, 4 px", "guided filter, 8 px"]),
+        ("mitsuba_oidn,cv2,torch", ["Open Image Denoise", "OpenCV with ximgproc", "SVGF in torch"], []),
     ],
 )
 def test_missing_peers_are_named(own, tmp_path, modules, absent, there):

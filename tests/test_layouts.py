@@ -1,5 +1,7 @@
 """Files in the layouts of renderers: what is read is the canonical form of what was stored."""
 
+import re
+
 import layouts
 import numpy as np
 import OpenEXR
@@ -7,6 +9,7 @@ import pytest
 import yester
 from compare import assert_same_bits
 from yester import io
+from yester.cli import main
 from yester.io import channels, exr
 
 HALF_STEP = 2.0**-10
@@ -428,11 +431,33 @@ def test_guesses():
     names = (
         [f"Normals.{c}" for c in "XYZ"] + [f"beauty.Albedo1.{c}" for c in "RGB"] + ["Depth0.Z", "whatever.R", "mv.X"]
     )
-    assert channels.guesses(names) == {
+    found = {
         "Normals": "normal=Normals.X,Normals.Y,Normals.Z",
         "beauty.Albedo1": "albedo=beauty.Albedo1.R,beauty.Albedo1.G,beauty.Albedo1.B",
         "Depth0": "depth=Depth0.Z",
     }
+    assert channels.guesses(names, color=False) == found
+    colour = [f"Combned.{c}" for c in "RGBA"]
+    assert channels.guesses([*names, *colour], color=False) == found
+    assert channels.guesses([*names, *colour], color=True) == {
+        **found,
+        "Combned": "color=Combned.R,Combned.G,Combned.B",
+    }
+
+
+def test_what_may_be_colour_is_told(tmp_path, capsys):
+    """By every command, and `--map` with it is understood."""
+    pixels = {f"Combned.{c}": np.ones((4, 5), np.float32) for c in "RGB"}
+    layouts.store(tmp_path / "a.exr", pixels, {})
+    want = "Combned may be it: --map 'color=Combned.R,Combned.G,Combned.B'"
+    with pytest.raises(ValueError, match=re.escape(f"got Combned.B, Combned.G, Combned.R; {want}")):
+        io.read_exr(tmp_path / "a.exr")
+    assert main(["denoise", str(tmp_path / "a.exr"), "-o", str(tmp_path / "out")]) == 2
+    assert want in capsys.readouterr().err
+    assert main(["info", str(tmp_path / "a.exr")]) == 0
+    assert "Combned may be color: --map 'color=Combned.R" in capsys.readouterr().out
+    mapping = "color=Combned.R,Combned.G,Combned.B"
+    assert main(["denoise", str(tmp_path / "a.exr"), "-o", str(tmp_path / "out"), "--map", mapping]) == 0
 
 
 # Compression and pixel types

@@ -1,15 +1,15 @@
 """The learned denoiser: its inputs and outputs, alone and between temporal stages."""
 
+import os
 import subprocess
 import sys
 
 import numpy as np
-import pyoidn
 import pytest
 import yester
 from compare import assert_same_bits
 from composed import find_motion
-from test_peers import frames
+from test_peers import frames, plain
 
 pytestmark = pytest.mark.slow
 
@@ -22,7 +22,7 @@ def test_alone_it_is_itself():
         for frame, _ in frames(1, *(names or ["camera"])):
             albedo = frame.albedo
             normal = frame.normal if albedo is not None else None
-            want = pyoidn.denoise(frame.color, albedo, normal, hdr=True, quality="fast")
+            want = plain(frame.color, albedo, normal, "fast")
             out = oidn.step(frame)
             assert_same_bits(out.color, want)
             assert out.used == tuple(name for name in names if albedo is not None)
@@ -39,7 +39,7 @@ def test_between_temporal_stages_it_is_their_composition(innovation):
     antialiasing, before, evidence = yester.TAA("denoised"), None, None
     for frame, _ in frames(4):
         out, known = oidn.step(frame), history.step(frame)
-        clean = pyoidn.denoise(known.color, frame.albedo, frame.normal, hdr=True, quality="fast")
+        clean = plain(known.color, frame.albedo, frame.normal, "fast")
         if innovation and before is not None:
             carried = known.history_length, evidence, find_motion(frame, before)
             bright = yester.exposure(clean)
@@ -130,12 +130,55 @@ def test_wrong_arguments():
 
 def test_without_the_package():
     """Where it is needed, the error names the command that installs it."""
-    code = "import sys; sys.modules['pyoidn'] = None; import yester; yester.SVGF(); yester.OIDN()"
+    code = "import sys; sys.modules['mitsuba_oidn'] = None; import yester; yester.SVGF(); yester.OIDN()"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 1
     last = result.stderr.strip().splitlines()[-1]
-    assert last.startswith("ImportError: pyoidn not installed")
+    assert last.startswith("ImportError: mitsuba-oidn not installed")
     assert last.endswith("pip install 'yester[oidn]'")
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads_and_memory(threads):
+    """It runs in as many threads as `YESTER_THREADS` allows; they and its memory are freed with it."""
+    code = """if True:
+        import gc
+        import numpy as np
+        import psutil
+        import yester
+
+        def held():
+            gc.collect()
+            return psutil.Process().num_threads(), psutil.Process().memory_info().rss / 2**20
+
+        frame = yester.Frame(np.ones((360, 640, 3), np.float32))
+        yester.OIDN().step(frame)  # reads the weights, which stay
+        threads, memory = held()
+        oidn = yester.OIDN()
+        oidn.step(frame)
+        more, used = held()
+        del oidn
+        after, kept = held()
+        assert more - threads == yester._core.settings()[0], (threads, more)
+        assert used - memory > 50, (memory, used)
+        assert after == threads
+        assert kept - memory < 10, (memory, kept)
+    """
+    variables = {**os.environ, "YESTER_THREADS": str(threads)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=variables, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_arrays_are_used_in_place():
+    """An earlier result is not overwritten, and input is not changed."""
+    oidn, (frame, _) = yester.OIDN("fast"), next(frames(1))
+    before = {name: array.copy() for name, array in frame.buffers().items()}
+    first = oidn.step(frame).color
+    kept = first.copy()
+    oidn.step(yester.Frame(frame.color[::-1].copy()))
+    assert_same_bits(first, kept)
+    for name, array in frame.buffers().items():
+        assert_same_bits(array, before[name])
 
 
 def test_outputs_of_stages_in_python():

@@ -1,5 +1,6 @@
 """Pictures and animations: what a viewer sees of linear images."""
 
+import resource
 import subprocess
 import sys
 
@@ -89,6 +90,22 @@ def test_bad_pictures(tmp_path):
     assert not any(tmp_path.iterdir())
 
 
+def test_a_full_disk(tmp_path):
+    """The file is named, and nothing remains of it."""
+    images = [np.random.default_rng(i).random((64, 64, 3)) for i in range(3)]
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"a\.png") as caught:
+            write_png(tmp_path / "a.png", images[0])
+        assert caught.value.filename == str(tmp_path / "a.png")
+        with pytest.raises(OSError, match=r"a\.webp"):
+            write_animation(tmp_path / "a.webp", images)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not any(tmp_path.iterdir())
+
+
 def told(*arguments, code=0) -> str:
     command = [sys.executable, "-W", "error", "-m", "yester", *map(str, arguments)]
     result = subprocess.run(command, capture_output=True, text=True, timeout=120)
@@ -109,4 +126,20 @@ def test_the_command(tmp_path):
     told("picture", tmp_path / "in", "-o", tmp_path / "film.webp", "--fps", 5)
     with Image.open(tmp_path / "film.webp") as film:
         assert film.n_frames == 3
+    for name, more in (("film.webp", ""), ("out", "/f0.png and 2 more")):
+        said = told("picture", tmp_path / "in", "-o", tmp_path / name, code=2)
+        assert f"{tmp_path / name}{more}: exists already: --overwrite replaces" in said
+    told("picture", tmp_path / "in", "-o", tmp_path / "out", "--overwrite")
+    with Image.open(tmp_path / "out" / "f2.png") as picture:
+        np.testing.assert_array_equal(np.asarray(picture), displayed(images[2]))
+    (tmp_path / "in" / "f1.exr").write_bytes(b"no image")
+    for name in ("few", "few.webp"):
+        said = told("picture", tmp_path / "in", "-o", tmp_path / name, code=1)
+        assert said.splitlines() == [f"left out: {tmp_path / 'in' / 'f1.exr'}: not an EXR file"]
+    assert {path.name for path in (tmp_path / "few").iterdir()} == {"f0.png", "f2.png"}
+    with Image.open(tmp_path / "few.webp") as film:
+        assert film.n_frames == 2
+    said = told("picture", tmp_path / "in" / "f1.exr", "-o", tmp_path / "none.webp", code=2)
+    assert [line.partition(": ")[0] for line in said.splitlines()] == ["left out", "yester"]
+    assert not (tmp_path / "none.webp").exists()
     assert "expected a folder for 3 files" in told("picture", tmp_path / "in", "-o", tmp_path / "a.png", code=2)

@@ -355,6 +355,10 @@ def test_commands_refuse(folder, tmp_path):
     assert "--alpha: expected --method svgf" in refused(
         "denoise", folder, "-o", tmp_path / "out", "--method", "auto", "--alpha", "0.1"
     )
+    frame = folder / "frame_0000.exr"
+    kept = frame.read_bytes()
+    assert f"{frame}: the plan would overwrite this input" in refused("plan", folder, "-o", frame)
+    assert frame.read_bytes() == kept
     assert "x.toml" in refused("denoise", folder, "-o", tmp_path / "out", "--plan", tmp_path / "x.toml")
     (tmp_path / "bad.toml").write_text("version = 7")
     assert "version: expected 1, got 7" in refused(

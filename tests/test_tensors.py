@@ -69,6 +69,28 @@ class Exporter:
 def test_tensors_with_dlpack_alone():
     tensor = torch.rand(3, *SIZE)
     np.testing.assert_array_equal(channels_last(Exporter(tensor)), tensor.permute(1, 2, 0).numpy())
+    color, depth = torch.rand(*SIZE, 3), torch.rand(*SIZE, dtype=torch.float64)
+    frame = yester.Frame(Exporter(color), depth=Exporter(depth), ids=Exporter(torch.ones(SIZE, dtype=torch.int64)))
+    assert frame.color.ctypes.data == color.data_ptr()
+    np.testing.assert_array_equal(frame.depth, depth.float().numpy())
+    assert (frame.ids == 1).all()
+    for wrong, said in (
+        (torch.rand(*SIZE, 3, requires_grad=True), "gradient"),
+        (torch.ones(*SIZE, 3, dtype=torch.bfloat16), "dtype"),
+    ):
+        with pytest.raises(TypeError, match=rf"^albedo: expected an array, got Exporter, .*{said}"):
+            yester.Frame(color, albedo=Exporter(wrong))
+        with pytest.raises(TypeError, match=rf"^images: expected an array, got Exporter, .*{said}"):
+            channels_last(Exporter(wrong))
+    with pytest.raises(ValueError, match=r"^depth: expected shape \(H, W\)"):
+        yester.Frame(color, depth=Exporter(color))
+
+
+def test_tensors_of_mitsuba():
+    color = mi.TensorXf(np.random.default_rng(0).random((*SIZE, 3), np.float32))
+    frame = yester.Frame(color, albedo=color)
+    assert frame.color.ctypes.data == frame.albedo.ctypes.data == np.from_dlpack(color).ctypes.data
+    np.testing.assert_array_equal(frame.color, color.numpy())
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,11 @@ def test_frames_that_do_not_match(folders, tmp_path):
     with pytest.raises(ValueError, match="frames: expected at least 1"):
         write_comparison(tmp_path / "page.html", {"a": a, "b": b}, frames=0)
     assert not (tmp_path / "page.html").exists()
+    frame = b / "shot_0003.exr"
+    kept = frame.read_bytes()
+    with pytest.raises(ValueError, match=r"shot_0003\.exr: the page would overwrite this input"):
+        write_comparison(frame, {"a": a, "b": b})
+    assert frame.read_bytes() == kept
 
 
 def test_names():
@@ -194,3 +199,7 @@ def test_the_command(folders, tmp_path):
     assert page.count('id="pixels') == 6
     assert '"frames":["0003","0005"]' in page
     assert "rounded to float16" in page
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 2
+    assert "page.html: exists already: --overwrite replaces" in result.stderr
+    assert subprocess.run([*command, "--overwrite"], capture_output=True).returncode == 0

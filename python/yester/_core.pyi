@@ -1214,7 +1214,7 @@ class Recirculation(Pipeline):
 
     References
     ----------
-    .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+    .. [1] T. Lottes, "Reprojection 2", timothylottes.github.io/20081218.html, 2008.
 
     Examples
     --------
@@ -1421,8 +1421,8 @@ def jitter(count: int, *, sequence: Literal["halton", "r2", "rotated-grid", "blu
 
     References
     ----------
-    .. [1] J. H. Halton, "Algorithm 247: radical-inverse quasi-random point sequence", Communications of the ACM 7(12),
-       1964.
+    .. [1] J. H. Halton, G. B. Smith, "Algorithm 247: radical-inverse quasi-random point sequence", Communications of
+       the ACM 7(12), 1964.
     .. [2] M. Roberts, "The unreasonable effectiveness of quasirandom sequences", extremelearning.com.au, 2018.
 
     Examples
@@ -3610,7 +3610,7 @@ def splat(
 
     References
     ----------
-    .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+    .. [1] T. Lottes, "Reprojection 2", timothylottes.github.io/20081218.html, 2008.
 
     Examples
     --------
@@ -3673,7 +3673,7 @@ def pull_push(
 
     References
     ----------
-    .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+    .. [1] T. Lottes, "Reprojection 2", timothylottes.github.io/20081218.html, 2008.
     .. [2] S. J. Gortler, R. Grzeszczuk, R. Szeliski, M. F. Cohen, "The lumigraph", SIGGRAPH, 1996.
 
     Examples
@@ -3758,7 +3758,7 @@ def recirculate(
 
     References
     ----------
-    .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+    .. [1] T. Lottes, "Reprojection 2", timothylottes.github.io/20081218.html, 2008.
 
     Examples
     --------

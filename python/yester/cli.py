@@ -193,6 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     about = "tone curve: clip (default), reinhard or aces"
     screen.add_argument("--curve", choices=("clip", "reinhard", "aces"), default="clip", help=about)
     screen.add_argument("--fps", type=float, default=24.0, help="of animations; %(default)s")
+    screen.add_argument("--overwrite", action="store_true", help="replace files that exist")
 
     versus = command(
         _compare, "compare", "write a page that compares the frames of two or three folders, with exposure"
@@ -204,6 +205,7 @@ def _parser() -> argparse.ArgumentParser:
     versus.add_argument("-o", "--output", metavar="FILE", type=Path, default=Path("yester-compare.html"), help=about)
     versus.add_argument("--frames", metavar="N", type=_count, default=8, help="evenly spread; %(default)s")
     versus.add_argument("--half", action="store_true", help="round to float16: a smaller page")
+    versus.add_argument("--overwrite", action="store_true", help="replace a page that exists")
     versus.add_argument("--open", action="store_true", help="open it in a browser")
 
     ready = command(_prepare, "prepare", "prepare a training set from rendered sequences")
@@ -374,9 +376,11 @@ def _plan(options: argparse.Namespace) -> None:
     from .io.shots import breaks
 
     reading = _reading(options)
-    if options.output:
-        _writable(options.output.parent)
     paths = sequence_paths(options.inputs)
+    if options.output:
+        if options.output.resolve() in {path.resolve() for path in paths}:
+            raise ValueError(f"{options.output}: the plan would overwrite this input; choose another name")
+        _writable(options.output.parent)
     end, *_ = [*breaks(paths), len(paths)]
     found = _planned(read_exr(path, **reading) for path in paths[:end])
     if options.output:
@@ -422,7 +426,7 @@ def _upscale(options: argparse.Namespace) -> int:
     return _convert(options, "upscale", run, result, look)
 
 
-def _picture(options: argparse.Namespace) -> None:
+def _picture(options: argparse.Namespace) -> int:
     _need("picture", "OpenEXR", "PIL", "tqdm")
     from tqdm import tqdm
 
@@ -433,22 +437,36 @@ def _picture(options: argparse.Namespace) -> None:
     paths = sequence_paths(options.inputs)
     look = {"exposure": options.exposure, "curve": options.curve}
     film = options.output.suffix.lower() in (".webp", ".mp4")
-    targets = [] if film else _targets(paths, options.output, ".png")
-    for folder in {options.output.parent} if film else {target.parent for target in targets}:
+    targets = [options.output] if film else _targets(paths, options.output, ".png")
+    _spare(targets, options)
+    for folder in {target.parent for target in targets}:
         _writable(folder)
-    read = ahead(read_exr(path).color for path in paths)
+    unread: list[Path] = []
+
+    def color(path: Path) -> NDArray[np.float32] | None:
+        try:
+            return read_exr(path).color
+        except (OSError, ValueError) as error:
+            unread.append(path)
+            tqdm.write(f"left out: {error}", file=sys.stderr)
+            return None
+
+    read = ahead(map(color, paths))
     with closing(read), tqdm(read, "picture", len(paths), unit="frame", disable=None) as images:
         if film:
-            write_animation(options.output, images, fps=options.fps, **look)
-            return
-        for target, image in zip(targets, images, strict=True):
-            write_png(target, image, **look)
+            write_animation(options.output, (one for one in images if one is not None), fps=options.fps, **look)
+        else:
+            for target, image in zip(targets, images, strict=True):
+                if image is not None:
+                    write_png(target, image, **look)
+    return int(bool(unread))
 
 
 def _compare(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
     from .study.compare.viewer import names_of, write_comparison
 
+    _spare([options.output], options)
     _writable(options.output.parent)
     paths = [path for path in (options.a, options.b, options.reference) if path is not None]
     sources = dict(zip(names_of(paths), paths, strict=True))
@@ -535,10 +553,8 @@ def _convert(
     anew = breaks(paths)
     shots = [range(*ends) for ends in pairwise([0, *sorted(anew), len(paths)])]
     there = {i for i, target in enumerate(targets) if target.is_file()}
-    if there and not options.resume and not options.overwrite:
-        first = targets[min(there)]
-        more = f" and {len(there) - 1} more" if len(there) > 1 else ""
-        raise ValueError(f"{first}{more}: exists already: --resume goes on where a run stopped, --overwrite replaces")
+    if not options.resume:
+        _spare(targets, options, "--resume goes on where a run stopped, --overwrite replaces")
     if options.resume:
         # History begins with a shot: those that lack a frame are computed from there.
         shots = [shot for shot in shots if not there.issuperset(shot)]
@@ -876,6 +892,7 @@ def _check(
     Without `keep_going`, damaged files are an error, which names all of them.
     """
     from .io import describe
+    from .io.exr import without_colour
 
     files: list[Description] = []
     damaged: list[OSError | ValueError] = []
@@ -896,8 +913,7 @@ def _check(
         files.append(known)
         first = files[0]
         if "color" not in known.channels:
-            got = " ".join([*known.unused, *known.unrecognised])
-            raise ValueError(f"{path}: no colour: expected channels R, G and B, got {got}")
+            raise without_colour(path, [*known.unused, *known.unrecognised])
         if (known.width, known.height) != (first.width, first.height):
             raise ValueError(
                 f"{path}: {known.width} x {known.height}, but {first.path} is {first.width} x {first.height}"
@@ -910,6 +926,14 @@ def _check(
         named = ": " + "; ".join(str(error).partition(": ")[0] for error in damaged[1:]) if others else ""
         raise ValueError(f"{damaged[0]}{others}{named} (--keep-going leaves them out)")
     return files, [f"damaged, left out: {error}" for error in damaged]
+
+
+def _spare(targets: Iterable[Path], options: argparse.Namespace, remedy: str = "--overwrite replaces") -> None:
+    """Refuse to replace files unless that is asked for."""
+    there = [target for target in targets if target.is_file()]
+    if there and not options.overwrite:
+        more = f" and {len(there) - 1} more" if len(there) > 1 else ""
+        raise ValueError(f"{there[0]}{more}: exists already: {remedy}")
 
 
 def _writable(folder: Path) -> Path:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._core import Camera, canonical
+from .tensors import shared
 
 #: The buffers of a frame in canonical order.
 BUFFERS = (
@@ -20,9 +21,9 @@ BUFFERS = (
 class Frame:
     """The noisy colour of one frame and its auxiliary buffers.
 
-    Every buffer but `color` is optional. float32 arrays in C order are kept as they are, without a copy; float16,
-    float64, strided arrays and CPU tensors are converted once. Frames are read-only; ``dataclasses.replace(frame,
-    albedo=None)`` makes another.
+    Every buffer but `color` is optional. float32 arrays and CPU tensors (of torch, Mitsuba or any library with DLPack)
+    in C order are kept as they are, without a copy; float16, float64 and other strides are converted once. Frames are
+    read-only; ``dataclasses.replace(frame, albedo=None)`` makes another.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ class Frame:
         for name, value in given.items():
             array = None
             if value is not None or name == "color":
-                array = canonical(value, name, size)
+                array = canonical(shared(value, name), name, size)
                 size = array.shape[:2]
             object.__setattr__(self, name, array)
         if camera is not None and not isinstance(camera, Camera):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
-from weakref import finalize
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ class OIDN(Pipeline):
     Raises
     ------
     ImportError
-        If the package pyoidn is not installed or cannot be loaded.
+        If the package mitsuba-oidn is not installed or cannot be loaded.
     ValueError
         If the quality is unknown; if `fireflies` is set without `temporal`.
 
@@ -132,7 +131,7 @@ class OIDN(Pipeline):
             np.asarray(seen, np.float32),
             np.zeros(frame.shape, np.float32),
             np.zeros(frame.shape, np.uint8),
-            used=tuple(self._network.guides),
+            used=self._network.guides,
             missing=int(seen.size - seen.sum()),
         )
 
@@ -168,71 +167,47 @@ def _finite(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 class Network:
-    """An Open Image Denoise filter with its own image buffers, in one quality."""
+    """An Open Image Denoise filter in one quality. It reads and writes arrays in place."""
 
     def __init__(self, quality: str) -> None:
         try:
-            import pyoidn
+            from mitsuba_oidn import Device, DeviceType, Quality
         except (ImportError, OSError) as error:
-            raise ImportError(f"pyoidn not installed ({error}): pip install 'yester[oidn]'") from error
-        qualities = {
-            "high": pyoidn.OIDN_QUALITY_HIGH,
-            "balanced": pyoidn.OIDN_QUALITY_BALANCED,
-            "fast": pyoidn.OIDN_QUALITY_FAST,
-        }
+            raise ImportError(f"mitsuba-oidn not installed ({error}): pip install 'yester[oidn]'") from error
+        qualities = {"high": Quality.High, "balanced": Quality.Balanced, "fast": Quality.Fast}
         if quality not in qualities:
             raise ValueError(f"quality: expected one of {', '.join(qualities)}, got {quality}")
-        self._quality = qualities[quality]
-        self._device = pyoidn.Device()
-        self._device.set_int("numThreads", settings()[0])
-        self._device.commit()
-        # The device holds gigabytes and is not freed unless released.
-        self._release = [finalize(self, self._device.release)]
-        self._images: dict[str, NDArray[np.float32]] = {}
-        self._filter: Any = None
-
-    @property
-    def guides(self) -> list[str]:
-        """The buffers that were used beside colour."""
-        return [name for name in self._images if name in ("albedo", "normal")]
+        device = Device(DeviceType.CPU)
+        # A pool of its own: by default the device would run in Dr.Jit's, which has as many threads as the machine.
+        device.num_threads = settings()[0]
+        self._filter = device.new_filter("RT")
+        self._filter.hdr = True
+        self._filter.quality = qualities[quality]
+        #: The buffers that were used beside colour.
+        self.guides: tuple[str, ...] = ()
 
     def denoise(self, color: NDArray[np.float32], frame: Frame) -> NDArray[np.float32]:
         """Denoise a finite image with the frame's albedo and normals as guides."""
         self.take(color, frame)
-        return self.run().copy()
+        return self.run()
 
     def take(self, color: NDArray[np.float32], frame: Frame) -> None:
-        """Copy the inputs of `run`."""
-        given = {"color": color.clip(0)}
+        """Set the inputs of `run`, and a new output."""
+        guides = {}
         if frame.albedo is not None:
-            given["albedo"] = _finite(frame.albedo).clip(0, 1)
+            guides["albedo"] = _finite(frame.albedo).clip(0, 1)
             # The network accepts normals only together with albedo.
             if frame.normal is not None:
-                given["normal"] = _finite(frame.normal)
-        known = {name: image.shape for name, image in self._images.items() if name != "output"}
-        if known != {name: image.shape for name, image in given.items()}:
-            self._build({name: np.empty_like(color) for name in (*given, "output")})
-        for name, image in given.items():
-            self._images[name][:] = image
-
-    def _build(self, images: dict[str, NDArray[np.float32]]) -> None:
-        import pyoidn
-
-        for release in self._release[1:]:
-            release()
-        # One filter per set of inputs: changing a filter's inputs rebuilds its network anyway.
-        self._filter = pyoidn.Filter(self._device)
-        self._release[1:] = [finalize(self, self._filter.release)]
-        self._filter.set_bool("hdr", True)
-        self._filter.set_quality(self._quality)
-        self._images = images
-        for name, image in images.items():
-            self._filter.set_image(name, image, pyoidn.OIDN_FORMAT_FLOAT3)
-        self._filter.commit()
+                guides["normal"] = _finite(frame.normal)
+        for name in self.guides:
+            if name not in guides:
+                self._filter.unset_image(name)
+        self.guides = tuple(guides)
+        self._output = np.empty_like(color)
+        for name, image in {"color": color.clip(0), **guides, "output": self._output}.items():
+            self._filter.set_image(name, image)
 
     def run(self) -> NDArray[np.float32]:
-        """Run the network; the result is overwritten by the next run."""
+        """Run the network; without another `take`, the next run overwrites the result."""
         self._filter.execute()
-        if error := self._device.get_error():
-            raise RuntimeError(f"Open Image Denoise: {error}")
-        return self._images["output"]
+        return self._output

@@ -1,11 +1,14 @@
 """Images with channels first, and batches of them, as neural networks have them; and back.
 
-Functions of Yester take CPU tensors as they are: those with float32 values in (H, W, C) order share their memory. Their
-results are numpy arrays, which ``torch.from_dlpack`` (or any other library's) takes without a copy.
+Functions of Yester take CPU tensors of torch, Mitsuba and other libraries as they are: those with float32 values in
+(H, W, C) order share their memory. `Frame` and the functions here also take objects that have DLPack alone, without
+``__array__``; for other functions, ``numpy.from_dlpack`` makes an array of such an object. Results are numpy arrays,
+which ``torch.from_dlpack`` (or any other library's) takes without a copy.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -99,14 +102,22 @@ def _ordered(array: NDArray[Any], copy: bool | None) -> NDArray[Any]:
     return np.array(array, order="C") if copy else array
 
 
+def shared(value: Any, name: str) -> Any:
+    """An array in the memory of an object that has DLPack but no conversion to numpy; any other value as it is."""
+    alone = hasattr(value, "__dlpack__") and not hasattr(value, "__array__")
+    return _read(np.from_dlpack, value, name) if alone else value
+
+
 def _array(images: Any) -> NDArray[Any]:
     """An array that shares its memory with what is given, if that is possible."""
+    return _read(np.asarray, shared(images, "images"), "images")
+
+
+def _read(read: Callable[[Any], NDArray[Any]], value: Any, name: str) -> NDArray[Any]:
     try:
-        if not hasattr(images, "__array__") and hasattr(images, "__dlpack__"):
-            return np.from_dlpack(images)
-        return np.asarray(images)
+        return read(value)
     except (BufferError, RuntimeError, TypeError) as error:
-        named = {name: str(getattr(images, name, "")) for name in ("requires_grad", "device", "dtype")}
+        named = {key: str(getattr(value, key, "")) for key in ("requires_grad", "device", "dtype")}
         if named["requires_grad"] == "True":
             got = "a tensor that needs gradients: pass x.detach()"
         elif named["dtype"].endswith("bfloat16"):
@@ -114,5 +125,5 @@ def _array(images: Any) -> NDArray[Any]:
         elif named["device"] not in ("", "cpu"):
             got = f"a tensor on {named['device']}: pass x.cpu()"
         else:
-            raise
-        raise TypeError(f"images: expected an array, got {got}") from error
+            got = f"{type(value).__name__}, which numpy cannot read: {error}"
+        raise TypeError(f"{name}: expected an array, got {got}") from error

@@ -441,8 +441,8 @@ fn shaped<'py>(
 ///
 /// References
 /// ----------
-/// .. [1] J. H. Halton, "Algorithm 247: radical-inverse quasi-random point sequence", Communications of the ACM 7(12),
-///    1964.
+/// .. [1] J. H. Halton, G. B. Smith, "Algorithm 247: radical-inverse quasi-random point sequence", Communications of
+///    the ACM 7(12), 1964.
 /// .. [2] M. Roberts, "The unreasonable effectiveness of quasirandom sequences", extremelearning.com.au, 2018.
 ///
 /// Examples

@@ -80,7 +80,7 @@ const OFFSET: Channels = Channels::Of(&[2]);
 ///
 /// References
 /// ----------
-/// .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+/// .. [1] T. Lottes, "Reprojection 2", timothylottes.github.io/20081218.html, 2008.
 ///
 /// Examples
 /// --------
@@ -195,7 +195,7 @@ pub fn splat_<'py>(
 ///
 /// References
 /// ----------
-/// .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+/// .. [1] T. Lottes, "Reprojection 2", timothylottes.github.io/20081218.html, 2008.
 /// .. [2] S. J. Gortler, R. Grzeszczuk, R. Szeliski, M. F. Cohen, "The lumigraph", SIGGRAPH, 1996.
 ///
 /// Examples
@@ -298,7 +298,7 @@ pub fn pull_push_<'py>(
 ///
 /// References
 /// ----------
-/// .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+/// .. [1] T. Lottes, "Reprojection 2", timothylottes.github.io/20081218.html, 2008.
 ///
 /// Examples
 /// --------

@@ -19,7 +19,7 @@
 //! k being the nearness: near samples override distant ones, and all override the background. The quality of a filled
 //! pixel is divided by the weight at its filled depth, so that it counts samples at any k and in any unit of depth.
 //!
-//! After "Reprojection 2", a developer's diary of 2008: it fetches history and weighs samples by depth and size. All new
+//! After Lottes 2008, *Reprojection 2*: it fetches history and weighs samples by depth and size. All new
 //! samples are of one pixel's size here; points that have grown lose quality in `splat`, filled pixels in `pull_push`.
 
 mod history;

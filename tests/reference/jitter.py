@@ -5,7 +5,7 @@ from torch import Tensor
 def jitter(count: int, *, sequence="halton") -> Tensor:
     """Sample offsets from the pixel centre: "halton" and "r2" by their formulas, the grids by exhaustive search.
 
-    Sources: Halton 1964; Roberts 2018.
+    Sources: Halton and Smith 1964; Roberts 2018.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ def recirculate(
 
     With `fetch` the old image is the previous frame's, and is fetched along the motion.
 
-    Source: "Reprojection 2", a developer's diary of 2008.
+    Source: Lottes 2008, "Reprojection 2".
 
     Parameters
     ----------

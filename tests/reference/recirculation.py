@@ -27,7 +27,7 @@ class Output(NamedTuple):
 class Recirculation:
     """Full images from partly traced frames, composed of the references. Frames are as those of `SVGF`.
 
-    Source: "Reprojection 2", a developer's diary of 2008.
+    Source: Lottes 2008, "Reprojection 2".
     """
 
     def __init__(self, preset="best", **given):

@@ -499,8 +499,8 @@ def recognise(
     )
 
 
-def guesses(unknown: Iterable[str]) -> dict[str, str]:
-    """For layers that are not known, a mapping to the buffer whose known names are nearest."""
+def guesses(unknown: Iterable[str], *, color: bool) -> dict[str, str]:
+    """For layers that are not known, a mapping to the buffer whose known names are nearest; colour only if wanted."""
     known = {"normals": "normal", "velocity": "motion", "basecolor": "albedo", "distance": "depth"}
     for layer in (layer for convention in (OURS, COMMON, *CONVENTIONS) for layer in convention.layers):
         for name in layer.names:
@@ -513,9 +513,11 @@ def guesses(unknown: Iterable[str]) -> dict[str, str]:
     result = {}
     for name, channels in layers.items():
         near = get_close_matches(_plain(name.rpartition(".")[2]), known, 1, 0.75)
-        buffer = known[near[0]] if near else "color"
+        buffer = known[near[0]] if near else None
+        if buffer is None or (buffer == "color" and not color):
+            continue
         for components in _COMPONENTS.get(buffer, _SCALAR):
-            if buffer != "color" and all(component in channels for component in components):
+            if all(component in channels for component in components):
                 result[name] = f"{buffer}={','.join(channels[component] for component in components)}"
                 break
     return result
@@ -524,6 +526,7 @@ def guesses(unknown: Iterable[str]) -> dict[str, str]:
 #: The components in which a buffer may be stored, as far as guesses go.
 _SCALAR = (("",), ("Z",), ("R",), ("Y",), ("V",), ("X",), ("I",), ("T",))
 _COMPONENTS = {
+    "color": (("R", "G", "B"),),
     **dict.fromkeys(
         ("albedo", "emission", "replay", "normal", "position", "object_normal"), (("R", "G", "B"), ("X", "Y", "Z"))
     ),

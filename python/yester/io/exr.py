@@ -521,7 +521,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
         renderer=known.renderer,
         evidence=known.evidence,
         unused=known.unused,
-        guesses=guesses(unrecognised),
+        guesses=guesses(unrecognised, color="color" not in known.buffers),
         views=contents.views,
         view=contents.view,
         remarks=known.remarks,
@@ -656,12 +656,19 @@ def _viewless(names: Iterable[str], views: tuple[str, ...], default: str, view: 
     return bare
 
 
+def without_colour(path: Path, names: Sequence[str]) -> ValueError:
+    """The error of a file without colour. It lists the channels, and says which layer may be colour."""
+    got = ", ".join(names) or "none"
+    near = [guess for guess in guesses(names, color=True).items() if guess[1].startswith("color=")]
+    hint = "; {} may be it: --map '{}'".format(*near[0]) if near else " (a mapping can name others)"
+    return ValueError(f"{path}: no colour: expected channels R, G and B, got {got}{hint}")
+
+
 def _frame(contents: _Contents, parts: dict[int, Any]) -> Frame:
     """The frame that the pixels of a file make."""
     path, known = contents.path, contents.known
     if "color" not in known.buffers:
-        got = ", ".join(contents.places) or "none"
-        raise ValueError(f"{path}: no colour: expected channels R, G and B, got {got} (a mapping can name others)")
+        raise without_colour(path, [*contents.places])
 
     def pixels(channel: str) -> NDArray[Any]:
         part, name = contents.places[channel]

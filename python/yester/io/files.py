@@ -13,13 +13,13 @@ def beside(path: Path) -> Iterator[Path]:
     """A temporary file that is renamed to `path` at the end, or removed on an exception."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        try:
-            temporary.touch()
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(path)) from None
+        temporary.touch()
         yield temporary
         temporary.replace(path)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):  # touch() may have failed
             temporary.unlink()
+        # Writing to an open file fails without its name, as on a full disk.
+        if isinstance(error, OSError) and error.errno and error.filename in (None, str(temporary)):
+            raise OSError(error.errno, error.strerror, str(path)) from None
         raise

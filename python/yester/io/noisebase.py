@@ -6,7 +6,7 @@ a shared exponent, geometry is in world space, and matrices are for row vectors,
 
 References
 ----------
-Balint et al. 2023, *Neural Partitioning Pyramids for Denoising Monte Carlo Renderings*, and the documentation of the
+Bálint et al. 2023, *Neural Partitioning Pyramids for Denoising Monte Carlo Renderings*, and the documentation of the
 package noisebase, "Sample Training Format v1" and "Sample Test Format v1".
 """
 

@@ -63,7 +63,7 @@ def displayed(image: ArrayLike, *, exposure: float = 0.0, curve: Curve = "clip")
 
     References
     ----------
-    Reinhard et al. 2002, *Photographic Tone Reproduction for Digital Images*, equation 3; Narkowicz 2015, *ACES Filmic
+    Reinhard et al. 2002, *Photographic Tone Reproduction for Digital Images*, equation 3; Narkowicz 2016, *ACES Filmic
     Tone Mapping Curve*; IEC 61966-2-1 for sRGB.
 
     Examples

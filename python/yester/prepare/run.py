@@ -341,7 +341,7 @@ def _finished(folder: Path) -> bool:
 def _space(folder: Path, needed: int) -> None:
     free = shutil.disk_usage(folder).free
     if needed > free:
-        need = f"up to {needed / 1e9:.2f} GB are needed and {free / 1e9:.2f} GB are free"
+        need = f"up to {needed / 1e9:.3g} GB are needed and {free / 1e9:.3g} GB are free"
         raise OSError(errno.ENOSPC, f"{need}: fewer buffers or crops, float16 or another disk", str(folder))
 
 

@@ -73,7 +73,7 @@ use crate::pipelines::recirculation;
 ///
 /// References
 /// ----------
-/// .. [1] "Reprojection 2", a developer's web diary, 18 December 2008 (author unnamed).
+/// .. [1] T. Lottes, "Reprojection 2", timothylottes.github.io/20081218.html, 2008.
 ///
 /// Examples
 /// --------

@@ -1,6 +1,6 @@
 //! Jitter: where in its pixel each frame takes its sample.
 //!
-//! - **halton**: radical inverses of 1, 2, 3 … in bases 2 and 3 (Halton 1964).
+//! - **halton**: radical inverses of 1, 2, 3 … in bases 2 and 3 (Halton and Smith 1964).
 //! - **r2**: ½ + n (1/ρ, 1/ρ²) modulo 1, with ρ³ = ρ + 1 (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom
 //!   Sequences*).
 //! - **rotated-grid**: a lattice with one point in each of n columns and n rows, y = (a·column mod n), with the a that

@@ -11,7 +11,7 @@
 //! History is either already reprojected, or it is the previous frame's output and fetched here: colour and quality are
 //! read at p + v instead of p, with quality 0 for missing pixels.
 //!
-//! After "Reprojection 2", a developer's diary of 2008, which gives the three offsets (b = ¼), the blend factor and its
+//! After Lottes 2008, *Reprojection 2*, which gives the three offsets (b = ¼), the blend factor and its
 //! range, fetches the old image, and says that quality falls; how it falls and adds up is our choice.
 //!
 //! Inputs: colour (3) and quality (1) of both images, quality 0 where missing; motion (2 or 3). Outputs: colour (3) and

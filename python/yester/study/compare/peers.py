@@ -41,7 +41,7 @@ def peers() -> tuple[list[Method], dict[str, str]]:
     """
     found: list[Method] = []
     missing: dict[str, str] = {}
-    if imports("pyoidn"):
+    if imports("mitsuba_oidn"):
         qualities = ("fast", "balanced", "high")
         found += [_peer(f"OIDN {quality}", "OIDN", _oidn, quality) for quality in qualities]
         found += [

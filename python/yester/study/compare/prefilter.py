@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yester import OIDN, SVGF, Frame, denoise
+from yester._core import settings
 from yester.io.mitsuba import render_sequence
 from yester.metrics import relmse
 
@@ -76,32 +77,18 @@ def filtered(frames: Sequence[Frame], names: Sequence[str]) -> Iterator[Frame]:
     ----------
     Open Image Denoise's documentation, "Prefiltering": each guide is filtered by itself, by a network of its own.
     """
-    import pyoidn
+    from mitsuba_oidn import Device, DeviceType
 
-    device = pyoidn.Device()
-    device.commit()
-    images = {name: np.zeros((*frames[0].shape, 3), np.float32) for name in names}
-    results = {name: np.zeros_like(image) for name, image in images.items()}
-    filters = {}
-    for name in names:
-        filters[name] = pyoidn.Filter(device)
-        filters[name].set_image(name, images[name], pyoidn.OIDN_FORMAT_FLOAT3)
-        filters[name].set_image("output", results[name], pyoidn.OIDN_FORMAT_FLOAT3)
-        filters[name].commit()
-    try:
-        for frame in frames:
-            changed: dict[str, Any] = {}
-            for name in names:
-                images[name][:] = getattr(frame, name)
-                filters[name].execute()
-                if error := device.get_error():
-                    raise RuntimeError(f"Open Image Denoise: {error}")
-                changed[name] = results[name].copy()
-            yield replace(frame, **changed)
-    finally:
-        for each in filters.values():
-            each.release()
-        device.release()
+    device = Device(DeviceType.CPU)
+    device.num_threads = settings()[0]
+    filters = {name: device.new_filter("RT") for name in names}
+    for frame in frames:
+        changed: dict[str, Any] = {name: np.empty((*frame.shape, 3), np.float32) for name in names}
+        for name, result in changed.items():
+            filters[name].set_image(name, getattr(frame, name))
+            filters[name].set_image("output", result)
+            filters[name].execute()
+        yield replace(frame, **changed)
 
 
 def measure(name: str, *, width: int = 160, height: int = 120, spp: int = 128) -> dict[str, dict[str, float]]:

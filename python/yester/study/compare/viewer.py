@@ -60,8 +60,8 @@ def write_comparison(
     Raises
     ------
     ValueError
-        If there are fewer than two sequences, frames do not match, differ in size, or their number is below 1; and as
-        `yester.io.read_exr`.
+        If there are fewer than two sequences, frames do not match, differ in size, or their number is below 1; if the
+        page would overwrite a frame; and as `yester.io.read_exr`.
     OSError
         If a file cannot be read or written.
     """
@@ -72,6 +72,8 @@ def write_comparison(
     matched = _matched({name: sequence_paths(source) for name, source in sources.items()})
     chosen = sorted({round(i) for i in np.linspace(0, len(matched) - 1, min(frames, len(matched)))})
     path = Path(path)
+    if path.resolve() in {file.resolve() for files in matched for file in files}:
+        raise ValueError(f"{path}: the page would overwrite this input")
     path.parent.mkdir(parents=True, exist_ok=True)
     views: dict[str, list[int]] = {name: [] for name in sources}
     images: list[dict[str, int]] = []

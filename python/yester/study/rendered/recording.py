@@ -23,6 +23,7 @@ from tqdm import tqdm
 from yester import Camera, Frame
 from yester.io import describe, read_exr, sequence_paths, write_exr
 from yester.io import mitsuba as renderer
+from yester.io.exr import without_colour
 
 from . import scenes, sequences
 from .unseen import Exposure
@@ -219,8 +220,7 @@ def open_recording(
         known = describe(path, **reading if path in noisy else {})
         if "color" not in known.channels:
             others = [channel for channels in known.channels.values() for channel in channels]
-            got = ", ".join([*others, *known.unrecognised]) or "none"
-            raise ValueError(f"{path}: no colour: expected channels R, G and B, got {got}")
+            raise without_colour(path, [*others, *known.unrecognised])
         if (known.width, known.height) != (first.width, first.height):
             size, expected = f"{known.width} x {known.height}", f"{first.width} x {first.height}"
             raise ValueError(f"{path}: expected {expected} as {first.path}, got {size}")

@@ -109,7 +109,7 @@ def chosen(only: Sequence[str] | None = None) -> list[Task]:
     for one in only or ():
         if not any(task.name.startswith(one) for task in TASKS):
             raise ValueError(f"only: expected prefixes of {'; '.join(task.name for task in TASKS)}, got {one}")
-    here = [task for task in TASKS if task.function != "OIDN" or imports("pyoidn")]
+    here = [task for task in TASKS if task.function != "OIDN" or imports("mitsuba_oidn")]
     return [task for task in here if not only or task.name.startswith(tuple(only))]
 
 
