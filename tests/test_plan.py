@@ -227,7 +227,7 @@ def test_no_file(tmp_path):
 
 
 def test_a_plan_for_other_buffers(moving):
-    """Only the first frame may lack buffers, such as motion."""
+    """It is noticed in the first two frames; the first may lack buffers, such as motion, and so may later ones."""
     found = yester.plan(moving)
     first, second = (yester.Frame(f.color, **{n: getattr(f, n) for n in ("albedo", "normal")}) for f in moving[:2])
     pipeline = found.pipeline()
@@ -239,6 +239,10 @@ def test_a_plan_for_other_buffers(moving):
     lit = yester.Frame(**moving[0].buffers(), emission=np.zeros_like(first.color), camera=moving[0].camera)
     with pytest.raises(ValueError, match="frame: emission: expected the buffers of the plan"):
         found.pipeline().step(lit)
+    pipeline.reset()
+    for frame in moving[:2]:
+        pipeline.step(frame)
+    assert np.isfinite(pipeline.step(replace(moving[2], normal=None)).color).all()
 
 
 @pytest.mark.parametrize(
@@ -338,7 +342,7 @@ def test_commands(folder, tmp_path):
     assert result.stdout.splitlines()[0] == yester.Plan.load(path).summary()
     assert "reflections  left out" in result.stdout
     run("denoise", folder, "-o", tmp_path / "planned", "--plan", path)
-    said = run("denoise", folder, "-o", tmp_path / "auto", "--method", "auto").stderr
+    said = run("denoise", folder, "-o", tmp_path / "auto").stderr
     assert f"plan: {yester.Plan.load(path).summary()}" in said.splitlines()
     paths = [folder / f"frame_{i:04}.exr" for i in range(8)]
     wanted = yester.denoise(map(read_exr, paths), yester.Plan.load(path).pipeline())

@@ -249,7 +249,7 @@ class Planned:
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self._svgf = SVGF(**plan.options)
-        self._begun = False
+        self._steps = 0
 
     def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
         """Denoise the next frame, as `SVGF.step` does.
@@ -271,11 +271,11 @@ class Planned:
         Raises
         ------
         ValueError
-            If the frame has other buffers than those that the plan was made for; only a sequence's first frame may
-            lack some. As in `SVGF.step`.
+            If one of the sequence's first two frames has a buffer that the plan was not made for, or the second lacks
+            one that it was made for. As in `SVGF.step`.
         """
         output = self._svgf.step(self._planned(frame), out, later=later)
-        self._begun = True
+        self._steps += 1
         return output
 
     def recall(self, frame: Frame) -> History:
@@ -297,7 +297,7 @@ class Planned:
             As of `step`.
         """
         history = self._svgf.recall(self._planned(frame))
-        self._begun = True
+        self._steps += 1
         return history
 
     def split(self) -> tuple[Planned, TAA | None]:
@@ -317,10 +317,12 @@ class Planned:
     def _planned(self, frame: Frame) -> Frame:
         """The frame without the buffers that the plan leaves out."""
         given, planned = _buffers(frame), self.plan.buffers
-        absent = [name for name in planned if name not in given] if self._begun else []
-        # Motion may be added: `denoise` computes it from the cameras.
+        # `denoise` takes the motion to the next frame out when it runs backwards, and adds motion that cameras tell.
+        absent = [name for name in planned if name not in (*given, "motion_next")] if self._steps == 1 else []
         more = [name for name in given if name not in (*planned, "motion", "motion_next")]
-        if planned and (strange := [*absent, *more]):
+        # Two frames tell whether the plan is for this sequence; a default that nothing was judged for fits all.
+        known = planned and not self.plan.reason and self._steps < 2
+        if known and (strange := [*absent, *more]):
             expected, got = ", ".join(planned), ", ".join(given)
             raise ValueError(f"frame: {strange[0]}: expected the buffers of the plan, {expected}, got {got}")
         return _lacking(frame, self.plan.without)
@@ -328,7 +330,7 @@ class Planned:
     def reset(self) -> None:
         """Discard all history; the next frame starts a new sequence."""
         self._svgf.reset()
-        self._begun = False
+        self._steps = 0
 
     def __copy__(self) -> Planned:
         other = Planned(self.plan)
