@@ -6,6 +6,7 @@ import math
 import os
 import re
 from collections.abc import Generator, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -101,7 +102,6 @@ class Shot:
 class _Film:
     """The shots of a sequence that goes on as long as it is asked for: holds the newest two."""
 
-    start: tuple[renderer._Shot, ...] = ()
     last: tuple[renderer._Shot, ...] = field(default=(), init=False)
     count: int = field(default=0, init=False)
 
@@ -154,7 +154,8 @@ class World:
             sequence = scenes.cornell_box(1)
             self._stage = renderer._Stage(_with_lamp(sequence.scene))
             self.home = Pose((0.0, 0.15, 3.3), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-            self.fov, whole = float(scenes._FOV), (640, 480)
+            self.fov: float = scenes._FOV
+            whole = 640, 480
             self._stage.poses({"cube": np.eye(4)})
             names = ["light.emitter.radiance.value"]
         else:
@@ -219,6 +220,17 @@ class World:
         )
         self.seed += 1
         return next(self._frames)
+
+    def reference(self, shot: Shot, spp: int, seed: int) -> Frame:
+        """Render the colour of a shot, with as many paths as it takes; outside of the sequence."""
+        self.close()
+        camera = self.camera(shot.pose, shot.size)
+        shots = [
+            renderer._Shot(camera, self._stage.sensor(camera), self.cube(shot.flight), self.values(light=shot.light))
+        ]
+        # Seeds far from those of the frames.
+        with closing(renderer._frames(self._stage, shots, spp, (1 << 30) + seed, False, False, False)) as frames:
+            return next(frames)
 
     def close(self) -> None:
         """End the sequence."""

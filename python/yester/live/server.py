@@ -7,13 +7,13 @@ import hmac
 import json
 import secrets
 import socket
-import time
 from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
 from aiohttp import WSMsgType, web
 
+from .messages import Mail, Message
 from .session import Session, Viewer
 
 __all__ = ["Server", "listen", "page"]
@@ -109,22 +109,20 @@ class Server:
         link = web.WebSocketResponse(max_msg_size=_LARGEST, compress=False, heartbeat=20)
         await link.prepare(request)
         self._links.add(link)
-        mail = Mail(asyncio.get_running_loop())
+        mail = Mail()
         viewer = Viewer(mail.put)
-        sending = asyncio.create_task(mail.deliver(link))
+
+        async def send(message: Message) -> None:
+            await (link.send_bytes(message) if isinstance(message, bytes) else link.send_json(message))
+
+        sending = asyncio.create_task(mail.deliver(send))
         await asyncio.to_thread(self.session.join, viewer)
         try:
             async for message in link:
                 if message.type is not WSMsgType.TEXT:
                     continue
                 try:
-                    told = json.loads(message.data)
-                    if not isinstance(told, dict):
-                        raise ValueError(f"message: expected an object, got {message.data[:80]}")
-                    if told.pop("shown", None) is not None:
-                        mail.shown()
-                    if told:
-                        self.session.tell(viewer, told)
+                    mail.answer(self.session, viewer, json.loads(message.data))
                 except ValueError as error:
                     mail.put({"error": str(error)})
         finally:
@@ -132,47 +130,3 @@ class Server:
             sending.cancel()
             self._links.discard(link)
         return link
-
-
-class Mail:
-    """Messages for one viewer. Of pictures only the newest waits, until the one before it is shown."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
-        self._words: list[dict[str, Any]] = []
-        self._picture: bytes | None = None
-        self._news = asyncio.Event()
-        self._free = True
-        self._sent = 0.0
-
-    def put(self, message: dict[str, Any] | bytes) -> None:
-        """Take a message, from any thread."""
-        # The loop may have ended.
-        if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._take, message)
-
-    def _take(self, message: dict[str, Any] | bytes) -> None:
-        if isinstance(message, bytes):
-            self._picture = message
-        else:
-            self._words.append(message)
-        self._news.set()
-
-    def shown(self) -> None:
-        """The page shows the picture that was sent last."""
-        self._words.append({"transport": round(1e3 * (time.perf_counter() - self._sent), 2)})
-        self._free = True
-        self._news.set()
-
-    async def deliver(self, link: web.WebSocketResponse) -> None:
-        """Send what there is, until cancelled."""
-        while not link.closed:
-            await self._news.wait()
-            self._news.clear()
-            words, self._words = self._words, []
-            for message in words:
-                await link.send_json(message)
-            if self._free and self._picture is not None:
-                picture, self._picture, self._free = self._picture, None, False
-                self._sent = time.perf_counter()
-                await link.send_bytes(picture)

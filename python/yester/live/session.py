@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .. import OIDN, TAA, Frame, Output, __version__
 from . import controls, views
-from .messages import packed
+from .messages import Message, packed
 from .recording import Recorder
 from .scene import Pose, Shot, World, flown
 from .sizes import Adaptation
@@ -51,7 +51,7 @@ class Viewer:
         Number of the newest change of the camera, which comes back with the first picture that shows it.
     """
 
-    send: Callable[[dict[str, Any] | bytes], None]
+    send: Callable[[Message], None]
     views: tuple[str, str] = ("raw", "denoised")
     exposure: float = 0.0
     input: int = 0
@@ -79,7 +79,8 @@ class _Rendered:
     inputs: dict[Viewer, int]
     cut: bool
     seed: int
-    ms: float
+    idle: bool
+    ms: float = 0.0
 
 
 class Session:
@@ -101,7 +102,7 @@ class Session:
         self._wake = Condition()
         self._viewers: dict[Viewer, None] = {}
         self._state = _State(world.home, moving=world.flies)
-        self._frozen = self._closed = False
+        self._frozen = self._closed = self._painting = False
         self._steps = self._number = 0
         self._flown = 0.0
         self._cut = True
@@ -111,7 +112,7 @@ class Session:
         self._recorded = ""
         self._pipeline: Any = None
         self._made: tuple[str, dict[str, Any]] | None = None
-        self._extras: dict[str, Any] = {}
+        self._extras: dict[str, Any] = {}  # None for those that are not installed
         self._last: tuple[_Rendered, Moment] | None = None
         self._total: NDArray[np.float64] | None = None
         self._seen: NDArray[np.float64] | None = None
@@ -159,7 +160,7 @@ class Session:
         Raises
         ------
         ValueError
-            If the message has another entry, or one has a value that it cannot have. Then nothing is changed.
+            If the message has another entry, or one has a value that it cannot have; this entry then changes nothing.
         """
         known = {name.removeprefix("_set_") for name in dir(self) if name.startswith("_set_")} | {"input", "parameters"}
         for name in message:
@@ -178,7 +179,7 @@ class Session:
             raise ValueError(f"pose: expected eye and target, got {message['pose']!r}") from error
         with self._wake:
             viewer.input = number
-        self._update(pose=pose)
+            self._update(pose=pose)
 
     def _set_home(self, viewer: Viewer, message: Mapping[str, Any]) -> None:
         self._update(pose=self.world.home)
@@ -232,6 +233,8 @@ class Session:
         if index is not None and (not isinstance(index, int) or not 0 <= index < len(self.sizes.all)):
             raise ValueError(f"size: expected 0 to {len(self.sizes.all) - 1}, or None, got {index!r}")
         with self._wake:
+            if self._recorder is not None:
+                raise ValueError("size: expected the same as long as frames are recorded")
             self.sizes.fix(index)
             self._changed()
 
@@ -266,12 +269,13 @@ class Session:
         before = time.perf_counter()
         while True:
             with self._wake:
+                idle = not self._due()
                 self._wake.wait_for(self._due)
                 if self._closed:
                     break
             start = time.perf_counter()
             try:
-                taken = self._take(start - before)
+                taken = self._take(start - before, idle)
                 before = start
                 frame = self.world.render(taken.shot)
                 done = replace(taken, frame=frame, ms=1e3 * (time.perf_counter() - start))
@@ -285,7 +289,7 @@ class Session:
                 handed = None
         self.world.close()
 
-    def _take(self, seconds: float) -> _Rendered:
+    def _take(self, seconds: float, idle: bool) -> _Rendered:
         """The newest state, for the next frame."""
         with self._wake:
             state, number = self._state, self._number
@@ -299,7 +303,7 @@ class Session:
             self._number += 1
             self._steps = max(self._steps - 1, 0)
             inputs = {viewer: viewer.input for viewer in self._viewers}
-        return _Rendered(number, _NONE, shot, state, inputs, cut, self.world.seed, 0.0)
+        return _Rendered(number, _NONE, shot, state, inputs, cut, self.world.seed, idle)
 
     def _denoise(self, got: _Rendered) -> None:
         start = time.perf_counter()
@@ -311,18 +315,29 @@ class Session:
         extra = {name: self._beside(name, frame) for name in self._wanted()}
         moment = Moment(frame, output, self._mean(), extra)
         self._last = got, moment
-        if self._recorder is not None:
-            self._recorder.add(frame, got.shot, got.seed)
+        self._keep(got)
         self._times["render"] = got.ms
         self._times["denoise"] = 1e3 * (done - start)
         self._show()
         shown = time.perf_counter()
         self._times["views"] = 1e3 * (shown - done)
-        self._times["period"] = 1e3 * (shown - self._shown_at)
+        # After a pause, the time from the last picture to this one tells nothing.
+        self._times["period"] = got.ms + 1e3 * (shown - start) if got.idle else 1e3 * (shown - self._shown_at)
         self._shown_at = shown
         with self._wake:
             if self.sizes.note(self._times["period"], resting=self._samples > RATE, fixed=self._recorder is not None):
                 self._changed()
+
+    def _keep(self, got: _Rendered) -> None:
+        """Record a frame, if that is asked for."""
+        # A frame of another size may still be under way when a recording begins.
+        if self._recorder is None or got.shot.size != self._recorder.size:
+            return
+        try:
+            self._recorder.add(got.frame, got.shot, got.seed)
+        except OSError as error:
+            self._broadcast({"error": f"recording: {error}"})
+            self._recorder = None
 
     def _choose(self, got: _Rendered) -> None:
         """Make the pipeline that is wanted; forget history at a cut and at another size."""
@@ -339,7 +354,7 @@ class Session:
         with self._wake:
             return {view for viewer in self._viewers for view in viewer.views} & _EXTRAS.keys()
 
-    def _beside(self, name: str, frame: Frame) -> NDArray[np.float32]:
+    def _beside(self, name: str, frame: Frame) -> NDArray[np.float32] | None:
         """The result of a view's own pipeline, which lives as long as somebody looks."""
         for other in self._extras.keys() - self._wanted():
             del self._extras[other]
@@ -347,8 +362,10 @@ class Session:
             try:
                 self._extras[name] = _EXTRAS[name]()
             except ImportError as error:
+                self._extras[name] = None
                 self._broadcast({"error": str(error)})
-                return np.zeros_like(frame.color)
+        if self._extras[name] is None:
+            return None
         output: Output = self._extras[name].step(frame)
         return output.color
 
@@ -374,7 +391,7 @@ class Session:
             return
         if on:
             try:
-                self._recorder = Recorder(self.folder, self.world)
+                self._recorder = Recorder(self.folder, self.world, self.sizes.size)
             except OSError as error:
                 self._broadcast({"error": f"{error.filename}: {error.strerror}"})
         elif self._recorder is not None:
@@ -385,12 +402,18 @@ class Session:
 
     def _repaint(self) -> None:
         """Show the newest frame again, as it is now asked for."""
+        with self._wake:
+            if self._painting or self._closed:
+                return
+            self._painting = True
         self._denoiser.submit(self._again)
 
     def _again(self) -> None:
+        with self._wake:
+            self._painting = False
         if self._last is None:
             return
-        got, moment = self._last
+        _, moment = self._last
         for name in self._wanted() - moment.extra.keys():
             moment.extra[name] = self._beside(name, moment.frame)
         self._show()

@@ -31,13 +31,13 @@ class Moment:
     mean : (H, W, 3) float32
         Of all samples since something changed.
     extra : dict of str to (H, W, 3) float32
-        Results of further pipelines, by the name of their view.
+        Results of further pipelines, by the name of their view; None of those that are not installed.
     """
 
     frame: Frame
     output: Output
     mean: Floats
-    extra: dict[str, Floats] = field(default_factory=dict)
+    extra: dict[str, Floats | None] = field(default_factory=dict)
 
 
 class View(NamedTuple):
@@ -79,7 +79,8 @@ def _screen(color: Floats | None, factor: float) -> Bytes | None:
     if color is None:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
-        return _curve()[(color * np.float32(factor)).astype(np.float16).view(np.uint16)]
+        halves = (color * np.float32(factor)).astype(np.float16)
+    return np.asarray(_curve()[halves.view(np.uint16)])
 
 
 @cache
