@@ -250,7 +250,7 @@ def _with_lamp(scene: dict[str, Any]) -> dict[str, Any]:
     lamp = {
         "type": "sphere",
         "to_world": place().translate([-0.7, 0.15, -0.5]).scale(0.09),
-        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [6.0, 2.4, 1.0]}},
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [14.0, 5.6, 2.4]}},
     }
     return scene | {"lamp": lamp}
 

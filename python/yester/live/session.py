@@ -312,7 +312,10 @@ class Session:
         output = self._pipeline.step(controls.adapted(got.state.pipeline, frame, got.number))
         done = time.perf_counter()
         self._add(got)
-        extra = {name: self._beside(name, frame) for name in self._wanted()}
+        wanted = self._wanted()
+        # Those at which nobody looks any more end here.
+        self._extras = {name: self._extras[name] for name in self._extras.keys() & wanted}
+        extra = {name: self._beside(name, frame) for name in wanted}
         moment = Moment(frame, output, self._mean(), extra)
         self._last = got, moment
         self._keep(got)
@@ -355,9 +358,7 @@ class Session:
             return {view for viewer in self._viewers for view in viewer.views} & _EXTRAS.keys()
 
     def _beside(self, name: str, frame: Frame) -> NDArray[np.float32] | None:
-        """The result of a view's own pipeline, which lives as long as somebody looks."""
-        for other in self._extras.keys() - self._wanted():
-            del self._extras[other]
+        """The result of a view's own pipeline."""
         if name not in self._extras:
             try:
                 self._extras[name] = _EXTRAS[name]()

@@ -10,12 +10,19 @@ _SCALES = (1, 3 / 4, 1 / 2, 3 / 8, 1 / 4, 3 / 16, 1 / 8)
 _LEAST = 60
 #: The number of pixels to begin with.
 _START = 320 * 240
-#: Frames at a new size that are not measured, as some are compiled, and over how many the time is averaged.
-_SKIPPED, _MEASURED = 2, 6
+#: Frames at a new size that are not measured, as kernels may be compiled for it.
+_SKIPPED = 2
+#: Frames that are measured before the size falls, and before it grows, which discards history for less.
+_DOWN, _UP = 6, 20
+#: The share of the time that a larger image may take by prediction.
+_ROOM = 0.85
 
 
 class Adaptation:
-    """Chooses among sizes of the same shape by the time that frames take, which is about proportional to their pixels.
+    """Chooses among sizes of the same shape by the time that frames take.
+
+    The time is taken for a constant and a part that grows with the pixels, known from the size before; at first, for
+    proportional to the pixels.
 
     Parameters
     ----------
@@ -25,6 +32,14 @@ class Adaptation:
         Frames a second to keep.
     adapt : bool, default True
         If False, the size stays the largest.
+
+    Attributes
+    ----------
+    all : list of (int, int)
+        The sizes, from the largest on.
+    level : int
+        Index of the size.
+    adapts : bool
     """
 
     def __init__(self, largest: tuple[int, int], rate: float, *, adapt: bool = True) -> None:
@@ -36,6 +51,7 @@ class Adaptation:
         self.level = (small[0] if small else len(self.all) - 1) if adapt else 0
         self._target = 1e3 / rate
         self._times: list[float] = []
+        self._left: tuple[int, float] | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -57,23 +73,37 @@ class Adaptation:
             return False
         self._times.append(period)
         measured = self._times[_SKIPPED:]
-        if len(measured) < _MEASURED:
-            return False
         # The median: other programs interrupt single frames.
-        time = sorted(measured)[len(measured) // 2]
-        del self._times[_SKIPPED]
-        pixels = [w * h for w, h in self.all]
-        fitting = [level for level, count in enumerate(pixels) if time * count / pixels[self.level] <= self._target]
-        best = fitting[0] if fitting else len(self.all) - 1
-        # One step up at a time, and only where there is room: smaller images cost more for each pixel.
-        if best < self.level:
-            room = time * pixels[self.level - 1] / pixels[self.level] <= 0.8 * self._target
-            best = self.level - 1 if room else self.level
-        if best == self.level:
-            return False
-        self._move(best)
-        return True
+        time = sorted(measured)[len(measured) // 2] if measured else 0.0
+        if len(measured) >= _DOWN and time > self._target:
+            fitting = [level for level in range(self.level, len(self.all)) if self._expected(level, time) <= self._target]
+            # Smaller images that are hardly faster are not worth it.
+            best = fitting[0] if fitting else self.level
+            if not fitting and self._expected(self.level + 1, time) <= 0.9 * time:
+                best = len(self.all) - 1
+            return self._move(best, time)
+        if len(measured) >= _UP:
+            room = self.level > 0 and self._expected(self.level - 1, time) <= _ROOM * self._target
+            return self._move(self.level - 1 if room else self.level, time)
+        return False
 
-    def _move(self, level: int) -> None:
+    def _expected(self, level: int, time: float) -> float:
+        """The time at another level, given that at the current one."""
+        here, there = self._pixels(self.level), self._pixels(min(level, len(self.all) - 1))
+        slope = time / here
+        if self._left is not None and self._left[0] != self.level:
+            other, before = self._pixels(self._left[0]), self._left[1]
+            slope = min(max((before - time) / (other - here), 0.0), slope)
+        return time + slope * (there - here)
+
+    def _pixels(self, level: int) -> int:
+        width, height = self.all[level]
+        return width * height
+
+    def _move(self, level: int, time: float | None = None) -> bool:
+        moves = level != self.level
+        if moves or time is None:
+            self._left = None if time is None else (self.level, time)
         self.level = level
         self._times.clear()
+        return moves

@@ -90,11 +90,15 @@ def _ramp(name: str) -> Bytes:
     return np.asarray(colormaps[name](np.arange(256), bytes=True)[:, :3], np.uint8)
 
 
+def _bytes(values: NDArray[np.floating[Any]]) -> Bytes:
+    return np.asarray(np.nan_to_num(values).clip(0, 1) * 255 + 0.5).astype(np.uint8)
+
+
 def _colored(values: Floats | None, name: str = "viridis") -> Bytes | None:
     """False colours of values from 0 to 1."""
     if values is None:
         return None
-    return _ramp(name)[(np.nan_to_num(values.clip(0, 1)) * 255 + 0.5).astype(np.uint8)]
+    return np.asarray(_ramp(name)[_bytes(values)])
 
 
 def _depth(moment: Moment, _: float) -> Bytes | None:
@@ -106,7 +110,7 @@ def _depth(moment: Moment, _: float) -> Bytes | None:
 
 def _normal(moment: Moment, _: float) -> Bytes | None:
     normal = moment.frame.normal
-    return None if normal is None else ((normal * 0.5 + 0.5).clip(0, 1) * 255 + 0.5).astype(np.uint8)
+    return None if normal is None else _bytes(normal * 0.5 + 0.5)
 
 
 def _motion(moment: Moment, _: float) -> Bytes | None:
@@ -164,8 +168,8 @@ VIEWS = {
     "history": View(
         "history length",
         "h",
-        "samples in a pixel, 0 violet to 32 yellow",
-        lambda m, _: _colored(m.output.history_length / np.float32(_ends()[0])),
+        "samples in a pixel, 0 violet to 32 yellow, as logarithm of one more",
+        lambda m, _: _colored(np.log1p(m.output.history_length) / np.float32(np.log1p(_ends()[0]))),
     ),
     "confidence": View(
         "confidence", "c", "accepted history, none violet to all yellow", lambda m, _: _colored(m.output.confidence)
@@ -174,7 +178,7 @@ VIEWS = {
         "rejection",
         "j",
         "failed tests: outside blue, depth yellow, normal green, id pink, velocity orange, luminance white",
-        lambda m, _: _reasons()[m.output.rejection],
+        lambda m, _: np.asarray(_reasons()[m.output.rejection]),
     ),
     "choice": View("choice per tile", "t", "passes of the filter, 0 violet to 8 yellow", _choice),
 }
