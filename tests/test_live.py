@@ -394,7 +394,9 @@ def test_views_of_a_frame():
     color[0, 0] = np.nan
     motion = np.zeros((4, 6, 2), np.float32)
     motion[1, 1] = 8, 0
-    frame = yester.Frame(color, albedo=np.ones_like(color), normal=np.ones_like(color) * [0, 0, 1], depth=flat, motion=motion)
+    frame = yester.Frame(
+        color, albedo=np.ones_like(color), normal=np.ones_like(color) * [0, 0, 1], depth=flat, motion=motion
+    )
     output = yester.SVGF().step(frame)
     moment = views.Moment(frame, output, color)
     found = {name: views.shown(name, moment, 0) for name in views.VIEWS}

@@ -64,17 +64,17 @@ def run(
     from .server import Server, listen
     from .session import Session
 
-    listening = listen(port)  # before the scene is loaded, which takes longer
-    session = Session(World(scene, size), folder=os.fspath(folder))
-    server = Server(session, listening)
+    with listen(port) as listening:  # before the scene is loaded, which takes longer
+        session = Session(World(scene, size), folder=os.fspath(folder))
+        server = Server(session, listening)
 
-    def started() -> None:
-        print(f"{server.address}  (Ctrl-C ends)", flush=True)
-        if browser:
-            webbrowser.open(server.address)
+        def started() -> None:
+            print(f"{server.address}  (Ctrl-C ends)", flush=True)
+            if browser:
+                webbrowser.open(server.address)
 
-    try:
-        with suppress(KeyboardInterrupt):
-            asyncio.run(server.serve(started))
-    finally:
-        session.close()
+        try:
+            with suppress(KeyboardInterrupt):
+                asyncio.run(server.serve(started))
+        finally:
+            session.close()

@@ -24,8 +24,8 @@ Vector = tuple[float, float, float]
 
 #: Older versions of LLVM end the process on code that Dr.Jit generates ("Cannot select: fminimum").
 _LLVM = 16
-#: Parameters of emitters that scale their light, by the ends of their names.
-_LIGHT = re.compile(r"(radiance|intensity|irradiance)\.value$|(^|\.)scale$")
+#: Parameters that scale light, by the ends of their names; of those called scale, only those of emitters do.
+_LIGHT = re.compile(r"(.*)\.((?:ir)?radiance\.value|intensity\.value|scale)$")
 #: Seconds in which the cube flies through the box, before it flies back.
 _FLIGHT = 4.0
 
@@ -174,7 +174,9 @@ class World:
         self._shape: tuple[int, int] | None = None
 
     def _shines(self, name: str) -> bool:
-        return "emitter" in name.lower() and _LIGHT.search(name) is not None
+        found = _LIGHT.match(name)
+        emitters = [emitter.id() for emitter in self._stage.scene.emitters()]
+        return found is not None and (found[2] != "scale" or found[1] in emitters)
 
     def _sensor(self) -> tuple[Pose, float, tuple[int, int]]:
         """Pose, vertical field of view in degrees and size of the scene's own camera."""

@@ -76,7 +76,9 @@ class Adaptation:
         # The median: other programs interrupt single frames.
         time = sorted(measured)[len(measured) // 2] if measured else 0.0
         if len(measured) >= _DOWN and time > self._target:
-            fitting = [level for level in range(self.level, len(self.all)) if self._expected(level, time) <= self._target]
+            fitting = [
+                level for level in range(self.level, len(self.all)) if self._expected(level, time) <= self._target
+            ]
             # Smaller images that are hardly faster are not worth it.
             best = fitting[0] if fitting else self.level
             if not fitting and self._expected(self.level + 1, time) <= 0.9 * time:

@@ -17,6 +17,27 @@ from .session import Session, Viewer
 __all__ = ["Widget"]
 
 
+def _module() -> tuple[str, str]:
+    """The page as a module and a style sheet: its markup and its main function, with the kernel as its channel."""
+    text = page()
+    (markup,) = re.findall(r'<template id="markup">(.*?)</template>', text, re.S)
+    (style,) = re.findall(r"<style>(.*?)</style>", text, re.S)
+    script = re.findall(r"<script>(.*?)</script>", text, re.S)[0]
+    render = """
+export default { render({ model, el }) {
+  const root = el.appendChild(document.createElement("div"));
+  root.className = "live";
+  const channel = { send: (message) => model.send(message) };
+  live(root, html, channel, false);
+  const heard = (message, buffers) => channel.heard(buffers?.length ? buffers[0] : message);
+  model.on("msg:custom", heard);
+  model.send({ ready: true });
+  return () => model.off("msg:custom", heard);
+} };
+"""
+    return f"{script}\nconst html = {markup!a};{render}", style.replace("body { margin: 0; }", "")
+
+
 class Widget(anywidget.AnyWidget):
     """The page of ``yester live`` in a notebook: turn the camera of a scene, and watch it being denoised.
 
@@ -56,6 +77,8 @@ class Widget(anywidget.AnyWidget):
         Widget(size=(320, 240))
     """
 
+    _esm, _css = _module()
+
     def __init__(
         self,
         scene: str | os.PathLike[str] | None = None,
@@ -64,8 +87,7 @@ class Widget(anywidget.AnyWidget):
         folder: str | os.PathLike[str] = ".",
     ) -> None:
         mail = Mail()
-        module, style = _module()
-        super().__init__(_esm=module, _css=style)
+        super().__init__()
         session = Session(World(scene, size), folder=os.fspath(folder))
         viewer = Viewer(mail.put)
         self._session: Session | None = session
@@ -95,24 +117,3 @@ class Widget(anywidget.AnyWidget):
             self._sending.cancel()
             session.close()
         super().close()
-
-
-def _module() -> tuple[str, str]:
-    """The page as a module and a style sheet: its markup and its main function, with the kernel as its channel."""
-    text = page()
-    (markup,) = re.findall(r'<template id="markup">(.*?)</template>', text, re.S)
-    (style,) = re.findall(r"<style>(.*?)</style>", text, re.S)
-    script = re.findall(r"<script>(.*?)</script>", text, re.S)[0]
-    render = """
-export default { render({ model, el }) {
-  const root = el.appendChild(document.createElement("div"));
-  root.className = "live";
-  const channel = { send: (message) => model.send(message) };
-  live(root, html, channel, false);
-  const heard = (message, buffers) => channel.heard(buffers?.length ? buffers[0] : message);
-  model.on("msg:custom", heard);
-  model.send({ ready: true });
-  return () => model.off("msg:custom", heard);
-} };
-"""
-    return f"{script}\nconst html = {markup!a};{render}", style.replace("body { margin: 0; }", "")
