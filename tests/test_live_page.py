@@ -661,7 +661,7 @@ def test_screenshot(browser, tmp_path):
 
 def test_pages_are_static():
     """One file, without anything from elsewhere."""
-    from yester.live.server import page
+    from yester.live.messages import page
 
     text = page()
     assert not re.search(r"https?://|src=|@import|url\(", text)

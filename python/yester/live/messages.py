@@ -1,4 +1,4 @@
-"""Messages to the page of a viewer, through whatever carries them: a websocket, or the channel of a notebook.
+"""The page of a viewer, and the messages to it: through a websocket, or through the channel of a notebook.
 
 Of pictures, the newest replaces one that waits. WebP was measured and is slower here: `yester.study.speed.live`.
 """
@@ -9,15 +9,21 @@ import asyncio
 import json
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .session import Session, Viewer
 
-__all__ = ["Mail", "Message", "packed"]
+__all__ = ["Mail", "Message", "packed", "page"]
 
 #: A picture as made by `packed`, or anything else in words.
 Message = bytes | dict[str, Any]
+
+
+def page() -> str:
+    """The page, a static file that needs nothing else."""
+    return files(__package__).joinpath("page.html").read_text("utf-8")
 
 
 def packed(header: Mapping[str, Any], images: Sequence[memoryview]) -> bytes:

@@ -8,15 +8,14 @@ import json
 import secrets
 import socket
 from collections.abc import Callable
-from importlib.resources import files
 from typing import Any
 
 from aiohttp import WSMsgType, web
 
-from .messages import Mail, Message
+from .messages import Mail, Message, page
 from .session import Session, Viewer
 
-__all__ = ["Server", "listen", "page"]
+__all__ = ["Server", "listen"]
 
 _HOST = "127.0.0.1"
 #: The page loads nothing but its own websocket, and no other page may show it.
@@ -26,11 +25,6 @@ _POLICY = (
 )
 #: Largest message of a page, in bytes.
 _LARGEST = 1 << 16
-
-
-def page() -> str:
-    """The page, a static file that needs nothing else."""
-    return files(__package__).joinpath("page.html").read_text("utf-8")
 
 
 def listen(port: int) -> socket.socket:

@@ -316,7 +316,7 @@ class Session:
         # Those at which nobody looks any more end here.
         self._extras = {name: self._extras[name] for name in self._extras.keys() & wanted}
         extra = {name: self._beside(name, frame) for name in wanted}
-        moment = Moment(frame, output, self._mean(), extra)
+        moment = Moment(frame, output, self._mean(frame.color), extra)
         self._last = got, moment
         self._keep(got)
         self._times["render"] = got.ms
@@ -373,17 +373,27 @@ class Session:
     def _add(self, got: _Rendered) -> None:
         """Add the samples to those of the same picture, as long as nothing changes."""
         color = got.frame.color
-        if got.shot != self._still or self._total is None or self._seen is None or got.cut:
-            self._total, self._seen = np.zeros(color.shape), np.zeros((*color.shape[:2], 1))
-            self._samples, self._still = 0, got.shot
-        here = np.isfinite(color).all(-1, keepdims=True)
-        self._total += np.where(here, color, 0)
-        self._seen += here
+        if got.shot != self._still or got.cut:
+            self._still, self._samples = got.shot, 0
         self._samples += 1
+        if self._samples == 1:  # as always in motion: there is nothing to add to
+            self._total = self._seen = None
+            return
+        if self._total is None or self._seen is None:
+            assert self._last is not None
+            self._total, self._seen = np.zeros(color.shape), np.zeros((*color.shape[:2], 1))
+            self._sum(self._last[0].frame.color, self._total, self._seen)
+        self._sum(color, self._total, self._seen)
 
-    def _mean(self) -> NDArray[np.float32]:
-        assert self._total is not None
-        assert self._seen is not None
+    @staticmethod
+    def _sum(color: NDArray[np.float32], total: NDArray[np.float64], seen: NDArray[np.float64]) -> None:
+        here = np.isfinite(color).all(-1, keepdims=True)
+        total += np.where(here, color, 0)
+        seen += here
+
+    def _mean(self, color: NDArray[np.float32]) -> NDArray[np.float32]:
+        if self._total is None or self._seen is None:
+            return color
         return (self._total / np.maximum(self._seen, 1)).astype(np.float32)
 
     def _record(self, on: bool) -> None:

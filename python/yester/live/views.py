@@ -169,7 +169,7 @@ VIEWS = {
         "history length",
         "h",
         "samples in a pixel, 0 violet to 32 yellow, as logarithm of one more",
-        lambda m, _: _colored(np.log1p(m.output.history_length) / np.float32(np.log1p(_ends()[0]))),
+        lambda m, _: _colored(np.log1p(m.output.history_length) * np.float32(1 / np.log1p(_ends()[0]))),
     ),
     "confidence": View(
         "confidence", "c", "accepted history, none violet to all yellow", lambda m, _: _colored(m.output.confidence)

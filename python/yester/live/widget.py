@@ -9,9 +9,8 @@ from typing import Any
 
 import anywidget
 
-from .messages import Mail, Message
+from .messages import Mail, Message, page
 from .scene import World
-from .server import page
 from .session import Session, Viewer
 
 __all__ = ["Widget"]
