@@ -34,7 +34,7 @@ def main() -> None:
     """Print the tables."""
     about = (__doc__ or "").partition("\n")[0]
     parser = argparse.ArgumentParser(prog="python -m yester.study.speed.live", description=about)
-    parser.add_argument("--sizes", metavar="WxH", nargs="+", default=["320x240", "640x480"], help="%(default)s")
+    parser.add_argument("--sizes", metavar="WxH", nargs="*", default=["320x240", "640x480"], help="%(default)s")
     parser.add_argument("--seconds", type=float, default=20, help="at each size; %(default)s")
     parser.add_argument("--minutes", type=float, default=0, help="of use while memory is observed; %(default)s")
     options = parser.parse_args()
@@ -51,9 +51,10 @@ def main() -> None:
                 rows.append(_row(size, page, options.seconds))
                 ways += _ways(size, page)
                 page.close()
-        print(f"load of the machine: {os.getloadavg()[0]:.1f}; {os.cpu_count()} cores; {_variant}")
-        print(_table(["size", "frames a second", *_TIMES, "transport", "pointer to picture", "95 %"], rows))
-        print(_table(["size", "picture", "KiB", "encode, ms", "decode and draw, ms"], ways))
+        if rows:
+            print(f"load of the machine: {os.getloadavg()[0]:.1f}; {os.cpu_count()} cores; {_variant}")
+            print(_table(["size", "frames a second", *_TIMES, "transport", "pointer to picture", "95 %"], rows))
+            print(_table(["size", "picture", "KiB", "encode, ms", "decode and draw, ms"], ways))
         if options.minutes:
             with _served() as (address, server):
                 page = _opened(browser, address)
