@@ -12,6 +12,7 @@ import pytest
 import yester
 from yester.io import read_sequence
 from yester.live import controls, views
+from yester.live.samples import Samples
 from yester.live.scene import Pose, Shot, flown
 from yester.live.session import SAMPLES, Session, Viewer
 from yester.live.sizes import Adaptation
@@ -197,6 +198,7 @@ def test_freeze_step_and_cut(scene, session):
     scene.gate.release()
     screen.until(lambda p: p.number == 0 and p.frozen)
     screen.tell(light=False)  # not seen before the next frame
+    assert screen.until(lambda p: not p.asked["light"]).light
     screen.tell(step=True)
     begun(scene)
     scene.gate.release()
@@ -238,7 +240,7 @@ def test_samples_add_up_while_nothing_changes(scene, session):
 def test_stops_at_the_reference(scene, session):
     screen = Screen(session)
     begun(scene)
-    session._samples = SAMPLES
+    session._samples.count = SAMPLES
     scene.gate.release(2)
     # The one that is rendered meanwhile is the last.
     session._denoiser.submit(lambda: None).result()
@@ -409,6 +411,22 @@ def test_views_of_a_frame():
     assert found["motion"][1, 1, :3].max() == 255
     assert found["motion"][0, 1, :3].max() == 0
     assert found["depth"][1, 1].tolist() == [251, 252, 191, 255]
+
+
+def test_mean_of_samples():
+    rng = np.random.default_rng(0)
+    first, second, third = rng.random((3, 2, 3, 3)).astype(np.float32)
+    second[0, 0, 1] = np.inf
+    samples = Samples()
+    samples.add(first, "this")
+    np.testing.assert_array_equal(samples.mean(), first)
+    samples.add(second, "this")
+    want = (first + second) / 2
+    want[0, 0] = first[0, 0]
+    np.testing.assert_allclose(samples.mean(), want, rtol=1e-6)
+    samples.add(third, "that")
+    np.testing.assert_array_equal(samples.mean(), third)
+    assert samples.count == 1
 
 
 def adapt(sizes, milliseconds):

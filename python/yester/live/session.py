@@ -21,6 +21,7 @@ from .. import OIDN, TAA, Frame, Output, __version__
 from . import controls, views
 from .messages import Message, packed
 from .recording import Recorder
+from .samples import Samples
 from .scene import Pose, Shot, World, flown
 from .sizes import Adaptation
 from .views import VIEWS, Moment
@@ -31,6 +32,8 @@ __all__ = ["RATE", "SAMPLES", "Session", "Viewer"]
 RATE = 10
 #: Samples of a pixel after which a picture at rest is taken for the reference, and nothing more is rendered.
 SAMPLES = 1024
+#: Samples from which a picture counts as resting, and keeps its size.
+_REST = 10
 #: Pipelines of single views, which run only while a viewer looks at one.
 _EXTRAS: dict[str, Callable[[], Any]] = {"antialiased": TAA, "oidn": lambda: OIDN("fast")}
 
@@ -106,6 +109,7 @@ class Session:
         self._steps = self._number = 0
         self._flown = 0.0
         self._cut = True
+        self._cuts = 0
         self._change = 0  # counts what makes a frame differ from the one before
         self._rendered_change = -1
         self._recorder: Recorder | None = None
@@ -114,10 +118,7 @@ class Session:
         self._made: tuple[str, dict[str, Any]] | None = None
         self._extras: dict[str, Any] = {}  # None for those that are not installed
         self._last: tuple[_Rendered, Moment] | None = None
-        self._total: NDArray[np.float64] | None = None
-        self._seen: NDArray[np.float64] | None = None
-        self._samples = 0
-        self._still: Shot | None = None
+        self._samples = Samples()
         self._times = {"render": 0.0, "denoise": 0.0, "views": 0.0, "period": 0.0}
         self._shown_at = 0.0
         self._denoiser = ThreadPoolExecutor(1, "yester-denoise")
@@ -249,6 +250,8 @@ class Session:
             if state != self._state:
                 self._state = state
                 self._changed()
+                if self._frozen:  # the buttons show what comes next
+                    self._repaint()
 
     def _changed(self) -> None:
         self._change += 1
@@ -261,7 +264,7 @@ class Session:
         if self._frozen or not self._viewers:
             return False
         new = self._change != self._rendered_change
-        return new or self._state.moving or self._recorder is not None or self._samples < SAMPLES
+        return new or self._state.moving or self._recorder is not None or self._samples.count < SAMPLES
 
     def _run(self) -> None:
         """Render frames and hand them over, in a thread of its own: Mitsuba's."""
@@ -308,15 +311,16 @@ class Session:
     def _denoise(self, got: _Rendered) -> None:
         start = time.perf_counter()
         frame = got.frame
+        self._cuts += got.cut
         self._choose(got)
         output = self._pipeline.step(controls.adapted(got.state.pipeline, frame, got.number))
         done = time.perf_counter()
-        self._add(got)
+        self._samples.add(frame.color, (got.shot, self._cuts))
         wanted = self._wanted()
         # Those at which nobody looks any more end here.
         self._extras = {name: self._extras[name] for name in self._extras.keys() & wanted}
         extra = {name: self._beside(name, frame) for name in wanted}
-        moment = Moment(frame, output, self._mean(frame.color), extra)
+        moment = Moment(frame, output, self._samples.mean(), extra)
         self._last = got, moment
         self._keep(got)
         self._times["render"] = got.ms
@@ -328,7 +332,9 @@ class Session:
         self._times["period"] = got.ms + 1e3 * (shown - start) if got.idle else 1e3 * (shown - self._shown_at)
         self._shown_at = shown
         with self._wake:
-            if self.sizes.note(self._times["period"], resting=self._samples > RATE, fixed=self._recorder is not None):
+            if self.sizes.note(
+                self._times["period"], resting=self._samples.count > _REST, fixed=self._recorder is not None
+            ):
                 self._changed()
 
     def _keep(self, got: _Rendered) -> None:
@@ -370,32 +376,6 @@ class Session:
         output: Output = self._extras[name].step(frame)
         return output.color
 
-    def _add(self, got: _Rendered) -> None:
-        """Add the samples to those of the same picture, as long as nothing changes."""
-        color = got.frame.color
-        if got.shot != self._still or got.cut:
-            self._still, self._samples = got.shot, 0
-        self._samples += 1
-        if self._samples == 1:  # as always in motion: there is nothing to add to
-            self._total = self._seen = None
-            return
-        if self._total is None or self._seen is None:
-            assert self._last is not None
-            self._total, self._seen = np.zeros(color.shape), np.zeros((*color.shape[:2], 1))
-            self._sum(self._last[0].frame.color, self._total, self._seen)
-        self._sum(color, self._total, self._seen)
-
-    @staticmethod
-    def _sum(color: NDArray[np.float32], total: NDArray[np.float64], seen: NDArray[np.float64]) -> None:
-        here = np.isfinite(color).all(-1, keepdims=True)
-        total += np.where(here, color, 0)
-        seen += here
-
-    def _mean(self, color: NDArray[np.float32]) -> NDArray[np.float32]:
-        if self._total is None or self._seen is None:
-            return color
-        return (self._total / np.maximum(self._seen, 1)).astype(np.float32)
-
     def _record(self, on: bool) -> None:
         """Begin or end a recording; in the thread that denoises."""
         if on == (self._recorder is not None):
@@ -406,8 +386,12 @@ class Session:
             except OSError as error:
                 self._broadcast({"error": f"{error.filename}: {error.strerror}"})
         elif self._recorder is not None:
-            self._recorder.close()
-            self._recorded, self._recorder = str(self._recorder.folder), None
+            recorder, self._recorder = self._recorder, None
+            try:
+                recorder.close()
+                self._recorded = str(recorder.folder)
+            except OSError as error:
+                self._broadcast({"error": f"recording: {error}"})
         with self._wake:
             self._wake.notify_all()
 
@@ -454,10 +438,11 @@ class Session:
             "pose": {"eye": got.shot.pose.eye, "target": got.shot.pose.target},
             "light": got.state.light,
             "moving": got.state.moving,
+            "asked": {"light": self._state.light, "moving": self._state.moving},
             "frozen": self._frozen,
             "pipeline": got.state.pipeline,
             "parameters": got.state.parameters,
-            "samples": self._samples,
+            "samples": self._samples.count,
             "ms": {name: round(value, 2) for name, value in self._times.items()},
             "used": moment.output.used,
             "recording": None if recorder is None else {"frames": recorder.count, "folder": str(recorder.folder)},
