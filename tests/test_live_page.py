@@ -642,14 +642,17 @@ def test_widget(browser, folder):
 def test_screenshot(browser, tmp_path):
     """The picture of the guide: YESTER_SCREENSHOTS=docs/_static writes it anew."""
     with served("--size", "320x240") as (address, _):
-        page = opened(browser, address, viewport={"width": 1100, "height": 720})
+        page = opened(browser, address, viewport={"width": 1200, "height": 760})
         tell(page, size=0, moving=True)
         until(page, "h.size[0] === 320 && h.number > 12")
         drag(page, (30, -10))
         turned(page)
         number = page.evaluate("app.header.number")
         until(page, f"h.number > {number + 8}")
+        for _ in range(2):
+            page.locator("canvas").press("]")
         page.locator("h1").click()
+        page.wait_for_timeout(2000)
         path = Path(os.environ.get("YESTER_SCREENSHOTS", tmp_path)) / "live.webp"
         page.screenshot(path=path.with_suffix(".png"))
         with Image.open(path.with_suffix(".png")) as image:
