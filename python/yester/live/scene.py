@@ -32,31 +32,20 @@ _FLIGHT = 4.0
 
 def prepare() -> str:
     """Choose Mitsuba's variant, unless one is set: the vectorised one where it can run, else the scalar one."""
-    mi = renderer._mitsuba() if _variant() else _first()
-    return str(mi.variant())
-
-
-def _variant() -> str | None:
     try:
+        import drjit
         import mitsuba as mi
     except ImportError as error:
         raise ImportError("yester.live needs Mitsuba: pip install 'yester[live]'") from error
-    name: str | None = mi.variant()
-    return name
-
-
-def _first() -> Any:
-    import drjit
-    import mitsuba as mi
-
-    try:
-        mi.set_variant("llvm_ad_rgb")
-        if drjit.detail.llvm_version()[0] >= _LLVM:
-            return mi
-    except ImportError:  # without LLVM
-        pass
-    mi.set_variant("scalar_rgb")
-    return mi
+    if mi.variant() is None:
+        try:
+            mi.set_variant("llvm_ad_rgb")
+            able = drjit.detail.llvm_version()[0] >= _LLVM
+        except ImportError:  # without LLVM
+            able = False
+        if not able:
+            mi.set_variant("scalar_rgb")
+    return str(mi.variant())
 
 
 @dataclass(frozen=True)
