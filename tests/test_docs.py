@@ -11,6 +11,7 @@ import pytest
 import yester
 import yester.io
 import yester.io.mitsuba
+import yester.live
 import yester.metrics
 import yester.study
 from yester import cli
@@ -63,7 +64,7 @@ def test_commands(path):
 
 def public():
     """Every public name with its module."""
-    modules = (yester, yester.io, yester.metrics, yester.study)
+    modules = (yester, yester.io, yester.live, yester.metrics, yester.study)
     names = {f"{module.__name__}.{name}" for module in modules for name in module.__all__}
     functions = vars(yester.io.mitsuba)
     return names | {

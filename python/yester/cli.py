@@ -211,6 +211,16 @@ def _parser() -> argparse.ArgumentParser:
     versus.add_argument("--overwrite", action="store_true", help="replace a page that exists")
     versus.add_argument("--open", action="store_true", help="open it in a browser")
 
+    look = command(_live, "live", "turn the camera of a scene in a browser, and watch it being denoised")
+    about = "a Mitsuba scene; by default, the Cornell box of the demo"
+    look.add_argument("scene", metavar="SCENE.xml", nargs="?", type=Path, help=about)
+    about = "largest size, from which the resolution adapts; by default that of the scene, or 640x480"
+    look.add_argument("--size", metavar="WxH", type=_size, help=about)
+    look.add_argument("--port", metavar="N", type=_whole, default=0, help="by default, any that is free")
+    look.add_argument("--no-open", action="store_true", help="print the address, but open no browser")
+    about = "where recordings go; by default the current folder"
+    look.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path(), help=about)
+
     ready = command(_prepare, "prepare", "prepare a training set from rendered sequences")
     about = "folders of EXR sequences, which may lie in folders, and Noisebase stores"
     ready.add_argument("inputs", metavar="IN", nargs="+", type=Path, help=about)
@@ -479,6 +489,19 @@ def _compare(options: argparse.Namespace) -> None:
         import webbrowser
 
         webbrowser.open(options.output.resolve().as_uri())
+
+
+def _live(options: argparse.Namespace) -> None:
+    _need("live", "aiohttp", "mitsuba", "OpenEXR", "matplotlib")
+    from . import live
+
+    if options.port > 65535:
+        raise ValueError(f"--port: expected 0 to 65535, got {options.port}")
+    if options.scene is not None and not options.scene.is_file():
+        raise ValueError(f"{options.scene}: no such file")
+    _writable(options.output)
+    named = {"size": options.size, "port": options.port, "folder": options.output}
+    live.run(options.scene, browser=not options.no_open, **named)
 
 
 def _prepare(options: argparse.Namespace) -> int:

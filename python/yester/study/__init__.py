@@ -1,4 +1,7 @@
-"""Measurements: scenes, comparisons, benchmarks and the demo. No other module of the library imports this package.
+"""Measurements: scenes, comparisons, benchmarks and the demo.
+
+Of the library, only the command line and `yester.live` import this package: the latter for the demo's scene and the
+colours of the report.
 
 `synthetic` ray-casts small scenes with exact references; `rendered` renders sequences with Mitsuba and caches them;
 `compare` measures methods, components and buffers against references; `speed` times kernels and pipelines.
