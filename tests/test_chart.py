@@ -21,7 +21,7 @@ from yester.study.compare.peers import peers
 from yester.study.compare.points import ALL
 from yester.study.compare.report import draw
 from yester.study.rendered.recording import Recording, record
-from yester.study.rendered.sequences import NAMES
+from yester.study.rendered.sequences import LATE, NAMES
 
 pytestmark = pytest.mark.slow
 
@@ -503,7 +503,7 @@ def test_effects_through_doors(recording, tmp_path):
 def test_harmful_components(monkeypatch):
     """A loss counts beyond the limit, for a component that is on by default, unless it is compensated and listed."""
 
-    def effect(component="clip", scene="grass", added=False, default=True, **gained):
+    def effect(component="clip", scene="cut", added=False, default=True, **gained):
         return Effect(scene, "SVGF", component, added, gained, 0.0, default=default)
 
     assert ablation.harmful([effect(psnr=-0.09, relmse=-0.019, flip=0, temporal_error=-0.02)]) == []
@@ -511,22 +511,22 @@ def test_harmful_components(monkeypatch):
     worse = effect(psnr=0.1, flip=-0.05, relmse=-0.021)
     worst = effect("dilation", psnr=-0.4)
     assert ablation.harmful([worse, worst]) == [
-        "SVGF - dilation, grass: psnr -0.40 dB",
-        "SVGF - clip, grass: relmse -2.1 %, flip -5.0 %",
+        "SVGF - dilation, cut: psnr -0.40 dB",
+        "SVGF - clip, cut: relmse -2.1 %, flip -5.0 %",
     ]
     assert ablation.harmful([replace(worse, **other) for other in ({"added": True}, {"default": False})]) == []
     assert ablation.harmful([replace(worse, scene=ALL)]) == []
     assert len(ablation.harmful([worse], {"flip": 0.04})) == 1
     assert ablation.harmful([replace(worse, errors={"flip": 0.026, "relmse": 0.01})]) == [
-        "SVGF - clip, grass: relmse -2.1 %"
+        "SVGF - clip, cut: relmse -2.1 %"
     ]
     assert ablation.harmful([worse], {"flip": 0.06}) == []
     good = replace(worse, gains=worse.gains | {"psnr": 1.3})
     assert "made good" in ablation.harmful([good])[0]
-    monkeypatch.setitem(harm.EXCEPTIONS, ("SVGF - clip", "grass"), "it sharpens")
-    assert ablation.harmful([good, worse]) == ["SVGF - clip, grass: relmse -2.1 %, flip -5.0 %"]
+    monkeypatch.setitem(harm.EXCEPTIONS, ("SVGF - clip", "cut"), "it sharpens")
+    assert ablation.harmful([good, worse]) == ["SVGF - clip, cut: relmse -2.1 %, flip -5.0 %"]
     assert ablation.harmful([replace(good, gains=good.gains | {"psnr": 1.2})]) == [
-        "SVGF - clip, grass: relmse -2.1 %, flip -5.0 %"
+        "SVGF - clip, cut: relmse -2.1 %, flip -5.0 %"
     ]
     assert len(ablation.harmful([replace(good, scene="thicket")])) == 1
 
@@ -535,7 +535,7 @@ def test_exceptions_name_existing_components():
     components = {each.method.name for each in ABLATIONS if each.whole.default and not each.added}
     for (component, scene), reason in harm.EXCEPTIONS.items():
         assert component in components
-        assert scene in NAMES
+        assert scene in (*NAMES, *LATE)
         assert reason
 
 
