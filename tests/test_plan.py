@@ -245,6 +245,13 @@ def test_a_plan_for_other_buffers(moving):
     assert np.isfinite(pipeline.step(replace(moving[2], normal=None)).color).all()
 
 
+def test_motion_to_the_next_frame_is_not_needed_backwards(moving):
+    """`denoise` takes it out where a copy runs backwards, and the last frame has none."""
+    known = [replace(frame, motion_next=-frame.motion) for frame in moving]
+    outputs = [*yester.denoise(known, yester.plan(known).pipeline())]
+    assert len(outputs) == len(known)
+
+
 @pytest.mark.parametrize(
     ("given", "reason"),
     [
@@ -342,7 +349,7 @@ def test_commands(folder, tmp_path):
     assert result.stdout.splitlines()[0] == yester.Plan.load(path).summary()
     assert "reflections  left out" in result.stdout
     run("denoise", folder, "-o", tmp_path / "planned", "--plan", path)
-    said = run("denoise", folder, "-o", tmp_path / "auto").stderr
+    said = run("denoise", folder, "-o", tmp_path / "auto", "--method", "auto").stderr
     assert f"plan: {yester.Plan.load(path).summary()}" in said.splitlines()
     paths = [folder / f"frame_{i:04}.exr" for i in range(8)]
     wanted = yester.denoise(map(read_exr, paths), yester.Plan.load(path).pipeline())
