@@ -20,7 +20,7 @@ from ..study.rendered import scenes
 
 __all__ = ["Pose", "Shot", "World", "prepare"]
 
-Vector = tuple[float, float, float]
+Vector = tuple[float, ...]
 
 #: Older versions of LLVM end the process on code that Dr.Jit generates ("Cannot select: fminimum").
 _LLVM = 16
@@ -201,27 +201,26 @@ class World:
 
     def render(self, shot: Shot) -> Frame:
         """Render the next frame of the sequence: one path a pixel. At another size, a new sequence begins."""
-        camera = self.camera(shot.pose, shot.size)
         if self._frames is None or shot.size != self._shape:
             self.close()
             self._film, self._shape = _Film(), shot.size
+            # Declared for lists; of the shots it takes the next, the one before, and how many there are.
             self._frames = renderer._frames(self._stage, self._film, 1, self.seed, True, False, False)  # type: ignore[arg-type]
-        self._film.add(
-            renderer._Shot(camera, self._stage.sensor(camera), self.cube(shot.flight), self.values(light=shot.light))
-        )
+        self._film.add(self._staged(shot))
         self.seed += 1
         return next(self._frames)
 
     def reference(self, shot: Shot, spp: int, seed: int) -> Frame:
         """Render the colour of a shot, with as many paths as it takes; outside of the sequence."""
         self.close()
-        camera = self.camera(shot.pose, shot.size)
-        shots = [
-            renderer._Shot(camera, self._stage.sensor(camera), self.cube(shot.flight), self.values(light=shot.light))
-        ]
         # Seeds far from those of the frames.
-        with closing(renderer._frames(self._stage, shots, spp, (1 << 30) + seed, False, False, False)) as frames:
+        seed += 1 << 30
+        with closing(renderer._frames(self._stage, [self._staged(shot)], spp, seed, False, False, False)) as frames:
             return next(frames)
+
+    def _staged(self, shot: Shot) -> renderer._Shot:
+        camera = self.camera(shot.pose, shot.size)
+        return renderer._Shot(camera, self._stage.sensor(camera), self.cube(shot.flight), self.values(light=shot.light))
 
     def close(self) -> None:
         """End the sequence."""
@@ -231,8 +230,7 @@ class World:
 
 
 def _vector(values: NDArray[np.floating[Any]]) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
+    return tuple(float(value) for value in values)
 
 
 def _with_lamp(scene: dict[str, Any]) -> dict[str, Any]:

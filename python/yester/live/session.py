@@ -174,7 +174,7 @@ class Session:
     def _set_pose(self, viewer: Viewer, message: Mapping[str, Any]) -> None:
         try:
             eye, target = ([float(x) for x in message["pose"][name]] for name in ("eye", "target"))
-            pose = Pose(tuple(eye), tuple(target), self.world.home.up)  # type: ignore[arg-type]
+            pose = Pose(tuple(eye), tuple(target), self.world.home.up)
             number = int(message.get("input", 0))
         except (KeyError, TypeError) as error:
             raise ValueError(f"pose: expected eye and target, got {message['pose']!r}") from error
