@@ -32,10 +32,10 @@ def test_gain_of_a_plan(recordings):
     found = judging.worth(recordings[0])
     assert found.scene == "cornell_box"
     assert found.plan.stages
-    assert set(found.gains) == {"psnr", "relmse", "flip"}
+    assert set(found.gains) == set(found.both) == {"psnr", "relmse", "flip"}
     assert found.saved < 1
     if not found.plan.options and not found.plan.without:
-        assert all(gain == 0 for gain in found.gains.values())
+        assert all(gain == 0 for gain in (*found.gains.values(), *found.both.values()))
 
 
 def test_ranks():

@@ -3,7 +3,7 @@
 For every component of `SVGF` that the ablation study switches and every sequence, `predictive_error` estimates from the
 noisy frames how much worse the result is without the component. Printed are the rank correlations of these estimates
 with the differences measured against references. Then each sequence is planned from its first eight frames, and the
-plan's result is compared with the default's.
+plan's result is compared with the default's: with earlier frames alone, and with those on both sides.
 """
 
 from __future__ import annotations
@@ -63,8 +63,9 @@ class Worth(NamedTuple):
     ----------
     scene : str
     plan : Plan
-    gains : dict of str to float
-        By metric, the gain of the plan over the default, as `harm.gains` returns it.
+    gains, both : dict of str to float
+        By metric, the gain of the plan over the default, as `harm.gains` returns it: with earlier frames alone, and
+        with those on both sides.
     saved : float
         The saved fraction of the default's time, from the fastest frame of each.
     """
@@ -72,6 +73,7 @@ class Worth(NamedTuple):
     scene: str
     plan: Plan
     gains: dict[str, float]
+    both: dict[str, float]
     saved: float
 
 
@@ -143,7 +145,11 @@ def worth(recording: Recording) -> Worth:
             images[number].append(pipelines[number].step(frame).color)
             spent[number] = min(spent[number], time.perf_counter() - start)
     default, planned = (_values(each, recording) for each in images)
-    return Worth(recording.name, plan, harm.gains(planned, default), 1 - spent[1] / spent[0])
+    known, joined = (
+        _values([output.color for output in yester.denoise(frames, pipeline)], recording) for pipeline in pipelines
+    )
+    gains, both = harm.gains(planned, default), harm.gains(joined, known)
+    return Worth(recording.name, plan, gains, both, 1 - spent[1] / spent[0])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -152,9 +158,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
     recordings = [record(name, options.cache, **shape) for name in expand(options.sequences)]
     print(correlations([each for recording in recordings for each in judged(recording)]), end="\n\n")
+    head = "  ".join(f"{key:>9}" for key in _MEASURED)
+    print(f"{'':<16}{'earlier frames':<{len(head)}} | both sides")
+    print(f"{'':<16}{head} | {head}  saved")
     for recording in recordings:
         found = worth(recording)
-        gained = "  ".join(f"{harm.amount(key, found.gains[key]):>9}" for key in _MEASURED)
+        gained = " | ".join(
+            "  ".join(f"{harm.amount(key, gains[key]):>9}" for key in _MEASURED) for gains in (found.gains, found.both)
+        )
         print(f"{found.scene:<16}{gained}{100 * found.saved:>6.0f} % of the time  {found.plan.summary()}")
 
 
