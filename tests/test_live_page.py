@@ -163,8 +163,18 @@ def canvas(page: Page) -> np.ndarray:
     return np.array(page.evaluate(read), np.uint8).reshape(height, width, 4)
 
 
+def frozen(page: Page) -> None:
+    """Waits until the picture is frozen, and the frame that was still under way is shown."""
+    until(page, "h.frozen")
+    number = None
+    while (shown := page.evaluate("app.header.number")) != number:
+        number = shown
+        page.wait_for_timeout(1000)
+
+
 def turned(page: Page) -> dict:
-    """The pose, when all that was asked for is shown."""
+    """The pose, when all that was asked for is shown. It is asked for with the browser's next frame."""
+    page.evaluate("new Promise(requestAnimationFrame)")
     comes(page, "app.input > 0 && app.header.input === app.input")
     return page.evaluate("app.header.pose")
 
@@ -260,7 +270,7 @@ def test_two_fingers(browser, address):
 def test_split(page):
     look(page, "albedo", "depth")
     page.keyboard.press("Space")
-    until(page, "h.frozen")
+    frozen(page)
 
     def shows(share: float) -> None:
         expect(page.locator(".split")).to_have_attribute("aria-valuenow", str(round(100 * share)))
@@ -287,7 +297,7 @@ def test_views_by_key(page):
     look(page, "antialiased", "oidn")
     until(page, "h.samples > 6")
     page.locator("canvas").press("Space")
-    until(page, "h.frozen")
+    frozen(page)
     seen = {}
     for name, view in views.VIEWS.items():
         page.keyboard.press(view.key)
@@ -345,7 +355,7 @@ def test_light_switch(page):
     look(page, "raw", "denoised")
     until(page, "h.samples > 6")
     page.locator("button.freeze").click()
-    until(page, "h.frozen")
+    frozen(page)
     lit, number = images(page)[..., :3].mean((1, 2, 3)), page.evaluate("app.header.number")
     page.locator("button.light").click()
     for step in (1, 2):
@@ -379,7 +389,7 @@ def test_cube_cut_and_counter(page):
 def test_exposure(page):
     look(page, "raw", "albedo")
     page.keyboard.press("Space")
-    until(page, "h.frozen")
+    frozen(page)
     number, before = page.evaluate("app.header.number"), images(page)
     page.keyboard.press("]")
     page.keyboard.press("]")
@@ -415,7 +425,7 @@ def test_everything_has_a_name_and_a_place_in_the_order_of_tabs(page):
     for _ in range(2):
         page.keyboard.press("Tab")
     page.keyboard.press("Enter")  # of the freeze button, behind the split
-    until(page, "h.frozen")
+    frozen(page)
 
 
 def test_second_viewer_and_one_who_leaves(page, browser, address):
