@@ -99,7 +99,7 @@ def table(width: int = 1280, height: int = 720) -> str:
             seconds, busy, memory, images = pool.apply(_measure, (name, frames))
         first = first or images
         difference = max(float((np.abs(a - b) / (b + 0.01)).max()) for a, b in zip(images, first, strict=True))
-        lines.append(f"| {name} | {size:.0f} | {seconds:.2f} | {busy:.2f} | {memory:.0f} | {difference:.1e} |")
+        lines.append(f"| {name} | {size:.0f} | {seconds:.3g} | {busy:.2f} | {memory:.4g} | {difference:.1e} |")
     return "\n".join(lines)
 
 
