@@ -140,10 +140,6 @@ pub struct BorderedBand<'a, T = f32> {
 }
 
 impl<T> BorderedBand<'_, T> {
-    pub fn channels(&self) -> usize {
-        self.band.channels()
-    }
-
     fn columns(&self) -> Range<usize> {
         self.layout.border..self.layout.border + self.layout.size.width
     }

@@ -96,15 +96,6 @@ impl<S: Simd> Lanes<S> {
         Self::load(simd, &values, 0)
     }
 
-    /// x, x + 1, x + 2, …
-    #[inline(always)]
-    pub fn count_from(simd: S, x: f32) -> Self {
-        const COUNT: [f32; LANES] = [
-            0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
-        ];
-        Self::load(simd, &COUNT, 0) + x
-    }
-
     /// Writes to a row from `x` on; lanes beyond its end are dropped.
     #[inline(always)]
     pub fn store(self, row: &mut [f32], x: usize) {

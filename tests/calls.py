@@ -21,7 +21,6 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     turned = {"object_normal": now["normal"], "previous_object_normal": before["previous_normal"]}
     lit = {"color": color, "previous_color": history, "relative_luminance": (0.2, 0.9), "speed": (1, 9)}
     tests = {**now, **before, **turned, "previous_camera": previous_camera}
-    surface = {**now, "camera": camera}
     low = {f"low_{name}": image[::2, ::2].copy() for name, image in now.items()}
     albedo = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
     memory = rng.normal(0, 0.3, (height, width, 7)).astype(np.float32)
@@ -126,13 +125,13 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         "sharpen": (yester.sharpen, {"color": color}),
         "estimate_variance": (
             yester.estimate_variance,
-            {"moments": moments, "history_length": length, **surface},
+            {"moments": moments, "history_length": length, **now},
         ),
-        "atrous": (yester.atrous, {"color": color, "variance": light**2, **surface}),
+        "atrous": (yester.atrous, {"color": color, "variance": light**2, **now}),
         "atrous(slopes)": (yester.atrous, {"color": color, "variance": light**2, **now}),
         "atrous(prediction)": (
             yester.atrous,
-            {"color": color, "variance": light**2, "prediction": history[..., 1].copy(), **surface},
+            {"color": color, "variance": light**2, "prediction": history[..., 1].copy(), **now},
         ),
         "regress": (
             yester.regress,
@@ -142,12 +141,12 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.regress,
             {"color": color, "geometry": now["depth"], "camera": camera, "block": 8, "features": "all"},
         ),
-        "suppress_fireflies": (yester.suppress_fireflies, {"color": color, "expected": history, **surface}),
-        "fix_history": (yester.fix_history, {"color": color, "history_length": length, **surface}),
-        "reconstruct": (yester.reconstruct, {"color": color, **surface}),
+        "suppress_fireflies": (yester.suppress_fireflies, {"color": color, "expected": history, **now}),
+        "fix_history": (yester.fix_history, {"color": color, "history_length": length, **now}),
+        "reconstruct": (yester.reconstruct, {"color": color, **now}),
         "joint_bilateral_upsample": (
             yester.joint_bilateral_upsample,
-            {"color": color[::2, ::2].copy(), **surface, **low},
+            {"color": color[::2, ::2].copy(), **now, **low},
         ),
         "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
         "remodulate": (yester.remodulate, {"illumination": color, "albedo": albedo, "emission": emission}),

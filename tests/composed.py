@@ -160,8 +160,6 @@ OFFSETS = np.array([(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 
 def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> NDArray:
     """Suppress fireflies in the remodulated light, as the camera sees it."""
     alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
-    if frame.depth is not None and frame.normal is not None:
-        alike["camera"] = frame.camera
     if frame.albedo is None:
         return yester.suppress_fireflies(light, expected=known, **alike)[0]
     seen, expected = (yester.remodulate(image, frame.albedo) for image in (light, known))
@@ -262,9 +260,9 @@ class SVGF:
         iterations=3,
         radius=1,
         sigma_luminance=3.0,
-        sigma_normal=128.0,
-        sigma_depth=1.0,
-        sigma_plane=0.01,
+        sigma_normal=64.0,
+        sigma_depth=0.5,
+        sigma_plane=0.05,
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
@@ -348,8 +346,6 @@ class SVGF:
                     moved = np.where(np.isfinite(mirrored.motion), mirrored.motion, motion[..., :2])
 
         alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
-        if frame.depth is not None and frame.normal is not None:
-            alike["camera"] = frame.camera
         filled, weight = self.fill(held, history[2], alike)
         trust = confidence if self.by_confidence else None
         merged = yester.accumulate(filled, *history, weight=weight, gradient=gradient, confidence=trust, **self.alpha)
@@ -516,7 +512,8 @@ class SVGF:
 class HalfRes(SVGF):
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
         named = {"choice": False, **named}
-        super().__init__(alpha=alpha, iterations=iterations, radius=2, sigma_luminance=sigma_luminance, **named)
+        named = {"sigma_luminance": sigma_luminance, "sigma_normal": 128.0, **named}
+        super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = np.float32(weight), radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6}
 

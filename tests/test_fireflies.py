@@ -49,7 +49,7 @@ def test_reference(seed, size, holes, **named):
 @given(
     seed=st.integers(0, 2**32),
     size=st.tuples(st.integers(1, 30), st.integers(1, 30)),
-    buffers=st.sets(st.sampled_from(["depth", "normal", "ids", "camera"])),
+    buffers=st.sets(st.sampled_from(["depth", "normal", "ids"])),
     predicted=st.booleans(),
     radius=st.sampled_from([1, 4]),
     sigma_normal=st.sampled_from([0.0, 10.0]),

@@ -216,12 +216,6 @@ def test_the_plane_test_needs_its_buffers(name):
         function(**{**given, "motion": given["motion"][..., :2].copy()})
 
 
-@pytest.mark.parametrize("name", ["estimate_variance", "atrous"])
-@pytest.mark.parametrize("absent", ["depth", "normal"])
-def test_planes_need_depth_and_normals(name, absent):
-    refused(name, ValueError, absent, **{absent: None})
-
-
 def test_transforms():
     function, given = CALLS["motion_vectors(depth)"]
     for wrong in ({1: np.eye(3)}, {1: np.full((4, 4), np.nan)}):

@@ -69,6 +69,27 @@ def test_mistakes_are_named(buffers, mistake):
         steps.step(second)
 
 
+def test_y_up_is_found_where_most_motion_is_horizontal():
+    """A camera that moves ten times as far to the side as up."""
+    color, depth = np.ones((HEIGHT, WIDTH, 3), np.float32), np.full((HEIGHT, WIDTH), 3, np.float32)
+    eyes = [0, 0, 0], [0.3, 0.03, 0]
+    looks = ([x, y, -1] for x, y, _ in eyes)
+    before, now = (
+        yester.Camera.from_look_at(eye, look, [0, 1, 0], 60, WIDTH, HEIGHT)
+        for eye, look in zip(eyes, looks, strict=True)
+    )
+    motion = yester.motion_vectors(depth, now, before)
+    for sign in (1, -1):
+        steps = yester.TAA()
+        steps.step(yester.Frame(color, depth=depth, camera=before, motion=np.zeros_like(motion)))
+        second = yester.Frame(color, depth=depth, camera=now, motion=motion * np.float32([1, sign, 1]))
+        if sign > 0:
+            steps.step(second)
+        else:
+            with pytest.warns(UserWarning, match="y up: multiply x by 1 and y by -1"):
+                steps.step(second)
+
+
 @pytest.mark.parametrize("pipeline", PIPELINES)
 def test_every_pipeline_checks_and_computes_the_same(pipeline):
     steps = pipeline()

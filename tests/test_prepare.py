@@ -83,7 +83,7 @@ def test_derived_images_are_the_kernels():
             (mean, moments, length, former), validity = yester.reproject(history, motion, **tests)
             np.testing.assert_array_equal(images["motion"], motion[..., :2])
         known = yester.accumulate(frame.color, mean, moments, length, confidence=validity, alpha=0.2)
-        guides = {name: getattr(frame, name) for name in ("depth", "normal", "ids", "camera")}
+        guides = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
         want = {
             "color": color,
             "demodulated": yester.demodulate(color, frame.albedo),

@@ -4,7 +4,6 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
 use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, detached, needs, vector};
-use super::camera::Camera;
 use super::smooth::{GuideArgs, GuideData};
 use crate::error::Error;
 use crate::image::{Image, Pixels, Size};
@@ -26,14 +25,11 @@ use crate::kernels::smooth::joint_bilateral::{
 ///     World space, unit length.
 /// ids : (H, W) array_like of int, optional
 ///     Pixels with different ids do not mix.
-/// camera : Camera, optional
-///     This frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
-///     `normal`.
 /// radius : int, default 2
 ///     Radius of the window in pixels, 1 to 16.
 /// sigma : float, default 1.0
 ///     Standard deviation of the spatial weight, in pixels; above 0.
-/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 0.5 and 0.05
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
@@ -73,8 +69,8 @@ use crate::kernels::smooth::joint_bilateral::{
 /// >>> yester.reconstruct(color, ids=[[1, 1, 2, 2]])[0, :, 0]
 /// array([1., 1., 5., 5.], dtype=float32)
 #[pyfunction]
-#[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, radius=2, sigma=1.0, sigma_normal=128.0,
-    sigma_depth=1.0, sigma_plane=0.01, out=None))]
+#[pyo3(signature = (color, *, depth=None, normal=None, ids=None, radius=2, sigma=1.0, sigma_normal=128.0,
+    sigma_depth=0.5, sigma_plane=0.05, out=None))]
 #[pyo3(name = "reconstruct")]
 pub fn reconstruct_<'py>(
     py: Python<'py>,
@@ -82,7 +78,6 @@ pub fn reconstruct_<'py>(
     depth: Option<&Bound<'py, PyAny>>,
     normal: Option<&Bound<'py, PyAny>>,
     ids: Option<&Bound<'py, PyAny>>,
-    camera: Option<&Camera>,
     radius: i64,
     sigma: f32,
     sigma_normal: f32,
@@ -103,7 +98,7 @@ pub fn reconstruct_<'py>(
     let (filled, out) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
-        let guide = GuideArgs::new(size, depth, normal, ids, camera)?;
+        let guide = GuideArgs::new(size, depth, normal, ids)?;
         let out = Out::given(out, color.shape())?;
         let (color, guide) = (color.data().pixels(), guide.data());
         let filled = detached(py, || {
@@ -129,9 +124,6 @@ pub fn reconstruct_<'py>(
 ///     World space, unit length.
 /// ids : (H, W) array_like of int, optional
 ///     Samples with another id have weight 0.
-/// camera : Camera, optional
-///     The full frame's camera: depths are compared by plane distance instead of by slope. Needs `depth` and
-///     `normal`.
 /// low_depth, low_normal, low_ids : array_like, optional
 ///     Buffers at the samples, of the size of `color`; by default the full-resolution buffers' values at the pixels
 ///     that contain the samples.
@@ -145,7 +137,7 @@ pub fn reconstruct_<'py>(
 ///     Radius of the window in multiples of `scale` pixels, 1 to 16.
 /// sigma : float, default 1.0
 ///     Standard deviation of the spatial weight, in multiples of `scale` pixels; above 0.
-/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 1.0 and 0.01
+/// sigma_normal, sigma_depth, sigma_plane : float, default 128.0, 0.5 and 0.05
 ///     As in `atrous`.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array.
@@ -186,8 +178,8 @@ pub fn reconstruct_<'py>(
 /// array([[1., 1., 1., 5.],
 ///        [1., 1., 1., 5.]], dtype=float32)
 #[pyfunction]
-#[pyo3(signature = (color, *, depth=None, normal=None, ids=None, camera=None, low_depth=None, low_normal=None,
-    low_ids=None, scale=2, offset=None, radius=2, sigma=1.0, sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01,
+#[pyo3(signature = (color, *, depth=None, normal=None, ids=None, low_depth=None, low_normal=None,
+    low_ids=None, scale=2, offset=None, radius=2, sigma=1.0, sigma_normal=128.0, sigma_depth=0.5, sigma_plane=0.05,
     out=None))]
 #[pyo3(name = "joint_bilateral_upsample")]
 pub fn joint_bilateral_upsample_<'py>(
@@ -196,7 +188,6 @@ pub fn joint_bilateral_upsample_<'py>(
     depth: Option<&Bound<'py, PyAny>>,
     normal: Option<&Bound<'py, PyAny>>,
     ids: Option<&Bound<'py, PyAny>>,
-    camera: Option<&Camera>,
     low_depth: Option<&Bound<'py, PyAny>>,
     low_normal: Option<&Bound<'py, PyAny>>,
     low_ids: Option<&Bound<'py, PyAny>>,
@@ -251,7 +242,7 @@ pub fn joint_bilateral_upsample_<'py>(
         };
         grid.check()?;
         check_fits(grid, color.size())?;
-        let guide = GuideArgs::new(full, depth, normal, ids, camera)?;
+        let guide = GuideArgs::new(full, depth, normal, ids)?;
         let size = color.size();
         let depth = Input::<f32>::optional(low_depth, "low_depth", Channels::One, size)?;
         let normal = Input::<f32>::optional(low_normal, "low_normal", COLOR, size)?;
@@ -262,7 +253,6 @@ pub fn joint_bilateral_upsample_<'py>(
             depth: depth.as_ref().map(Input::data),
             normal: normal.as_ref().map(Input::data),
             ids: ids.as_ref().map(Input::data),
-            rays: None,
         };
         let upsampled = detached(py, || {
             let reach = params.radius * scale;
@@ -316,6 +306,6 @@ impl GuideData<'_> {
                 .or(full.ids.map(Interleaved::pixels)),
             ..Default::default()
         };
-        Some(Guide::new(grid.full, reach, surface, full.rays))
+        Some(Guide::new(grid.full, reach, surface))
     }
 }

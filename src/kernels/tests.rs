@@ -194,8 +194,7 @@ impl Draw {
 
     /// A guide by any buffers, for taps up to `reach` pixels away.
     fn guide(&mut self, reach: usize) -> Guide {
-        let rays = self.coin().then(|| self.camera().rays());
-        Guide::new(self.size, reach, self.buffers().surface(), rays)
+        Guide::new(self.size, reach, self.buffers().surface())
     }
 
     /// Bounds of a test, a ramp or not.

@@ -19,7 +19,7 @@ use super::svgf;
 use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Pixels, Records, View};
-use crate::kernels::camera::pinhole::{Camera, Rays};
+use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::{gradient, innovation};
 use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
@@ -177,7 +177,6 @@ struct Inputs<'a> {
     frame: &'a Frame<'a>,
     motion: Motion<'a>,
     texture: Option<Texture<'a>>,
-    rays: Option<Rays>,
     features: Features<'a>,
     used: Vec<&'static str>,
 }
@@ -206,7 +205,6 @@ impl<'a> Inputs<'a> {
             frame,
             motion,
             texture: illumination::texture(frame),
-            rays,
             features: Features {
                 normal: surface.normal,
                 place,
@@ -226,7 +224,7 @@ impl<'a> Inputs<'a> {
         let Self { frame, motion, .. } = self;
         let hold = |known: Option<Pixels>| {
             let limits = params.fireflies?;
-            let guide = Guide::new(sample.size, limits.radius, frame.surface, self.rays);
+            let guide = Guide::new(sample.size, limits.radius, frame.surface);
             Some(without_fireflies(
                 sample,
                 known,

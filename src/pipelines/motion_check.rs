@@ -6,7 +6,8 @@
 //! as given is compared with the motion corrected for each mistake:
 //!
 //! - **cameras**: if both frames have one, and depth or position, the motion of a still scene is computed. A mistake is found
-//!   if the median of |motion − expected| / |expected| is above ½ for the motion as given and below ⅒ for the corrected one.
+//!   if the median of |corrected − expected| / |corrected − motion| is below ⅒, over the pixels in which the correction is at
+//!   least a quarter of a pixel: only vertical motion tells whether y points up. Were the motion right, it would be 1.
 //! - **warp**: otherwise the first frame (its albedo and normals, or else its colour) is read along both motions. A pixel
 //!   agrees if its values lie in the range of the four pixels around the place that it came from. A mistake is found if most
 //!   pixels agree for the corrected motion, and far more change to agreement than away from it. Cuts, disocclusion and
@@ -170,23 +171,19 @@ fn by_cameras(
         .map(|(_, pixel, motion)| (motion, [0, 1].map(|c| f64::from(expected.at(pixel, c)))))
         .filter(|(_, [x, y])| x.hypot(*y) > 0.25)
         .collect();
-    if pairs.len() < VOTES {
-        return None;
-    }
     let error = |mistake: &Mistake| {
-        let errors = pairs.iter().map(|&(motion, [x, y])| {
+        let errors = pairs.iter().filter_map(|&(motion, [x, y])| {
             let [u, v] = mistake.undone(motion);
-            (u - x).hypot(v - y) / x.hypot(y)
+            let change = (u - motion[0]).hypot(v - motion[1]);
+            (change >= 0.25).then_some((u - x).hypot(v - y) / change)
         });
         let mut errors: Vec<_> = errors.collect();
         let half = errors.len() / 2;
-        *errors.select_nth_unstable_by(half, f64::total_cmp).1
+        (errors.len() >= VOTES).then(|| *errors.select_nth_unstable_by(half, f64::total_cmp).1)
     };
-    let mut all = Mistake::all(frame.color.size, "the cameras");
-    if all.next().is_none_or(|given| error(&given) <= 0.5) {
-        return None;
-    }
-    all.map(|mistake| (error(&mistake), mistake))
+    Mistake::all(frame.color.size, "the cameras")
+        .skip(1)
+        .filter_map(|mistake| Some((error(&mistake)?, mistake)))
         .filter(|(error, _)| *error < 0.1)
         .min_by(|(a, _), (b, _)| a.total_cmp(b))
         .map(|(_, mistake)| mistake)

@@ -29,13 +29,12 @@ use super::reflections;
 use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Records, Size, View};
-use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::guide::Guide;
+use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::{atrous, fireflies, lend, variance};
 use crate::pixels::Colors;
 
@@ -86,16 +85,24 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
 /// By our own measurements.
 impl Default for Params {
     fn default() -> Self {
+        let sigmas = Sigmas {
+            normal: 64.0,
+            ..Default::default()
+        };
         Self {
             accumulate: accumulate::Params {
                 alpha: 0.2,
+                ..Default::default()
+            },
+            variance: variance::Params {
+                sigmas,
                 ..Default::default()
             },
             atrous: atrous::Params {
                 iterations: 3,
                 radius: 1,
                 sigma_luminance: 3.0,
-                ..Default::default()
+                sigmas,
             },
             gradient: Some(ESTIMATED_GRADIENT),
             choice: Some(choice::Params::default()),
@@ -457,10 +464,8 @@ impl Current<'_> {
     }
 
     fn guide(&self) -> &Guide {
-        self.guide.get_or_init(|| {
-            let rays = self.frame.camera.as_ref().map(Camera::rays);
-            Guide::new(self.size(), self.params.reach(), self.frame.surface, rays)
-        })
+        self.guide
+            .get_or_init(|| Guide::new(self.size(), self.params.reach(), self.frame.surface))
     }
 
     /// The illumination as it was sampled.
@@ -503,6 +508,14 @@ impl Current<'_> {
         ))
     }
 
+    /// Whether history is tested by its distance from a plane; from the second frame on.
+    fn tests_planes(&self) -> bool {
+        let Frame {
+            surface, camera, ..
+        } = self.frame;
+        surface.depth.is_some() && surface.normal.is_some() && camera.is_some()
+    }
+
     /// The names of the buffers that take part, beside those of which motion is made.
     fn used(&self, replays: bool, reflects: bool) -> Vec<&'static str> {
         let Frame { surface, .. } = self.frame;
@@ -513,7 +526,7 @@ impl Current<'_> {
             ("emission", albedo && self.frame.emission.is_some()),
             ("normal", surface.normal.is_some()),
             ("depth", surface.depth.is_some()),
-            ("plane", self.guide().compares_planes()),
+            ("plane", self.tests_planes()),
             ("ids", surface.ids.is_some()),
             ("object_normal", self.continues && turned),
             ("replay", replays),

@@ -38,7 +38,7 @@ def atrous(
     variance : (H, W), of the luminance
     prediction : (H, W), of the luminance; where it is not finite, the colour's
     margin : also return the smallest sum of weights (H, W) of any pass
-    **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
+    **similarity : depth, normal, ids and their sigmas, see `similarity.Similarity`
 
     Returns
     -------
@@ -65,7 +65,7 @@ def atrous(
                 x, y = step * dx, step * dy
                 if abs(x) >= width or abs(y) >= height:
                     continue
-                exponent, same = alike(dx, dy, step)  # (H, W)
+                exponent, same = alike(dx, dy, radius, step)  # (H, W)
                 brighter = (light - shift(light, x, y, 0)).abs() / scale  # (H, W)
                 exponent = exponent + brighter.where(finite, 0)  # (H, W)
                 weight = kernel[abs(dx)] * kernel[abs(dy)] * torch.exp(-exponent)  # (H, W)

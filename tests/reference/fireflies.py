@@ -21,7 +21,7 @@ def suppress_fireflies(
     threshold : standard deviations
     radius : half the window, which has (2·radius + 1)² pixels
     margin : also return the magnitude (H, W) by which the limits of all pixels that may give light here are rounded
-    **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
+    **similarity : depth, normal, ids and their sigmas, see `similarity.Similarity`
 
     Returns
     -------
@@ -35,7 +35,7 @@ def suppress_fireflies(
     taps = [(dx, dy) for dy in range(-radius, radius + 1) for dx in range(-radius, radius + 1)]
 
     def weight(dx: int, dy: int) -> Tensor:
-        exponent, same = alike(dx, dy)  # (H, W)
+        exponent, same = alike(dx, dy, radius)  # (H, W)
         weight = torch.exp(-exponent) * torch.ones_like(light)  # (H, W)
         return weight.where(same & (weight >= CUT), 0)  # (H, W)
 

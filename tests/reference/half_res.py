@@ -9,7 +9,8 @@ class HalfRes(SVGF):
 
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, **named):
         named = {"choice": False, **named}
-        super().__init__(alpha=alpha, iterations=iterations, radius=2, sigma_luminance=sigma_luminance, **named)
+        named = {"sigma_luminance": sigma_luminance, "sigma_normal": 128.0, **named}
+        super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = weight, radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6}
 

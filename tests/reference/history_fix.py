@@ -18,7 +18,7 @@ def fix_history(
     max_length : only shorter histories are changed
     stride : pixels between the taps where the length is 0
     margin : also return the sum of the weights (H, W), infinite where history is not changed
-    **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
+    **similarity : depth, normal, ids and their sigmas, see `similarity.Similarity`
 
     Returns
     -------
@@ -38,7 +38,7 @@ def fix_history(
                 x, y = step * dx, step * dy
                 if abs(x) >= width or abs(y) >= height:
                     continue
-                exponent, same = alike(dx, dy, step)  # (H, W)
+                exponent, same = alike(dx, dy, 2, step)  # (H, W)
                 weight = torch.exp(-exponent).where(here & same & shift(present, x, y, False), 0)  # (H, W)
                 weight = weight.where(weight >= CUT, 0) * shift(history_length, x, y, 0)  # (H, W)
                 colors += weight[..., None] * shift(clean, x, y, 0)  # (H, W, 3)

@@ -1,7 +1,6 @@
 import torch
 from torch import Tensor
 
-from .projection import pixel_centres, rays
 from .similarity import CUT, Similarity, shift
 
 
@@ -16,7 +15,7 @@ def reconstruct(color: Tensor, *, radius=2, sigma=1.0, margin=False, **similarit
     radius : of the window, in pixels
     sigma : of the Gaussian of the distance, in pixels
     margin : also return the sum of the weights (H, W), infinite where nothing is missing
-    **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
+    **similarity : depth, normal, ids and their sigmas, see `similarity.Similarity`
 
     Returns
     -------
@@ -28,7 +27,7 @@ def reconstruct(color: Tensor, *, radius=2, sigma=1.0, margin=False, **similarit
     colors, weights = torch.zeros_like(color), torch.zeros_like(color[..., 0])  # (H, W, 3), (H, W)
     for dy in range(-radius, radius + 1):
         for dx in range(-radius, radius + 1):
-            exponent, same = alike(dx, dy)  # (H, W)
+            exponent, same = alike(dx, dy, radius)  # (H, W)
             weight = torch.exp(-exponent - (dx * dx + dy * dy) / (2 * sigma**2))  # (H, W)
             weight = weight.where(same & shift(present, dx, dy, False) & (weight >= CUT), 0)  # (H, W)
             colors += weight[..., None] * shift(clean, dx, dy, 0)  # (H, W, 3)
@@ -44,7 +43,6 @@ def joint_bilateral_upsample(
     depth: Tensor | None = None,
     normal: Tensor | None = None,
     ids: Tensor | None = None,
-    camera=None,
     low_depth: Tensor | None = None,
     low_normal: Tensor | None = None,
     low_ids: Tensor | None = None,
@@ -53,8 +51,8 @@ def joint_bilateral_upsample(
     radius=2,
     sigma=1.0,
     sigma_normal=128.0,
-    sigma_depth=1.0,
-    sigma_plane=0.01,
+    sigma_depth=0.5,
+    sigma_plane=0.05,
     margin=False,
 ) -> Tensor | tuple[Tensor, Tensor]:
     """Upsample one sample per block of pixels to full resolution: Σ w c / Σ w over near and similar samples.
@@ -85,16 +83,9 @@ def joint_bilateral_upsample(
     def shown(full, low):
         return full[rows][:, columns] if low is None and full is not None else low
 
-    guides = {"depth": depth, "normal": normal, "ids": ids, "sigma_normal": sigma_normal}
-    here = Similarity(color.new_zeros(height, width, 3), **guides)
+    sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}
+    here = Similarity(color.new_zeros(height, width, 3), depth=depth, normal=normal, ids=ids, **sigmas)
     there = Similarity(color, depth=shown(depth, low_depth), normal=shown(normal, low_normal), ids=shown(ids, low_ids))
-    if camera is not None:
-        centres = pixel_centres(height, width, color)  # (H, W, 2)
-        rest = color.new_tensor([right - pixel_x, down - pixel_y])  # (2,)
-        _, directions = rays(camera, centres)  # (H, W, 3)
-        points = here.depth[..., None] * directions  # (H, W, 3), seen from the camera
-        _, directions = rays(camera, centres[rows][:, columns] + rest)  # (h, w, 3)
-        sampled = there.depth[..., None] * directions  # (h, w, 3)
     present = color.isfinite().all(-1)  # (h, w)
     clean = color.where(present[..., None], 0)  # (h, w, 3)
     x, y = torch.arange(width), torch.arange(height)  # (W,), (H,)
@@ -115,13 +106,8 @@ def joint_bilateral_upsample(
             if normal is not None:
                 apart = (here.normal - tap(there.normal)).square().sum(-1)  # (H, W)
                 exponent = exponent + here.sharpness * apart  # (H, W)
-            if camera is not None:
-                far = (here.normal * (points - tap(sampled))).sum(-1).abs() / (sigma_plane * here.depth)  # (H, W)
-                exponent = exponent + far.where(here.surface, 0)  # (H, W)
-            elif depth is not None:
-                rise = here.slope[0] * dx.abs() + here.slope[1] * dy.abs()  # (H, W)
-                far = (here.depth - tap(there.depth)).abs() / (sigma_depth * rise + 1e-3 * here.depth)  # (H, W)
-                exponent = exponent + far.where(here.surface, 0)  # (H, W)
+            if depth is not None:
+                exponent = exponent + here.behind(tap(there.inverse), dx, dy, radius * scale)  # (H, W)
             same = inside & (here.kind == tap(there.kind)) & tap(present)  # (H, W)
             weight = torch.exp(-exponent)  # (H, W)
             weight = weight.where(same & (weight >= CUT), 0)  # (H, W)

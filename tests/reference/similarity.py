@@ -3,8 +3,6 @@
 import torch
 from torch import Tensor
 
-from .projection import pixel_centres, rays
-
 CUT = 2.0**-64  # weights below this are zero
 BACKGROUND, OUTSIDE = -1, -2  # beside the ids
 
@@ -20,15 +18,16 @@ def shift(image: Tensor, dx: int, dy: int, fill) -> Tensor:
     return out
 
 
-def _slope(z: Tensor, surface: Tensor, dim: int) -> Tensor:
+def _slope(w: Tensor, surface: Tensor, dim: int) -> Tensor:
     """The smaller in magnitude of the forward and backward differences between surfaces; 0 where there is neither."""
     dx, dy = (1, 0) if dim == 1 else (0, 1)
     slopes = []
     for sign in (1, -1):
-        there = shift(z, sign * dx, sign * dy, 0)  # (H, W)
+        there = shift(w, sign * dx, sign * dy, 0)  # (H, W)
         on = shift(surface, sign * dx, sign * dy, False) & surface  # (H, W)
-        slopes.append((there - z).abs().where(on, torch.inf))  # (H, W)
-    slope = torch.minimum(*slopes)  # (H, W)
+        slopes.append((sign * (there - w)).where(on, torch.inf))  # (H, W)
+    ahead, behind = slopes
+    slope = ahead.where(ahead.abs() <= behind.abs(), behind)  # (H, W)
     return slope.where(slope.isfinite(), 0)  # (H, W)
 
 
@@ -43,10 +42,9 @@ class Similarity:
         depth=None,
         normal=None,
         ids=None,
-        camera=None,
         sigma_normal=128.0,
-        sigma_depth=1.0,
-        sigma_plane=0.01,
+        sigma_depth=0.5,
+        sigma_plane=0.05,
     ):
         height, width = like.shape[:2]
         self.sigma_normal, self.sigma_depth, self.sigma_plane = sigma_normal, sigma_depth, sigma_plane
@@ -57,18 +55,14 @@ class Similarity:
             self.kind = self.kind.where(depth.isfinite() & (depth > 0), BACKGROUND)  # (H, W)
         self.surface = self.kind != BACKGROUND  # (H, W)
         self.none = like.new_zeros(())
-        self.normal = self.depth = self.point = None
+        self.normal = self.inverse = None
         if normal is not None:
             good = (normal.isfinite().all(-1) & self.surface)[..., None]  # (H, W, 1)
             self.normal = normal.where(good, 0)  # (H, W, 3)
             self.sharpness = sigma_normal * 0.5 / (1 + sigma_normal * self._roughness())  # (H, W)
         if depth is not None:
-            self.depth = depth.where(self.surface, 0)  # (H, W)
-            if camera is not None:
-                _, directions = rays(camera, pixel_centres(height, width, like))  # (H, W, 3)
-                self.point = self.depth[..., None] * directions  # (H, W, 3), seen from the camera
-            else:
-                self.slope = [_slope(self.depth, self.surface, dim) for dim in (1, 0)]  # (H, W) along x, y
+            self.inverse = (1 / depth).where(self.surface, 0)  # (H, W)
+            self.slope = [_slope(self.inverse, self.surface, dim) for dim in (1, 0)]  # (H, W) along x, y
 
     def _roughness(self) -> Tensor:
         """How much normals change between pixels (H, W) but for edges and curvature: half the least of the squared
@@ -82,21 +76,23 @@ class Similarity:
             rough = rough + 0.5 * least.where(same[0] & same[1], 0)  # (H, W)
         return rough
 
-    def __call__(self, dx: int, dy: int, step: int = 1) -> tuple[Tensor, Tensor]:
-        """The exponent (H, W) for taps at step·(dx, dy), and the mask of taps that count (H, W)."""
+    def behind(self, inverse: Tensor, dx: Tensor | float, dy: Tensor | float, reach: float) -> Tensor:
+        """Distance (H, W) of points of an inverse depth, seen (dx, dy) pixels away, from each pixel's tangent plane, in
+        units of what counts as one for taps up to `reach` pixels away."""
+        across, along = self.slope
+        plane = self.inverse + across * dx + along * dy  # (H, W)
+        allowed = self.sigma_plane * self.inverse + self.sigma_depth * reach * (across.abs() + along.abs())  # (H, W)
+        return ((plane - inverse).abs() / allowed).where(self.surface, 0)  # (H, W)
+
+    def __call__(self, dx: int, dy: int, reach: int, step: int = 1) -> tuple[Tensor, Tensor]:
+        """The exponent (H, W) for taps at step·(dx, dy) of a kernel that reaches step·reach pixels to the side, and the
+        mask of taps that count (H, W)."""
         x, y = step * dx, step * dy
         same = shift(self.kind, x, y, OUTSIDE) == self.kind  # (H, W)
         exponent = self.none  # broadcasts to (H, W)
         if self.normal is not None:
             n = shift(self.normal, x, y, 0)  # (H, W, 3)
             exponent = exponent + self.sharpness * (self.normal - n).square().sum(-1)  # (H, W)
-        if self.depth is not None:
-            if self.point is not None:
-                between = self.point - shift(self.point, x, y, 0)  # (H, W, 3)
-                far = (self.normal * between).sum(-1).abs() / (self.sigma_plane * self.depth)  # (H, W)
-            else:
-                rise = self.slope[0] * abs(dx) + self.slope[1] * abs(dy)  # (H, W)
-                allowed = self.sigma_depth * step * rise + 1e-3 * self.depth  # (H, W)
-                far = (self.depth - shift(self.depth, x, y, 0)).abs() / allowed  # (H, W)
-            exponent = exponent + far.where(self.surface, 0)  # (H, W)
+        if self.inverse is not None:
+            exponent = exponent + self.behind(shift(self.inverse, x, y, 0), x, y, step * reach)  # (H, W)
         return exponent, same

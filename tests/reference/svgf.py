@@ -46,9 +46,9 @@ class SVGF:
         iterations=3,
         radius=1,
         sigma_luminance=3.0,
-        sigma_normal=128.0,
-        sigma_depth=1.0,
-        sigma_plane=0.01,
+        sigma_normal=64.0,
+        sigma_depth=0.5,
+        sigma_plane=0.05,
         relative_depth=0.1,
         plane_distance=0.01,
         normal_angle=25.0,
@@ -89,8 +89,6 @@ class SVGF:
         if frame.albedo is not None:
             light = demodulate(light, frame.albedo, emission=emission)  # (H, W, 3)
         similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
-        if frame.depth is not None and frame.normal is not None:
-            similarity["camera"] = frame.camera
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         if self.previous is None:
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), torch.zeros_like(light[..., 0])]
@@ -217,8 +215,6 @@ class SVGF:
     def without_fireflies(self, frame, light: Tensor, known: Tensor) -> Tensor:
         """Suppress fireflies of light (H, W, 3), as the camera sees it, relative to the history's light (H, W, 3)."""
         alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
-        if frame.depth is not None and frame.normal is not None:
-            alike["camera"] = frame.camera
         if frame.albedo is None:
             return suppress_fireflies(light, expected=known, **alike)[0]  # (H, W, 3)
         seen, expected = (remodulate(image, frame.albedo) for image in (light, known))  # (H, W, 3), (H, W, 3)

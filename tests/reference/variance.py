@@ -17,7 +17,7 @@ def estimate_variance(
     moments : (H, W, 2)
     history_length : (H, W)
     margin : also return the sum of the weights (H, W), infinite where the pixel's own moments suffice
-    **similarity : depth, normal, ids, camera and their sigmas, see `similarity.Similarity`
+    **similarity : depth, normal, ids and their sigmas, see `similarity.Similarity`
 
     Returns
     -------
@@ -33,7 +33,7 @@ def estimate_variance(
         for dx in range(-radius, radius + 1):
             if abs(dx) >= width or abs(dy) >= height:
                 continue
-            exponent, same = alike(dx, dy)  # (H, W)
+            exponent, same = alike(dx, dy, radius)  # (H, W)
             counts = same & shift(finite, dx, dy, False)  # (H, W)
             weight = torch.exp(-exponent).where(counts, 0)  # (H, W)
             weight = weight.where(weight >= CUT, 0)  # (H, W)

@@ -117,8 +117,6 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
             images |= temporal
         if "variance" in wanted:
             guides = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
-            if frame.depth is not None and frame.normal is not None:
-                guides["camera"] = frame.camera
             images["variance"] = estimate_variance(known.moments, known.history_length, **guides)
         if denoiser is not None:
             images["denoised"] = denoiser.step(frame).color

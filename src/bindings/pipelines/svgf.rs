@@ -34,13 +34,11 @@ use crate::pipelines::{svgf, taa};
 ///     time.
 /// sigma_luminance : float, default 3.0
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
-/// sigma_normal : float, default 128.0
+/// sigma_normal : float, default 64.0
 ///     Sharpness of the filter's normal weight; from 0.
-/// sigma_depth : float, default 1.0
-///     Scale of depth differences, in multiples of the slope's own; above 0. For frames without
-///     camera or normals.
-/// sigma_plane : float, default 0.01
-///     Scale of plane distances, relative to depth; above 0. For frames with camera, depth and normals.
+/// sigma_depth, sigma_plane : float, default 0.5 and 0.05
+///     Scale of distances from a pixel's tangent plane: in multiples of what the slope explains, and as a share of
+///     depth; both above 0. The two add up (`atrous`).
 /// relative_depth : float or (float, float), default 0.1
 ///     Largest relative difference from the expected depth that history may have; above 0. For frames without camera,
 ///     normals or motion of 3 channels.
@@ -136,12 +134,12 @@ pub struct SVGF {
 impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
-        sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=Bounds::Hard(0.1),
+        sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
         by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
-        sigma_normal=128.0, sigma_depth=1.0, sigma_plane=0.01, relative_depth=0.1, plane_distance=0.01, \
+        sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
         reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True)"
     )]

@@ -397,7 +397,7 @@ impl<K: Sink> Pass<'_, K> {
             layout: self.guide.layout,
             step: self.step as isize,
             variance: self.variance,
-            guide: self.guide.compare(&self.params.sigmas),
+            guide: self.guide.compare(&self.params.sigmas, RADIUS * self.step),
             sigma_luminance: self.params.sigma_luminance,
         };
         around.rows(simd, rows, self.sink);

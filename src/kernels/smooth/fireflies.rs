@@ -91,7 +91,7 @@ pub fn suppress_fireflies<'a>(
     let find = Find {
         seen: &seen,
         expected,
-        guide: guide.compare(&params.sigmas),
+        guide: guide.compare(&params.sigmas, params.radius),
         params,
     };
     let outs = (found.removed.bands())
@@ -108,7 +108,7 @@ pub fn suppress_fireflies<'a>(
     let spread = Spread {
         seen: &seen,
         found: &found,
-        guide: guide.compare(&params.sigmas),
+        guide: guide.compare(&params.sigmas, params.radius),
         params,
         color,
     };

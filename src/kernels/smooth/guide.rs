@@ -7,21 +7,18 @@
 //!   every pixel: ½ Σ min(|n₋ − n|², |n₊ − n|², ⅓|n₋ − 2n + n₊|²) over both axes, n₋ and n₊ being the normals of the pixels
 //!   before and after, of the same class. Rousselle et al. 2013 (*Robust Denoising using Feature and Color Information*)
 //!   divide a feature's difference by its gradient likewise.
-//! - **depth**, by plane: |n·(X − X′)| / (σ·Z), the distance of the other point from this pixel's plane as a share of
-//!   depth; needs a camera and normals.
-//! - **depth**, by slope: |Z − Z′| / (σ·(|∂Z/∂x Δx| + |∂Z/∂y Δy|) + Z/1000), the difference as a multiple of what the
-//!   slope explains (Schied et al. 2017, equation 3). Slopes are one-sided differences, the smaller of both sides, so
-//!   that edges do not count as slopes.
+//! - **depth**: |w′ − w − Δx ∂w/∂x − Δy ∂w/∂y| / (σ_p w + σ_d r (|∂w/∂x| + |∂w/∂y|)), with w = 1/Z, which is linear in the
+//!   image on a plane: how far the other point lies before or behind this pixel's tangent plane, as a share of depth, where
+//!   the slope is allowed to be wrong by a multiple of itself over the kernel's reach r. Slopes are one-sided differences,
+//!   the smaller of both sides, so that edges do not count as slopes. Schied et al. 2017, equation 3, compare Z′ with Z
+//!   itself and divide by the slope: on every inclined surface, each tap then has a weight of 1/e beside the centre's 1.
 //! - **class**: background is one surface, without depth or normal; every id is one, or all that is not background.
 
 use std::ops::Range;
 
-use glam::Vec3;
-
 use crate::bordered::{Bordered, BorderedBand, Layout};
 use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, Size};
-use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::validate::Surface;
 use crate::lanes::{Classes, Lanes, Taps};
 use crate::math::{LOG2_E, is_present, smaller};
@@ -32,9 +29,10 @@ use crate::rows::{self, Kernel, Simd};
 pub struct Sigmas {
     /// κ: how sharply differences of normals count; ≥ 0; 128.
     pub normal: f32,
-    /// Depth difference that counts as one, in multiples of what the slope explains; > 0; 1.
+    /// Part of the distance from the tangent plane that counts as one, in multiples of what the slope explains over the
+    /// reach of the kernel; > 0; 0.5.
     pub depth: f32,
-    /// Plane distance that counts as one, as a share of depth; > 0; 0.01.
+    /// The other part, as a share of depth; > 0; 0.05.
     pub plane: f32,
 }
 
@@ -42,8 +40,8 @@ impl Default for Sigmas {
     fn default() -> Self {
         Self {
             normal: 128.0,
-            depth: 1.0,
-            plane: 0.01,
+            depth: 0.5,
+            plane: 0.05,
         }
     }
 }
@@ -67,20 +65,13 @@ pub struct Guide {
     normal: Option<Bordered>,
     /// How much normals change from pixel to pixel, if there are any.
     roughness: Option<Bordered>,
-    depth: Option<Depth>,
-}
-
-enum Depth {
-    /// Depth, 1 where there is no surface, compared as distance from the centre's plane.
-    Plane(Bordered, Rays),
-    /// Depth and its slopes along x and y, for frames without camera or normals.
-    Slope(Bordered),
+    /// 1/Z and its slopes along x and y; 0 where there is no surface.
+    depth: Option<Bordered>,
 }
 
 impl Guide {
-    /// For taps up to `reach` pixels to the side. Planes are compared where rays, depth and normals are given, slopes where
-    /// only depth is.
-    pub fn new(size: Size, reach: usize, surface: Surface, rays: Option<Rays>) -> Self {
+    /// For taps up to `reach` pixels to the side.
+    pub fn new(size: Size, reach: usize, surface: Surface) -> Self {
         let Surface {
             depth, normal, ids, ..
         } = surface;
@@ -90,15 +81,10 @@ impl Guide {
             class: Bordered::new(layout, [0]),
             normal: normal.map(|_| Bordered::new(layout, [0.0; 3])),
             roughness: None,
-            depth: depth.map(|_| match rays.filter(|_| normal.is_some()) {
-                Some(rays) => Depth::Plane(Bordered::new(layout, [1.0]), rays),
-                None => Depth::Slope(Bordered::new(layout, [0.0; 3])),
-            }),
+            depth: depth.map(|_| Bordered::new(layout, [0.0; 3])),
         };
         let normals = guide.normal.as_mut().map(Bordered::bands);
-        let depths = guide.depth.as_mut().map(|depth| match depth {
-            Depth::Plane(image, _) | Depth::Slope(image) => image.bands(),
-        });
+        let depths = guide.depth.as_mut().map(Bordered::bands);
         let outs = (guide.class.bands())
             .zip(rows::optional(normals))
             .zip(rows::optional(depths))
@@ -123,12 +109,8 @@ impl Guide {
         guide
     }
 
-    pub(crate) fn compares_planes(&self) -> bool {
-        matches!(self.depth, Some(Depth::Plane(..)))
-    }
-
-    /// The guide as kernels read it, with how strictly it is compared.
-    pub(crate) fn compare(&self, sigmas: &Sigmas) -> Comparison<'_> {
+    /// The guide as kernels read it, with how strictly it is compared by a kernel that reaches so many pixels to the side.
+    pub(crate) fn compare(&self, sigmas: &Sigmas, reach: usize) -> Comparison<'_> {
         let [class] = self.class.planes();
         Comparison {
             layout: self.layout,
@@ -144,13 +126,9 @@ impl Guide {
                     [x, y, z, roughness]
                 }),
             sigma_normal: sigmas.normal,
-            depth: match &self.depth {
-                Some(Depth::Plane(depth, rays)) => Depths::Plane(depth.planes(), *rays),
-                Some(Depth::Slope(slopes)) => Depths::Slope(slopes.planes()),
-                None => Depths::Absent,
-            },
-            plane_scale: LOG2_E / sigmas.plane,
-            slope_unit: sigmas.depth,
+            depth: self.depth.as_ref().map(Bordered::planes),
+            sigma_plane: sigmas.plane,
+            sigma_slope: sigmas.depth * reach as f32,
         }
     }
 }
@@ -166,22 +144,12 @@ pub(crate) struct Comparison<'a> {
     /// Normals, and their roughness.
     normal: Option<[&'a [f32]; 4]>,
     sigma_normal: f32,
-    depth: Depths<'a>,
-    plane_scale: f32,
-    slope_unit: f32,
-}
-
-#[derive(Clone, Copy)]
-enum Depths<'a> {
-    Absent,
-    Plane([&'a [f32]; 1], Rays),
-    Slope([&'a [f32]; 3]),
+    depth: Option<[&'a [f32]; 3]>,
+    sigma_plane: f32,
+    sigma_slope: f32,
 }
 
 /// What taps are compared with, for one register of centre pixels.
-///
-/// With D(x, y) the ray of a pixel, which is linear in x and y, a point of depth Z′ seen Δ pixels away from the pixel (x, y)
-/// of depth Z and normal n is n·(X′ − X) = Z′ (n·D + Δx n·∂D/∂x + Δy n·∂D/∂y) − Z n·D from its plane.
 #[derive(Clone, Copy)]
 pub(crate) struct Center<S: Simd> {
     pub at: usize,
@@ -189,10 +157,10 @@ pub(crate) struct Center<S: Simd> {
     normal: [Lanes<S>; 3],
     /// log₂e·κ/2 over 1 + κ times the roughness.
     normal_scale: Lanes<S>,
-    /// n·∂D/∂x, n·∂D/∂y, n·D and Z n·D, in units of the distance that counts as one.
-    plane: [Lanes<S>; 4],
-    /// Depth and its slopes.
-    slope: [Lanes<S>; 3],
+    /// 1/Z and its slopes: the tangent plane.
+    plane: [Lanes<S>; 3],
+    /// log₂e over the distance from it that counts as one.
+    plane_scale: Lanes<S>,
 }
 
 impl Comparison<'_> {
@@ -205,11 +173,7 @@ impl Comparison<'_> {
             len: self.layout.stride(),
             class: self.layout.cut(self.class, y),
             normal: self.normal.map(|planes| planes.map(cut)),
-            depth: match self.depth {
-                Depths::Plane([z], rays) => Depths::Plane([cut(z)], rays),
-                Depths::Slope([z, zx, zy]) => Depths::Slope([cut(z), cut(zx), cut(zy)]),
-                Depths::Absent => Depths::Absent,
-            },
+            depth: self.depth.map(|planes| planes.map(cut)),
             ..*self
         }
     }
@@ -223,8 +187,8 @@ impl Comparison<'_> {
             class: Classes::load(simd, &self.class[..self.len], at),
             normal: [Lanes::all(simd, 0.0); 3],
             normal_scale: Lanes::all(simd, 0.0),
-            plane: [Lanes::all(simd, 0.0); 4],
-            slope: [Lanes::all(simd, 0.0); 3],
+            plane: [Lanes::all(simd, 0.0); 3],
+            plane_scale: Lanes::all(simd, 0.0),
         };
         if let Some(planes) = self.normal {
             let planes = planes.map(|plane| &plane[..self.len]);
@@ -233,19 +197,14 @@ impl Comparison<'_> {
             let sharpness = Lanes::all(simd, LOG2_E * 0.5 * self.sigma_normal);
             center.normal_scale = sharpness / (roughness * self.sigma_normal + 1.0);
         }
-        match self.depth {
-            Depths::Plane([depth], rays) => {
-                let z = Lanes::load(simd, &depth[..self.len], at);
-                let scale = Lanes::all(simd, self.plane_scale) / z;
-                let right = scale * dot(center.normal, rays.dx);
-                let down = scale * dot(center.normal, rays.dy);
-                let columns = Lanes::count_from(simd, x as f32 + 0.5);
-                let corner = scale * dot(center.normal, rays.corner);
-                let ray = corner + right * columns + down * (y as f32 + 0.5);
-                center.plane = [right, down, ray, z * ray];
-            }
-            Depths::Slope(slopes) => center.slope = Lanes::load_all(simd, slopes, at),
-            Depths::Absent => {}
+        if let Some(planes) = self.depth {
+            let planes = planes.map(|plane| &plane[..self.len]);
+            let [w, across, along] = Lanes::load_all(simd, planes, at);
+            let slope = across.abs() + along.abs();
+            // The last term avoids 0/0 on the background.
+            let unit = w * self.sigma_plane + slope * self.sigma_slope + 1e-30;
+            center.plane = [w, across, along];
+            center.plane_scale = Lanes::all(simd, LOG2_E) / unit;
         }
         center
     }
@@ -283,31 +242,17 @@ impl Comparison<'_> {
                 exponents[k] = exponents[k] - difference[k] * center.normal_scale;
             }
         }
-        match self.depth {
-            Depths::Plane([depth], _) => {
-                let z = Lanes::load_taps(simd, &depth[..self.len], center.at, taps);
-                let [right, down, ray, here] = center.plane;
-                let row = ray + down * taps.down;
-                let mut difference = z;
-                for k in 0..N {
-                    difference[k] = z[k] * (row + right * taps.right[k]) - here;
-                }
-                for k in 0..N {
-                    exponents[k] = exponents[k] - difference[k].abs();
-                }
+        if let Some([depth, ..]) = self.depth {
+            let there = Lanes::load_taps(simd, &depth[..self.len], center.at, taps);
+            let [w, across, along] = center.plane;
+            let row = w + along * taps.down;
+            let mut difference = there;
+            for k in 0..N {
+                difference[k] = row + across * taps.right[k] - there[k];
             }
-            Depths::Slope([depth, ..]) => {
-                let z_there = Lanes::load_taps(simd, &depth[..self.len], center.at, taps);
-                let [z, zx, zy] = center.slope;
-                for k in 0..N {
-                    let rise = zx * taps.right[k].abs() + zy * taps.down.abs();
-                    // The last term avoids 0/0 on the background, where depth and slopes are zero.
-                    let unit = rise * self.slope_unit + z * 1e-3 + 1e-30;
-                    let difference = (z - z_there[k]).abs();
-                    exponents[k] = exponents[k] - difference * LOG2_E / unit;
-                }
+            for k in 0..N {
+                exponents[k] = exponents[k] - difference[k].abs() * center.plane_scale;
             }
-            Depths::Absent => {}
         }
         let classes = Classes::load_taps(simd, &self.class[..self.len], center.at, taps);
         for k in 0..N {
@@ -316,11 +261,6 @@ impl Comparison<'_> {
         }
         exponents
     }
-}
-
-#[inline(always)]
-fn dot<S: Simd>([x, y, z]: [Lanes<S>; 3], v: Vec3) -> Lanes<S> {
-    x * v.x + y * v.y + z * v.z
 }
 
 /// Whether a depth belongs to a surface rather than to the background.
@@ -335,7 +275,7 @@ struct Fill<'a> {
     ids: Option<Pixels<'a, u32>>,
 }
 
-/// A band of each image of a guide. Depth has one channel or, with slopes, three.
+/// A band of each image of a guide.
 struct Outs<'a> {
     class: BorderedBand<'a, u32>,
     normal: Option<BorderedBand<'a>>,
@@ -360,17 +300,13 @@ impl<'a> Kernel for Fill<'a> {
                 normals(depth.map(|_| &*class), out);
             }
             if let Some((image, out)) = self.depth.zip(out.depth.as_mut()) {
-                if out.channels() == 1 {
-                    depths(image.row(y), out.row(0, y));
-                } else {
-                    let row = |y: usize| (y < image.size.height).then(|| image.row(y));
-                    slopes(
-                        row(y.wrapping_sub(1)),
-                        image.row(y),
-                        row(y + 1),
-                        out.rows(y),
-                    );
-                }
+                let row = |y: usize| (y < image.size.height).then(|| image.row(y));
+                tangents(
+                    row(y.wrapping_sub(1)),
+                    image.row(y),
+                    row(y + 1),
+                    out.rows(y),
+                );
             }
         }
     }
@@ -466,44 +402,42 @@ fn normals(class: Option<&[u32]>, [nx, ny, nz]: [&mut [f32]; 3]) {
     }
 }
 
+/// Writes 1/Z and its slopes for a row. Neighbours outside the image count as NaN, hence as no surface.
 #[inline(always)]
-fn depths(depth: &[f32], out: &mut [f32]) {
-    for (out, &z) in out.iter_mut().zip(depth) {
-        *out = if is_surface(z) { z } else { 1.0 };
-    }
-}
-
-/// Writes depth and slopes of a row. Neighbours outside the image count as NaN, hence as no surface.
-#[inline(always)]
-fn slopes(
+fn tangents(
     above: Option<&[f32]>,
     depth: &[f32],
     below: Option<&[f32]>,
-    [oz, ox, oy]: [&mut [f32]; 3],
+    [ow, ox, oy]: [&mut [f32]; 3],
 ) {
     for x in 0..depth.len() {
         let z = depth[x];
         let [left, right] =
             [x.wrapping_sub(1), x + 1].map(|x| depth.get(x).copied().unwrap_or(f32::NAN));
         let [up, down] = [above, below].map(|row| row.map_or(f32::NAN, |row| row[x]));
-        oz[x] = if is_surface(z) { z } else { 0.0 };
+        ow[x] = if is_surface(z) { 1.0 / z } else { 0.0 };
         ox[x] = slope(z, left, right);
         oy[x] = slope(z, up, down);
     }
 }
 
-/// The smaller one-sided difference to a neighbour that is a surface; 0 if neither is.
+/// The slope of 1/Z: the smaller one-sided difference to a neighbour that is a surface; 0 if neither is.
 #[inline(always)]
 fn slope(z: f32, before: f32, after: f32) -> f32 {
-    let difference = |other: f32| {
-        if is_surface(z) & is_surface(other) {
-            (z - other).abs()
+    let difference = |from: f32, to: f32| {
+        if is_surface(from) & is_surface(to) {
+            1.0 / to - 1.0 / from
         } else {
             f32::INFINITY
         }
     };
-    let smaller = difference(before).min(difference(after));
-    if smaller < f32::INFINITY {
+    let (behind, ahead) = (difference(before, z), difference(z, after));
+    let smaller = if behind.abs() < ahead.abs() {
+        behind
+    } else {
+        ahead
+    };
+    if smaller.abs() < f32::INFINITY {
         smaller
     } else {
         0.0

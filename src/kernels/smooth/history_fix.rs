@@ -123,7 +123,7 @@ impl<'a> Kernel for Fix<'a> {
                     }
                     let layout = &self.guide.layout;
                     let taps = taps[step].get_or_insert_with(|| layout.taps(y, 2, step));
-                    let (weight, sum) = self.sums(simd, x, y, taps);
+                    let (weight, sum) = self.sums(simd, [x, y], step, taps);
                     let chosen = Lanes::load(simd, &chosen, 0).above(0.0);
                     let known = chosen.and(weight.above(0.0));
                     for (channel, sum) in sum.into_iter().enumerate() {
@@ -138,18 +138,18 @@ impl<'a> Kernel for Fix<'a> {
 }
 
 impl Fix<'_> {
-    /// Sums over the taps of the pixels from (x, y) on: weights, and colours times weights.
+    /// Sums over the taps, `step` pixels apart, of the pixels from (x, y) on: weights, and colours times weights.
     #[inline(always)]
     fn sums<S: Simd>(
         &self,
         simd: S,
-        x: usize,
-        y: usize,
+        [x, y]: [usize; 2],
+        step: usize,
         taps: &[Tap],
     ) -> (Lanes<S>, [Lanes<S>; 3]) {
         let nothing = Lanes::all(simd, 0.0);
         let mut sums = (nothing, [nothing; 3]);
-        let guide = self.guide.compare(&self.params.sigmas);
+        let guide = self.guide.compare(&self.params.sigmas, 2 * step);
         let center = guide.center(simd, x, y);
         let (several, rest) = taps.as_chunks::<TOGETHER>();
         for taps in several {

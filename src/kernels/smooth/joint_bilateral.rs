@@ -150,8 +150,8 @@ pub fn reconstruct(color: Pixels, guide: &Guide, params: Params) -> Image {
     let samples = Samples::new(color, guide.layout);
     let fill = Fill {
         samples: &samples,
-        guide: guide.compare(&params.sigmas),
-        shown: guide.compare(&params.sigmas),
+        guide: guide.compare(&params.sigmas, params.radius),
+        shown: guide.compare(&params.sigmas, params.radius),
         radius: params.radius,
         sigma: params.sigma,
         subpixel: [0.0; 2],
@@ -170,11 +170,12 @@ pub fn joint_bilateral_upsample(
 ) -> Image {
     let color = grid.scatter(low, f32::NAN);
     let samples = Samples::new(color.pixels(), guide.layout);
+    let radius = params.radius * grid.scale;
     let fill = Fill {
         samples: &samples,
-        guide: guide.compare(&params.sigmas),
-        shown: shown.compare(&params.sigmas),
-        radius: params.radius * grid.scale,
+        guide: guide.compare(&params.sigmas, radius),
+        shown: shown.compare(&params.sigmas, radius),
+        radius,
         sigma: params.sigma * grid.scale as f32,
         subpixel: grid.subpixel(),
         keep: false,

@@ -143,7 +143,7 @@ impl<'a> Estimate<'a> {
         let rows: Vec<_> = (-radius..=radius)
             .map(|dy| moments.row(y as isize + dy))
             .collect();
-        let guide = self.guide.compare(&self.params.sigmas);
+        let guide = self.guide.compare(&self.params.sigmas, self.params.radius);
         let taps = self.guide.layout.taps(y, self.params.radius, 1);
         for x in (0..variance.len()).step_by(Lanes::<S>::COUNT) {
             let length = Lanes::load(simd, length, x);

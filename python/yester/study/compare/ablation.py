@@ -131,7 +131,7 @@ ABLATIONS = (
             "spatial variance": pipeline(SVGF, min_length=1),
             "luminance weight": pipeline(SVGF, sigma_luminance=_ENDLESS),
             "normal weight": pipeline(SVGF, sigma_normal=0),
-            "plane weight": pipeline(SVGF, sigma_plane=_ENDLESS, sigma_depth=_ENDLESS),
+            "depth weight": pipeline(SVGF, sigma_plane=_ENDLESS, sigma_depth=_ENDLESS),
             # With `choice`, a pass would be added.
             "all passes": pipeline(SVGF, iterations=0, choice=False),
             "passes after 1": pipeline(SVGF, iterations=1, choice=False),

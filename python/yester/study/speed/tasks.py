@@ -187,17 +187,17 @@ _TEXTBOOK: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp
 _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {
-    **{"radius": 2, "reflections": ()},
+    **{"radius": 2, "sigma_luminance": 4.0, "sigma_normal": 128.0, "alpha": 0.05, "reflections": ()},
     **dict.fromkeys(("gradient", "fireflies", "choice", "innovation", "antialias"), False),
 }
 
 # Vector operations per pixel as `Task.multiply_adds` counts them, read from the kernels.
 #
-# Exponent of a tap. Normals: 8 for the squared distance, 2 to scale and subtract it. Planes: 2 to move the ray, 4 for
-# the distance from the plane and to subtract it. Class: 2. The ray of a row of taps: 2.
+# Exponent of a tap. Normals: 8 for the squared distance, 2 to scale and subtract it. Depth: 3 for the distance from the
+# plane, 3 to scale and subtract it. Class: 2. The plane at a row of taps: 2.
 _GUIDED, _ROW = 10 + 6 + 2, 2
-# The centre: its ray, scaled by the plane tolerance.
-_CENTER = 24
+# The centre: the scales of normals and depth.
+_CENTER = 12
 # 3 to split the exponent, 10 for the polynomial, 2 to combine both, 2 to find zero weights.
 _EXP2 = 17
 
