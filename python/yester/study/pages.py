@@ -23,7 +23,7 @@ from yester.io.files import beside
 
 from .compare import harm
 from .compare.ablation import Effect, harmful
-from .compare.doors import FULL
+from .compare.doors import DOORS, FULL
 from .compare.points import ALL
 from .rendered.sequences import GROUPS, LATE, NAMES
 
@@ -53,8 +53,7 @@ RUNS = {
     "accuracy": Source(f"yester chart {_FRAMES} --metrics psnr relmse flip temporal_error", "points.csv"),
     "ablation": Source(f"yester chart --ablate {_FRAMES}", "ablation.csv"),
     "doors": Source(
-        "yester chart --doors --sequences tuning held-out --size 128x96 --length 12 --reference-spp 256"
-        " --methods SVGF --no-peers",
+        "yester chart --doors --sequences all late-held-out --size 128x96 --length 12 --reference-spp 256 --no-peers",
         "doors.csv",
     ),
     "oracle": Source("yester.study.compare.oracle", ""),
@@ -194,13 +193,18 @@ def harms(folder: Path) -> str:
     return _table(["component", "sequences"], [[name, "; ".join(by_component[name])] for name in order])
 
 
+def _through_doors(folder: Path) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
+    """The metrics by method, door and sequence."""
+    values: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
+    for row in _rows(folder / "doors.csv"):
+        known = {key: float(row[key]) for key in _LABELS}
+        values.setdefault(row["method"], {}).setdefault(row["door"], {})[row["scene"]] = known
+    return values
+
+
 def doors(folder: Path) -> str:
     """The loss of SVGF through poor doors: mean over sequences, and the worst case in PSNR."""
-    values: dict[str, dict[str, dict[str, float]]] = {}
-    for row in _rows(folder / "doors.csv"):
-        if row["method"] == "SVGF":
-            values.setdefault(row["door"], {})[row["scene"]] = {key: float(row[key]) for key in _LABELS}
-    rows = []
+    values, rows = _through_doors(folder)["SVGF"], []
     for door, scenes in values.items():
         if door != FULL:
             gained = {scene: harm.gains(one, values[FULL][scene]) for scene, one in scenes.items()}
@@ -208,6 +212,36 @@ def doors(folder: Path) -> str:
             means = [_amount(key, float(np.mean([one[key] for one in gained.values()]))) for key in _LABELS]
             rows.append([door, *means, f"{_amount('psnr', gained[worst]['psnr'])}, `{worst}`"])
     return _table(["", *_LABELS.values(), "worst"], rows)
+
+
+def methods_through_doors(folder: Path) -> str:
+    """The loss in PSNR of each method through poor doors: mean over sequences, and the worst case."""
+    values = _through_doors(folder)
+    rows = []
+    for door in DOORS[1:]:
+        cells = []
+        for known in values.values():
+            lost = {scene: one["psnr"] - known[FULL][scene]["psnr"] for scene, one in known[door.name].items()}
+            worst = min(lost, key=lambda scene: lost[scene])
+            mean, least = (_amount("psnr", value) for value in (float(np.mean([*lost.values()])), lost[worst]))
+            cells.append(f"{mean} ({least}, `{worst}`)")
+        rows.append([door.name, *cells])
+    return _table(["", *values], rows)
+
+
+def harmful_buffers(folder: Path) -> str:
+    """Where SVGF is better through a door than with one more buffer, beyond the limits of harm, with the sequences."""
+    values, rows = _through_doors(folder)["SVGF"], []
+    for door in DOORS:
+        for richer in door.richer:
+            cases = []
+            for scene, poor in values.get(door.name, {}).items():
+                gained = harm.gains(values[richer][scene], poor)
+                if bad := harm.harms(gained):
+                    cases.append(f"`{scene}` ({', '.join(f'{key} {harm.amount(key, gained[key])}' for key in bad)})")
+            if cases:
+                rows.append([door.name, richer, "; ".join(cases)])
+    return _table(["better", "than", "sequences"], rows)
 
 
 def stress(folder: Path) -> str:
@@ -282,7 +316,8 @@ TABLES: dict[str, Callable[[Path], str]] = {
     **{
         table.__name__: table
         for table in (
-            *(methods, variants, groups, sequences, ablation, harms, doors),
+            *(methods, variants, groups, sequences, ablation, harms),
+            *(doors, methods_through_doors, harmful_buffers),
             *(stress, failures, speed, pipelines, kernels, machine),
         )
     },

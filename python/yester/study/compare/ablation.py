@@ -149,6 +149,8 @@ ABLATIONS = (
             "pass 4": pipeline(SVGF, iterations=4),
             "5×5 taps": pipeline(SVGF, radius=2),
             "tolerance of 4 sigma": pipeline(SVGF, sigma_luminance=4),
+            "albedo test": pipeline(SVGF, relative_albedo=0.1),
+            "alternation": _antialiased(alternation=True),
             "6 distances": pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf)),
             "later frames": pipeline(SVGF, lookahead=LOOKAHEAD),
             "soft thresholds": pipeline(
@@ -172,7 +174,17 @@ ABLATIONS = (
             "share by speed": pipeline(TAA, fast_alpha=0.05),
         }.items()
     ),
-    _ablation(_TAA, "innovation", pipeline(TAA, innovation=True), added=True),
+    *(
+        _ablation(_TAA, component, run, added=True)
+        for component, run in {
+            "innovation": pipeline(TAA, innovation=True),
+            "depth and plane test": pipeline(TAA, relative_depth=0.1, plane_distance=0.01),
+            "id test": pipeline(TAA, ids=True),
+            "gradient": pipeline(TAA, gradient=True),
+            "anti-lag": pipeline(TAA, anti_lag=1.0),
+            "alternation": pipeline(TAA, alternation=True),
+        }.items()
+    ),
 )
 
 
