@@ -37,8 +37,7 @@ EXPORTED = {
 
 
 def attributes(owner):
-    """Methods and properties of a class, without inherited ones and the members of enumerations; the binary's classes list
-    them in another order in each process."""
+    """Methods and properties of a class, sorted, without inherited ones and the members of enumerations."""
     for name, thing in sorted(vars(owner).items()):
         data = inspect.isdatadescriptor(thing) or isinstance(thing, cached_property)
         if not name.startswith("_") and not isinstance(thing, owner) and (data or callable(thing)):

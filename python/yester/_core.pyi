@@ -745,7 +745,7 @@ class HalfRes(Pipeline):
         The fraction of a sample that a reconstructed colour counts for without history, above 0 to 1.
     radius : int, default 2
         Radius in pixels of the window from which untraced pixels are reconstructed, 1 to 16.
-    iterations : int, default 5
+    iterations : int, default 4
         Passes of the spatial filter, 0 to 16.
     sigma_luminance : float, default 4.0
         The filter's scale of luminance differences, in standard deviations; above 0.
@@ -3306,9 +3306,8 @@ def atrous(
       or the prediction.
 
     Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
-    variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez`` is ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, which on every
-    inclined surface gives each tap a weight of 1/e; without ids and normals it costs .05 dB in the mean and .5 dB at most
-    against the one above.
+    variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every
+    tap on an inclined plane, where the one above is 0.
 
     References
     ----------
@@ -3413,9 +3412,8 @@ def atrous(
       or the prediction.
 
     Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
-    variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez`` is ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, which on every
-    inclined surface gives each tap a weight of 1/e; without ids and normals it costs .05 dB in the mean and .5 dB at most
-    against the one above.
+    variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every
+    tap on an inclined plane, where the one above is 0.
 
     References
     ----------

@@ -82,27 +82,30 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     widest: 5,
 };
 
+/// Normals are compared half as strictly as by the paper.
+const SIGMAS: Sigmas = Sigmas {
+    normal: 64.0,
+    depth: 0.5,
+    plane: 0.05,
+};
+
 /// By our own measurements.
 impl Default for Params {
     fn default() -> Self {
-        let sigmas = Sigmas {
-            normal: 64.0,
-            ..Default::default()
-        };
         Self {
             accumulate: accumulate::Params {
                 alpha: 0.2,
                 ..Default::default()
             },
             variance: variance::Params {
-                sigmas,
+                sigmas: SIGMAS,
                 ..Default::default()
             },
             atrous: atrous::Params {
                 iterations: 3,
                 radius: 1,
                 sigma_luminance: 3.0,
-                sigmas,
+                sigmas: SIGMAS,
             },
             gradient: Some(ESTIMATED_GRADIENT),
             choice: Some(choice::Params::default()),
@@ -137,7 +140,8 @@ impl Params {
 
     /// Half resolution: frames of which a part is traced, another one each time. More noise is expected than from whole
     /// frames, and histories to be wrong more often. Gradient, reflections and innovation ask traced samples alone.
-    pub fn half_res(lend: lend::Params) -> Self {
+    pub fn half_res(mut lend: lend::Params) -> Self {
+        lend.window.sigmas = SIGMAS;
         let clip = neighborhood::Params {
             gamma: 0.6,
             ..taa::Params::DENOISED.clip
@@ -147,8 +151,13 @@ impl Params {
                 alpha: 0.2,
                 ..Default::default()
             },
+            variance: variance::Params {
+                sigmas: SIGMAS,
+                ..Default::default()
+            },
             atrous: atrous::Params {
-                iterations: 5,
+                iterations: 4,
+                sigmas: SIGMAS,
                 ..Default::default()
             },
             // Windows twice as wide have as many samples.
@@ -428,16 +437,8 @@ impl Svgf {
             shown,
         );
 
-        let mut memory = Memory::new(frame, history, params, !now.continues);
-        memory.reflections = light.map(|light| reflections::Memory {
-            light,
-            scores: match reflections {
-                Some(won) => won.scores,
-                None => reflections::Scores::new(frame.color.size, params.reflections.len()),
-            },
-        });
         self.state = Some(State {
-            memory,
+            memory: now.remember(history, light, reflections),
             evidence,
             choice,
         });
@@ -506,6 +507,24 @@ impl Current<'_> {
             exposure,
             evidence,
         ))
+    }
+
+    /// What the next frame reprojects. It looks for reflections in `light`, at the distances that have won.
+    fn remember(
+        &self,
+        history: Records,
+        light: Option<Records>,
+        won: Option<reflections::Won>,
+    ) -> Memory {
+        let mut memory = Memory::new(self.frame, history, self.params, !self.continues);
+        memory.reflections = light.map(|light| reflections::Memory {
+            light,
+            scores: match won {
+                Some(won) => won.scores,
+                None => reflections::Scores::new(self.size(), self.params.reflections.len()),
+            },
+        });
+        memory
     }
 
     /// Whether history is tested by its distance from a plane; from the second frame on.

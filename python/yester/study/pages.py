@@ -57,7 +57,7 @@ RUNS = {
         "doors.csv",
     ),
     "oracle": Source("yester.study.compare.oracle", ""),
-    "plans": Source("yester.study.compare.judging", ""),
+    "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "later_frames": Source(
         "yester.study.compare.lookahead --sequences all late-held-out --size 128x96 --references 8 9 10 11", ""
     ),
@@ -168,6 +168,16 @@ def ablation(folder: Path) -> str:
     return _table(["", *_LABELS.values(), "ms at 1280×720"], rows)
 
 
+def innovation(folder: Path) -> str:
+    """What innovation gives SVGF on each sequence."""
+    rows = [
+        [f"`{row['scene']}`" if row["scene"] != ALL else "mean", *(_amount(key, float(row[key])) for key in _LABELS)]
+        for row in _rows(folder / "ablation.csv")
+        if (row["pipeline"], row["component"], row["door"]) == ("SVGF", "innovation", FULL)
+    ]
+    return _table(["", *_LABELS.values()], rows)
+
+
 def harms(folder: Path) -> str:
     """Components that are on by default and do harm, beyond the limits and two standard errors, with the sequences."""
     effects = [
@@ -258,6 +268,20 @@ def stress(folder: Path) -> str:
     return _table([" / ".join(_VERDICTS), *parts], rows)
 
 
+def families(folder: Path) -> str:
+    """The numbers of cases that hold, degrade and fail in each family of failures, with SVGF and SVGF on both sides."""
+    wanted = ("SVGF", "SVGF, both sides")
+    found: dict[str, dict[str, list[str]]] = {}
+    for row in _rows(folder / "stress.csv"):
+        if row["part"] == "failures" and row["method"] in wanted:
+            found.setdefault(row["failure"], {}).setdefault(row["method"], []).append(row["verdict"])
+    rows = [
+        [family, *(" / ".join(str(each[name].count(verdict)) for verdict in _VERDICTS) for name in wanted)]
+        for family, each in found.items()
+    ]
+    return _table([" / ".join(_VERDICTS), *wanted], rows)
+
+
 def failures(folder: Path) -> str:
     """The cases in which SVGF, or SVGF on both sides, fails."""
     wanted = ("SVGF", "SVGF, both sides")
@@ -316,9 +340,9 @@ TABLES: dict[str, Callable[[Path], str]] = {
     **{
         table.__name__: table
         for table in (
-            *(methods, variants, groups, sequences, ablation, harms),
+            *(methods, variants, groups, sequences, ablation, innovation, harms),
             *(doors, methods_through_doors, harmful_buffers),
-            *(stress, failures, speed, pipelines, kernels, machine),
+            *(stress, families, failures, speed, pipelines, kernels, machine),
         )
     },
     **{name: _text(name) for name, source in RUNS.items() if not source.made},

@@ -27,7 +27,7 @@ use crate::pipelines::svgf;
 ///     The fraction of a sample that a reconstructed colour counts for without history, above 0 to 1.
 /// radius : int, default 2
 ///     Radius in pixels of the window from which untraced pixels are reconstructed, 1 to 16.
-/// iterations : int, default 5
+/// iterations : int, default 4
 ///     Passes of the spatial filter, 0 to 16.
 /// sigma_luminance : float, default 4.0
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
@@ -81,10 +81,10 @@ pub struct HalfRes {
 #[pymethods]
 impl HalfRes {
     #[new]
-    #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0,
+    #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0,
         by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], choice=false, innovation=true, antialias=true))]
     #[pyo3(
-        text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=5, sigma_luminance=4.0, \
+        text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, \
         by_confidence=False, fireflies=False, reflections=(0.5, 2.0), choice=False, innovation=True, antialias=True)"
     )]
     fn new(

@@ -1,4 +1,7 @@
 //! Footprints: the taps of the previous frame that a pixel's history is filtered from, with weights and validation.
+//!
+//! Places, weights and validation pass through line buffers of [`SEGMENT`] pixels, which stay in the first-level cache. The
+//! same 16 pixels at a time in registers was tried: as fast for bilinear taps and a fifth slower for cubic ones.
 
 use super::spans::Spans;
 use crate::image::{Run, SEGMENT, Size};

@@ -680,7 +680,8 @@ pub fn reproject(
     values
 }
 
-/// [`reproject`] for interleaved outputs that the caller owns; writes no rejection mask.
+/// [`reproject`] of interleaved images to interleaved outputs that the caller owns; writes no rejection mask. Panics if an
+/// image of several channels is planar.
 pub fn reproject_records(
     history: &[Pixels],
     motion: Pixels,
@@ -689,6 +690,8 @@ pub fn reproject_records(
     values: Vec<&mut [f32]>,
     coverage: &mut [f32],
 ) {
+    let interleaved = |image: &Pixels| image.elements().1 == image.channels;
+    assert!(history.iter().all(interleaved));
     let size = motion.size;
     let fetch = Fetch::new(history, size, tests, params);
     let bands = values.into_iter().zip(history).map(|(values, image)| {

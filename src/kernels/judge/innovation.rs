@@ -30,7 +30,8 @@
 //! Approach to Linear Filtering and Prediction Problems*). Limits: light that comes in samples more than 50 times
 //! brighter than the mean is underestimated. Where motion magnifies, several blocks fetch the same evidence and V
 //! counts it as independent: at a magnification of a tenth per frame, one in seven samples of 30 times the light is
-//! wrongly believed for a frame.
+//! wrongly believed for a frame. Blocks know no surfaces: sums over each id alone were tried, and lost where light moves
+//! over several of them, which is where the correction is needed.
 //!
 //! Inputs: new samples (3), prediction (3), N (1), motion (2), evidence of the previous frame (4: E, V; half size).
 //! Outputs: correction (3), evidence. A pixel whose sample or prediction is missing adds no evidence.
