@@ -1,6 +1,7 @@
 """Tables of README and documentation are written from measurements, and match the stored ones."""
 
 import csv
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -44,11 +45,13 @@ def data(tmp_path):
         folder / "accuracy.csv", [p | {"timed": "" if p["method"] == "noisy input" else "1280x720"} for p in points]
     )
     effects = []
-    for scene, gain, error in (("grass", 1.0, 0.01), ("cut", -0.5, 0.01), ("mist", -0.5, 0.4), ("all", 0, "")):
+    cases = [("grass", 1.0, 0.01), ("cut", -0.5, 0.01), ("mist", -0.5, 0.4), ("all", 0, "")]
+    components = [("SVGF", "clip"), ("SVGF", "innovation"), ("TAA", "dilation")]
+    for (pipeline, component), (scene, gain, error) in product(components, cases):
         case = {
             "scene": scene,
-            "pipeline": "SVGF",
-            "component": "clip",
+            "pipeline": pipeline,
+            "component": component,
             "added": 0,
             "ms": 7.2,
             **values(gain),
@@ -59,12 +62,19 @@ def data(tmp_path):
     doors = [
         {"scene": scene, "method": "SVGF", "door": door, **values(psnr)}
         for scene, drop in (("grass", 1), ("cut", 3))
-        for door, psnr in ((FULL, 30), ("no ids", 30 - drop))
+        for door, psnr in ((FULL, 30), ("no ids", 30 - drop), ("no normals", 29 + drop / 2))
     ]
     write_csv(folder / "doors.csv", doors)
     cases = [("still", "holds", ""), ("mirror", "fails", "blur 0.60"), ("light", "degrades", "lag 2")]
     trials = [
-        {"part": "failures", "case": case, "method": method, "verdict": verdict, "reason": reason}
+        {
+            "part": "failures",
+            "failure": "light that moves" if case == "light" else "others",
+            "case": case,
+            "method": method,
+            "verdict": verdict,
+            "reason": reason,
+        }
         for case, verdict, reason in cases
         for method in ("SVGF", "TAA best")
     ]
@@ -107,10 +117,19 @@ def test_contents_of_tables(data):
     assert table("methods", data)[-1][:3] == ["noisy input", "", "12.60"]
     assert table("groups", data)[1][:3] == ["`tuning`", "SVGF, both sides", "32.20"]
     assert table("sequences", data)[1][1].startswith("**32.00** / **0.1000**")
-    (_, row) = table("ablation", data)
+    (_, row, _) = table("ablation", data)
     assert row[:2] == ["− clip", "+0.00 dB (−0.50 dB, `cut`)"]
-    assert table("harms", data)[1:] == [["clip", "`cut` (psnr -0.50 dB)"]]
+    assert [row[0] for row in table("antialiasing", data)[1:]] == ["− dilation"]
+    assert [row[:2] for row in table("innovation", data)[2:]] == [
+        *(["`cut`", "−0.50 dB"], ["`mist`", "−0.50 dB"], ["mean", "+0.00 dB"])
+    ]
+    assert table("harms", data)[1:] == [[name, "`cut` (psnr -0.50 dB)"] for name in ("clip", "innovation")]
     assert table("doors", data)[1] == ["no ids", "−2.00 dB", *["+0.0 %"] * 3, "−3.00 dB, `cut`"]
+    assert table("methods_through_doors", data)[1] == ["no ids", "−2.00 dB (−3.00 dB, `cut`)"]
+    assert table("harmful_buffers", data)[1:] == [["no normals", FULL, "`cut` (psnr -0.50 dB)"]]
+    assert table("families", data)[1:] == [
+        *(["others", "1 / 0 / 1", "0 / 0 / 0"], ["light that moves", "0 / 1 / 0", "0 / 0 / 0"])
+    ]
     assert table("stress", data)[1:] == [["SVGF", "1 / 1 / 1"], ["TAA best", "1 / 1 / 1"]]
     assert table("failures", data)[1:] == [["mirror", "fails: blur 0.60", "–"]]
     assert table("speed", data)[1] == ["SVGF", "10.0", "20.0", "", "100"]

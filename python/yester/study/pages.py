@@ -149,11 +149,11 @@ def sequences(folder: Path) -> str:
     return _table([" / ".join(_LABELS.values()), *names], rows)
 
 
-def ablation(folder: Path) -> str:
+def ablation(folder: Path, pipeline: str = "SVGF") -> str:
     """The components of SVGF: mean gain, worst case and cost."""
     found: dict[str, dict[str, Row]] = {}
     for row in _rows(folder / "ablation.csv"):
-        if row["scene"] != ALL and row["door"] == FULL and row["pipeline"] == "SVGF":
+        if row["scene"] != ALL and row["door"] == FULL and row["pipeline"] == pipeline:
             found.setdefault(_component(row), {})[row["scene"]] = row
     rows = []
     for name, cases in found.items():
@@ -166,6 +166,11 @@ def ablation(folder: Path) -> str:
         cells.append(f"{float(next(iter(cases.values()))['ms']):.0f}")
         rows.append([name, *cells])
     return _table(["", *_LABELS.values(), "ms at 1280×720"], rows)
+
+
+def antialiasing(folder: Path) -> str:
+    """The components of TAA, on noisy frames."""
+    return ablation(folder, "TAA")
 
 
 def innovation(folder: Path) -> str:
@@ -228,7 +233,7 @@ def methods_through_doors(folder: Path) -> str:
     """The loss in PSNR of each method through poor doors: mean over sequences, and the worst case."""
     values = _through_doors(folder)
     rows = []
-    for door in DOORS[1:]:
+    for door in (door for door in DOORS[1:] if all(door.name in known for known in values.values())):
         cells = []
         for known in values.values():
             lost = {scene: one["psnr"] - known[FULL][scene]["psnr"] for scene, one in known[door.name].items()}
@@ -276,7 +281,7 @@ def families(folder: Path) -> str:
         if row["part"] == "failures" and row["method"] in wanted:
             found.setdefault(row["failure"], {}).setdefault(row["method"], []).append(row["verdict"])
     rows = [
-        [family, *(" / ".join(str(each[name].count(verdict)) for verdict in _VERDICTS) for name in wanted)]
+        [family, *(" / ".join(str(each.get(name, []).count(verdict)) for verdict in _VERDICTS) for name in wanted)]
         for family, each in found.items()
     ]
     return _table([" / ".join(_VERDICTS), *wanted], rows)
@@ -340,7 +345,7 @@ TABLES: dict[str, Callable[[Path], str]] = {
     **{
         table.__name__: table
         for table in (
-            *(methods, variants, groups, sequences, ablation, innovation, harms),
+            *(methods, variants, groups, sequences, ablation, antialiasing, innovation, harms),
             *(doors, methods_through_doors, harmful_buffers),
             *(stress, families, failures, speed, pipelines, kernels, machine),
         )
