@@ -115,7 +115,7 @@ def stein_error(
     by_frame = []
     for t in range(start, len(frames)):
         y = frames[t].color.astype(np.float64)
-        known = np.isfinite(y).all(-1)
+        known = np.asarray(np.isfinite(y).all(-1))
         a, a_shifted, b, b_shifted, y = (
             np.where(known[..., None], np.asarray(image, np.float64), 0)
             for image in (*(images[t] for images in (*first, *second)), y)
