@@ -32,7 +32,7 @@ def test_without_bias(monkeypatch):
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:24, :32] / 24
     true = np.dstack([3 + np.sin(5 * x), 3 + y, 3 + np.cos(4 * x * y)])
-    frames = [Frame((true + rng.normal(0, 0.5, true.shape)).astype(np.float32)) for _ in range(100)]
+    frames = [Frame((true + rng.normal(0, 1, true.shape)).astype(np.float32)) for _ in range(100)]
     moved, shifts = shifted(frames)
     first, second = (tuple([smoothed(f.color, s) for f in each] for each in (frames, moved)) for s in (0.1, 0.8))
     said = stein_error(first, second, frames, shifts)["relative"]
@@ -61,7 +61,7 @@ def test_missing_samples_and_wrong_lengths():
 
 
 def test_command(capsys):
-    stein.main(["--sequences", "cornell_box"])
+    stein.main(["--sequences", "cornell_box", "cut"])
     tables = capsys.readouterr().out.split("\n\n")
     assert [table.splitlines()[0] for table in tables[:2]] == ["Stein's estimate", "prediction"]
     assert all("normal weight" in table for table in tables[:2])

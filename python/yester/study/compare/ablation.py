@@ -182,7 +182,6 @@ ABLATIONS = (
             "id test": pipeline(TAA, ids=True),
             "gradient": pipeline(TAA, gradient=True),
             "anti-lag": pipeline(TAA, anti_lag=1.0),
-            "alternation": pipeline(TAA, alternation=True),
         }.items()
     ),
 )

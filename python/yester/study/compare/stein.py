@@ -100,9 +100,10 @@ def stein_error(
 
     Notes
     -----
-    σ² is the mean of (y - m)² over 5×5 pixels, m being the mean of both results. The estimate is unbiased for Gaussian
-    noise of known variance; a path tracer's noise is neither. A derivative is the change of the result divided by that
-    of the sample: changes of other samples, of which the result has parts, have independent signs and average out.
+    σ² is the variance of the samples over 5×5 pixels, in which texture counts as noise. The estimate is unbiased for
+    Gaussian noise of known variance; a path tracer's noise is neither. A derivative is the change of the result divided
+    by that of the sample: changes of other samples, of which the result has parts, have independent signs and average
+    out.
 
     References
     ----------
@@ -121,7 +122,7 @@ def stein_error(
             for image in (*(images[t] for images in (*first, *second)), y)
         )
         mean = 0.5 * (a + b)
-        spread = np.dstack([_mean_around(channel) for channel in np.moveaxis((y - mean) ** 2, -1, 0)])
+        spread = np.dstack([_variance_around(channel) for channel in np.moveaxis(y, -1, 0)])
         slopes = ((a_shifted - a) - (b_shifted - b)) / np.asarray(shifts[t], np.float64)
         worse = ((a - b) * (a + b - 2 * y) + 2 * spread * slopes).mean(-1)
         change = ((a - b) ** 2).mean(-1)
@@ -180,6 +181,12 @@ def _mean_around(image: NDArray[Any]) -> NDArray[np.float64]:
     for axis in (0, 1):
         padded = np.lib.stride_tricks.sliding_window_view(padded, _WINDOW, axis).mean(-1)
     return padded
+
+
+def _variance_around(image: NDArray[Any]) -> NDArray[np.float64]:
+    """The unbiased variance over the window."""
+    count = _WINDOW**2
+    return np.maximum(_mean_around(image**2) - _mean_around(image) ** 2, 0) * count / (count - 1)
 
 
 if __name__ == "__main__":

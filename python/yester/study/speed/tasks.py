@@ -175,7 +175,7 @@ _RECIRCULATE = {
     **_named("motion", filled="color", filled_quality="confidence"),
     **_named(reprojected="history", reprojected_quality="history_length"),
 }
-_SMOOTH = _named("color", "variance", *_SURFACE, "camera")
+_SMOOTH = _named("color", "variance", *_SURFACE)
 
 _LINEAR, _CUBIC, _LANCZOS = (f"OpenCV remap, {name}" for name in ("linear", "cubic", "Lanczos4"))
 _BILINEAR, _BICUBIC = (f"torch grid_sample, {name}" for name in ("bilinear", "bicubic"))
@@ -263,22 +263,22 @@ TASKS = (
     Task("resample, twice the size", "resample", {"image": "color", "size": "doubled"}),
     Task("sharpen", "sharpen", _named("color")),
     Task("suppress_fireflies", "suppress_fireflies", _named("color")),
-    Task("fix_history", "fix_history", _named("color", "history_length", *_SURFACE, "camera")),
+    Task("fix_history", "fix_history", _named("color", "history_length", *_SURFACE)),
     Task(
         "estimate_variance",
         "estimate_variance",
-        _named("history_length", *_SURFACE, "camera", moments="history_moments"),
+        _named("history_length", *_SURFACE, moments="history_moments"),
         multiply_adds=_ESTIMATE,
     ),
     Task("atrous, 1 pass", "atrous", _SMOOTH, {"iterations": 1}, _WINDOWS, _AROUND + _pass(5)),
     Task("atrous, 5 passes", "atrous", _SMOOTH, {"iterations": 5}, (), _AROUND + 5 * _pass(5)),
     Task("atrous, 5 passes, predicted", "atrous", {**_SMOOTH, "prediction": "predicted"}, {"iterations": 5}),
     Task("atrous, 5 passes of 3x3", "atrous", _SMOOTH, {"iterations": 5, "radius": 1}, (), _AROUND + 5 * _pass(3)),
-    Task("reconstruct", "reconstruct", _named(*_SURFACE, "camera", color="traced")),
+    Task("reconstruct", "reconstruct", _named(*_SURFACE, color="traced")),
     Task(
         "joint_bilateral_upsample",
         "joint_bilateral_upsample",
-        _named(*_SURFACE, "camera", color="low"),
+        _named(*_SURFACE, color="low"),
         {"offset": (0, 0)},
     ),
     Task("demodulate", "demodulate", _named("color", "albedo")),
