@@ -58,6 +58,7 @@ RUNS = {
     ),
     "oracle": Source("yester.study.compare.oracle", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
+    "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),
     "later_frames": Source(
         "yester.study.compare.lookahead --sequences all late-held-out --size 128x96 --references 8 9 10 11", ""
     ),
