@@ -85,8 +85,7 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
 /// Normals are compared half as strictly as by the paper.
 const SIGMAS: Sigmas = Sigmas {
     normal: 64.0,
-    depth: 0.5,
-    plane: 0.05,
+    ..Sigmas::DEFAULT
 };
 
 /// By our own measurements.
@@ -527,12 +526,13 @@ impl Current<'_> {
         memory
     }
 
-    /// Whether history is tested by its distance from a plane; from the second frame on.
+    /// Whether history is tested by its distance from this frame's planes.
     fn tests_planes(&self) -> bool {
         let Frame {
             surface, camera, ..
         } = self.frame;
-        surface.depth.is_some() && surface.normal.is_some() && camera.is_some()
+        let planes = surface.depth.is_some() && surface.normal.is_some();
+        self.continues && planes && camera.is_some()
     }
 
     /// The names of the buffers that take part, beside those of which motion is made.

@@ -38,15 +38,18 @@ pub struct Sigmas {
 
 impl Default for Sigmas {
     fn default() -> Self {
-        Self {
-            normal: 128.0,
-            depth: 0.5,
-            plane: 0.05,
-        }
+        Self::DEFAULT
     }
 }
 
 impl Sigmas {
+    /// The defaults above.
+    pub const DEFAULT: Self = Self {
+        normal: 128.0,
+        depth: 0.5,
+        plane: 0.05,
+    };
+
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("sigma_normal", self.normal, "a finite number from 0", |v| {
