@@ -233,15 +233,16 @@ def doors(folder: Path) -> str:
 def methods_through_doors(folder: Path) -> str:
     """The loss in PSNR of each method through poor doors: mean over sequences, and the worst case."""
     values = _through_doors(folder)
+    names = [door.name for door in DOORS[1:] if all(door.name in known for known in values.values())]
     rows = []
-    for door in (door for door in DOORS[1:] if all(door.name in known for known in values.values())):
+    for name in names:
         cells = []
         for known in values.values():
-            lost = {scene: one["psnr"] - known[FULL][scene]["psnr"] for scene, one in known[door.name].items()}
+            lost = {scene: one["psnr"] - known[FULL][scene]["psnr"] for scene, one in known[name].items()}
             worst = min(lost, key=lambda scene: lost[scene])
             mean, least = (_amount("psnr", value) for value in (float(np.mean([*lost.values()])), lost[worst]))
             cells.append(f"{mean} ({least}, `{worst}`)")
-        rows.append([door.name, *cells])
+        rows.append([name, *cells])
     return _table(["", *values], rows)
 
 

@@ -138,16 +138,14 @@ def judged(one: Recording, other: Recording) -> tuple[list[Judged], list[Judged]
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the rank correlations of both estimates."""
     options = parser("yester.study.compare.halves", __doc__).parse_args(arguments)
-    shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
     by_halves: list[Judged] = []
     by_prediction: list[Judged] = []
     for name in expand(options.sequences):
-        one = record(name, options.cache, **shape, halves=True)
+        one = record(name, options.cache, **judging.SHAPE, halves=True)
         found = judged(one, one.variants[0])
         by_halves += found[0]
         by_prediction += found[1]
-    for title, each in (("two buffers", by_halves), ("prediction", by_prediction)):
-        print(f"{title}\n{judging.correlations(each)}", end="\n\n")
+    judging.compare({"two buffers": by_halves, "prediction": by_prediction})
 
 
 def _compared(first: Images, second: Images, samples: Sequence[NDArray[np.float32]], tile: int) -> NDArray[np.float64]:

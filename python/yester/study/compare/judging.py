@@ -9,7 +9,7 @@ plan's result is compared with the default's: with earlier frames alone, and wit
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -27,11 +27,14 @@ from . import harm
 from .ablation import ABLATIONS
 from .methods import Run
 
-__all__ = ["Judged", "Worth", "correlations", "judged", "worth"]
+__all__ = ["SHAPE", "Judged", "Worth", "compare", "correlations", "judged", "worth"]
 
 #: The first frame whose results are compared: those before it have next to no history.
 _START = 2
 _MEASURED = ("psnr", "relmse", "flip")
+
+#: The sequences on which estimates are compared with true errors, as arguments of `record`.
+SHAPE: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
 
 
 class Judged(NamedTuple):
@@ -132,6 +135,12 @@ def correlations(found: Sequence[Judged]) -> str:
     return "\n".join([head, *rows, share])
 
 
+def compare(estimates: Mapping[str, Sequence[Judged]]) -> None:
+    """Print the rank correlations of several estimates, by their names."""
+    for title, found in estimates.items():
+        print(f"{title}\n{correlations(found)}", end="\n\n")
+
+
 def worth(recording: Recording) -> Worth:
     """Plan a sequence with references from its first frames, and compare the result with the default's."""
     frames = _frames(recording)
@@ -155,8 +164,7 @@ def worth(recording: Recording) -> Worth:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table of correlations, then a line for each plan."""
     options = parser("yester.study.compare.judging", __doc__).parse_args(arguments)
-    shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
-    recordings = [record(name, options.cache, **shape) for name in expand(options.sequences)]
+    recordings = [record(name, options.cache, **SHAPE) for name in expand(options.sequences)]
     print(correlations([each for recording in recordings for each in judged(recording)]), end="\n\n")
     head = "  ".join(f"{key:>9}" for key in _MEASURED)
     print(f"{'':<16}{'earlier frames':<{len(head)}} | both sides")

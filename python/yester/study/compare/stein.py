@@ -164,15 +164,9 @@ def judged(recording: Recording) -> tuple[list[Judged], list[Judged]]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the rank correlations of both estimates."""
     options = parser("yester.study.compare.stein", __doc__).parse_args(arguments)
-    shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
-    by_stein: list[Judged] = []
-    by_prediction: list[Judged] = []
-    for name in expand(options.sequences):
-        stein, predicted = judged(record(name, options.cache, **shape))
-        by_stein += stein
-        by_prediction += predicted
-    for title, each in (("Stein's estimate", by_stein), ("prediction", by_prediction)):
-        print(f"{title}\n{judging.correlations(each)}", end="\n\n")
+    found = [judged(record(name, options.cache, **judging.SHAPE)) for name in expand(options.sequences)]
+    by_stein, by_prediction = ([one for each in side for one in each] for side in zip(*found, strict=True))
+    judging.compare({"Stein's estimate": by_stein, "prediction": by_prediction})
 
 
 def _mean_around(image: NDArray[Any]) -> NDArray[np.float64]:
