@@ -66,9 +66,9 @@
 //!   numpy ◄─ bindings ─── views
 //! ```
 //!
-//! `demodulate` divides by the albedo before and `remodulate` multiplies by it after; `morphological_aa` antialiases where
-//! there is no history. Pipelines are lists of these kernels that keep the history. The module `rows` runs all of them,
-//! band by band on every core, compiled for the CPU's best instruction set.
+//! `demodulate` divides by the albedo before, where it `is_reflectance`, and `remodulate` multiplies by it after;
+//! `morphological_aa` antialiases where there is no history. Pipelines are lists of these kernels that keep the history. The
+//! module `rows` runs all of them, band by band on every core, compiled for the CPU's best instruction set.
 
 #[cfg(feature = "python")]
 mod bindings;

@@ -148,7 +148,12 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.joint_bilateral_upsample,
             {"color": color[::2, ::2].copy(), **now, **low},
         ),
+        "is_reflectance": (yester.is_reflectance, {"albedo": albedo, "ids": now["ids"]}),
         "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
+        "demodulate(where)": (
+            yester.demodulate,
+            {"color": color, "albedo": albedo, "where": now["ids"] % 2 == 0},
+        ),
         "remodulate": (yester.remodulate, {"illumination": color, "albedo": albedo, "emission": emission}),
         "splat": (
             yester.splat,

@@ -1,5 +1,7 @@
 """The pipelines composed of the public kernels, as their documentation defines them; and frames to run them on."""
 
+from dataclasses import replace
+from itertools import count
 from types import SimpleNamespace
 
 import flight
@@ -41,6 +43,16 @@ def sequence(count: int, *, moving=True, size=(61, 43), holes=True) -> list[dict
         frames.append(frame)
         last = color
     return frames
+
+
+def with_highlight(frames: list[yester.Frame]) -> list[yester.Frame]:
+    """The frames with an albedo that is no reflectance on the box, in every third frame and the one after it."""
+    shown = []
+    for number, frame in enumerate(frames):
+        lobe = np.geomspace(1e-7, 30, frame.color.shape[1], dtype=np.float32)[None, :, None]
+        box = (frame.ids == flight.BOX)[..., None] & (number % 3 > 0)
+        shown.append(replace(frame, albedo=np.where(box, lobe, frame.albedo)))
+    return shown
 
 
 def sample(camera: yester.Camera, offset=(0.0, 0.0)) -> dict:
@@ -162,8 +174,9 @@ def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> ND
     alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
     if frame.albedo is None:
         return yester.suppress_fireflies(light, expected=known, **alike)[0]
-    seen, expected = (yester.remodulate(image, frame.albedo) for image in (light, known))
-    return yester.demodulate(yester.suppress_fireflies(seen, expected=expected, **alike)[0], frame.albedo)
+    texture = texture_of(frame)
+    seen, expected = (yester.remodulate(image, **texture) for image in (light, known))
+    return yester.demodulate(yester.suppress_fireflies(seen, expected=expected, **alike)[0], **texture)
 
 
 #: Pixels of a row that form one span of the correction.
@@ -222,11 +235,28 @@ def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float3
     return upper + down[:, None] * (lower - upper)
 
 
+def texture_of(frame: yester.Frame) -> dict:
+    """Arguments of `demodulate` and `remodulate` for a frame with albedo."""
+    mask = None if frame.ids is None else yester.is_reflectance(frame.albedo, frame.ids)
+    return {"albedo": frame.albedo, "where": mask}
+
+
 def illumination(color: NDArray, frame: yester.Frame) -> NDArray:
     """Demodulate a colour with the frame's albedo and emission."""
     if frame.albedo is None:
         return color
-    return yester.demodulate(color, frame.albedo, emission=frame.emission)
+    return yester.demodulate(color, **texture_of(frame), emission=frame.emission)
+
+
+def disowned(before: yester.Frame, frame: yester.Frame) -> NDArray:
+    """The ids of the frame before; an unused one where a surface's albedo has become or ceased to be a reflectance."""
+    if before.albedo is None or frame.albedo is None:
+        return before.ids
+    masks = ((each.ids, yester.is_reflectance(each.albedo, each.ids)) for each in (before, frame))
+    then, now = (dict(zip(ids.flat, mask.flat, strict=True)) for ids, mask in masks)
+    changed = [known for known, kind in now.items() if then.get(known, kind) != kind]
+    unused = next(number for number in count() if number not in now)
+    return np.where(np.isin(before.ids, changed), np.uint32(unused), before.ids)
 
 
 def relight(replay: NDArray, frame: yester.Frame, lights: list[NDArray], moments: NDArray, *, corrects: bool) -> tuple:
@@ -399,7 +429,7 @@ class SVGF:
             if len(self.distances) > 0:
                 self.mirrored.light = correct(self.mirrored.light, found)
         if frame.albedo is not None:
-            final = yester.remodulate(final, frame.albedo, emission=frame.emission)
+            final = yester.remodulate(final, **texture_of(frame), emission=frame.emission)
         self.expects_replay = self.before is None or frame.replay is not None
         self.before = frame
         if not shows:
@@ -451,6 +481,7 @@ class SVGF:
         for name in ("depth", "normal", "ids", "object_normal"):
             now, before = getattr(frame, name), getattr(self.before, name)
             if now is not None and before is not None:
+                before = disowned(self.before, frame) if name == "ids" else before
                 tests |= {name: now, f"previous_{name}": before}
         if self.same_albedo and frame.albedo is not None:
             tests |= {"color": frame.albedo, "previous_color": self.before.albedo}
@@ -609,7 +640,7 @@ class BMFR:
         self.history, self.before = [color, moments, length, light], frame
         self.age += 1
         if frame.albedo is not None:
-            light = yester.remodulate(light, frame.albedo, emission=frame.emission)
+            light = yester.remodulate(light, **texture_of(frame), emission=frame.emission)
         if self.antialias:
             self.antialiased, _, _ = antialias(PRESETS["denoised"], self.antialiased, light, motion, frame.depth)
             light = self.antialiased[0]

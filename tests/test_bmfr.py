@@ -9,7 +9,7 @@ import pytest
 import reference
 import yester
 from compare import SIZES, assert_close, assert_same_bits, colors, each, tensor
-from composed import sequence
+from composed import sequence, with_highlight
 
 NAMES = ("albedo", "emission", "normal", "depth", "motion", "ids", "position", "camera")
 NEWER = ("object_normal", "replay", "jitter")
@@ -57,6 +57,10 @@ def check_bits(frames, **named) -> None:
 def test_pipeline_is_its_kernels(named, newer):
     """Over more frames than there are block displacements."""
     check_bits(frames_of((*NAMES, *newer), 10 if named == {} else 4), **named)
+
+
+def test_albedo_that_is_no_reflectance():
+    check_bits(with_highlight(frames_of(NAMES, 6)))
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ def test_reference(height, width):
     albedo[rng.random((height, width)) < 0.2] *= 0.003
     albedo[rng.random((height, width)) < 0.1] = rng.choice([0, np.nan, np.inf, 1e-5, 30])
     for name in ("demodulate", "remodulate"):
-        for named in ({}, {"emission": emission}):
+        for named in ({}, {"emission": emission}, {"where": rng.random((height, width)) < 0.5}):
             got = getattr(yester, name)(color, albedo, **named)
             want = getattr(reference, name)(tensor(color), tensor(albedo), **tensor(named)).numpy()
             assert got.dtype == np.float32
@@ -74,3 +74,43 @@ def test_broken_albedo_and_emission_count_as_zero():
     np.testing.assert_array_equal(yester.demodulate(color, broken), yester.demodulate(color, 0 * color))
     np.testing.assert_array_equal(yester.demodulate(color, color, emission=broken), color)
     np.testing.assert_array_equal(yester.remodulate(color, color, emission=broken), color)
+
+
+def surfaces(rng, height, width):
+    """Ids, some of them of few pixels, and an albedo that is dark, usual or a highlight's, by surface."""
+    ids = rng.choice([0, 1, 2, 3, 7, 2**31 + 2, 2**32 - 1], (height, width)).astype(np.uint32)
+    albedo = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
+    for known, most in zip(np.unique(ids), rng.permutation([0, 5e-4, 1e-3, 0.5, 1.25, 1.26, 30]), strict=False):
+        albedo[ids == known] *= np.float32(most) / max(albedo[ids == known].max(), 1e-9)
+    albedo[rng.random((height, width)) < 0.05] = rng.choice([np.nan, np.inf, -np.inf, -3])
+    return albedo, ids
+
+
+@each(("height", "width"), SIZES + TAILS)
+def test_reflectance_reference(height, width):
+    albedo, ids = surfaces(np.random.default_rng(height), height, width)
+    got = yester.is_reflectance(albedo, ids)
+    assert got.dtype == bool
+    want = reference.is_reflectance(tensor(albedo), tensor(ids.astype(np.int64))).numpy()
+    np.testing.assert_array_equal(got, want)
+
+
+def test_a_surface_is_reflectance_as_a_whole():
+    """Anywhere in the image, and whatever its other pixels have."""
+    ids = np.ones((50, 400), np.uint32)
+    ids[:, ::3] = 2
+    albedo = np.full((*ids.shape, 3), 1e-6, np.float32)
+    albedo[49, 398, 1], albedo[0, 0, 2] = 1.25, 1.26
+    mask = yester.is_reflectance(albedo, ids)
+    assert mask[ids == 1].all()
+    assert not mask[ids == 2].any()
+
+
+def test_where_is_boolean():
+    color = np.ones((2, 3, 3), np.float32)
+    with pytest.raises(TypeError, match="where: expected booleans, got int64"):
+        yester.demodulate(color, color, where=np.ones((2, 3), np.int64))
+    with pytest.raises(ValueError, match="where: expected height 2 and width 3"):
+        yester.demodulate(color, color, where=np.ones((3, 3), bool))
+    with pytest.raises(ValueError, match="ids: expected height 2 and width 3"):
+        yester.is_reflectance(color, np.ones((3, 3), np.int64))

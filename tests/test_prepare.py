@@ -86,7 +86,7 @@ def test_derived_images_are_the_kernels():
         guides = {name: getattr(frame, name) for name in ("depth", "normal", "ids")}
         want = {
             "color": color,
-            "demodulated": yester.demodulate(color, frame.albedo),
+            "demodulated": yester.demodulate(color, frame.albedo, where=yester.is_reflectance(frame.albedo, frame.ids)),
             "history": mean,
             "history_length": length,
             "validity": validity,

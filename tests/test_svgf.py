@@ -9,7 +9,7 @@ import pytest
 import reference
 import yester
 from compare import assert_close, assert_same_bits, tensor
-from composed import sample, sequence, supersampled
+from composed import sample, sequence, supersampled, with_highlight
 from yester.study.synthetic import raycast
 
 WIDTH, HEIGHT = 61, 43
@@ -90,6 +90,17 @@ def test_subsets_of_buffers_and_stages(seed):
         stages = {name: bool(rng.integers(2)) for name in names_of_stages}
         distances = [float(d) for d in rng.choice(DISTANCES, rng.integers(0, 3), replace=False)]
         check_bits(frames_of(names, 4), **stages, reflections=distances, iterations=int(rng.integers(0, 4)))
+
+
+@pytest.mark.parametrize("named", [{}, {"fireflies": True}, {**PLAIN, "choice": False, "innovation": False}], ids=str)
+@pytest.mark.parametrize("newer", [(), ("object_normal", "replay")])
+def test_albedo_that_is_no_reflectance(named, newer):
+    """A surface has one in some frames: its history is rejected where it begins and ends."""
+    frames = with_highlight(frames_of((*NAMES, *newer), 7))
+    check_bits(frames, **named)
+    svgf = yester.SVGF(**named)
+    lengths = [svgf.step(frame).history_length[frame.ids == flight.BOX].max() for frame in frames]
+    assert [length > 1 for length in lengths] == [False, False, True, False, False, True, False]
 
 
 def test_flat_motion():
@@ -275,8 +286,8 @@ def test_used(names, used):
 def test_reference(named, newer):
     """The pipeline against its float64 composition, in which decisions may flip in a few pixels."""
     svgf, other = yester.SVGF(reflections=(), **named), reference.SVGF(**named)
-    for frame in sequence(6):
-        given = {name: frame[name] for name in ("color", *NAMES, *newer)}
+    for frame in with_highlight(frames_of((*NAMES, *newer), 6)):
+        given = {name: getattr(frame, name) for name in ("color", *NAMES, *newer)}
         check_reference(svgf.step(yester.Frame(**given)), other.step(twin(given)))
 
 

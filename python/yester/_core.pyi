@@ -51,6 +51,7 @@ __all__ = [
     "fix_history",
     "innovation",
     "invert_motion",
+    "is_reflectance",
     "jitter",
     "joint_bilateral_upsample",
     "machine_limits",
@@ -613,12 +614,12 @@ class SVGF(Pipeline):
     Notes
     -----
     The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
-    functions and gives their bits: `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
-    `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with
-    `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the
-    history), `remodulate`, and those of `TAA`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples
-    count. The correction by a replay is an `innovation` of history, too: its samples are the replayed ones' change,
-    relative to the samples blurred by `atrous`.
+    functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
+    `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`,
+    `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and
+    `innovation` (with the `exposure` of the history), `remodulate`, and those of `TAA`. Of the history and of `later`,
+    no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its
+    samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 
     References
     ----------
@@ -937,10 +938,11 @@ class BMFR(Pipeline):
     Notes
     -----
     The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-    `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`,
-    `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of `TAA`. From frame to frame the grid of
-    blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels
-    with black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
+    `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
+    `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of
+    `TAA`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
+    and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The
+    weight of the N-th fit is at least 1/N.
 
     References
     ----------
@@ -4069,8 +4071,55 @@ def joint_bilateral_upsample(
            [1., 1., 1., 5.]], dtype=float32)
     """
 
+def is_reflectance(albedo: ArrayLike, ids: ArrayLike, *, out: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Tell where albedo is a reflectance: surface by surface, from the largest value of each.
+
+    Parameters
+    ----------
+    albedo : (H, W, 3) array_like of float
+        As a renderer writes it; not finite counts as 0.
+    ids : (H, W) array_like of int
+        Pixels with the same id show the same surface.
+    out : (H, W) bool array, optional
+        Written and returned instead of a new array.
+
+    Returns
+    -------
+    mask : (H, W) bool
+        True at all pixels of surfaces of which the largest albedo, over pixels and channels, is from 0.001 to 1.25.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+    TypeError
+        If `out` has another dtype.
+
+    See Also
+    --------
+    demodulate : Takes the mask as `where`.
+
+    Notes
+    -----
+    Renderers write other things under the name of albedo. Mitsuba's integrator ``aov`` gives the value of a BSDF for
+    one pair of directions, which on rough metal follows a highlight, from below a millionth to tens. Light that is
+    divided by it changes as much from pixel to pixel and from frame to frame. Glass, mirrors, lamps and sky have 0. No
+    reflectance is above 1, but reconstruction filters overshoot at edges by a tenth or so.
+
+    Examples
+    --------
+    >>> albedo = np.array([[[0.5] * 3, [0.0] * 3, [9.0] * 3, [0.2] * 3]])
+    >>> yester.is_reflectance(albedo, np.array([[1, 1, 2, 2]]))
+    array([[ True,  True, False, False]])
+    """
+
 def demodulate(
-    color: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
+    color: ArrayLike,
+    albedo: ArrayLike,
+    *,
+    emission: ArrayLike | None = None,
+    where: ArrayLike | None = None,
+    out: _Floats | None = None,
 ) -> _Floats:
     """Divide colour by albedo, so that filters see illumination without texture.
 
@@ -4082,13 +4131,15 @@ def demodulate(
         Reflectance, held to 0 to 1; not finite counts as 0.
     emission : (H, W, 3) array_like of float, optional
         Light that the visible surface sends out itself; not finite counts as 0.
+    where : (H, W) array_like of bool, optional
+        Where the albedo is a reflectance (`is_reflectance`); by default, where it is not 0 in all channels.
     out : (H, W, 3) float32 array, optional
         Written and returned instead of a new array; it may be an input.
 
     Returns
     -------
     illumination : (H, W, 3) float32
-        ``(color - emission) / d``; d is the albedo, at least 1/32, and 1 where the albedo is black.
+        ``(color - emission) / d``; d is the albedo, at least 1/32, and 1 where the albedo is no reflectance.
 
     Raises
     ------
@@ -4098,14 +4149,15 @@ def demodulate(
     See Also
     --------
     remodulate : Multiplies by albedo again.
+    is_reflectance : Tells `where`.
 
     Notes
     -----
-    With a the albedo of a channel, ``d = max(a, 1/32)``; where it is 0 in all channels, ``d = 1``. Lamps, sky, glass,
+    With a the albedo of a channel, ``d = max(a, 1/32)``; where it is no reflectance, ``d = 1``. Lamps, sky, glass,
     mirrors and black plastic have an albedo near 0, which does not scale their light. Divided by it, the light would be
     a thousand times too bright, and filters would leak the excess to neighbouring surfaces.
 
-    `remodulate` is the inverse. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it
+    `remodulate` is the inverse. Where d is 1, the round trip without emission is exact; elsewhere it
     is exact to one or two units in the last place. After SVGF ([1]_, section 4); its implementation in Falcor [2]_
     divides by ``max(a, 0.001)``.
 
@@ -4125,7 +4177,12 @@ def demodulate(
     """
 
 def remodulate(
-    illumination: ArrayLike, albedo: ArrayLike, *, emission: ArrayLike | None = None, out: _Floats | None = None
+    illumination: ArrayLike,
+    albedo: ArrayLike,
+    *,
+    emission: ArrayLike | None = None,
+    where: ArrayLike | None = None,
+    out: _Floats | None = None,
 ) -> _Floats:
     """Multiply illumination by albedo and add emission.
 
@@ -4137,6 +4194,8 @@ def remodulate(
         Reflectance, held to 0 to 1; not finite counts as 0.
     emission : (H, W, 3) array_like of float, optional
         Light that the visible surface sends out itself; not finite counts as 0.
+    where : (H, W) array_like of bool, optional
+        Where the albedo is a reflectance (`is_reflectance`); by default, where it is not 0 in all channels.
     out : (H, W, 3) float32 array, optional
         Written and returned instead of a new array; it may be an input.
 

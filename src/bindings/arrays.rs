@@ -513,6 +513,25 @@ impl<'py, T: Element> Out<'py, T> {
     }
 }
 
+impl<'py> Out<'py, bool> {
+    /// The bytes that booleans consist of: kernels write 0 and 1.
+    pub fn bytes(&self) -> PyResult<Out<'py, u8>> {
+        let view = |array: &Bound<'py, PyArrayDyn<bool>>| -> PyResult<_> {
+            Ok(array.call_method1("view", ("uint8",))?.cast_into()?)
+        };
+        Ok(Out(self.0.as_ref().map(view).transpose()?))
+    }
+
+    /// The caller's array, or these bytes as a new one.
+    pub fn array(
+        self,
+        bytes: Bound<'py, PyArrayDyn<u8>>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+        let fresh = || Ok(bytes.call_method1("view", ("bool",))?.cast_into()?);
+        self.0.map_or_else(fresh, Ok)
+    }
+}
+
 impl<'py, T: Element + Value> Out<'py, T> {
     /// Lets `write` fill the caller's array, or a new one of this shape, while the inputs are borrowed.
     pub fn fill(

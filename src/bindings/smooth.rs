@@ -5,12 +5,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
 use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, parts,
+    COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, parts, wrong_type,
 };
 use crate::image::Size;
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
+use crate::kernels::smooth::reflectance::Surfaces;
 use crate::kernels::smooth::variance::{self, Estimate, estimate_variance};
 use crate::kernels::smooth::{atrous, fireflies, history_fix, morphological};
 use crate::pixels::PixelsMut;
@@ -574,6 +575,7 @@ fn modulate<'py>(
     (name, image): (&str, &Bound<'py, PyAny>),
     albedo: &Bound<'py, PyAny>,
     emission: Option<&Bound<'py, PyAny>>,
+    r#where: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
     way: Way,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
@@ -581,16 +583,100 @@ fn modulate<'py>(
         let image = Input::<f32>::new(image, name, COLOR)?;
         let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?.sized("albedo", image.size())?;
         let emission = Input::<f32>::optional(emission, "emission", COLOR, image.size())?;
+        let mask = r#where
+            .map(|mask| {
+                Input::<u8>::new(&bytes(mask, "where")?, "where", Channels::One)?
+                    .sized("where", image.size())
+            })
+            .transpose()?;
         let out = Out::given(out, image.shape())?;
         let [values, albedo] = [&image, &albedo].map(|input| input.data().pixels());
         let emission = emission.as_ref().map(|input| input.data().pixels());
-        let texture = Texture { albedo, emission };
+        let mask = mask.as_ref().map(|input| input.data().flat());
+        let texture = Texture {
+            albedo,
+            emission,
+            mask,
+        };
         out.fill(py, image.shape(), |modulated| {
             let modulated = PixelsMut::bands(values.size, 3, modulated);
             demodulate::modulate(values, texture, way, modulated);
         })?
     };
     modulated.array()
+}
+
+/// An array of booleans, as the bytes that it consists of.
+fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    let mask = (mask.py().import("numpy")?).call_method1("asarray", (mask,))?;
+    let dtype = mask.getattr("dtype")?;
+    if dtype.getattr("kind")?.extract::<String>()? != "b" {
+        return Err(wrong_type(name, "booleans", dtype));
+    }
+    mask.call_method1("view", ("uint8",))
+}
+
+/// Tell where albedo is a reflectance: surface by surface, from the largest value of each.
+///
+/// Parameters
+/// ----------
+/// albedo : (H, W, 3) array_like of float
+///     As a renderer writes it; not finite counts as 0.
+/// ids : (H, W) array_like of int
+///     Pixels with the same id show the same surface.
+/// out : (H, W) bool array, optional
+///     Written and returned instead of a new array.
+///
+/// Returns
+/// -------
+/// mask : (H, W) bool
+///     True at all pixels of surfaces of which the largest albedo, over pixels and channels, is from 0.001 to 1.25.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+/// TypeError
+///     If `out` has another dtype.
+///
+/// See Also
+/// --------
+/// demodulate : Takes the mask as `where`.
+///
+/// Notes
+/// -----
+/// Renderers write other things under the name of albedo. Mitsuba's integrator ``aov`` gives the value of a BSDF for
+/// one pair of directions, which on rough metal follows a highlight, from below a millionth to tens. Light that is
+/// divided by it changes as much from pixel to pixel and from frame to frame. Glass, mirrors, lamps and sky have 0. No
+/// reflectance is above 1, but reconstruction filters overshoot at edges by a tenth or so.
+///
+/// Examples
+/// --------
+/// >>> albedo = np.array([[[0.5] * 3, [0.0] * 3, [9.0] * 3, [0.2] * 3]])
+/// >>> yester.is_reflectance(albedo, np.array([[1, 1, 2, 2]]))
+/// array([[ True,  True, False, False]])
+#[pyfunction]
+#[pyo3(signature = (albedo, ids, *, out=None), name = "is_reflectance")]
+pub fn is_reflectance_<'py>(
+    py: Python<'py>,
+    albedo: &Bound<'py, PyAny>,
+    ids: &Bound<'py, PyAny>,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+    let (mask, out) = {
+        let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?;
+        let size = albedo.size();
+        let ids = Input::<u32>::new(ids, "ids", Channels::One)?.sized("ids", size)?;
+        let (albedo, ids) = (albedo.data(), ids.data());
+        let shape = [size.height, size.width];
+        let out = Out::<bool>::given(out, &shape)?;
+        let mask = out.bytes()?.fill(py, &shape, |mask| {
+            let surfaces = Surfaces::new(albedo.pixels(), ids.pixels());
+            mask.copy_from_slice(surfaces.mask().plane(0));
+        })?;
+        (mask, out)
+    };
+    out.array(mask.array()?)
 }
 
 /// Divide colour by albedo, so that filters see illumination without texture.
@@ -603,13 +689,15 @@ fn modulate<'py>(
 ///     Reflectance, held to 0 to 1; not finite counts as 0.
 /// emission : (H, W, 3) array_like of float, optional
 ///     Light that the visible surface sends out itself; not finite counts as 0.
+/// where : (H, W) array_like of bool, optional
+///     Where the albedo is a reflectance (`is_reflectance`); by default, where it is not 0 in all channels.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
 /// Returns
 /// -------
 /// illumination : (H, W, 3) float32
-///     ``(color - emission) / d``; d is the albedo, at least 1/32, and 1 where the albedo is black.
+///     ``(color - emission) / d``; d is the albedo, at least 1/32, and 1 where the albedo is no reflectance.
 ///
 /// Raises
 /// ------
@@ -619,14 +707,15 @@ fn modulate<'py>(
 /// See Also
 /// --------
 /// remodulate : Multiplies by albedo again.
+/// is_reflectance : Tells `where`.
 ///
 /// Notes
 /// -----
-/// With a the albedo of a channel, ``d = max(a, 1/32)``; where it is 0 in all channels, ``d = 1``. Lamps, sky, glass,
+/// With a the albedo of a channel, ``d = max(a, 1/32)``; where it is no reflectance, ``d = 1``. Lamps, sky, glass,
 /// mirrors and black plastic have an albedo near 0, which does not scale their light. Divided by it, the light would be
 /// a thousand times too bright, and filters would leak the excess to neighbouring surfaces.
 ///
-/// `remodulate` is the inverse. Where albedo is 0 or at least 1, the round trip without emission is exact; elsewhere it
+/// `remodulate` is the inverse. Where d is 1, the round trip without emission is exact; elsewhere it
 /// is exact to one or two units in the last place. After SVGF ([1]_, section 4); its implementation in Falcor [2]_
 /// divides by ``max(a, 0.001)``.
 ///
@@ -644,15 +733,24 @@ fn modulate<'py>(
 /// >>> yester.demodulate(color, albedo)[..., 0]
 /// array([[0.5, 0.1]], dtype=float32)
 #[pyfunction]
-#[pyo3(signature = (color, albedo, *, emission=None, out=None), name = "demodulate")]
+#[pyo3(signature = (color, albedo, *, emission=None, r#where=None, out=None), name = "demodulate")]
 pub fn demodulate_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
     albedo: &Bound<'py, PyAny>,
     emission: Option<&Bound<'py, PyAny>>,
+    r#where: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    modulate(py, ("color", color), albedo, emission, out, Way::Off)
+    modulate(
+        py,
+        ("color", color),
+        albedo,
+        emission,
+        r#where,
+        out,
+        Way::Off,
+    )
 }
 
 /// Multiply illumination by albedo and add emission.
@@ -665,6 +763,8 @@ pub fn demodulate_<'py>(
 ///     Reflectance, held to 0 to 1; not finite counts as 0.
 /// emission : (H, W, 3) array_like of float, optional
 ///     Light that the visible surface sends out itself; not finite counts as 0.
+/// where : (H, W) array_like of bool, optional
+///     Where the albedo is a reflectance (`is_reflectance`); by default, where it is not 0 in all channels.
 /// out : (H, W, 3) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -688,12 +788,13 @@ pub fn demodulate_<'py>(
 /// >>> yester.remodulate(np.full((1, 1, 3), 0.2), albedo, emission=np.ones((1, 1, 3)))
 /// array([[[1.1, 1.1, 1.1]]], dtype=float32)
 #[pyfunction]
-#[pyo3(signature = (illumination, albedo, *, emission=None, out=None), name = "remodulate")]
+#[pyo3(signature = (illumination, albedo, *, emission=None, r#where=None, out=None), name = "remodulate")]
 pub fn remodulate_<'py>(
     py: Python<'py>,
     illumination: &Bound<'py, PyAny>,
     albedo: &Bound<'py, PyAny>,
     emission: Option<&Bound<'py, PyAny>>,
+    r#where: Option<&Bound<'py, PyAny>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     modulate(
@@ -701,6 +802,7 @@ pub fn remodulate_<'py>(
         ("illumination", illumination),
         albedo,
         emission,
+        r#where,
         out,
         Way::Back,
     )

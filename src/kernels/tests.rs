@@ -638,12 +638,12 @@ proptest! {
         regress::regress(color.pixels(), features, Some(weight.pixels()), params, &mut fitted, &mut used);
         in_range_of(&fitted, &[&color], true)?;
 
-        let texture = demodulate::Texture { albedo: position.pixels(), emission: Some(normal.pixels()) };
+        let texture = demodulate::Texture { albedo: position.pixels(), emission: Some(normal.pixels()), mask: None };
         for way in [demodulate::Way::Off, demodulate::Way::Back] {
             written!(size, 3, |out| demodulate::modulate(wild.pixels(), texture, way, out));
         }
         let (tame, albedo) = (draw.tame(3, 8.0), draw.wild(3));
-        let texture = demodulate::Texture { albedo: albedo.pixels(), emission: None };
+        let texture = demodulate::Texture { albedo: albedo.pixels(), emission: None, mask: None };
         finite(&written!(size, 3, |out| demodulate::modulate(tame.pixels(), texture, demodulate::Way::Off, out)))?;
     }
 }

@@ -13,7 +13,7 @@ use std::ops::Range;
 use self::fit::{accumulate_fits, fit};
 use super::correction::{correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
-use super::illumination::{self, Illumination, illumination, without_fireflies};
+use super::illumination::{self, Illumination, illumination, surfaces, without_fireflies};
 use super::recall::{Memory, Recalled, recall};
 use super::svgf;
 use super::taa::{self, Stage};
@@ -25,6 +25,7 @@ use crate::kernels::judge::{gradient, innovation};
 use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::guide::Guide;
+use crate::kernels::smooth::reflectance::Surfaces;
 use crate::kernels::smooth::regress::{self, Features, Place};
 use crate::pixels::PixelsMut;
 
@@ -133,12 +134,14 @@ impl Steps for Bmfr {
     fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
         (self.state.iter()).try_for_each(|state| state.memory.check(frame))?;
         let params = &self.params;
-        let (memory, evidence, age) = match self.state.take() {
+        let (mut memory, evidence, age) = match self.state.take() {
             Some(state) => (Some(state.memory), state.evidence, state.age),
             None => (None, None, 0),
         };
         let first = memory.is_none();
-        let inputs = Inputs::new(frame, memory.as_ref());
+        let surfaces = surfaces(frame);
+        (memory.iter_mut()).for_each(|memory| memory.disown(surfaces.as_ref()));
+        let inputs = Inputs::new(frame, surfaces.as_ref(), memory.as_ref());
         let Inputs {
             texture, features, ..
         } = inputs;
@@ -162,12 +165,12 @@ impl Steps for Bmfr {
         (output.history_length).copy_from_slice(history.plane(LENGTH.start));
 
         let kept = Records::of(history.view());
+        let used = inputs.used;
         self.state = Some(State {
-            memory: Memory::new(frame, kept, &params.history, first),
+            memory: Memory::new(frame, surfaces, kept, &params.history, first),
             evidence,
             age: age + 1,
         });
-        let used = inputs.used;
         Ok(Summary { used, missing })
     }
 }
@@ -182,7 +185,7 @@ struct Inputs<'a> {
 }
 
 impl<'a> Inputs<'a> {
-    fn new(frame: &'a Frame<'a>, memory: Option<&Memory>) -> Self {
+    fn new(frame: &'a Frame<'a>, surfaces: Option<&'a Surfaces>, memory: Option<&Memory>) -> Self {
         let camera = memory.and_then(|memory| memory.camera.as_ref());
         let mut used = vec![];
         let motion = frame.motion(camera, &mut used);
@@ -204,7 +207,7 @@ impl<'a> Inputs<'a> {
         Self {
             frame,
             motion,
-            texture: illumination::texture(frame),
+            texture: illumination::texture(frame, surfaces),
             features: Features {
                 normal: surface.normal,
                 place,
@@ -257,7 +260,7 @@ impl<'a> Inputs<'a> {
     ) -> Records {
         let size = history.size;
         let [light, length, fits] = [LIGHT, LENGTH, FITS].map(|part| history.pixels().part(part));
-        let fresh = Illumination::of(self.frame);
+        let fresh = Illumination::of(self.frame.color, self.texture);
         let (motion, bright) = (&self.motion, exposure(light));
         let (found, rest) = innovate(params, &fresh, &fits, length, motion, bright, evidence);
         let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());

@@ -185,6 +185,13 @@ impl SurfaceRecords {
         }
     }
 
+    /// Gives the pixels that have one of these ids another one.
+    pub fn replace_ids(&mut self, replaced: &[u32], by: u32) {
+        for id in self.ids.iter_mut().flat_map(Records::data_mut) {
+            *id = if replaced.contains(id) { by } else { *id };
+        }
+    }
+
     pub fn surface(&self) -> Surface<'_> {
         Surface {
             depth: self.depth.as_ref().map(Records::pixels),

@@ -5,6 +5,7 @@ use crate::image::{Image, Pixels, Run};
 use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
 use crate::kernels::smooth::fireflies::{self, suppress_fireflies};
 use crate::kernels::smooth::guide::Guide;
+use crate::kernels::smooth::reflectance::Surfaces;
 use crate::pixels::{Colors, PixelsMut, Row};
 
 /// Demodulated when it is read.
@@ -15,11 +16,8 @@ pub struct Illumination<'a> {
 }
 
 impl<'a> Illumination<'a> {
-    pub fn of(frame: &Frame<'a>) -> Self {
-        Self {
-            color: frame.color,
-            texture: texture(frame),
-        }
+    pub fn of(color: Pixels<'a>, texture: Option<Texture<'a>>) -> Self {
+        Self { color, texture }
     }
 
     /// Of an image that is demodulated already.
@@ -41,10 +39,17 @@ impl Colors for Illumination<'_> {
     }
 }
 
-pub fn texture<'a>(frame: &Frame<'a>) -> Option<Texture<'a>> {
+/// The surfaces of a frame with albedo and ids.
+pub fn surfaces(frame: &Frame) -> Option<Surfaces> {
+    let (albedo, ids) = frame.albedo.zip(frame.surface.ids)?;
+    Some(Surfaces::new(albedo, ids))
+}
+
+pub fn texture<'a>(frame: &Frame<'a>, surfaces: Option<&'a Surfaces>) -> Option<Texture<'a>> {
     frame.albedo.map(|albedo| Texture {
         albedo,
         emission: frame.emission,
+        mask: surfaces.map(Surfaces::mask),
     })
 }
 

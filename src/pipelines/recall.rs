@@ -3,6 +3,7 @@
 //!   (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
 
 use super::frame::{Frame, Motion, SurfaceRecords, check_size};
+use super::illumination::texture;
 use super::reflections::{self, Own};
 use super::replay;
 use super::svgf::Params;
@@ -13,6 +14,7 @@ use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
 use crate::kernels::fetch::validate::{Surface, Tests};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::smooth::reflectance::Surfaces;
 
 const BILINEAR: reproject::Params = reproject::Params {
     filter: Filter::Bilinear,
@@ -30,11 +32,19 @@ pub struct Memory {
     surface: SurfaceRecords,
     pub camera: Option<Camera>,
     demodulated: bool,
+    /// If the frame had albedo and ids.
+    surfaces: Option<Surfaces>,
 }
 
 impl Memory {
     /// `first` if no history came before: the colour is kept for a replay after a first frame, and after a frame with one.
-    pub fn new(frame: &Frame, history: Records, params: &Params, first: bool) -> Self {
+    pub fn new(
+        frame: &Frame,
+        surfaces: Option<Surfaces>,
+        history: Records,
+        params: &Params,
+        first: bool,
+    ) -> Self {
         let replayed = params.gradient.is_some() && (first || frame.replay.is_some());
         let compared = Surface {
             color: frame.surface.color.filter(|_| params.same_albedo),
@@ -42,11 +52,25 @@ impl Memory {
         };
         Self {
             history,
-            shown: replayed.then(|| replay::Before::of(frame)),
+            shown: replayed
+                .then(|| replay::Before::of(frame.color, texture(frame, surfaces.as_ref()))),
             reflections: None,
             surface: SurfaceRecords::of(&compared),
             camera: frame.camera,
             demodulated: frame.albedo.is_some(),
+            surfaces,
+        }
+    }
+
+    /// Gives up the history of surfaces whose albedo has become a reflectance or ceased to be one: what it knows of their
+    /// light is divided by another number than the frame's. An id that the frame does not have fails the test of ids.
+    pub fn disown(&mut self, now: Option<&Surfaces>) {
+        let Some((before, now)) = self.surfaces.as_ref().zip(now) else {
+            return;
+        };
+        let changed = now.changed(before);
+        if !changed.is_empty() {
+            self.surface.replace_ids(&changed, now.unused());
         }
     }
 

@@ -12,7 +12,6 @@
 use std::ops::Range;
 
 use super::correction::{correct_history, correct_light};
-use super::frame::Frame;
 use super::illumination::illumination;
 use super::recall::find_gradient;
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, segments};
@@ -33,15 +32,18 @@ pub struct Before {
     color: Records,
     albedo: Option<Records>,
     emission: Option<Records>,
+    mask: Option<Records<u8>>,
 }
 
 impl Before {
-    pub fn of(frame: &Frame) -> Self {
-        let emission = frame.emission.filter(|_| frame.albedo.is_some());
+    pub fn of(color: Pixels, texture: Option<Texture>) -> Self {
+        let emission = texture.and_then(|texture| texture.emission);
+        let mask = texture.and_then(|texture| texture.mask);
         Self {
-            color: frame.color.to_records(),
-            albedo: frame.albedo.map(Pixels::to_records),
+            color: color.to_records(),
+            albedo: texture.map(|texture| texture.albedo.to_records()),
             emission: emission.map(Pixels::to_records),
+            mask: mask.map(Records::of),
         }
     }
 
@@ -50,6 +52,7 @@ impl Before {
         let texture = self.albedo.as_ref().map(|albedo| Texture {
             albedo: albedo.pixels(),
             emission: self.emission.as_ref().map(Records::pixels),
+            mask: self.mask.as_ref().map(|mask| mask.pixels().plane()),
         });
         illumination(color, texture)
     }

@@ -22,7 +22,7 @@ use super::frame::{
     Expectation, Extras, Frame, History, HistoryMut, Motion, Output, Pipeline, Steps, Summary,
     Upkeep, names,
 };
-use super::illumination::{Illumination, illumination, texture};
+use super::illumination::{Illumination, illumination, surfaces, texture};
 use super::motion_check::Mistake;
 use super::recall::Memory;
 use super::reflections;
@@ -34,6 +34,7 @@ use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
 use crate::kernels::merge::accumulate;
+use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::{atrous, fireflies, lend, variance};
 use crate::pixels::Colors;
@@ -374,12 +375,16 @@ impl Svgf {
         let mut used = vec![];
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
         let motion = frame.motion(before, &mut used);
+        let surfaces = surfaces(frame);
+        (memory.iter_mut()).for_each(|memory| memory.disown(surfaces.as_ref()));
+        let texture = texture(frame, surfaces.as_ref());
         let asks = params.looks_around() || !matches!(task, Task::Show(_, None));
-        let sample = asks.then(|| illumination(frame.color, texture(frame)));
+        let sample = asks.then(|| illumination(frame.color, texture));
         let now = Current {
             params,
             frame,
             motion: &motion,
+            texture,
             guide: OnceCell::new(),
             sample: sample.as_ref(),
             continues: memory.is_some(),
@@ -436,8 +441,12 @@ impl Svgf {
             shown,
         );
 
+        let reflections = light.map(|light| now.remember(light, reflections));
+        let first = !now.continues;
+        let mut memory = Memory::new(frame, surfaces, history, params, first);
+        memory.reflections = reflections;
         self.state = Some(State {
-            memory: now.remember(history, light, reflections),
+            memory,
             evidence,
             choice,
         });
@@ -450,6 +459,7 @@ struct Current<'a> {
     params: &'a Params,
     frame: &'a Frame<'a>,
     motion: &'a Motion<'a>,
+    texture: Option<Texture<'a>>,
     /// Built at its first use, after images that are no longer needed have been freed.
     guide: OnceCell<Guide>,
     /// The illumination as an image, if a pass reads the surroundings of a pixel.
@@ -472,7 +482,7 @@ impl Current<'_> {
     fn fresh(&self) -> Illumination<'_> {
         match self.sample {
             Some(image) => Illumination::ready(image),
-            None => Illumination::of(self.frame),
+            None => Illumination::of(self.frame.color, self.texture),
         }
     }
 
@@ -508,22 +518,13 @@ impl Current<'_> {
         ))
     }
 
-    /// What the next frame reprojects. It looks for reflections in `light`, at the distances that have won.
-    fn remember(
-        &self,
-        history: Records,
-        light: Option<Records>,
-        won: Option<reflections::Won>,
-    ) -> Memory {
-        let mut memory = Memory::new(self.frame, history, self.params, !self.continues);
-        memory.reflections = light.map(|light| reflections::Memory {
-            light,
-            scores: match won {
-                Some(won) => won.scores,
-                None => reflections::Scores::new(self.size(), self.params.reflections.len()),
-            },
-        });
-        memory
+    /// The light in which the next frame looks for reflections, with the distances that have won.
+    fn remember(&self, light: Records, won: Option<reflections::Won>) -> reflections::Memory {
+        let scores = match won {
+            Some(won) => won.scores,
+            None => reflections::Scores::new(self.size(), self.params.reflections.len()),
+        };
+        reflections::Memory { light, scores }
     }
 
     /// Whether history is tested by its distance from this frame's planes.

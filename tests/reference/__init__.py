@@ -14,7 +14,7 @@ from .bmfr import BMFR
 from .choice import choice, compare_candidates
 from .combine import combine_histories
 from .consistency import consistency
-from .demodulate import demodulate, remodulate
+from .demodulate import demodulate, is_reflectance, remodulate
 from .dilate import dilate_motion
 from .disocclusion import disocclusion
 from .exposure import exposure
@@ -75,6 +75,7 @@ __all__ = [
     "fix_history",
     "innovation",
     "invert_motion",
+    "is_reflectance",
     "jitter",
     "joint_bilateral_upsample",
     "luminance",

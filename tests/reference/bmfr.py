@@ -3,7 +3,7 @@ import torch
 from .accumulate import accumulate
 from .blend import blend
 from .consistency import consistency
-from .demodulate import demodulate, remodulate
+from .demodulate import demodulate, remodulate, texture_of
 from .exposure import exposure
 from .gradient import temporal_gradient
 from .innovation import correct
@@ -27,7 +27,7 @@ class BMFR(SVGF):
         light, weight = frame.color, None  # (H, W, 3), (H, W)
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
         if frame.albedo is not None:
-            light = demodulate(light, frame.albedo, emission=emission)  # (H, W, 3)
+            light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
             weight = torch.where((frame.albedo > 1 / 1024).any(-1), 1.0, torch.nan).to(light)  # (H, W)
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         if self.previous is None:
@@ -71,7 +71,7 @@ class BMFR(SVGF):
         self.history, self.previous = [color, moments, length, smooth], frame
         self.age += 1
         if frame.albedo is not None:
-            smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
+            smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
             self.antialiased, *_ = antialias(PRESETS["denoised"], self.antialiased, smooth, motion, frame.depth)
             smooth, _ = self.antialiased  # (H, W, 3)

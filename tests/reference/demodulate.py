@@ -2,23 +2,56 @@ import torch
 from torch import Tensor
 
 LEAST = 1 / 32  # the smallest divisor
+USUAL = 1e-3, 1.25  # bounds of the largest value of a reflectance
 
 
-def divisor(albedo: Tensor) -> Tensor:
-    """The divisor: the albedo in [0, 1], at least 1/32; 1 where it is 0 in all channels."""
+def is_reflectance(albedo: Tensor, ids: Tensor) -> Tensor:
+    """Mask (H, W) of the surfaces whose largest albedo lies in `USUAL`."""
+    most = albedo.where(albedo.isfinite(), 0).amax(-1)  # (H, W)
+    known, index = ids.unique(return_inverse=True)  # (N,), (H, W)
+    brightest = torch.zeros(len(known)).to(most).scatter_reduce(0, index.flatten(), most.flatten(), "amax")  # (N,)
+    low, high = (torch.tensor(bound, dtype=torch.float32).to(most) for bound in USUAL)
+    return ((brightest >= low) & (brightest <= high))[index]  # (H, W)
+
+
+def divisor(albedo: Tensor, where: Tensor | None) -> Tensor:
+    """The divisor (H, W, 3): the albedo in [0, 1], at least 1/32; 1 outside `where`, by default where it is black."""
     a = albedo.where(albedo.isfinite(), 0).clamp(0, 1)  # (H, W, 3)
-    return a.clamp(min=LEAST).where(a.amax(-1, keepdim=True) > 0, 1)  # (H, W, 3)
+    known = a.amax(-1) > 0 if where is None else where.bool()  # (H, W)
+    return a.clamp(min=LEAST).where(known[..., None], 1)  # (H, W, 3)
 
 
 def _emitted(color: Tensor, emission: Tensor | None) -> Tensor:
     return torch.zeros_like(color) if emission is None else emission.where(emission.isfinite(), 0)  # (H, W, 3)
 
 
-def demodulate(color: Tensor, albedo: Tensor, *, emission: Tensor | None = None) -> Tensor:
-    """Illumination (H, W, 3) = (color - emission) / divisor(albedo). Source: Falcor's SVGF pass, where bright."""
-    return (color - _emitted(color, emission)) / divisor(albedo)  # (H, W, 3)
+def demodulate(color: Tensor, albedo: Tensor, *, emission: Tensor | None = None, where: Tensor | None = None) -> Tensor:
+    """Illumination (H, W, 3) = (color - emission) / divisor. Source: Falcor's SVGF pass, where albedo is bright."""
+    return (color - _emitted(color, emission)) / divisor(albedo, where)  # (H, W, 3)
 
 
-def remodulate(illumination: Tensor, albedo: Tensor, *, emission: Tensor | None = None) -> Tensor:
-    """Colour (H, W, 3) = illumination · divisor(albedo) + emission: the inverse of `demodulate`."""
-    return illumination * divisor(albedo) + _emitted(illumination, emission)  # (H, W, 3)
+def remodulate(
+    illumination: Tensor, albedo: Tensor, *, emission: Tensor | None = None, where: Tensor | None = None
+) -> Tensor:
+    """Colour (H, W, 3) = illumination · divisor + emission: the inverse of `demodulate`."""
+    return illumination * divisor(albedo, where) + _emitted(illumination, emission)  # (H, W, 3)
+
+
+def texture_of(frame) -> dict[str, Tensor | None]:
+    """Arguments of `demodulate` and `remodulate` for a frame with albedo."""
+    mask = None if frame.ids is None else is_reflectance(frame.albedo, frame.ids)  # (H, W)
+    return {"albedo": frame.albedo, "where": mask}
+
+
+def disowned(before, frame) -> Tensor:
+    """The ids (H, W) of the frame before, unused where a surface has another kind of albedo in the frame."""
+    if before.albedo is None or frame.albedo is None:
+        return before.ids
+    ids = before.ids.clone()  # (H, W)
+    unused = next(i for i in range(frame.ids.numel() + 1) if not (frame.ids == i).any())
+    then, now = (is_reflectance(each.albedo, each.ids) for each in (before, frame))  # (H, W) each
+    for known in before.ids.unique():
+        here = frame.ids == known  # (H, W)
+        if here.any() and now[here][0] != then[before.ids == known][0]:
+            ids[before.ids == known] = unused
+    return ids

@@ -8,7 +8,7 @@ from .atrous import atrous
 from .choice import Choosing
 from .combine import combine_histories
 from .consistency import consistency
-from .demodulate import demodulate, remodulate
+from .demodulate import demodulate, disowned, remodulate, texture_of
 from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
@@ -87,7 +87,7 @@ class SVGF:
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
         light = frame.color  # (H, W, 3)
         if frame.albedo is not None:
-            light = demodulate(light, frame.albedo, emission=emission)  # (H, W, 3)
+            light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
         similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         if self.previous is None:
@@ -155,7 +155,7 @@ class SVGF:
             smooth, _ = correct(smooth, found)  # (H, W, 3)
         self.history, self.previous = kept, frame
         if frame.albedo is not None:
-            smooth = remodulate(smooth, frame.albedo, emission=emission)  # (H, W, 3)
+            smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
             self.antialiased, *_ = antialias(self.stage, self.antialiased, smooth, motion, frame.depth)
             smooth, _ = self.antialiased  # (H, W, 3)
@@ -194,7 +194,8 @@ class SVGF:
         emission = before.emission if before.albedo is not None else None  # (H, W, 3)
         now, then = replay, before.color  # (H, W, 3)
         if before.albedo is not None:
-            now, then = (demodulate(color, before.albedo, emission=emission) for color in (now, then))  # (H, W, 3)
+            texture = {**texture_of(before), "emission": emission}
+            now, then = (demodulate(color, **texture) for color in (now, then))  # (H, W, 3)
         looks = {"noise": 0, "passes": 2, "widest": 2}
         gradient = temporal_gradient(now, then, **looks)  # (H, W)
         if not self.innovation:
@@ -217,14 +218,16 @@ class SVGF:
         alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
         if frame.albedo is None:
             return suppress_fireflies(light, expected=known, **alike)[0]  # (H, W, 3)
-        seen, expected = (remodulate(image, frame.albedo) for image in (light, known))  # (H, W, 3), (H, W, 3)
-        return demodulate(suppress_fireflies(seen, expected=expected, **alike)[0], frame.albedo)  # (H, W, 3)
+        texture = texture_of(frame)
+        seen, expected = (remodulate(image, **texture) for image in (light, known))  # (H, W, 3), (H, W, 3)
+        return demodulate(suppress_fireflies(seen, expected=expected, **alike)[0], **texture)  # (H, W, 3)
 
     def _tests(self, frame, motion: Tensor) -> dict:
         tests = {}
         for name in ("depth", "normal", "ids", "object_normal"):
             now, before = getattr(frame, name), getattr(self.previous, name)
             if now is not None and before is not None:
+                before = disowned(self.previous, frame) if name == "ids" else before
                 tests |= {name: now, f"previous_{name}": before}
         if self.same_albedo and frame.albedo is not None:
             tests |= {"color": frame.albedo, "previous_color": self.previous.albedo}

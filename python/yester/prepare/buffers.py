@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._core import SVGF, accumulate, demodulate, estimate_variance, reproject
+from .._core import SVGF, accumulate, demodulate, estimate_variance, is_reflectance, reproject
 from ..frame import Frame, present
 from ..judge import known_motion, surface_tests
 
@@ -89,7 +89,7 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
     - ``difference`` is c minus the previous frame's c carried along m; 0 where nothing is carried.
     - ``variance`` is that of a sample's luminance, over the frames until this one (`estimate_variance`).
     - ``denoised`` is what ``SVGF()`` makes of this frame and the earlier ones.
-    - ``demodulated`` is c divided by the albedo, as `demodulate` does.
+    - ``demodulated`` is c divided by the albedo, as `demodulate` does; with ids, where it `is_reflectance`.
     - ``motion`` is computed from the cameras where frames have none; 0 where it is unknown, and in the first frame.
     """
     wanted = set(wanted)
@@ -111,7 +111,8 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
             if before is not None and given is not None:
                 np.copyto(images["motion"], given[..., :2], where=np.isfinite(given[..., :2]))
         if "demodulated" in wanted and frame.albedo is not None:
-            images["demodulated"] = demodulate(images["color"], frame.albedo, emission=frame.emission)
+            where = None if frame.ids is None else is_reflectance(frame.albedo, frame.ids)
+            images["demodulated"] = demodulate(images["color"], frame.albedo, emission=frame.emission, where=where)
         if wanted & _TEMPORAL:
             temporal, known = _carried(frame, before, known, motion)
             images |= temporal

@@ -56,10 +56,11 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// Notes
 /// -----
 /// The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
-/// `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`,
-/// `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of `TAA`. From frame to frame the grid of
-/// blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels
-/// with black albedo are not fitted: they emit light or show background. The weight of the N-th fit is at least 1/N.
+/// `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
+/// `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of
+/// `TAA`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
+/// and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The
+/// weight of the N-th fit is at least 1/N.
 ///
 /// References
 /// ----------

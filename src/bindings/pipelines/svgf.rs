@@ -100,12 +100,12 @@ use crate::pipelines::{svgf, taa};
 /// Notes
 /// -----
 /// The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
-/// functions and gives their bits: `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
-/// `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with
-/// `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the
-/// history), `remodulate`, and those of `TAA`. Of the history and of `later`, no more than ``1 / alpha - 1`` samples
-/// count. The correction by a replay is an `innovation` of history, too: its samples are the replayed ones' change,
-/// relative to the samples blurred by `atrous`.
+/// functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
+/// `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`,
+/// `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and
+/// `innovation` (with the `exposure` of the history), `remodulate`, and those of `TAA`. Of the history and of `later`,
+/// no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its
+/// samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 ///
 /// References
 /// ----------

@@ -1,13 +1,13 @@
 //! Demodulation: light without texture, so that filters smooth the light and keep the texture.
 //!
 //!   illumination = (colour − emission) / d,  colour = illumination · d + emission,
-//!   d = max(a, f), with the channel's albedo a held to [0, 1] and f = 1/32; d = 1 where all channels of albedo are 0.
+//!   d = max(a, f), with the channel's albedo a held to [0, 1] and f = 1/32, where the albedo is a reflectance; else d = 1.
 //!
-//! From f up this divides by the albedo, as Falcor's SVGFPass does from 0.001 up. Most light of a darker surface is not
+//! Which surfaces have a reflectance [`reflectance`](super::reflectance) tells from their ids; without ids, those pixels
+//! have one of which not all channels are 0. From f up this divides by the albedo, as Falcor's SVGFPass does from 0.001 up. Most light of a darker surface is not
 //! scaled by the albedo: highlights on black plastic, the background behind glass, emission of lamps and sky. Divided by a
 //! thousandth, such light is a thousand times too bright, and wherever no guide stops the filter, it leaks to neighbours of
-//! ordinary albedo. The bound f limits the gain to 32, and where all albedo is 0, colour is left as it is. An albedo above 1
-//! (gold in some renderers, a BSDF's value at one pair of directions in others) is not a reflectance and counts as 1.
+//! ordinary albedo. The bound f limits the gain to 32. An albedo above 1 counts as 1.
 //!
 //! A smooth transition from f to 1 as albedo falls was tried and lost: it blurs dark texture, and where an albedo changes
 //! with the view, the illumination changes as much from frame to frame.
@@ -15,12 +15,12 @@
 //! Where albedo is 0 or at least 1 and there is no emission, the round trip is exact; elsewhere it is right to one or two
 //! units in the last place.
 //!
-//! Inputs: colour or illumination (3), albedo (3), emission (3, optional). NaN and infinity count as 0 in albedo and
+//! Inputs: colour or illumination (3), albedo (3), emission (3, optional), mask (1, optional). NaN and infinity count as 0 in albedo and
 //! emission and are kept in colour.
 
 use std::ops::Range;
 
-use crate::image::{Pixels, Run, SEGMENT, segments};
+use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::math::{larger, smaller};
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -35,6 +35,8 @@ pub struct Texture<'a> {
     pub albedo: Pixels<'a>,
     /// 3 channels.
     pub emission: Option<Pixels<'a>>,
+    /// 0 where the albedo is no reflectance ([`Surfaces::mask`](super::reflectance::Surfaces::mask)).
+    pub mask: Option<View<'a, u8>>,
 }
 
 /// Direction: divide the texture out, or multiply it back in.
@@ -89,7 +91,10 @@ impl Texture<'_> {
         let mut albedo = [[0.0; SEGMENT]; 3];
         self.albedo
             .read(run, albedo.each_mut().map(|row| &mut row[..]));
-        divisors(&mut albedo);
+        match self.mask {
+            Some(mask) => masked_divisors(&mut albedo, &mask.row(0, run.y)[run.x..][..run.len]),
+            None => divisors(&mut albedo),
+        }
         let mut emission = [[0.0; SEGMENT]; 3];
         if let Some(image) = self.emission {
             image.read(run, emission.each_mut().map(|row| &mut row[..]));
@@ -121,6 +126,17 @@ fn divisors([r, g, b]: &mut [Row; 3]) {
         let [ar, ag, ab] = [r[x], g[x], b[x]].map(reflectance);
         let least = if ar + ag + ab > 0.0 { MIN_DIVISOR } else { 1.0 };
         (r[x], g[x], b[x]) = (larger(ar, least), larger(ag, least), larger(ab, least));
+    }
+}
+
+/// The same where a mask tells what is a reflectance.
+#[inline(always)]
+fn masked_divisors(albedo: &mut [Row; 3], mask: &[u8]) {
+    for row in albedo {
+        for (value, &reflects) in row.iter_mut().zip(mask) {
+            let divisor = larger(reflectance(*value), MIN_DIVISOR);
+            *value = if reflects != 0 { divisor } else { 1.0 };
+        }
     }
 }
 

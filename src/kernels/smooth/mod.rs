@@ -8,6 +8,7 @@ pub mod history_fix;
 pub mod joint_bilateral;
 pub mod lend;
 pub mod morphological;
+pub mod reflectance;
 pub mod regress;
 pub mod sharpen;
 pub mod variance;

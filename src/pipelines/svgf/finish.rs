@@ -10,7 +10,6 @@ use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::{correct_history, correct_light};
 use crate::pipelines::frame::blacken_missing;
-use crate::pipelines::illumination::texture;
 use crate::pipelines::taa::Stage;
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -31,7 +30,7 @@ pub fn finish(
     let kernel = Finish {
         passes: &passes,
         innovation,
-        texture: texture(now.frame),
+        texture: now.texture,
         // The output stage fills them with what it remembers.
         blacken: antialias.is_none(),
     };

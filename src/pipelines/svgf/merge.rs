@@ -5,7 +5,7 @@ use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::merge::accumulate::{self, CHANNELS, History, Images, Samples, accumulate};
 use crate::kernels::smooth::lend;
-use crate::pipelines::illumination::{texture, without_fireflies};
+use crate::pipelines::illumination::without_fireflies;
 use crate::pipelines::recall::{Memory, Recalled, recall};
 use crate::pixels::{MotionLanes, PixelsMut, Row};
 
@@ -29,11 +29,11 @@ pub fn merge(
         params,
         frame,
         motion,
+        texture,
         ..
     } = *now;
     let size = now.size();
     let hold = |known: Option<Pixels>| {
-        let texture = texture(frame);
         (params.fireflies)
             .map(|params| without_fireflies(sample, known, texture, now.guide(), params))
     };

@@ -1,0 +1,145 @@
+//! Which surfaces have an albedo that is a reflectance, so that their texture can be divided out
+//! ([`demodulate`](super::demodulate)).
+//!
+//! A surface, all pixels of one id, counts as one whose albedo is a reflectance if the largest value of any channel at any
+//! of its pixels lies between 1/1000 and 5/4. Under the name of albedo, renderers store other things as well. The value of
+//! a BSDF at one pair of directions, which Mitsuba's integrator `aov` writes for rough metal, follows a highlight: from
+//! below a millionth to tens, from one pixel to the next. Light that is divided by it changes as much. Glass, mirrors,
+//! lamps and sky have 0. No reflectance is above 1, but the reconstruction filters of renderers overshoot, by a tenth or
+//! so; and nothing that is used for a material reflects less than a thousandth.
+//!
+//! The largest value of a surface, not the pixel's own: a highlight's slopes pass through all values that reflectances have,
+//! and a decision that changes within a surface would divide the light of neighbours by different numbers.
+//!
+//! Inputs: albedo (3), ids (1). Values that are not finite count as 0.
+
+use std::collections::HashMap;
+use std::ops::{Range, RangeInclusive};
+
+use crate::image::{BandMut, Image, Pixels, SEGMENT, View, segments};
+use crate::math::larger;
+use crate::pixels::Row;
+use crate::rows::{self, Kernel, Simd};
+
+/// Largest values that surfaces with a reflectance have.
+const USUAL: RangeInclusive<f32> = 1e-3..=1.25;
+
+/// The surfaces of a frame, and whether their albedo is a reflectance.
+pub struct Surfaces {
+    /// By id.
+    reflecting: HashMap<u32, bool>,
+    /// 1 where the pixel's surface is one of them, 0 elsewhere.
+    mask: Image<u8>,
+}
+
+impl Surfaces {
+    /// The surfaces of a frame with this albedo.
+    pub fn new(albedo: Pixels, ids: Pixels<u32>) -> Self {
+        let size = albedo.size;
+        let mut brightest: Vec<HashMap<u32, f32>> = vec![];
+        brightest.resize_with(rows::bands(size.height).count(), HashMap::new);
+        rows::run(
+            &Brightest { albedo, ids },
+            size.height,
+            brightest.iter_mut(),
+        );
+        let mut all = HashMap::new();
+        for (id, value) in brightest.into_iter().flatten() {
+            let most = all.entry(id).or_insert(value);
+            *most = larger(*most, value);
+        }
+        let reflecting = (all.into_iter())
+            .map(|(id, most)| (id, USUAL.contains(&most)))
+            .collect();
+        let mut mask = Image::blank(size, 1);
+        let kernel = Mark {
+            ids,
+            reflecting: &reflecting,
+        };
+        rows::run(&kernel, size.height, mask.bands());
+        Self { reflecting, mask }
+    }
+
+    /// 1 at pixels whose albedo is a reflectance, 0 at the others.
+    pub fn mask(&self) -> View<'_, u8> {
+        self.mask.view()
+    }
+
+    /// The ids of surfaces that are in both frames, but with a reflectance in only one.
+    pub fn changed(&self, before: &Self) -> Vec<u32> {
+        let differs =
+            |(id, now): &(&u32, &bool)| before.reflecting.get(id).is_some_and(|then| then != *now);
+        (self.reflecting.iter())
+            .filter(differs)
+            .map(|(&id, _)| id)
+            .collect()
+    }
+
+    /// An id that no surface has.
+    pub fn unused(&self) -> u32 {
+        let free = |id: &u32| !self.reflecting.contains_key(id);
+        (0..=u32::MAX)
+            .find(free)
+            .expect("an image has fewer pixels")
+    }
+}
+
+/// The largest albedo of each surface in a band.
+struct Brightest<'a> {
+    albedo: Pixels<'a>,
+    ids: Pixels<'a, u32>,
+}
+
+impl<'a> Kernel for Brightest<'a> {
+    type Out = &'a mut HashMap<u32, f32>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, brightest: Self::Out) {
+        let (mut albedo, mut ids) = ([[0.0; SEGMENT]; 3], [0; SEGMENT]);
+        let mut largest = [0.0; SEGMENT];
+        for run in rows.flat_map(|y| segments(y, self.albedo.size.width)) {
+            (self.albedo).read(run, albedo.each_mut().map(Row::as_mut_slice));
+            let ids = &mut ids[..run.len];
+            self.ids.load(run, 0, ids);
+            for (x, largest) in largest.iter_mut().enumerate() {
+                let finite = albedo
+                    .each_ref()
+                    .map(|row| if row[x].is_finite() { row[x] } else { 0.0 });
+                *largest = larger(larger(finite[0], finite[1]), larger(finite[2], 0.0));
+            }
+            let mut x = 0;
+            for same in ids.chunk_by(|a, b| a == b) {
+                let most = largest[x..][..same.len()].iter().copied().fold(0.0, larger);
+                let known = brightest.entry(same[0]).or_insert(0.0);
+                *known = larger(*known, most);
+                x += same.len();
+            }
+        }
+    }
+}
+
+struct Mark<'a> {
+    ids: Pixels<'a, u32>,
+    reflecting: &'a HashMap<u32, bool>,
+}
+
+impl<'a> Kernel for Mark<'a> {
+    type Out = BandMut<'a, u8>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut mask: Self::Out) {
+        let mut ids = [0; SEGMENT];
+        for y in rows {
+            let mask = mask.row(0, y);
+            for run in segments(y, mask.len()) {
+                let ids = &mut ids[..run.len];
+                self.ids.load(run, 0, ids);
+                let mut x = run.x;
+                for same in ids.chunk_by(|a, b| a == b) {
+                    mask[x..][..same.len()].fill(u8::from(self.reflecting[&same[0]]));
+                    x += same.len();
+                }
+            }
+        }
+    }
+}
