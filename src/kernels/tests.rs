@@ -19,8 +19,8 @@ use super::judge::{
 use super::merge::{accumulate, blend, combine, recirculate, resample, resolve};
 use super::smooth::guide::{Guide, Sigmas};
 use super::smooth::{
-    atrous, demodulate, fireflies, history_fix, joint_bilateral, lend, morphological, regress,
-    sharpen, variance,
+    atrous, demodulate, fireflies, history_fix, joint_bilateral, lend, morphological, reflectance,
+    regress, sharpen, variance,
 };
 use crate::image::{Image, Records, Size, bands_of};
 use crate::pixels::PixelsMut;
@@ -621,6 +621,7 @@ proptest! {
         morphological::morphological_aa(wild.view(), params);
 
         let (normal, position, depth, weight) = (draw.wild(3), draw.wild(3), draw.wild(1), draw.wild(1));
+        let ids = draw.ids();
         let features = regress::Features {
             normal: draw.coin().then(|| normal.pixels()),
             place: match draw.of(&[0, 1, 2]) {
@@ -638,7 +639,9 @@ proptest! {
         regress::regress(color.pixels(), features, Some(weight.pixels()), params, &mut fitted, &mut used);
         in_range_of(&fitted, &[&color], true)?;
 
-        let texture = demodulate::Texture { albedo: position.pixels(), emission: Some(normal.pixels()), mask: None };
+        let surfaces = reflectance::Surfaces::new(position.pixels(), ids.pixels());
+        let mask = draw.coin().then(|| surfaces.mask());
+        let texture = demodulate::Texture { albedo: position.pixels(), emission: Some(normal.pixels()), mask };
         for way in [demodulate::Way::Off, demodulate::Way::Back] {
             written!(size, 3, |out| demodulate::modulate(wild.pixels(), texture, way, out));
         }
