@@ -281,6 +281,7 @@ TASKS = (
         _named(*_SURFACE, color="low"),
         {"offset": (0, 0)},
     ),
+    Task("is_reflectance", "is_reflectance", _named("albedo", "ids")),
     Task("demodulate", "demodulate", _named("color", "albedo")),
     Task("remodulate", "remodulate", _named("albedo", illumination="color")),
     Task("regress, fewest", "regress", _named("color", "normal", "camera", geometry="depth")),
