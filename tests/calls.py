@@ -86,7 +86,13 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
         ),
         "prediction_gain": (
             yester.prediction_gain,
-            {"candidate": history, "base": color[::-1].copy(), "color": color, "ids": now["ids"]},
+            {
+                "candidate": history,
+                "base": color[::-1].copy(),
+                "color": color,
+                "ids": now["ids"],
+                "standardized": True,
+            },
         ),
         "blend": (yester.blend, {"color": color, "history": history, "alpha": length / 9, "flicker": 0.5}),
         "accumulate": (

@@ -420,7 +420,7 @@ class SVGF:
             self.mirrored = mirrored or SimpleNamespace(scores=None, tiles=None, age=0)
             self.mirrored.light = second
             if self.mirrored.scores is None:
-                self.mirrored.scores = np.zeros((*length.shape, len(self.distances)), np.float32)
+                self.mirrored.scores = np.zeros((*length.shape, 2 * len(self.distances)), np.float32)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": bright}
             found, self.evidence = yester.innovation(sample, final, length, **known)
@@ -504,7 +504,7 @@ class SVGF:
             both = np.float32(0.5) * (sample[::2] + below)
         sample = np.where(here & there, both, np.where(here, sample[::2], below))
         ids = None if frame.ids is None else frame.ids[::2]
-        scores, best = np.zeros_like(old), np.full(sample.shape[:2], -0.02, np.float32)
+        scores, best = np.zeros_like(old), np.zeros(sample.shape[:2], np.float32)
         winner, motions, asked = np.full(sample.shape[:2], -1), [], []
         for k, distance in enumerate(self.distances if known is None else [None]):
             everywhere = self.mirrored.age % PERIOD == 0
@@ -515,12 +515,15 @@ class SVGF:
             candidate, coverage = yester.reproject(self.mirrored.light, motions[k], fallback=False, **kind)
             coverage = np.where(asked[k], coverage, 0)
             candidate = np.where((coverage > 0)[..., None], candidate, np.float32(np.nan))
-            gain = yester.prediction_gain(candidate[::2], light[::2], sample, ids=ids, radius=2)
-            score = old[::2, :, k] + np.float32(0.3) * (gain - old[::2, :, k])
-            score = np.where(asked[k][::2], score, np.float32(0))
-            scores[..., k] = np.repeat(score, 2, axis=0)[:height]
-            wins = (score < best) & (coverage > 0)[::2]
-            best[wins], winner[wins] = score[wins], k
+            looks, averages = (candidate[::2], light[::2], sample), []
+            for channel, standardized in ((k, False), (len(self.distances) + k, True)):
+                gain = yester.prediction_gain(*looks, ids=ids, standardized=standardized)
+                average = old[::2, :, channel] + np.float32(0.3) * (gain - old[::2, :, channel])
+                averages.append(np.where(asked[k][::2], average, np.float32(0)))
+                scores[..., channel] = np.repeat(averages[-1], 2, axis=0)[:height]
+            gain, standardized = averages
+            wins = (standardized < -0.5) & (gain < best) & (coverage > 0)[::2]
+            best[wins], winner[wins] = gain[wins], k
         tiles, moved = [np.zeros((height, width), bool) for _ in self.distances], np.full_like(motions[0], np.nan)
         for k, motion in enumerate(motions):
             won = np.repeat(winner == k, 2, axis=0)[:height]

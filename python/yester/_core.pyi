@@ -2667,6 +2667,7 @@ def prediction_gain(
     *,
     ids: ArrayLike | None = None,
     radius: int = 3,
+    standardized: bool = False,
     out: _Floats | None = None,
 ) -> _Floats:
     """Measure how much better one history predicts the new sample than another, without a reference.
@@ -2681,6 +2682,9 @@ def prediction_gain(
         Only pixels of the same id are averaged.
     radius : int, default 3
         Radius of the window in pixels, 0 to 16.
+    standardized : bool, default False
+        Divide the gain by √(s² / n + 0.01²), where s² is the variance over the n pixels of the window: Student's t, with
+        a standard error of at least 1 %. This tells gains from chance, but is no longer unbiased.
     out : (H, W) float32 array, optional
         Written and returned instead of a new array; it may be an input.
 
@@ -2688,7 +2692,8 @@ def prediction_gain(
     -------
     gain : (H, W) float32
         The mean over the window of ``Σ (k - h)(k + h - 2c) / (Σ h² + 0.01)``, sums over channels: an unbiased estimate
-        of the difference of relative squared errors, negative where `candidate` is better. 0 without valid pixels.
+        of the difference of relative squared errors, negative where `candidate` is better. 0 without valid pixels, and
+        standardized with fewer than two.
 
     Raises
     ------

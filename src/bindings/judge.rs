@@ -864,6 +864,9 @@ pub fn compare_candidates<'py>(
 ///     Only pixels of the same id are averaged.
 /// radius : int, default 3
 ///     Radius of the window in pixels, 0 to 16.
+/// standardized : bool, default False
+///     Divide the gain by √(s² / n + 0.01²), where s² is the variance over the n pixels of the window: Student's t, with
+///     a standard error of at least 1 %. This tells gains from chance, but is no longer unbiased.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///
@@ -871,7 +874,8 @@ pub fn compare_candidates<'py>(
 /// -------
 /// gain : (H, W) float32
 ///     The mean over the window of ``Σ (k - h)(k + h - 2c) / (Σ h² + 0.01)``, sums over channels: an unbiased estimate
-///     of the difference of relative squared errors, negative where `candidate` is better. 0 without valid pixels.
+///     of the difference of relative squared errors, negative where `candidate` is better. 0 without valid pixels, and
+///     standardized with fewer than two.
 ///
 /// Raises
 /// ------
@@ -895,7 +899,7 @@ pub fn compare_candidates<'py>(
 /// >>> gain[0].round(4)
 /// array([-0.9868, -0.9868, -0.9868, -0.9868], dtype=float32)
 #[pyfunction]
-#[pyo3(signature = (candidate, base, color, *, ids=None, radius=3, out=None))]
+#[pyo3(signature = (candidate, base, color, *, ids=None, radius=3, standardized=false, out=None))]
 pub fn prediction_gain<'py>(
     py: Python<'py>,
     candidate: &Bound<'py, PyAny>,
@@ -903,6 +907,7 @@ pub fn prediction_gain<'py>(
     color: &Bound<'py, PyAny>,
     ids: Option<&Bound<'py, PyAny>>,
     radius: i64,
+    standardized: bool,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let radius = whole("radius", radius, "0 to 16 pixels", |&n| {
@@ -922,7 +927,7 @@ pub fn prediction_gain<'py>(
         let ids = ids.as_ref().map(|ids| ids.data().pixels());
         out.fill(py, &shape, |gain| {
             let gain = bands_of(gain, size);
-            prediction::prediction_gain(candidate, base, color, ids, radius, gain);
+            prediction::prediction_gain(candidate, base, color, ids, radius, standardized, gain);
         })?
     };
     gain.array()

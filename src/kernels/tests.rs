@@ -414,7 +414,7 @@ proptest! {
         let mut gain = vec![f32::NAN; size.pixels()];
         for [k, h, c] in [[&history, &color, &color], [&older, &tame, &tame]] {
             let bands = bands_of(&mut gain, size);
-            prediction::prediction_gain(k.pixels(), h.pixels(), c.pixels(), Some(ids.pixels()), draw.of(&[1, 3]), bands);
+            prediction::prediction_gain(k.pixels(), h.pixels(), c.pixels(), Some(ids.pixels()), draw.of(&[1, 3]), draw.of(&[false, true]), bands);
         }
         finite(&gain)?;
     }

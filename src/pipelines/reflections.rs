@@ -3,8 +3,8 @@
 //! What a glossy surface reflects moves like a point behind it (see [`crate::kernels::camera::virtual_motion`]), at a
 //! distance that renderers seldom tell. So a few distances are tried, each a candidate. The history that a candidate fetches
 //! predicts the new sample without having seen it, and `prediction_gain` compares its error with that of the surface's own
-//! history, without bias. The gain is averaged over frames: the candidate with the best average wins if it is better than
-//! the surface's own history by a margin. Both histories are lightly filtered light.
+//! history, without bias. Averaged over frames, the gain tells the best candidate, and the standardized gain tells whether that
+//! is chance. Both histories are lightly filtered light.
 //!
 //! Evaluating a candidate costs a gather and a window. So it is evaluated in every second row, by the mean of the samples in
 //! that row and the next, as reflections that matter are larger than two rows. And as with one noisy sample per pixel some
@@ -21,19 +21,21 @@ use crate::kernels::camera::virtual_motion::Mirrored;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
 use crate::kernels::fetch::validate::{self, Surface, Tests};
-use crate::kernels::judge::prediction::{Ids, mean, terms};
+use crate::kernels::judge::prediction::{Gains, Ids, average, terms};
 use crate::kernels::merge::accumulate::CHANNELS;
 use crate::math::is_present;
 use crate::pixels::{Motion, MotionLanes, Rolling, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 use crate::tiles::{Tiles, runs_in};
 
-/// A candidate wins if its average gain is below this, in units of relative squared error.
-const MARGIN: f32 = -0.02;
+/// A candidate wins only if its standardized gain, averaged over frames, is below this. By chance that happens to one pixel in
+/// ten, where both histories are much alike. A threshold of the gain itself would ask too much where there is little noise, as
+/// on mirrors, and too little under caustics.
+const SIGNIFICANT: f32 = -0.5;
 /// Blend factor of a new gain in the average.
 const SHARE: f32 = 0.3;
 /// Pixels to each side of the window over which a gain is averaged.
-const RADIUS: usize = 2;
+const RADIUS: usize = 3;
 /// The winner of pixels where no candidate wins.
 const NONE: u32 = u32::MAX;
 /// Candidates are evaluated in all tiles once in so many frames.
@@ -52,7 +54,7 @@ pub struct Memory {
 
 /// The candidates' record over the frames so far.
 pub struct Scores {
-    /// The average gain of each.
+    /// The average gain of each, then the average standardized gain of each.
     pub image: Records,
     /// The tiles in which each is evaluated.
     evaluated: Vec<Tiles>,
@@ -62,7 +64,7 @@ pub struct Scores {
 impl Scores {
     pub fn new(size: Size, candidates: usize) -> Self {
         Self {
-            image: Records::new(size, candidates),
+            image: Records::new(size, 2 * candidates),
             evaluated: vec![Tiles::new(size); candidates],
             age: 0,
         }
@@ -119,7 +121,7 @@ pub fn choose(
         sources,
         tiles: (!everywhere).then(|| (&*past.evaluated, Tiles::any_of(size, &past.evaluated))),
         tests: mirrored_tests(frame.surface, before),
-        scores: distances.len(),
+        distances: distances.len(),
     };
     let evaluated = candidates.evaluate(memory, &own, color);
     let mut motion = asks_motion.then(|| own.motion.part(0..2).to_planes());
@@ -179,16 +181,16 @@ struct Candidates<'a> {
     /// The tiles in which each is evaluated, and those in which any is; None: everywhere.
     tiles: Option<(&'a [Tiles], Tiles)>,
     tests: Tests<'a>,
-    /// Channels of the scores.
-    scores: usize,
+    /// Half of the channels of the scores.
+    distances: usize,
 }
 
 /// Of each candidate, in the rows in which they are evaluated:
 struct Evaluated {
     /// The gain's terms: NaN where nothing was fetched, infinite where a sample or a prediction is missing.
     errors: Image,
-    /// The average gain so far.
-    scores: Image,
+    /// The average gains and standardized gains so far.
+    scores: [Image; 2],
 }
 
 impl<'a> Candidates<'a> {
@@ -197,7 +199,8 @@ impl<'a> Candidates<'a> {
             height: color.size.height.div_ceil(ROWS),
             ..color.size
         };
-        let [mut errors, mut scores] = [0; 2].map(|_| Image::blank(size, self.sources.len()));
+        let [mut errors, mut gains, mut standardized] =
+            [0; 3].map(|_| Image::blank(size, self.sources.len()));
         let light = memory.light.pixels();
         let known = [light, memory.scores.image.pixels()];
         let kernel = Evaluate {
@@ -207,9 +210,13 @@ impl<'a> Candidates<'a> {
             fetch: Fetch::new(&[light], color.size, self.tests, FETCH),
             color,
         };
-        let outs = errors.bands().zip(scores.bands());
+        let scores = gains.bands().zip(standardized.bands());
+        let outs = errors.bands().zip(scores.map(<[_; 2]>::from));
         rows::run(&kernel, size.height, outs);
-        Evaluated { errors, scores }
+        Evaluated {
+            errors,
+            scores: [gains, standardized],
+        }
     }
 
     /// Renews the scores, and writes the winners' history, coverage and motion over the surface's own.
@@ -231,7 +238,7 @@ impl<'a> Candidates<'a> {
             fetch: Fetch::new(&[history], size, self.tests, FETCH),
             size,
         };
-        let band = BAND * size.width * self.scores;
+        let band = BAND * size.width * 2 * self.distances;
         let mut won: Vec<_> = scores.evaluated.iter_mut().map(Tiles::bands).collect();
         let motions = rows::optional(motion.map(Image::bands));
         let outs = carried.bands().zip(bands_of(coverage, size));
@@ -314,14 +321,14 @@ struct Evaluate<'a> {
 }
 
 impl<'a> Kernel for Evaluate<'a> {
-    type Out = (BandMut<'a>, BandMut<'a>);
+    type Out = (BandMut<'a>, [BandMut<'a>; 2]);
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut errors, mut scores): Self::Out) {
         let width = self.color.size.width;
         let candidates = self.candidates;
         let mut scratch = Scratch::new();
-        let channels = candidates.scores;
+        let channels = 2 * candidates.distances;
         let mut lanes = MotionLanes::zeroed();
         let (mut known, mut fetched) = (self.base.room(), self.fetch.room());
         let [mut light, mut base, mut color] = [[[0.0; SEGMENT]; 3]; 3];
@@ -338,9 +345,12 @@ impl<'a> Kernel for Evaluate<'a> {
                 take_light(&known, run.len, &mut base);
                 let there = Run { y: row, ..run };
                 let records = &known.values(1)[..run.len * channels];
-                for (k, part) in scores.parts(there).enumerate() {
-                    for (score, record) in part.iter_mut().zip(records.chunks(channels)) {
-                        *score = record[k];
+                for (which, scores) in scores.iter_mut().enumerate() {
+                    for (k, part) in scores.parts(there).enumerate() {
+                        let channel = which * candidates.distances + k;
+                        for (score, record) in part.iter_mut().zip(records.chunks(channels)) {
+                            *score = record[channel];
+                        }
                     }
                 }
                 self.sample(run, &mut color);
@@ -438,7 +448,7 @@ impl<'a> Kernel for TakeWinners<'a> {
         let mut ids = Ids::new(self.ids, width, RADIUS, ROWS);
         let around = candidates.sources.iter();
         let mut around: Vec<Rolling<1>> = around.map(|_| Rolling::new(width, RADIUS)).collect();
-        let mut gain = [0.0; SEGMENT];
+        let mut gains = Gains::zeroed();
         let Evaluated { errors, scores } = &self.evaluated;
         let (mut scratch, mut fetched) = (Scratch::new(), self.fetch.room());
         let (mut best, mut winner) = (vec![0.0; width], vec![0; width]);
@@ -448,32 +458,41 @@ impl<'a> Kernel for TakeWinners<'a> {
         for y in rows.step_by(ROWS) {
             let row = y / ROWS;
             ids.roll(row, y == top);
-            best.fill(MARGIN);
+            best.fill(0.0);
             winner.fill(NONE);
             any.fill(false);
             for (k, around) in around.iter_mut().enumerate() {
                 around.roll(errors.view().channel(k).into(), row, y == top);
                 for run in segments(y, width).flat_map(|run| candidates.runs(Some(k), run)) {
                     let there = Run { y: row, ..run };
-                    mean(simd, there, errors.size.height, around, &ids, &mut gain);
-                    let old = &scores.view().row(k, row)[run.x..][..run.len];
+                    average(simd, there, errors.size.height, around, &ids, &mut gains);
+                    let averages = [&mut gains.mean, &mut gains.standardized];
+                    for (average, scores) in averages.into_iter().zip(scores) {
+                        let old = &scores.view().row(k, row)[run.x..][..run.len];
+                        for (average, old) in average.iter_mut().zip(old) {
+                            *average = old + SHARE * (*average - old);
+                        }
+                    }
                     let [errors] = around.row(row as isize);
                     let errors = &errors[RADIUS + run.x..][..run.len];
                     let best = &mut best[run.x..][..run.len];
                     let winner = &mut winner[run.x..][..run.len];
-                    let gain = &mut gain[..run.len];
+                    let gain = &gains.mean[..run.len];
+                    let standardized = &gains.standardized[..run.len];
                     for i in 0..run.len {
-                        let score = old[i] + SHARE * (gain[i] - old[i]);
-                        gain[i] = score;
-                        let wins = (score < best[i]) & !errors[i].is_nan();
-                        best[i] = if wins { score } else { best[i] };
+                        let significant = (standardized[i] < SIGNIFICANT) & !errors[i].is_nan();
+                        let wins = significant & (gain[i] < best[i]);
+                        best[i] = if wins { gain[i] } else { best[i] };
                         winner[i] = if wins { k as u32 } else { winner[i] };
                     }
                     for y in y..(y + ROWS).min(height) {
-                        let first = ((y - top) * width + run.x) * candidates.scores;
-                        let records = out.scores[first..].chunks_exact_mut(candidates.scores);
-                        for (record, &score) in records.zip(&*gain) {
-                            record[k] = score;
+                        let channels = 2 * candidates.distances;
+                        let first = ((y - top) * width + run.x) * channels;
+                        let records = out.scores[first..].chunks_exact_mut(channels);
+                        for ((record, &gain), &standardized) in records.zip(gain).zip(standardized)
+                        {
+                            record[k] = gain;
+                            record[candidates.distances + k] = standardized;
                         }
                     }
                 }

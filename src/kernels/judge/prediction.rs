@@ -6,9 +6,11 @@
 //! averages out; a tone curve or a clamp would leave a bias. Relative to brightness and averaged over the neighbours of the
 //! same object,
 //!   d = mean of Σ (k − h)(k + h − 2c) / (Σ h² + 0.01),  sums over the channels:
-//! negative where k is better.
+//! negative where k is better. How far chance explains it tells the standardized gain, Student's t with a standard error of at
+//! least 0.01, so that differences which nobody sees do not count even if they are certain:
+//!   t = d / √(s² / n + 0.01²),  s² the variance of the n terms in the window.
 //!
-//! Inputs: k (3), h (3), c (3), ids (1), optional. Output: d (1); 0 where nothing is known.
+//! Inputs: k (3), h (3), c (3), ids (1), optional. Output: d or t (1); 0 where nothing is known.
 
 use std::ops::Range;
 
@@ -20,22 +22,27 @@ use crate::rows::{self, Kernel, Simd};
 /// The offset of relMSE, which bounds the weight of dark pixels.
 const EPSILON: f32 = 0.01;
 
+/// The standard error below which gains count as equally certain, squared.
+const CERTAIN: f32 = 1e-4;
 /// Most pixels of the window to each side.
 pub const MOST: usize = 16;
 
-/// Writes d of a candidate k against the base h; `radius` is that of the window, 0 to [`MOST`] pixels.
+/// Writes d of a candidate k against the base h, or t if it is to be standardized; `radius` is that of the window, 0 to
+/// [`MOST`] pixels.
 pub fn prediction_gain<'a>(
     candidate: Pixels<'a>,
     base: Pixels<'a>,
     color: Pixels<'a>,
     ids: Option<Pixels<'a, u32>>,
     radius: usize,
+    standardized: bool,
     gain: impl Iterator<Item = BandMut<'a>>,
 ) {
     let kernel = Gain {
         images: [candidate, base, color],
         ids,
         radius,
+        standardized,
     };
     rows::run(&kernel, color.size.height, gain);
 }
@@ -92,34 +99,59 @@ impl<'a> Ids<'a> {
     }
 }
 
-/// Averages the terms over each pixel's window, same object only; 0 where no term is finite.
+/// The gains of a run.
+pub(crate) struct Gains {
+    pub mean: Row,
+    pub standardized: Row,
+}
+
+impl Gains {
+    pub fn zeroed() -> Self {
+        Self {
+            mean: [0.0; SEGMENT],
+            standardized: [0.0; SEGMENT],
+        }
+    }
+}
+
+/// Averages the terms over each pixel's window, same object only: 0 where no term is finite, and standardized where fewer than
+/// two are or their variance overflows.
 #[inline(always)]
-pub(crate) fn mean<S: Simd>(
+pub(crate) fn average<S: Simd>(
     simd: S,
     run: Run,
     height: usize,
     terms: &Rolling<1>,
     ids: &Ids,
-    gain: &mut Row,
+    gains: &mut Gains,
 ) {
     let (y, radius) = (run.y as isize, terms.radius as isize);
     let [own] = ids.rows.row(y);
     for start in (0..run.len).step_by(Lanes::<S>::COUNT) {
         let x = run.x + start;
         let own = Classes::load(simd, own, x + terms.radius);
-        let [mut sum, mut count] = [Lanes::all(simd, 0.0); 2];
+        let [mut sum, mut squares, mut count] = [Lanes::all(simd, 0.0); 3];
         for y in (y - radius).max(0)..=(y + radius).min(height as isize - 1) {
             let ([terms], [ids]) = (terms.row(y), ids.rows.row(y));
             for dx in 0..=2 * radius as usize {
                 let term = Lanes::load(simd, terms, x + dx);
                 let alike = own.equal(Classes::load(simd, ids, x + dx));
                 let counts = alike.and(term.is_finite());
-                sum = sum + term.or_all(counts, -0.0);
+                let term = term.or_all(counts, -0.0);
+                sum = sum + term;
+                squares = squares + term * term;
                 count = count + Lanes::all(simd, 1.0).or_all(counts, 0.0);
             }
         }
-        let mean = (sum / count).or_all(count.above(0.0), 0.0);
-        mean.store(gain, start);
+        let mean = sum / count;
+        let spread = squares - mean * sum;
+        let spread = spread.or_all(spread.above(0.0), 0.0);
+        let variance = spread / (count * (count - Lanes::all(simd, 1.0)));
+        let known = count.above(1.0).and(squares.is_finite());
+        let t = mean / (variance + Lanes::all(simd, CERTAIN)).sqrt();
+        mean.or_all(count.above(0.0), 0.0)
+            .store(&mut gains.mean, start);
+        t.or_all(known, 0.0).store(&mut gains.standardized, start);
     }
 }
 
@@ -128,6 +160,7 @@ struct Gain<'a> {
     images: [Pixels<'a>; 3],
     ids: Option<Pixels<'a, u32>>,
     radius: usize,
+    standardized: bool,
 }
 
 impl<'a> Kernel for Gain<'a> {
@@ -139,7 +172,7 @@ impl<'a> Kernel for Gain<'a> {
         let mut ids = Ids::new(self.ids, size.width, self.radius, 1);
         let mut around = Rolling::new(size.width, self.radius);
         let mut colors = [[[0.0; SEGMENT]; 3]; 3];
-        let mut gain = [0.0; SEGMENT];
+        let mut gains = Gains::zeroed();
         for (nth, y) in rows.enumerate() {
             ids.roll(y, nth == 0);
             for y in around.due(y, nth == 0) {
@@ -157,7 +190,12 @@ impl<'a> Kernel for Gain<'a> {
                 }
             }
             for run in segments(y, size.width) {
-                mean(simd, run, size.height, &around, &ids, &mut gain);
+                average(simd, run, size.height, &around, &ids, &mut gains);
+                let gain = if self.standardized {
+                    &gains.standardized
+                } else {
+                    &gains.mean
+                };
                 out.put(run, &gain[..run.len], 1);
             }
         }
