@@ -9,7 +9,7 @@ import yester
 from compare import SIZES, TAILS, assert_close, assert_same_bits, each, tensor
 from hypothesis import given
 from hypothesis import strategies as st
-from reference.choice import costs, relative, together
+from reference.choice import costs, relative, together, weights
 from test_innovation import motions
 from test_svgf import gallery, speckled
 
@@ -24,8 +24,11 @@ def evidence_of(rng, height, width, count, *, holes=0.05):
     """Evidence as earlier frames may leave it, in part of fewer than 16 samples."""
     shape = parts(SIDE, height, width)
     n = rng.uniform(0, 120, (*shape, 1)) * rng.integers(0, 2, (*shape, 1))
-    gains, squares = rng.normal(0, 0.3, (*shape, count - 1)) * n, rng.exponential(2, (*shape, count - 1)) * n
-    evidence = np.concatenate([gains, squares, n], -1).astype(np.float32)
+    weight = n * rng.exponential(1, n.shape)
+    gains, squares = (
+        draw * weight for draw in (rng.normal(0, 0.3, (*shape, count - 1)), rng.exponential(2, (*shape, count - 1)))
+    )
+    evidence = np.concatenate([gains, squares, weight, n], -1).astype(np.float32)
     evidence[rng.random(evidence.shape) < holes / 10] = rng.choice([np.nan, np.inf, -np.inf])
     return evidence
 
@@ -63,26 +66,29 @@ def compare_check(color, candidates, evidence=None, *, exposure=1.0, usual=0):
     # Each larger by 1, as candidates are differences from a mean.
     ends = shown[..., 1:].abs() + shown[..., :-1].abs() + 2
     term = ends * (ends + 2 * sample.abs() + 2) * known[..., None]  # (H, W, K - 1)
-    scale = np.concatenate([together(image).numpy() for image in (term, term**2, known[..., None].to(term))], -1)
+    step = (shown[..., 1:] - shown[..., :-1]) * (shown[..., 1:] + shown[..., :-1] - 2 * sample) * known[..., None]
+    terms, squares, seen, n = (together(image) for image in (term, term**2, step**2, known[..., None].to(term)))
+    weight = weights(seen, n)  # as large as the reference has it; its rounding is that of the squares
+    scale = np.concatenate([weight * terms, weight**2 * squares, weight * n, n], -1)
     if evidence is not None:
         scale = scale + largest(evidence)
     assert_close("compare_candidates", got, want, rtol=1e-6, scale=scale)
     return got
 
 
-def choice_check(evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.1):
+def choice_check(evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.3):
     """Compare evidence with the reference; the choice must cost as little, by the reference, as its own."""
     named = {"usual": usual, "strictness": strictness, "share": share}
     got, left = yester.choice(evidence, motion, coverage, **named)
     want, known = (image.numpy() for image in reference.choice(*tensor([evidence, motion, coverage]), **named))
-    steps = evidence.shape[-1] // 2
+    steps = evidence.shape[-1] // 2 - 1
     assert got.dtype == left.dtype == np.float32
     assert_close("choice evidence", left, known, rtol=1e-6, scale=largest(evidence))
     # Decisions that float32 may turn: costs that differ by roundings, and numbers of samples at the bound.
     cost = costs(tensor(known), usual, strictness).numpy()
     mine, its = (np.take_along_axis(cost, chosen.astype(int)[..., None], -1)[..., 0] for chosen in (got, want))
-    n = averaged(known[..., -1])
-    rounding = 1e-6 * (1 + strictness) * largest(evidence)[:steps].sum() / np.maximum(n, 1)
+    weight, n = (averaged(known[..., i]) for i in (-2, -1))
+    rounding = 1e-6 * (1 + strictness) * largest(evidence)[:steps].sum() / np.maximum(weight, 1e-6)
     with np.errstate(invalid="ignore"):
         assert ((mine - its <= rounding) | (np.abs(n - 16) < 1e-4) | (got == want)).all()
     assert ((got >= 0) & (got <= steps) & (got == np.rint(got))).all()
@@ -246,7 +252,7 @@ def test_frames_add_up():
 def test_equal_candidates(usual, strictness):
     """Nothing is better than the usual one."""
     evidence = compare_check(*steady([0.7] * 5, np.random.default_rng(0).exponential(1, (32, 32))), usual=usual)
-    assert not evidence[..., :-1].any()
+    assert not evidence[..., :-2].any()
     assert (evidence[..., -1] == 64).all()
     chosen, _ = at_rest(evidence, usual=usual, strictness=strictness)
     assert (chosen == usual).all()
@@ -269,7 +275,8 @@ def test_gains_are_unbiased(noise):
         color = (truth * draw((32, 32, 3))).astype(np.float32)
         known = np.tile(candidates, (32, 32, 1))
         evidence = yester.compare_candidates(color, known, exposure=exposure, usual=usual)
-        means.append(evidence[..., :2].sum((0, 1)) / evidence[..., -1].sum())
+        gains = evidence[..., :2] * (evidence[..., -1] / evidence[..., -2])[..., None]  # without weights
+        means.append(gains.sum((0, 1)) / evidence[..., -1].sum())
     spread = np.std(means, 0) / np.sqrt(len(means))
     assert (spread < 0.1 * np.abs(np.diff(errors))).all(), "noise leaves something to see"
     assert (np.abs(np.mean(means, 0) - np.diff(errors)) < 4 * spread).all()
@@ -280,15 +287,17 @@ def test_samples_are_bounded():
     for color, r in ((1e6, 8), (-1e6, -8), (1, 0)):
         evidence = compare_check(*steady([1, 3], np.full((8, 8), color)), exposure=16.0)
         d = 1 - 2 * r  # for candidates of 0 and 1, relative to the usual one
-        np.testing.assert_allclose(evidence[0, 0], [64 * d, 64 * d**2, 64], rtol=1e-5)
+        w = 1 / np.sqrt(d**2 + 1e-6)
+        np.testing.assert_allclose(evidence[0, 0], [64 * w * d, 64 * w**2 * d**2, 64 * w, 64], rtol=1e-5)
 
 
 def test_black_counts_as_a_sixteenth_of_exposure():
     evidence = compare_check(*steady([0, 0.5], np.zeros((8, 8))), exposure=4.0)
-    np.testing.assert_allclose(evidence[0, 0], [64 * 4, 64 * 16, 64], rtol=1e-6)
+    np.testing.assert_allclose(evidence[0, 0], [64, 64, 64 / 4, 64], rtol=1e-6)
     # A usual candidate below black is black.
     evidence = compare_check(*steady([-1, 0.5], np.zeros((8, 8))), exposure=4.0)
-    np.testing.assert_allclose(evidence[0, 0, 0], 64 * (2**2 - 4**2), rtol=1e-6)
+    gain, _, weight, _ = evidence[0, 0]
+    assert gain / weight == pytest.approx(2**2 - 4**2, rel=1e-6)
 
 
 def test_numbers_too_large_decide_nothing_and_are_forgotten():
@@ -320,28 +329,46 @@ def decide(evidence, **named) -> int:
 
 def test_decisions_by_hand():
     """Costs of mean gains, and standard errors of 64/9 times as many samples."""
-    # -10/20 against √(50/20 / (64/9 · 20)) = 0.13258.
-    assert decide([-10, 50, 20], strictness=3.7) == 1
-    assert decide([-10, 50, 20], strictness=3.8) == 0
-    assert decide([10, 50, 20], strictness=3.7, usual=1) == 0
-    assert decide([10, 50, 20], strictness=3.8, usual=1) == 1
-    assert decide([-10, 50, 16], strictness=0.5) == 1
-    assert decide([-10, 50, 15.9], strictness=0.5) == 0
+    # -10/20 against √(50 / (64/9 · 20²)) = 0.13258.
+    assert decide([-10, 50, 20, 20], strictness=3.7) == 1
+    assert decide([-10, 50, 20, 20], strictness=3.8) == 0
+    assert decide([10, 50, 20, 20], strictness=3.7, usual=1) == 0
+    assert decide([10, 50, 20, 20], strictness=3.8, usual=1) == 1
+    assert decide([-10, 50, 16, 16], strictness=0.5) == 1
+    assert decide([-10, 50, 16, 15.9], strictness=0.5) == 0
+    # The same in other units of weight: -10/20 against √(50 / (64/9 · 20²)).
+    assert decide([-1, 0.5, 2, 20], strictness=3.7) == 1
+    assert decide([-1, 0.5, 2, 20], strictness=3.8) == 0
     # Across a step without gain to one with more; variances add up, here to 0.1569².
-    steps = [4, -10, 30, 40, 20]
+    steps = [4, -10, 30, 40, 20, 20]
     assert decide(steps, strictness=1.9) == 2
     assert decide(steps, strictness=2.0) == 0
     # The better of both neighbouring candidates; without a difference, the usual one.
-    assert decide([3, -2, 0, 0, 20], strictness=0, usual=1) == 0
-    assert decide([2, -3, 0, 0, 20], strictness=0, usual=1) == 2
-    assert decide([0, 0, 0, 0, 20], strictness=0, usual=1) == 1
+    assert decide([3, -2, 0, 0, 20, 20], strictness=0, usual=1) == 0
+    assert decide([2, -3, 0, 0, 20, 20], strictness=0, usual=1) == 2
+    assert decide([0, 0, 0, 0, 20, 20], strictness=0, usual=1) == 1
+
+
+def test_no_frame_decides_alone():
+    """Nine frames speak for the second candidate, and one, with samples ten times as bright, for the first."""
+    evidence, pooled = None, np.zeros(2)
+    for number in range(10):
+        bright = number == 4
+        given = steady([1, 0.8], np.full((8, 8), 10 if bright else 0.8))
+        if evidence is not None:
+            _, evidence = at_rest(evidence, share=0.0)
+        alone = compare_check(*given)[0, 0]
+        pooled += alone[0] / alone[2], 1
+        evidence = compare_check(*given, evidence)
+    assert pooled[0] > 0, "the mean of all frames speaks for the first"
+    assert (at_rest(evidence, share=0.0)[0] == 1).all()
 
 
 def test_neighbours_have_a_say():
     """A tile's own weight in its average is a quarter; its eight neighbours have the rest."""
     for own, want in ((-2.9, 0), (-3.1, 1)):
-        evidence = np.zeros((5, 7, 3), np.float32)
-        evidence[..., 0], evidence[..., 2] = 1, 20
+        evidence = np.zeros((5, 7, 4), np.float32)
+        evidence[..., 0], evidence[..., 2:] = 1, 20
         evidence[2, 3, 0] = own
         chosen, _ = at_rest(evidence, share=0.0)
         assert chosen[2, 3] == chosen.sum() == want
@@ -349,7 +376,7 @@ def test_neighbours_have_a_say():
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.6, 1.0])
 def test_evidence_fades(share):
-    evidence, wanted = np.zeros((1, 1, 3), np.float32), 0.0
+    evidence, wanted = np.zeros((1, 1, 4), np.float32), 0.0
     for _ in range(9):
         wanted = 64 + (1 - share) * wanted
         _, left = at_rest(evidence, share=share)
@@ -381,7 +408,7 @@ def test_evidence_follows_motion():
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_evidence_that_is_not_finite_is_none(value):
     evidence = evidence_of(np.random.default_rng(0), 40, 56, 3, holes=0)
-    for channel in range(5):
+    for channel in range(6):
         broken = evidence.copy()
         broken[2, 3, channel] = value
         _, left = at_rest(broken, share=0.0)
@@ -402,8 +429,8 @@ def put(**change):
     [
         (r"^evidence: expected", cut("evidence", np.s_[:-1])),
         (r"^evidence: expected", cut("evidence", np.s_[:, :-1])),
-        (r"^evidence: expected 3, 5, 7, .*got 4", cut("evidence", np.s_[..., :4])),
-        (r"^evidence: expected 3, 5, 7, .*got 1", cut("evidence", np.s_[..., :1])),
+        (r"^evidence: expected 4, 6, 8, .*got 5", cut("evidence", np.s_[..., :5])),
+        (r"^evidence: expected 4, 6, 8, .*got 1", cut("evidence", np.s_[..., :1])),
         (r"^motion: expected", cut("motion", np.s_[..., :1])),
         (r"^coverage: expected", cut("motion", np.s_[:-1])),
         (r"^coverage: expected", cut("coverage", np.s_[:, :-1])),
@@ -427,7 +454,7 @@ def test_wrong_arguments_of_choice(match, change):
         (r"^candidates: expected", cut("candidates", np.s_[:, :-1])),
         (r"^candidates: expected a channel for each of at least 2.*got 1", cut("candidates", np.s_[..., :1])),
         (r"^evidence: expected", cut("evidence", np.s_[:-1])),
-        (r"^evidence: expected 5 channels, for 3 .*got 3", cut("evidence", np.s_[..., :3])),
+        (r"^evidence: expected 6 channels, for 3 .*got 3", cut("evidence", np.s_[..., :3])),
         (r"^usual: expected a candidate, 0 to 2, got 3", put(usual=3)),
         (r"^usual: expected a candidate, 0 to 2, got -1", put(usual=-1)),
         *((r"^exposure: expected", put(exposure=value)) for value in (0, -1, np.nan, np.inf)),

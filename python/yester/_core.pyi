@@ -2482,14 +2482,14 @@ def choice(
     *,
     usual: int = 0,
     strictness: float = 0.5,
-    share: float = 0.1,
+    share: float = 0.3,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]:
     """Choose the best of several predictions, tile by tile, by the evidence of earlier frames.
 
     Parameters
     ----------
-    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K) array_like of float
         The previous frame's, as `compare_candidates` returns it.
     motion : (H, W, 2) or (H, W, 3) array_like of float
         Motion in pixels. A tile's evidence comes from where its centre does.
@@ -2500,9 +2500,9 @@ def choice(
         The default candidate: it is chosen without evidence, and all others are compared with it.
     strictness : float, default 0.5
         Standard errors by which another candidate must be better; at least 0.
-    share : float, default 0.1
+    share : float, default 0.3
         Fraction of the evidence that decays per frame; 0 to 1.
-    out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 arrays, optional
+    out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
         Written and returned, as choice and evidence, instead of new arrays. A part may be None.
 
     Returns
@@ -2510,7 +2510,7 @@ def choice(
     choice : (⌈H/8⌉, ⌈W/8⌉) float32
         The candidate that each tile of 8×8 pixels should show: an integer from 0 to K - 1. To hide the tiles,
         interpolate between their centres, and mix two candidates where the result is fractional.
-    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K) float32
         The evidence where the tiles are in this frame, decayed: `compare_candidates` adds this frame's.
 
     Raises
@@ -2557,21 +2557,21 @@ def compare_candidates(
     candidates : (H, W, K) array_like of float
         K predictions of the samples' luminance, at least 2. They are a series, such as the predictions that more and
         more passes of `atrous` return. Pixels where one is not finite do not count.
-    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float, optional
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K) array_like of float, optional
         That of earlier frames, as `choice` returns it.
     exposure : float, default 1.0
         `exposure` of the image; above 0. Errors of luminances well below a sixteenth of it count as absolute, of
         brighter ones as relative.
     usual : int, default 0
         The default candidate, relative to which errors are measured.
-    out : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 array, optional
+    out : (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 array, optional
         Written and returned instead of a new array; it may be the evidence.
 
     Returns
     -------
-    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
-        With this frame's added: the sums of the gains of the K - 1 steps, negative where a step reduces the error; then
-        the sums of their squares; then the number of samples.
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K) float32
+        With this frame's added: the weighted sums of the gains of the K - 1 steps, negative where a step reduces the
+        error; then those of their squares; then the sum of the samples' weights, and their number.
 
     Raises
     ------
@@ -2591,11 +2591,14 @@ def compare_candidates(
     r is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of the difference of two squared
     errors (see `prediction_gain`).
 
+    A frame's gains in a tile are weighted by ``1 / √(Σ d² / n + 1e-6)``, over their n samples and all steps, and the
+    squares by its square, so that no frame decides alone.
+
     Examples
     --------
     >>> sample = np.ones((8, 8, 3))
     >>> candidates = np.stack([np.full((8, 8), 0.5), np.full((8, 8), 1.0)], -1)
-    >>> gain, square, count = yester.compare_candidates(sample, candidates)[0, 0]
+    >>> gain, square, weight, count = yester.compare_candidates(sample, candidates)[0, 0]
     >>> bool(gain < 0), float(count)
     (True, 64.0)
     """
@@ -2683,8 +2686,8 @@ def prediction_gain(
     radius : int, default 3
         Radius of the window in pixels, 0 to 16.
     standardized : bool, default False
-        Divide the gain by √(s² / n + 0.01²), where s² is the variance over the n pixels of the window: Student's t, with
-        a standard error of at least 1 %. This tells gains from chance, but is no longer unbiased.
+        Divide the gain by √(s² / n + 0.01²), where s² is the variance over the n pixels of the window: Student's t,
+        with a standard error of at least 1 %. This tells gains from chance, but is no longer unbiased.
     out : (H, W) float32 array, optional
         Written and returned instead of a new array; it may be an input.
 

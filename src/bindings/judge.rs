@@ -650,7 +650,7 @@ pub fn innovation_<'py>(
 ///
 /// Parameters
 /// ----------
-/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K) array_like of float
 ///     The previous frame's, as `compare_candidates` returns it.
 /// motion : (H, W, 2) or (H, W, 3) array_like of float
 ///     Motion in pixels. A tile's evidence comes from where its centre does.
@@ -661,9 +661,9 @@ pub fn innovation_<'py>(
 ///     The default candidate: it is chosen without evidence, and all others are compared with it.
 /// strictness : float, default 0.5
 ///     Standard errors by which another candidate must be better; at least 0.
-/// share : float, default 0.1
+/// share : float, default 0.3
 ///     Fraction of the evidence that decays per frame; 0 to 1.
-/// out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 arrays, optional
+/// out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
 ///     Written and returned, as choice and evidence, instead of new arrays. A part may be None.
 ///
 /// Returns
@@ -671,7 +671,7 @@ pub fn innovation_<'py>(
 /// choice : (⌈H/8⌉, ⌈W/8⌉) float32
 ///     The candidate that each tile of 8×8 pixels should show: an integer from 0 to K - 1. To hide the tiles,
 ///     interpolate between their centres, and mix two candidates where the result is fractional.
-/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K) float32
 ///     The evidence where the tiles are in this frame, decayed: `compare_candidates` adds this frame's.
 ///
 /// Raises
@@ -699,7 +699,7 @@ pub fn innovation_<'py>(
 /// >>> best
 /// array([[1.]], dtype=float32)
 #[pyfunction]
-#[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.1, out=None))]
+#[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.3, out=None))]
 pub fn choice_<'py>(
     py: Python<'py>,
     evidence: &Bound<'py, PyAny>,
@@ -721,11 +721,11 @@ pub fn choice_<'py>(
         let evidence = Input::<f32>::new(evidence, "evidence", Channels::Any)?;
         let evidence = evidence.sized("evidence", tiles)?;
         let numbers = evidence.data().pixels().channels;
-        if numbers < 3 || numbers.is_multiple_of(2) {
+        if numbers < 4 || !numbers.is_multiple_of(2) {
             let got = format!("{numbers} channels");
-            return Err(Error::value("evidence", "3, 5, 7, … channels", got).into());
+            return Err(Error::value("evidence", "4, 6, 8, … channels", got).into());
         }
-        let last = numbers / 2;
+        let last = numbers / 2 - 1;
         let expected = format!("a candidate, 0 to {last}");
         let usual = whole("usual", usual, &expected, |&n: &usize| n <= last)?;
         let [first, second] = parts(out.as_ref())?;
@@ -759,21 +759,21 @@ pub fn choice_<'py>(
 /// candidates : (H, W, K) array_like of float
 ///     K predictions of the samples' luminance, at least 2. They are a series, such as the predictions that more and
 ///     more passes of `atrous` return. Pixels where one is not finite do not count.
-/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) array_like of float, optional
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K) array_like of float, optional
 ///     That of earlier frames, as `choice` returns it.
 /// exposure : float, default 1.0
 ///     `exposure` of the image; above 0. Errors of luminances well below a sixteenth of it count as absolute, of
 ///     brighter ones as relative.
 /// usual : int, default 0
 ///     The default candidate, relative to which errors are measured.
-/// out : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32 array, optional
+/// out : (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 array, optional
 ///     Written and returned instead of a new array; it may be the evidence.
 ///
 /// Returns
 /// -------
-/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K - 1) float32
-///     With this frame's added: the sums of the gains of the K - 1 steps, negative where a step reduces the error; then
-///     the sums of their squares; then the number of samples.
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 2 K) float32
+///     With this frame's added: the weighted sums of the gains of the K - 1 steps, negative where a step reduces the
+///     error; then those of their squares; then the sum of the samples' weights, and their number.
 ///
 /// Raises
 /// ------
@@ -793,11 +793,14 @@ pub fn choice_<'py>(
 /// r is then clamped to ±8. Where no sample is clamped, this is an unbiased estimate of the difference of two squared
 /// errors (see `prediction_gain`).
 ///
+/// A frame's gains in a tile are weighted by ``1 / √(Σ d² / n + 1e-6)``, over their n samples and all steps, and the
+/// squares by its square, so that no frame decides alone.
+///
 /// Examples
 /// --------
 /// >>> sample = np.ones((8, 8, 3))
 /// >>> candidates = np.stack([np.full((8, 8), 0.5), np.full((8, 8), 1.0)], -1)
-/// >>> gain, square, count = yester.compare_candidates(sample, candidates)[0, 0]
+/// >>> gain, square, weight, count = yester.compare_candidates(sample, candidates)[0, 0]
 /// >>> bool(gain < 0), float(count)
 /// (True, 64.0)
 #[pyfunction]
@@ -865,8 +868,8 @@ pub fn compare_candidates<'py>(
 /// radius : int, default 3
 ///     Radius of the window in pixels, 0 to 16.
 /// standardized : bool, default False
-///     Divide the gain by √(s² / n + 0.01²), where s² is the variance over the n pixels of the window: Student's t, with
-///     a standard error of at least 1 %. This tells gains from chance, but is no longer unbiased.
+///     Divide the gain by √(s² / n + 0.01²), where s² is the variance over the n pixels of the window: Student's t,
+///     with a standard error of at least 1 %. This tells gains from chance, but is no longer unbiased.
 /// out : (H, W) float32 array, optional
 ///     Written and returned instead of a new array; it may be an input.
 ///

@@ -59,27 +59,27 @@ def costs(evidence: Tensor, usual: int, strictness: float) -> Tensor:
         place = torch.arange(count)  # (count,)
         near = [evidence.index_select(axis, (place + d).clamp(0, count - 1)) for d in (-1, 0, 1)]  # 3 of (h, w, C)
         evidence = (near[0] + 2 * near[1] + near[2]) / 4
-    steps = evidence.shape[-1] // 2
-    gains, squares, n = evidence.split([steps, steps, 1], -1)  # (h, w, K - 1) twice, (h, w, 1)
+    steps = evidence.shape[-1] // 2 - 1
+    gains, squares, weight, n = evidence.split([steps, steps, 1, 1], -1)  # (h, w, K - 1) twice, (h, w, 1) twice
     cost = torch.zeros(*n.shape[:2], steps + 1).to(n)  # (h, w, K)
     for candidate in range(steps + 1):
         between = slice(min(candidate, usual), max(candidate, usual))
         sign = 1 if candidate > usual else -1
-        variance = (squares[..., between] / n / (64 / 9 * n)).sum(-1)  # (h, w)
-        cost[..., candidate] = sign * (gains[..., between] / n).sum(-1) + strictness * variance.sqrt()
+        variance = (squares[..., between] / weight / (64 / 9 * weight)).sum(-1)  # (h, w)
+        cost[..., candidate] = sign * (gains[..., between] / weight).sum(-1) + strictness * variance.sqrt()
     cost = cost.nan_to_num(torch.inf, torch.inf, torch.inf).where(n >= 16, torch.inf)
     cost[..., usual] = 0
     return cost
 
 
 def choice(
-    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, share=0.1
+    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, share=0.3
 ) -> tuple[Tensor, Tensor]:
     """Choose of a series of predictions, tile by tile, the one that predicted the samples of earlier frames best.
 
     Parameters
     ----------
-    evidence : (ceil(H / 8), ceil(W / 8), 2 K - 1) of the frame before: sums of gains, sums of their squares, number
+    evidence : (ceil(H / 8), ceil(W / 8), 2 K) of the frame before: sums of gains, squares and weights; number
     motion : (H, W, 2|3), pixels to the frame before
     coverage : (H, W), above 0 where the pixel has a history
     usual : candidate that is chosen without evidence
@@ -88,32 +88,40 @@ def choice(
 
     Returns
     -------
-    choice (h, w), evidence (h, w, 2 K - 1) at the tiles' current places
+    choice (h, w), evidence (h, w, 2 K) at the tiles' current places
     """
-    carried = (1 - share) * _carry(evidence, motion, coverage)  # (h, w, 2 K - 1)
+    carried = (1 - share) * _carry(evidence, motion, coverage)  # (h, w, 2 K)
     least, best = costs(carried, usual, strictness).min(-1)  # (h, w), (h, w)
     return torch.where(least < 0, best, usual).to(evidence), carried
+
+
+def weights(squares: Tensor, n: Tensor) -> Tensor:
+    """The weight (h, w, 1) of a frame's gains, by their sums of squares (h, w, K - 1) and their number (h, w, 1)."""
+    return torch.where(n > 0, (squares.sum(-1, keepdim=True) / n + 1e-6).rsqrt(), 0)
 
 
 def compare_candidates(
     color: Tensor, candidates: Tensor, evidence: Tensor | None = None, *, exposure=1.0, usual=0
 ) -> Tensor:
-    """Compare predictions with samples that none of them has seen: adds to the evidence (h, w, 2 K - 1).
+    """Compare predictions with samples that none of them has seen: adds to the evidence (h, w, 2 K).
 
     The squared error of b minus that of a, by a sample y whose mean is the reference: (b - a)(b + a - 2y), linear in y.
+    A frame's gains weigh the less in a tile, the larger their squares.
 
     Parameters
     ----------
     color : (H, W, 3)
     candidates : (H, W, K), of the luminance
-    evidence : (ceil(H / 8), ceil(W / 8), 2 K - 1) of earlier frames: sums of gains, sums of their squares, number
+    evidence : (ceil(H / 8), ceil(W / 8), 2 K) of earlier frames: sums of gains, squares and weights; number
     exposure : of the image; a sixteenth of it counts as black
     usual : candidate that the others are relative to
     """
     shown, sample, known = relative(color, candidates, exposure=exposure, usual=usual)
     before, after = shown[..., :-1], shown[..., 1:]  # (H, W, K - 1) each
     gains = ((after - before) * (after + before - 2 * sample)).where(known[..., None], 0)  # (H, W, K - 1)
-    seen = together(torch.cat([gains, gains**2, known[..., None].to(gains)], -1))  # (h, w, 2 K - 1)
+    seen, squares, n = (together(image) for image in (gains, gains**2, known[..., None].to(gains)))  # (h, w, …)
+    weight = weights(squares, n)  # (h, w, 1)
+    seen = torch.cat([weight * seen, weight**2 * squares, weight * n, n], -1)  # (h, w, 2 K)
     return seen if evidence is None else evidence + seen
 
 

@@ -4,7 +4,9 @@ from torch import Tensor
 from .similarity import shift
 
 
-def prediction_gain(candidate: Tensor, base: Tensor, color: Tensor, *, ids=None, radius=3, standardized=False) -> Tensor:
+def prediction_gain(
+    candidate: Tensor, base: Tensor, color: Tensor, *, ids=None, radius=3, standardized=False
+) -> Tensor:
     """The mean difference of squared errors with which a candidate and a base predict the colour.
 
     q = Σ_c (k - h)(k + h - 2c) / (Σ_c h² + 0.01), averaged over the pixels of (2·radius + 1)² with the centre's id. q

@@ -6,12 +6,13 @@
 //! e, aₖ = (pₖ − μ)/s and r = clamp((y − μ)/s, ±8), step k from candidate k − 1 to k costs
 //!   dₖ = (aₖ − aₖ₋₁)(aₖ + aₖ₋₁ − 2r),
 //! negative where the step brings the image nearer to the reference.
-//! **Evidence.** Tiles of 8×8 sum dₖ, dₖ² and the number n of pixels with a sample and all candidates. The sums of
-//! earlier frames are reprojected by the motion of the tile's centre, interpolated bilinearly between tiles, and decay
-//! by 1 − β a frame.
-//! **Decision.** With the sums G of d, V of d² and n averaged over neighbouring tiles by {1, 2, 1}/4 ⊗ {1, 2, 1}/4, the
-//! cost of candidate j relative to the default u is
-//!   Σ ±Gₖ/n + c √(Σ Vₖ/n / (64/9 n)),  k over the steps between u and j, + beyond u and − before it,
+//! **Evidence.** Tiles of 8×8 sum dₖ, dₖ² and the number n of pixels with a sample and all candidates. Each frame's sums
+//! are weighted by w = 1 / √(Σₖ Σ dₖ² / n + 10⁻⁶), the inverse of their deviation, so that no single frame with a bright
+//! sample or a change of light decides for those before and after it. The weighted sums of earlier frames are reprojected
+//! by the motion of the tile's centre, interpolated bilinearly between tiles, and decay by 1 − β a frame.
+//! **Decision.** With the sums G of w d, V of w² d², W of w and n averaged over neighbouring tiles by {1, 2, 1}/4 ⊗
+//! {1, 2, 1}/4, the cost of candidate j relative to the default u is
+//!   Σ ±Gₖ/W + c √(Σ Vₖ / (64/9 W²)),  k over the steps between u and j, + beyond u and − before it,
 //! 64/9 being the effective number of tiles in the average. The cheapest candidate wins: one other than u must be
 //! better by c standard errors, and where n is below 16, u stays.
 //!
@@ -20,7 +21,7 @@
 //! that tiles do not show. The clamp at ±8 keeps a single bright sample from deciding for a tile, at the price of a bias
 //! where much of the light comes in rare samples brighter than that.
 //!
-//! Inputs: new samples (3), candidates (1 each), motion (2), coverage (1), evidence (2 steps + 1; of an eighth of the
+//! Inputs: new samples (3), candidates (1 each), motion (2), coverage (1), evidence (2 steps + 2; of an eighth of the
 //! size). Outputs: choice (1) and evidence, of an eighth of the size.
 
 use std::ops::Range;
@@ -37,7 +38,7 @@ use crate::rows::{self, BAND, Kernel, Simd};
 pub struct Params {
     /// c: standard errors by which a candidate must beat the default; ≥ 0; 0.5.
     pub strictness: f32,
-    /// β: fraction of the evidence that decays per frame; 0 to 1; 0.1.
+    /// β: fraction of the evidence that decays per frame; 0 to 1; 0.3.
     pub share: f32,
 }
 
@@ -45,7 +46,7 @@ impl Default for Params {
     fn default() -> Self {
         Self {
             strictness: 0.5,
-            share: 0.1,
+            share: 0.3,
         }
     }
 }
@@ -72,6 +73,8 @@ const TILE: usize = 8;
 const BOUND: f32 = 8.0;
 /// With fewer comparisons the default stays.
 const MIN_COMPARISONS: f32 = 16.0;
+/// Mean square of a tile's steps below which frames weigh the same.
+const QUIET: f32 = 1e-6;
 /// Effective number of tiles in the average over neighbours: one over the sum of its squared weights.
 const TILES: f32 = 64.0 / 9.0;
 
@@ -83,9 +86,9 @@ pub fn tiles(size: Size) -> Size {
     }
 }
 
-/// Channels of a tile's evidence: Σd and Σd² of each step, and n.
+/// Channels of a tile's evidence: G and V of each step, W and n.
 pub fn channels(candidates: usize) -> usize {
-    2 * (candidates - 1) + 1
+    2 * candidates
 }
 
 /// Decides by the evidence of the frames before: returns the choice of each tile, and the evidence where the tiles are now.
@@ -211,14 +214,16 @@ impl<'a, F: Colors> Kernel for Compare<'a, F> {
         let numbers = channels(count);
         let mut steps = vec![[0.0; SEGMENT]; count - 1];
         let mut known = [0.0; SEGMENT];
-        for (row, evidence) in rows::lines(rows, evidence, width.div_ceil(TILE) * numbers) {
+        let mut seen = vec![0.0; width.div_ceil(TILE) * numbers];
+        for (row, evidence) in rows::lines(rows, evidence, seen.len()) {
+            seen.fill(0.0);
             for y in TILE * row..(TILE * (row + 1)).min(height) {
                 for run in segments(y, width) {
                     self.steps(run, &mut steps, &mut known);
-                    let tiles = evidence[run.x / TILE * numbers..].chunks_exact_mut(numbers);
+                    let tiles = seen[run.x / TILE * numbers..].chunks_exact_mut(numbers);
                     for (start, record) in (0..run.len).step_by(TILE).zip(tiles) {
                         let pixels = start..(start + TILE).min(run.len);
-                        let (sums, count) = record.split_at_mut(numbers - 1);
+                        let (sums, counts) = record.split_at_mut(numbers - 2);
                         let (gains, squares) = sums.split_at_mut(steps.len());
                         for ((gain, square), step) in gains.iter_mut().zip(squares).zip(&steps) {
                             for &step in &step[pixels.clone()] {
@@ -226,12 +231,38 @@ impl<'a, F: Colors> Kernel for Compare<'a, F> {
                                 *square += step * step;
                             }
                         }
-                        count[0] += known[pixels].iter().sum::<f32>();
+                        counts[1] += known[pixels].iter().sum::<f32>();
                     }
                 }
             }
+            let tiles = evidence.chunks_exact_mut(numbers);
+            for (evidence, seen) in tiles.zip(seen.chunks_exact(numbers)) {
+                add(seen, evidence);
+            }
         }
     }
+}
+
+/// Adds the sums of a frame, in which W is still missing, with their weight.
+#[inline(always)]
+fn add(seen: &[f32], evidence: &mut [f32]) {
+    let (sums, counts) = seen.split_at(seen.len() - 2);
+    let n = counts[1];
+    if n == 0.0 {
+        return;
+    }
+    let (gains, squares) = sums.split_at(sums.len() / 2);
+    let weight = 1.0 / (squares.iter().sum::<f32>() / n + QUIET).sqrt();
+    let (sums, counts) = evidence.split_at_mut(sums.len());
+    let (all_gains, all_squares) = sums.split_at_mut(gains.len());
+    for (sum, gain) in all_gains.iter_mut().zip(gains) {
+        *sum += weight * gain;
+    }
+    for (sum, square) in all_squares.iter_mut().zip(squares) {
+        *sum += weight * weight * square;
+    }
+    counts[0] += weight * n;
+    counts[1] += n;
 }
 
 impl<'a, F: Colors> Compare<'a, F> {
@@ -313,9 +344,9 @@ impl<'a> Kernel for Decide<'a> {
 impl Decide<'_> {
     #[inline(always)]
     fn cheapest(&self, evidence: &[f32]) -> usize {
-        let (sums, count) = evidence.split_at(evidence.len() - 1);
+        let (sums, counts) = evidence.split_at(evidence.len() - 2);
         let (gains, squares) = sums.split_at(sums.len() / 2);
-        let (n, usual) = (count[0], self.usual);
+        let ([weight, n], usual) = ([counts[0], counts[1]], self.usual);
         if !(n >= MIN_COMPARISONS) {
             return usual;
         }
@@ -323,8 +354,8 @@ impl Decide<'_> {
         let mut walk = |steps: &mut dyn Iterator<Item = usize>, sign: f32| {
             let (mut gain, mut variance) = (0.0, 0.0);
             for step in steps {
-                gain += sign * (gains[step] / n);
-                variance += squares[step] / n / (TILES * n);
+                gain += sign * (gains[step] / weight);
+                variance += squares[step] / weight / (TILES * weight);
                 let cost = gain + self.strictness * variance.sqrt();
                 if cost < least {
                     let beyond = usize::from(sign > 0.0);
