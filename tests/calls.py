@@ -30,7 +30,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     evidence = rng.normal(0, 0.3, ((height + 1) // 2, (width + 1) // 2, 4)).astype(np.float32)
     evidence[..., 3] = rng.uniform(0, 1, evidence.shape[:2])
     candidates = rng.exponential(1, (height, width, 3)).astype(np.float32)
-    gains = rng.normal(0, 20, ((height + 7) // 8, (width + 7) // 8, 5)).astype(np.float32)
+    gains = rng.normal(0, 20, ((height + 7) // 8, (width + 7) // 8, 6)).astype(np.float32)
     gains[..., 2:] = np.abs(gains[..., 2:]) + 9
     moved = {"ids": now["ids"], "transforms": {1: np.diag([1.0, 2, 1, 1])}}
     return {

@@ -322,7 +322,7 @@ class SVGF:
             self.limits["relative_luminance"] = relative_albedo
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
         self.passes, self.stage = 3, PRESETS["denoised"]
-        self.before = self.antialiased = self.mirrored = self.evidence = None
+        self.before = self.antialiased = self.mirrored = self.evidence = self.lag = None
         self.chooses, self.choice = choice, None
         self.asked, self.won = [], []  # weights of the pixels, by frame
 
@@ -433,13 +433,12 @@ class SVGF:
         self.expects_replay = self.before is None or frame.replay is not None
         self.before = frame
         if not shows:
-            self.antialiased = None
+            self.antialiased = self.lag = None
             names = "color", "moments", "history_length"
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection)
         if self.antialias:
-            self.antialiased, _, _ = antialias(self.stage, self.antialiased, final, motion, frame.depth)
-            final = self.antialiased[0]
+            final = self.finish(self.stage, final, frame, motion)
         if later is not None:
             confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         return SimpleNamespace(
@@ -451,6 +450,18 @@ class SVGF:
             rejection=rejection,
             missing=int((~np.isfinite(sample).all(-1)).sum()),
         )
+
+    def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray) -> NDArray:
+        """The output stage, whose history the samples correct, too."""
+        before = self.antialiased
+        self.antialiased, _, _ = antialias(stage, before, color, motion, frame.depth)
+        shown, length = blacken(self.antialiased[0]), self.antialiased[1]
+        if not self.innovation or before is None:
+            return shown
+        known = {"evidence": self.lag, "motion": motion, "exposure": yester.exposure(shown)}
+        found, self.lag = yester.innovation(frame.color, shown, length, **known, strictness=12, share=0.7)
+        self.antialiased[0] = correct(self.antialiased[0], found)
+        return correct(shown, found)
 
     def choose(self, series: list, prediction, sample, motion, coverage, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""
@@ -584,7 +595,7 @@ class BMFR:
         self.gradient, self.fireflies = gradient, fireflies
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
-        self.before = self.antialiased = self.evidence = None
+        self.before = self.antialiased = self.evidence = self.lag = None
         self.age = 0
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
@@ -645,8 +656,7 @@ class BMFR:
         if frame.albedo is not None:
             light = yester.remodulate(light, **texture_of(frame), emission=frame.emission)
         if self.antialias:
-            self.antialiased, _, _ = antialias(PRESETS["denoised"], self.antialiased, light, motion, frame.depth)
-            light = self.antialiased[0]
+            light = SVGF.finish(self, PRESETS["denoised"], light, frame, motion)
         return SimpleNamespace(
             color=blacken(light),
             history_length=length,

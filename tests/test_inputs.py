@@ -17,7 +17,13 @@ IMAGES = [
     if isinstance(value, np.ndarray)
 ]
 # Images that may have any number of channels.
-ANY = {("reproject", "history"), ("splat", "color"), ("pull_push", "color"), ("resample", "image")}
+ANY = {
+    ("reproject", "history"),
+    ("splat", "color"),
+    ("pull_push", "color"),
+    ("resample", "image"),
+    ("choice", "evidence"),
+}
 each_call = each("name", CALLS)
 each_image = each(("name", "argument"), IMAGES)
 

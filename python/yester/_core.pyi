@@ -596,6 +596,7 @@ class SVGF(Pipeline):
     innovation : bool, default True
         Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
         and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
+        The output stage is corrected in the same way.
     antialias : bool, default True
         End with a stage of temporal antialiasing, `TAA` with preset "denoised".
 
@@ -617,9 +618,10 @@ class SVGF(Pipeline):
     functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
     `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`,
     `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and
-    `innovation` (with the `exposure` of the history), `remodulate`, and those of `TAA`. Of the history and of `later`,
-    no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its
-    samples are the replayed ones' change, relative to the samples blurred by `atrous`.
+    `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and `innovation` of its result and
+    history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the history and of `later`, no more
+    than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are
+    the replayed ones' change, relative to the samples blurred by `atrous`.
 
     References
     ----------
@@ -715,7 +717,8 @@ class SVGF(Pipeline):
     def split(self) -> tuple[SVGF, TAA | None]:
         """Make the pipeline without its output stage, and the stage.
 
-        Both are without history. One after the other, they give the results of the whole.
+        Both are without history. One after the other, they give the results of the whole with ``innovation=False``;
+        otherwise, the whole corrects its output stage by the samples, too, which the stage alone does not have.
 
         Returns
         -------
@@ -854,7 +857,8 @@ class HalfRes(Pipeline):
     def split(self) -> tuple[HalfRes, TAA | None]:
         """Make the pipeline without its output stage, and the stage.
 
-        Both are without history. One after the other, they give the results of the whole.
+        Both are without history. One after the other, they give the results of the whole with ``innovation=False``;
+        otherwise, the whole corrects its output stage by the samples, too, which the stage alone does not have.
 
         Returns
         -------
@@ -921,7 +925,8 @@ class BMFR(Pipeline):
         First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
         their surface (`suppress_fireflies`).
     innovation : bool, default True
-        Add the error of the fits, as estimated from new samples, to the fits and to the history, as in `SVGF`.
+        Add the error of the fits, as estimated from new samples, to the fits and to the history, and correct the output
+        stage, as in `SVGF`.
     antialias : bool, default True
         End with a stage of temporal antialiasing, `TAA` with preset "denoised".
 
@@ -940,9 +945,9 @@ class BMFR(Pipeline):
     The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
     `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
     `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of
-    `TAA`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
-    and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The
-    weight of the N-th fit is at least 1/N.
+    `TAA`, corrected as in `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2),
+    (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or
+    show background. The weight of the N-th fit is at least 1/N.
 
     References
     ----------

@@ -94,7 +94,8 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     Notes
     -----
     `SVGF` and `HalfRes` join the histories of both sides before they filter, by their lengths, and the frame's sample
-    counts once (`SVGF.recall`, `combine_histories`). Their output stage then runs over the results in both directions.
+    counts once (`SVGF.recall`, `combine_histories`). Their output stage then runs over the results in both directions,
+    without the correction by new samples that `SVGF.step` gives it.
     Of other pipelines, and of the stage, the results of both directions are averaged, weighted by history length, pixel
     by pixel: something that has just come into view has most of its light from the frames in which it stays. A side
     without confidence anywhere, at an end of the sequence or at a cut, does not count.

@@ -1,7 +1,7 @@
 //! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
-//!     → regress → blend → (innovation) → remodulate → (antialias)
+//!     → regress → blend → (innovation) → remodulate → (antialias → (innovation))
 //!
 //! The passes before `regress` are those of [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in
 //! every frame. Every buffer but colour is optional; what is absent drops out of the tests and features.
@@ -110,8 +110,11 @@ impl Bmfr {
     /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
+        let innovates = params.history.innovation.is_some();
         Ok(Self {
-            antialias: params.antialias.map(Stage::new),
+            antialias: params
+                .antialias
+                .map(|stage| Stage::after_denoiser(stage, innovates)),
             params,
             upkeep: Upkeep::default(),
             state: None,
@@ -272,6 +275,7 @@ impl<'a> Inputs<'a> {
         let depth = self.frame.surface.depth.map(Pixels::plane);
         let out = PixelsMut::bands(color.size, 3, shown);
         stage.step(color.into(), self.motion.pixels(), depth, out, None);
+        stage.correct(self.frame.color, &self.motion, shown);
     }
 }
 

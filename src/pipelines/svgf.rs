@@ -2,7 +2,7 @@
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
 //!     → (lend) → accumulate → (join later frames) → (choice) → estimate variance → à-trous → (innovation) → remodulate
-//!     → (antialias)
+//!     → (antialias → (innovation))
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -274,8 +274,11 @@ impl Svgf {
     /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
+        let innovates = params.innovation.is_some();
         Ok(Self {
-            antialias: params.antialias.map(Stage::new),
+            antialias: params
+                .antialias
+                .map(|stage| Stage::after_denoiser(stage, innovates)),
             params,
             upkeep: Upkeep::default(),
             state: None,

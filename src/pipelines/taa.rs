@@ -44,12 +44,24 @@ const GRADIENT: gradient::Params = gradient::Params {
     widest: 5,
 };
 
+/// How the last stage of a denoiser is corrected by the innovation, as its history lags, too. What it shows is nearly right and
+/// sharper than single samples, so that the test is stricter and the evidence younger than in the denoiser.
+const AFTER_DENOISER: innovation::Params = innovation::Params {
+    strictness: 12.0,
+    share: 0.7,
+    ..innovation::Params::DEFAULT
+};
+
 /// What the stage leaves to the next frame.
 struct History {
     /// Colour and length.
     merged: Records,
     /// The memory of the alternation kernel, where it runs.
     alternation: Option<Records>,
+    /// The innovation that was found and not corrected.
+    evidence: Option<Records>,
+    /// Whether the frame is the first.
+    first: bool,
 }
 
 /// The passes from the temporal gradient to the blend, as [`Taa`] and the denoisers' last stage use them.
@@ -64,6 +76,14 @@ impl Stage {
             params,
             history: None,
         }
+    }
+
+    /// The last stage of a denoiser; `innovates` if the denoiser is corrected by the innovation.
+    pub fn after_denoiser(params: Params, innovates: bool) -> Self {
+        Self::new(Params {
+            innovation: innovates.then_some(AFTER_DENOISER),
+            ..params
+        })
     }
 
     pub fn reset(&mut self) {
@@ -114,8 +134,29 @@ impl Stage {
         self.history = Some(History {
             merged,
             alternation,
+            first: before.is_none(),
+            evidence: before.and_then(|before| before.evidence),
         });
         missing
+    }
+
+    /// Corrects what [`Self::step`] has shown by the innovation of the frame's samples, and with it the history if that is fed
+    /// back.
+    pub fn correct(&mut self, fresh: Pixels, motion: &Motion, shown: &mut [f32]) {
+        let Some((params, history)) = self.params.innovation.zip(self.history.as_mut()) else {
+            return;
+        };
+        if history.first {
+            return;
+        }
+        let size = fresh.size;
+        let color = Pixels::records(size, 3, shown);
+        let length = history.merged.pixels().part(3..4);
+        let (bright, evidence) = (exposure(color), history.evidence.as_ref());
+        let (found, rest) = innovate(params, &fresh, &color, length, motion, bright, evidence);
+        let behind = params.fed_back.then(|| history.merged.data_mut());
+        found.correct(size, shown, behind);
+        history.evidence = Some(rest);
     }
 }
 
@@ -178,8 +219,6 @@ fn find_alternation(color: Pixels, known: Option<(Image, Image)>, exposure: f32)
 struct State {
     camera: Option<Camera>,
     surface: SurfaceRecords,
-    /// The innovation that was found and not corrected.
-    evidence: Option<Records>,
 }
 
 /// Temporal antialiasing.
@@ -237,14 +276,10 @@ impl Steps for Taa {
             PixelsMut::bands(size, 3, shown),
             Some((tests, report)),
         );
-        let evidence = (params.innovation.zip(before.as_ref())).map(|(params, before)| {
-            let evidence = before.evidence.as_ref();
-            correct(params, frame.color, &motion, evidence, &mut output)
-        });
+        self.stage.correct(frame.color, &motion, output.color);
         self.state = Some(State {
             camera: frame.camera,
             surface: params.limits.keep(frame.surface),
-            evidence,
         });
         let missing = resolved.map_or(missing, |(_, missing)| missing);
         Ok(Summary { used, missing })
@@ -271,21 +306,4 @@ fn resolve_jitter(
     let out = image.bands().map(PixelsMut::Planar);
     let missing = resolve(&[(frame.color, jitter)], filter, out);
     Some((image, missing))
-}
-
-/// Corrects the result by the innovation of new samples. Returns the evidence for the next frame.
-fn correct(
-    params: innovation::Params,
-    fresh: Pixels,
-    motion: &Motion,
-    evidence: Option<&Records>,
-    output: &mut Output,
-) -> Records {
-    let size = fresh.size;
-    let shown = Pixels::records(size, 3, output.color);
-    let length = Pixels::records(size, 1, output.history_length);
-    let bright = exposure(shown);
-    let (found, rest) = innovate(params, &fresh, &shown, length, motion, bright, evidence);
-    found.correct(size, output.color);
-    rest
 }

@@ -10,7 +10,7 @@ from .innovation import correct
 from .regress import regress
 from .reproject import reproject
 from .svgf import SVGF, Output
-from .taa import PRESETS, antialias, find_motion
+from .taa import PRESETS, find_motion
 
 OFFSETS = [(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)]
 
@@ -73,7 +73,6 @@ class BMFR(SVGF):
         if frame.albedo is not None:
             smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
-            self.antialiased, *_ = antialias(PRESETS["denoised"], self.antialiased, smooth, motion, frame.depth)
-            smooth, _ = self.antialiased  # (H, W, 3)
+            smooth = self.finish(PRESETS["denoised"], smooth, frame, motion)  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, None, length, confidence, rejection, missing)

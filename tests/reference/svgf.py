@@ -80,7 +80,7 @@ class SVGF:
         self.reset()
 
     def reset(self) -> None:
-        self.previous = self.antialiased = self.evidence = None
+        self.previous = self.antialiased = self.evidence = self.lag = None
         self.choosing = Choosing(self.iterations)
 
     def step(self, frame, later=None) -> Output:
@@ -157,13 +157,30 @@ class SVGF:
         if frame.albedo is not None:
             smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
-            self.antialiased, *_ = antialias(self.stage, self.antialiased, smooth, motion, frame.depth)
-            smooth, _ = self.antialiased  # (H, W, 3)
+            smooth = self.finish(self.stage, smooth, frame, motion)  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         if later is not None:
             confidence = confidence.maximum(later.confidence)  # (H, W)
             rejection = rejection & later.rejection.to(rejection)  # (H, W)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing, chosen)
+
+    def finish(self, stage: dict, smooth: Tensor, frame, motion: Tensor) -> Tensor:
+        """The output stage (H, W, 3), which the samples correct together with its history, from the second frame on."""
+        before = self.antialiased
+        (color, length), *_ = antialias(stage, before, smooth, motion, frame.depth)  # (H, W, 3), (H, W)
+        shown = color.where(color.isfinite(), 0)  # (H, W, 3)
+        if self.innovation and before is not None:
+            known = {
+                "evidence": self.lag,
+                "motion": motion,
+                "exposure": exposure(shown),
+                "strictness": 12,
+                "share": 0.7,
+            }
+            found, self.lag = innovation(frame.color, shown, length, **known)  # (H, W, 3), (h, w, 4)
+            (color, _), (shown, _) = correct(color, found), correct(shown, found)  # (H, W, 3) twice
+        self.antialiased = [color, length]
+        return shown
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""

@@ -39,7 +39,8 @@ use crate::pipelines::{bmfr, svgf, taa};
 ///     First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
 ///     their surface (`suppress_fireflies`).
 /// innovation : bool, default True
-///     Add the error of the fits, as estimated from new samples, to the fits and to the history, as in `SVGF`.
+///     Add the error of the fits, as estimated from new samples, to the fits and to the history, and correct the output
+///     stage, as in `SVGF`.
 /// antialias : bool, default True
 ///     End with a stage of temporal antialiasing, `TAA` with preset "denoised".
 ///
@@ -58,9 +59,9 @@ use crate::pipelines::{bmfr, svgf, taa};
 /// The method is that of Koskela et al. [1]_. Each step consists of this package's functions and gives their bits:
 /// `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`, `motion_vectors`, `reproject` (with
 /// `consistency`), `temporal_gradient`, `accumulate`, `regress`, `blend`, `innovation`, `remodulate`, and those of
-/// `TAA`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1)
-/// and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or show background. The
-/// weight of the N-th fit is at least 1/N.
+/// `TAA`, corrected as in `SVGF`. From frame to frame the grid of blocks is offset by (0, 0), (4, 4), (2, 6), (6, 2),
+/// (1, 3), (5, 7), (3, 1) and (7, 5) eighths of a block. Pixels with black albedo are not fitted: they emit light or
+/// show background. The weight of the N-th fit is at least 1/N.
 ///
 /// References
 /// ----------

@@ -183,7 +183,8 @@ impl HalfRes {
 
     /// Make the pipeline without its output stage, and the stage.
     ///
-    /// Both are without history. One after the other, they give the results of the whole.
+    /// Both are without history. One after the other, they give the results of the whole with ``innovation=False``;
+    /// otherwise, the whole corrects its output stage by the samples, too, which the stage alone does not have.
     ///
     /// Returns
     /// -------

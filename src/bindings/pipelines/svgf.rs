@@ -82,6 +82,7 @@ use crate::pipelines::{svgf, taa};
 /// innovation : bool, default True
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
+///     The output stage is corrected in the same way.
 /// antialias : bool, default True
 ///     End with a stage of temporal antialiasing, `TAA` with preset "denoised".
 ///
@@ -103,9 +104,10 @@ use crate::pipelines::{svgf, taa};
 /// functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
 /// `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`,
 /// `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and
-/// `innovation` (with the `exposure` of the history), `remodulate`, and those of `TAA`. Of the history and of `later`,
-/// no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its
-/// samples are the replayed ones' change, relative to the samples blurred by `atrous`.
+/// `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and `innovation` of its result and
+/// history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the history and of `later`, no more
+/// than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are
+/// the replayed ones' change, relative to the samples blurred by `atrous`.
 ///
 /// References
 /// ----------
@@ -271,7 +273,8 @@ impl SVGF {
 
     /// Make the pipeline without its output stage, and the stage.
     ///
-    /// Both are without history. One after the other, they give the results of the whole.
+    /// Both are without history. One after the other, they give the results of the whole with ``innovation=False``;
+    /// otherwise, the whole corrects its output stage by the samples, too, which the stage alone does not have.
     ///
     /// Returns
     /// -------

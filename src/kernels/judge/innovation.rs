@@ -263,7 +263,7 @@ impl<F: Colors, P: Colors> Gather<'_, F, P> {
             let line = Run { y, ..run };
             self.fresh.colors(line, &mut fresh);
             self.prediction.colors(line, &mut predicted);
-            self.length.read(line, [&mut length]);
+            self.length.load(line, 0, &mut length[..run.len]);
             if let Some(from) = self.known.and_then(|known| known.motion) {
                 from.read(line, motion.each_mut().map(Row::as_mut_slice));
             }
@@ -797,17 +797,16 @@ impl Innovation {
         Some(result)
     }
 
-    /// Corrects a predicted image (interleaved) in place.
-    pub(crate) fn correct(&self, size: Size, colors: &mut [f32]) {
+    /// Corrects a predicted image (interleaved) in place, and the colour and length behind it.
+    pub(crate) fn correct(&self, size: Size, colors: &mut [f32], history: Option<&mut [f32]>) {
         let kernel = Correct {
             innovation: self,
             width: size.width,
         };
-        rows::run(
-            &kernel,
-            size.height,
-            colors.chunks_mut(BAND * size.width * 3),
-        );
+        let band = BAND * size.width;
+        let histories = rows::optional(history.map(|history| history.chunks_mut(band * 4)));
+        let outs = colors.chunks_mut(band * 3).zip(histories);
+        rows::run(&kernel, size.height, outs);
     }
 
     /// Writes the correction of a whole image.
@@ -839,17 +838,17 @@ struct Correct<'a> {
 }
 
 impl<'a> Kernel for Correct<'a> {
-    type Out = &'a mut [f32];
+    type Out = (&'a mut [f32], Option<&'a mut [f32]>);
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, colors: &'a mut [f32]) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (colors, mut history): Self::Out) {
         let mut line = self.innovation.line();
         let mut predicted = [[0.0; SEGMENT]; 3];
         for y in rows.clone() {
             self.innovation.go_to(y, &mut line);
             for run in segments(y, self.width) {
-                let start = ((y - rows.start) * self.width + run.x) * 3;
-                let colors = &mut colors[start..][..run.len * 3];
+                let first = (y - rows.start) * self.width + run.x;
+                let colors = &mut colors[first * 3..][..run.len * 3];
                 deinterleave(colors, predicted.iter_mut().map(|row| &mut row[..run.len]));
                 let Some(found) = self.innovation.correction(&line, run, &predicted) else {
                     continue;
@@ -860,6 +859,14 @@ impl<'a> Kernel for Correct<'a> {
                     }
                 }
                 interleave(predicted.iter().map(|row| &row[..run.len]), colors);
+                if let Some(history) = &mut history {
+                    let pixels = &mut history.as_chunks_mut::<4>().0[first..][..run.len];
+                    for (i, [r, g, b, _]) in pixels.iter_mut().enumerate() {
+                        for (value, found) in [r, g, b].into_iter().zip(&found) {
+                            *value = corrected(*value, found[i]);
+                        }
+                    }
+                }
             }
         }
     }

@@ -59,6 +59,7 @@ pub fn finish(
         let depth = now.frame.surface.depth.map(Pixels::plane);
         let out = PixelsMut::bands(size, 3, show);
         stage.step(color.pixels(), now.motion.pixels(), depth, out, None);
+        stage.correct(now.frame.color, now.motion, show);
     }
 }
 

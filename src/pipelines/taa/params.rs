@@ -39,7 +39,7 @@ pub struct Params {
     pub anti_lag: f32,
     /// Whether history escapes the clip where the colours of whole neighbourhoods alternate.
     pub alternation: bool,
-    /// Corrects the result by the innovation of new samples; only in [`super::Taa`], not in a [`super::Stage`].
+    /// Corrects the result by the innovation of new samples. The last stage of a denoiser has its own, if the denoiser has.
     pub innovation: Option<innovation::Params>,
 }
 
