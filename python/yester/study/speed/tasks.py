@@ -389,7 +389,7 @@ def stage(folder: Path, width: int, height: int) -> None:
     images["sparse"][1::4, 2::4] = images["color"][1::4, 2::4]
     tiles = -(-height // 8), -(-width // 8)
     steps = rng.normal(0, 1, (*tiles, 8))
-    images["evidence"] = np.dstack([steps[..., :4], steps[..., 4:] ** 2, np.full(tiles, 300)]).astype(np.float32)
+    images["evidence"] = np.dstack([steps[..., :4], steps[..., 4:] ** 2, np.full((*tiles, 2), 300)]).astype(np.float32)
     for name, image in images.items():
         np.save(folder / f"{name}.npy", image)
 
