@@ -46,6 +46,8 @@ class Ablation:
         True if the component is off by default.
     needs_all : bool
         True if the pipeline needs frames with all buffers.
+    counterpart : Method, optional
+        What `method` is compared with, if not with `whole`.
     """
 
     component: str
@@ -53,6 +55,12 @@ class Ablation:
     whole: Method
     added: bool = False
     needs_all: bool = False
+    counterpart: Method | None = None
+
+    @property
+    def base(self) -> Method:
+        """The method that `method` is compared with."""
+        return self.counterpart or self.whole
 
 
 def _without(*names: str, **options: Any) -> Run:
@@ -62,7 +70,7 @@ def _without(*names: str, **options: Any) -> Run:
 
 
 def _antialiased(**options: Any) -> Run:
-    """SVGF with another output stage: the same kernels in the same order."""
+    """SVGF with another output stage, which the samples do not correct: the same kernels in the same order."""
 
     def run(frames: Iterable[Frame]) -> Iterator[Result]:
         svgf, antialias = SVGF(antialias=False), TAA("denoised", **options)
@@ -75,6 +83,8 @@ def _antialiased(**options: Any) -> Run:
 
 _SVGF = Method("SVGF", "SVGF", pipeline(SVGF), default=True)
 _TAA = Method("TAA", "TAA", pipeline(TAA), default=True)
+#: What SVGF with another output stage is compared with.
+_APART = Method("SVGF, output stage apart", "SVGF", _antialiased())
 
 #: Other pipelines with innovation, and their counterparts without.
 _CORRECTED = {
@@ -95,6 +105,11 @@ _BARE = Method("SVGF, depth alone", "SVGF", _without(*_SURFACES))
 def _ablation(whole: Method, component: str, run: Run, *, added: bool = False) -> Ablation:
     sign = "+" if added else "-"
     return Ablation(component, Method(f"{whole.name} {sign} {component}", whole.family, run), whole, added)
+
+
+def _stage(component: str, *, added: bool = False, **options: Any) -> Ablation:
+    """SVGF with another output stage."""
+    return replace(_ablation(_SVGF, component, _antialiased(**options), added=added), counterpart=_APART)
 
 
 def _switch(name: str) -> Ablation:
@@ -136,12 +151,12 @@ ABLATIONS = (
             "all passes": pipeline(SVGF, iterations=0, choice=False),
             "passes after 1": pipeline(SVGF, iterations=1, choice=False),
             "passes after 2": pipeline(SVGF, iterations=2, choice=False),
-            "dilation": _antialiased(dilate="none"),
-            "clip": _antialiased(gamma=_ENDLESS),
-            "cubic history": _antialiased(filter="bilinear"),
-            "tone-mapped box": _antialiased(space="ycocg"),
         }.items()
     ),
+    _stage("dilation", dilate="none"),
+    _stage("clip", gamma=_ENDLESS),
+    _stage("cubic history", filter="bilinear"),
+    _stage("tone-mapped box", space="ycocg"),
     *(
         _ablation(_SVGF, component, run, added=True)
         for component, run in {
@@ -150,7 +165,6 @@ ABLATIONS = (
             "5×5 taps": pipeline(SVGF, radius=2),
             "tolerance of 4 sigma": pipeline(SVGF, sigma_luminance=4),
             "albedo test": pipeline(SVGF, relative_albedo=0.1),
-            "alternation": _antialiased(alternation=True),
             "6 distances": pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf)),
             "later frames": pipeline(SVGF, lookahead=LOOKAHEAD),
             "soft thresholds": pipeline(
@@ -158,6 +172,7 @@ ABLATIONS = (
             ),
         }.items()
     ),
+    _stage("alternation", added=True, alternation=True),
     *(_ablation(whole, "innovation", run) for whole, run in _CORRECTED.items()),
     replace(
         _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),
@@ -278,13 +293,14 @@ def ablate(
         for door in known_doors(recording, doors):
             poor = door.name != FULL
             chosen = [each for each in ablations if not (poor and (each.added or each.needs_all))]
-            methods = [*dict.fromkeys(each.whole for each in chosen), *(each.method for each in chosen)]
+            bases = dict.fromkeys(base for each in chosen for base in (each.whole, each.base))
+            methods = [*bases, *(each.method for each in chosen)]
             place = folder / "ablation" / door.name if poor else folder / "ablation"
             passed = [through(door, method, recording) for method in methods]
             _, *points = measure(recording, passed, place, metrics=keys, images=0)
             found = {method.name: point for method, point in zip(methods, points, strict=True)}
             cases += [(each, found, door.name) for each in chosen]
-    switched = [*dict.fromkeys(method for each, *_ in cases for method in (each.whole, each.method))]
+    switched = [*dict.fromkeys(method for each, *_ in cases for method in (each.base, each.method))]
     spent = {name: float(np.median(ms)) for name, ms in times(switched, folder / "ablation", size).items()}
     effects = [_effect(*case, spent) for case in cases]
     if len(recordings) > 1:
@@ -345,9 +361,9 @@ def _key(effect: Effect) -> tuple[str, str]:
 
 
 def _effect(ablation: Ablation, points: dict[str, Point], door: str, spent: dict[str, float]) -> Effect:
-    whole, switched = points[ablation.whole.name], points[ablation.method.name]
+    whole, switched = points[ablation.base.name], points[ablation.method.name]
     having, lacking = (switched, whole) if ablation.added else (whole, switched)
-    more = spent[ablation.method.name] - spent[ablation.whole.name]
+    more = spent[ablation.method.name] - spent[ablation.base.name]
     gains = [harm.gains(*both) for both in zip(having.runs, lacking.runs, strict=True)]
     spread = {key: float(np.std([each[key] for each in gains], ddof=1)) for key in gains[0]} if len(gains) > 1 else {}
     return Effect(

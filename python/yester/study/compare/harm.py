@@ -23,6 +23,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("SVGF - antialiasing", "black_plastic"): "edges gain more than highlights lose, which its history blurs",
     ("SVGF - antialiasing", "switched_light"): "edges gain more than what lags behind the light loses",
     ("SVGF - antialiasing", "opening_door"): "edges gain more than what lags behind the light loses",
+    ("SVGF - antialiasing", "moving_light"): "edges gain more than what lags behind the light loses",
     ("SVGF - demodulation", "black_plastic"): "texture stays sharp; on black tiles, noise is divided by 1/32",
     ("SVGF - demodulation", "shallow_focus"): "texture stays sharp; out of focus, albedo is noisy itself",
     ("SVGF - tone-mapped box", "neon_corridor"): "outliers do not widen the box; dark places lose a little",
