@@ -351,16 +351,16 @@ def test_decisions_by_hand():
 
 def test_no_frame_decides_alone():
     """Nine frames speak for the second candidate, and one, with samples ten times as bright, for the first."""
-    evidence, pooled = None, np.zeros(2)
+    evidence, pooled = None, 0.0
     for number in range(10):
         bright = number == 4
         given = steady([1, 0.8], np.full((8, 8), 10 if bright else 0.8))
         if evidence is not None:
             _, evidence = at_rest(evidence, share=0.0)
         alone = compare_check(*given)[0, 0]
-        pooled += alone[0] / alone[2], 1
+        pooled += alone[0] / alone[2]
         evidence = compare_check(*given, evidence)
-    assert pooled[0] > 0, "the mean of all frames speaks for the first"
+    assert pooled > 0, "the mean of all frames speaks for the first"
     assert (at_rest(evidence, share=0.0)[0] == 1).all()
 
 

@@ -28,9 +28,9 @@ use crate::pixels::{Motion, MotionLanes, Rolling, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 use crate::tiles::{Tiles, runs_in};
 
-/// A candidate wins only if its standardized gain, averaged over frames, is below this. By chance that happens to one pixel in
-/// ten, where both histories are much alike. A threshold of the gain itself would ask too much where there is little noise, as
-/// on mirrors, and too little under caustics.
+/// A candidate wins only if its standardized gain, averaged over frames, is below this. If frames are independent, chance alone
+/// does that to one pixel in nine, but only where both histories predict about equally well. A threshold of the gain itself
+/// would ask too much where there is little noise, as on mirrors, and too little under caustics.
 const SIGNIFICANT: f32 = -0.5;
 /// Blend factor of a new gain in the average.
 const SHARE: f32 = 0.3;
