@@ -80,6 +80,14 @@ def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.
     return motion
 
 
+def rests(before: yester.Frame | None, frame: yester.Frame) -> bool:
+    """Whether neither the camera nor anything else moves."""
+    camera = None if before is None else before.camera
+    if frame.motion is None:
+        return camera is not None and camera == frame.camera
+    return camera == frame.camera and not (np.abs(frame.motion[..., :2]) > 1e-3).any()
+
+
 def blacken(color: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(np.isfinite(color), color, np.float32(0))
 
@@ -306,8 +314,9 @@ class SVGF:
         choice=True,
         innovation=True,
         antialias=True,
+        average_still=False,
     ):
-        self.alpha = {"alpha": alpha, "moments_alpha": moments_alpha}
+        self.alpha, self.average_still = {"alpha": alpha, "moments_alpha": moments_alpha}, average_still
         self.sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}
         self.limits = {
             "relative_depth": relative_depth,
@@ -378,13 +387,14 @@ class SVGF:
         alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         filled, weight = self.fill(held, history[2], alike)
         trust = confidence if self.by_confidence else None
-        merged = yester.accumulate(filled, *history, weight=weight, gradient=gradient, confidence=trust, **self.alpha)
+        shares = dict.fromkeys(self.alpha, 0.0) if self.average_still and rests(self.before, frame) else self.alpha
+        merged = yester.accumulate(filled, *history, weight=weight, gradient=gradient, confidence=trust, **shares)
         kept = [merged.color, merged.moments, merged.history_length]
         expected = [*history[:2], shorten(history[2], gradient)]
         recalled = [image.copy() for image in expected]
         color, moments, length = kept
         with np.errstate(divide="ignore", invalid="ignore"):
-            longest = np.float32(1) / np.float32(self.alpha["alpha"])
+            longest = np.float32(1) / np.float32(shares["alpha"])
             expected[2] = np.minimum(expected[2], longest - 1)
             if later is not None:
                 joins = later.color, later.moments, np.minimum(later.history_length, longest - 1)

@@ -58,6 +58,7 @@ def check_bits(frames, **named) -> composed.SVGF:
         {"fireflies": True},
         {"by_confidence": True},
         {"relative_albedo": 0.3},
+        {"average_still": True},
         {"antialias": False},
         PLAIN,
         {**SETTINGS, **PLAIN, "feedback": True},
@@ -107,6 +108,29 @@ def test_flat_motion():
     """Motion without its change of depth: no plane test, and depths are compared as they are."""
     frames = [{**frame, "motion": frame["motion"][..., :2].copy()} for frame in sequence(4)]
     check_bits([yester.Frame(**frame) for frame in frames])
+
+
+@pytest.mark.parametrize("names", [NAMES, ("normal", "camera", "position"), ("motion",), ("normal",)], ids=str)
+def test_samples_are_averaged_while_nothing_moves(names):
+    """As soon as something moves, history counts for as many samples as usual."""
+    still = frames_of(names, 9, moving=False, holes=False)
+    moves = frames_of(names, 4, holes=False)[1:]
+    check_bits([*still, *moves], average_still=True)
+    svgf = yester.SVGF(average_still=True, gradient=False)
+    lengths = [svgf.step(frame).history_length.max() for frame in (*still, *moves)]
+    assert lengths[8] == (5 if names == ("normal",) else 9)
+    assert max(lengths[9:]) <= 5
+
+
+def test_a_pixel_that_moves_ends_the_rest():
+    """A thousandth of a pixel does not, nor does unknown motion."""
+    for moved, longest in ((0.001, 8), (np.nan, 8), (0.002, 5)):
+        svgf = yester.SVGF(average_still=True, gradient=False)
+        for _ in range(8):
+            motion = np.zeros((40, 400, 3), np.float32)
+            motion[39, 399, 1] = moved
+            length = svgf.step(yester.Frame(np.ones((40, 400, 3), np.float32), motion=motion)).history_length[0, 0]
+        assert length == longest
 
 
 @pytest.mark.parametrize("channels", [2, 3, None])

@@ -507,3 +507,32 @@ def test_history_of_another_albedo_is_refused():
     np.testing.assert_array_equal(out.history_length[:, :15], 4)
     np.testing.assert_array_equal(out.history_length[:, 15:], 1)
     assert (out.rejection[:, 15:] == yester.Rejection.LUMINANCE).all()
+
+
+def test_samples_of_a_denoised_frame():
+    """They count with `innovation` alone; missing ones say nothing."""
+    rng, clean = np.random.default_rng(0), np.full((40, 60, 3), 0.5, np.float32)
+    samples = [rng.gamma(4, 0.25, clean.shape).astype(np.float32) for _ in range(8)]
+    (with_them, plain, unlit), images = (yester.TAA("denoised", innovation=on) for on in (True, False, True)), []
+    for noisy in samples:
+        images.append(with_them.step(yester.Frame(clean), samples=noisy).color)
+        assert_same_bits(plain.step(yester.Frame(clean), samples=noisy).color, clean)
+        assert_same_bits(unlit.step(yester.Frame(clean), samples=np.full_like(clean, np.nan)).color, clean)
+    means = [image.mean() for image in images]
+    assert means[0] == pytest.approx(0.5), "a first frame has no history that could lag"
+    assert means[-1] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("samples", "error", "message"),
+    [
+        (np.ones((4, 5, 3)), ValueError, "samples: expected .* got"),
+        (np.ones((4, 4)), ValueError, "samples: expected shape"),
+        ("noise", TypeError, "samples"),
+    ],
+)
+def test_bad_samples(samples, error, message):
+    taa = yester.TAA(innovation=True)
+    with pytest.raises(error, match=message):
+        taa.step(yester.Frame(np.ones((4, 4, 3))), samples=samples)
+    assert taa.step(yester.Frame(np.ones((4, 4, 3)))).history_length.max() == 1

@@ -599,6 +599,9 @@ class SVGF(Pipeline):
         The output stage is corrected in the same way.
     antialias : bool, default True
         End with a stage of temporal antialiasing, `TAA` with preset "denoised".
+    average_still : bool, default False
+        Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that of
+        the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
 
     Raises
     ------
@@ -666,6 +669,7 @@ class SVGF(Pipeline):
         choice: bool = True,
         innovation: bool = True,
         antialias: bool = True,
+        average_still: bool = False,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
         """Denoise the next frame of the sequence.
@@ -717,8 +721,8 @@ class SVGF(Pipeline):
     def split(self) -> tuple[SVGF, TAA | None]:
         """Make the pipeline without its output stage, and the stage.
 
-        Both are without history. One after the other, they give the results of the whole with ``innovation=False``;
-        otherwise, the whole corrects its output stage by the samples, too, which the stage alone does not have.
+        Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
+        colour as `samples`.
 
         Returns
         -------
@@ -857,8 +861,8 @@ class HalfRes(Pipeline):
     def split(self) -> tuple[HalfRes, TAA | None]:
         """Make the pipeline without its output stage, and the stage.
 
-        Both are without history. One after the other, they give the results of the whole with ``innovation=False``;
-        otherwise, the whole corrects its output stage by the samples, too, which the stage alone does not have.
+        Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
+        colour as `samples`.
 
         Returns
         -------
@@ -1060,7 +1064,7 @@ class TAA(Pipeline):
     innovation : bool, default False
         Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
         (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
-        Without noise, part of the aliasing is mistaken for change.
+        Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
 
     Raises
     ------
@@ -1128,7 +1132,7 @@ class TAA(Pipeline):
         alternation: bool = False,
         innovation: bool = False,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None) -> Output:
+    def step(self, frame: Frame, out: Output | None = None, *, samples: ArrayLike | None = None) -> Output:
         """Apply antialiasing to the next frame of the sequence.
 
         Parameters
@@ -1138,6 +1142,10 @@ class TAA(Pipeline):
         out : Output, optional
             An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
             second frame on, no image memory is then allocated.
+        samples : (H, W, 3) array_like of float, optional
+            If the frame's colour is denoised: the samples that it was made of. With `innovation`, the error of the result is
+            estimated from them (``strictness=12, share=0.7``), and corrects the history, too, as in the last stage of a
+            denoiser. Missing ones are NaN.
 
         Returns
         -------
@@ -1147,7 +1155,7 @@ class TAA(Pipeline):
         Raises
         ------
         ValueError
-            If the size changes without `reset` in between; if `out` does not fit.
+            If the size changes without `reset` in between; if `out` or `samples` do not fit.
         """
     def reset(self) -> None:
         """Discard all history; the next frame starts a new sequence."""

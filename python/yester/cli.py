@@ -148,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     clean = command(_denoise, "denoise", "denoise a sequence of EXR frames")
     files(clean)
     methods = ("auto", *_METHODS)
-    about = "one of %(choices)s (default: svgf). auto: svgf without the stages and buffers that a shot does not need"
+    about = "one of %(choices)s (default: auto, svgf with an option of its own). auto: svgf without what a shot does not need"
     clean.add_argument("--method", choices=methods, help=about)
     clean.add_argument("--plan", metavar="FILE", type=Path, help="a plan written by yester plan, instead of a method")
     about = "fewest later frames that each frame can use; 0 for none, as in real time (default: %(default)s; oidn: 0)"
@@ -334,10 +334,12 @@ def _argument(option: str) -> str:
 
 def _pipeline(options: argparse.Namespace) -> Any:
     """Construct the requested method, None for auto; refuse options of other methods."""
-    method = "--plan" if options.plan else options.method
-    make, names = _METHODS.get(method, (lambda: None, ()))
     every = dict.fromkeys(name for _, taken in _METHODS.values() for name in taken)
     given = {name: value for name in every if (value := getattr(options, name)) is not None}
+    # Whoever sets an option of svgf does not want a plan to decide.
+    options.method = options.method or ("svgf" if given else "auto")
+    method = "--plan" if options.plan else options.method
+    make, names = _METHODS.get(method, (lambda: None, ()))
     for name in given.keys() - set(names):
         of = ", ".join(method for method, (_, taken) in _METHODS.items() if name in taken)
         raise ValueError(f"--{name.replace('_', '-')}: expected --method {of}, got {method}")
@@ -350,7 +352,6 @@ def _denoise(options: argparse.Namespace) -> int:
 
     if options.plan and options.method:
         raise ValueError(f"--plan: expected no --method beside it, got {options.method}")
-    options.method = options.method or "svgf"
     pipeline = _pipeline(options)
     # Without temporal stages, later frames change nothing.
     lookahead = 0 if options.method == "oidn" else options.lookahead

@@ -99,7 +99,7 @@ class Plan:
     without : tuple of str, default ()
         Those that the pipeline does not get.
     static : bool, default False
-        Whether camera, scene and light stand still, so that all samples are averaged.
+        Whether camera, scene and light stand still, so that all samples are averaged as long as they do.
     stages : tuple of Stage, default ()
         The evidence, in the order in which it was taken.
     reason : str, default ""
@@ -342,15 +342,15 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     """Find out what a sequence needs from its first frames: which stages of `SVGF`, and which buffers.
 
     `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge the
-    results (``yester.study.predictive_error``), at two standard errors. Reflections and the third pass of the filter
-    are left out if the loss is below 5 % of the result's change from frame to frame, about 1 % of its relMSE. The
-    choice of passes, the second pass and buffers are left out only if the result is better without: by 5 % of that
-    change, and for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids, camera). Gradient
-    and innovation are judged but always used: they are there for changes that the first frames may not show. The
-    combination is judged once more. Without evidence, everything is used.
+    results (``yester.study.predictive_error``). The third pass of the filter is left out if the estimated loss is no
+    loss, and at two standard errors not more than 5 % of the result's change from frame to frame, about 1 % of its
+    relMSE. The choice of passes and buffers are left out only if the result is better without, at two standard errors:
+    by 5 % of that change, and for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids,
+    camera). Gradient, innovation and reflections are judged but always used: they are there for what the first frames
+    may not show. The combination is judged once more. Without evidence, everything is used.
 
-    If camera and scene stand still and the light is constant, all samples are averaged (``alpha=0``), unless that is
-    significantly worse.
+    If camera and scene stand still and the light is constant, all samples are averaged as long as nothing moves
+    (``average_still=True``), unless that is significantly worse.
 
     Parameters
     ----------
@@ -474,8 +474,6 @@ class _Planning:
             return _default(self.given, "nothing changes from frame to frame")
         groups = {name: tuple(n for n in group if n in self.given) for name, group in _GROUPS.items()}
         rounds = [
-            # Reflections come first: they need depth and a camera, whose loss would otherwise include theirs.
-            [_Trial("reflections", {"reflections": ()})],
             [
                 _Trial(name, {}, group, _SURFACE_HARM if name in ("normal", "depth", "ids", "camera") else _HARM)
                 for name, group in groups.items()
@@ -484,21 +482,18 @@ class _Planning:
             [
                 _Trial("choice", {"choice": False}, (), -_MARGIN),
                 _Trial("pass 3", {"iterations": 2}),
-                _Trial("pass 2", {"iterations": 1}, (), -_MARGIN),
                 _Trial("gradient", {"gradient": False}, (), -np.inf),
                 _Trial("innovation", {"innovation": False}, (), -np.inf),
             ],
         ]
-        if not ("camera" in self.given and {"depth", "position"} & {*self.given}):
-            del rounds[0]
+        if "camera" in self.given and {"depth", "position"} & {*self.given}:
+            rounds[-1].append(_Trial("reflections", {"reflections": ()}, (), -np.inf))
         if self.static(default):
-            rounds[-1].append(_Trial(_FORGETTING, {"alpha": 0.0, "moments_alpha": 0.0}, (), 0.0, -_STRICTNESS))
+            rounds[-1].append(_Trial(_FORGETTING, {"average_still": True}, (), 0.0, -_STRICTNESS))
         base, evidence = default, list[Stage]()
         for trials in rounds:
             found = self.judge(base, [trial.beside(base) for trial in trials])
             useless = {stage.name for stage in found if not stage.used}
-            if "pass 3" not in useless:
-                useless.discard("pass 2")
             evidence += [stage._replace(used=stage.name not in useless) for stage in found]
             for trial in trials:
                 if trial.name in useless:
@@ -508,7 +503,7 @@ class _Planning:
             (together,) = self.judge(default, [base])
             if together.used:
                 base, evidence = default, [stage._replace(used=True) for stage in evidence]
-        return Plan(dict(base.options), self.given, base.without, "alpha" in base.options, tuple(evidence))
+        return Plan(dict(base.options), self.given, base.without, "average_still" in base.options, tuple(evidence))
 
     def judge(self, base: _Trial, trials: Sequence[_Trial]) -> list[Stage]:
         """The evidence for each trial, window by window; trials whose loss is already certain skip further windows."""
@@ -529,6 +524,7 @@ class _Planning:
             half = len(parts) // 2
             halves = [_bound([span], min(trial.errors, 0))[0] for span in (parts[:half], parts[half:])]
             useless = all(each <= trial.allowed for each in (bound, *halves))
+            useless &= trial.errors < 0 or loss <= 0
             numbers = range(len(found[trial.name]))
             saved = sum(self.run(number, base).ms - self.run(number, trial).ms for number in numbers)
             ms = saved * self.scale * len(self.windows) / len(numbers)

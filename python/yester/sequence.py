@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from itertools import islice
 from operator import index
 from typing import Any, Protocol, TypeVar, runtime_checkable
@@ -33,6 +33,12 @@ class _Steps(Protocol):
     def step(self, frame: Frame, /) -> Output: ...
 
 
+class _Stage(Protocol):
+    """The output stage of such a pipeline."""
+
+    def step(self, frame: Frame, /, *, samples: NDArray[np.float32]) -> Output: ...
+
+
 @runtime_checkable
 class _Recalls(Protocol):
     """A pipeline that joins histories before it filters."""
@@ -41,9 +47,10 @@ class _Recalls(Protocol):
 
     def recall(self, frame: Frame, /) -> History: ...
 
-    def split(self) -> tuple[_Recalls, _Steps | None]: ...
+    def split(self) -> tuple[_Recalls, _Stage | None]: ...
 
 
+_Item = TypeVar("_Item")
 _Pipeline = TypeVar("_Pipeline")
 _Result = TypeVar("_Result")
 
@@ -94,15 +101,14 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     Notes
     -----
     `SVGF` and `HalfRes` join the histories of both sides before they filter, by their lengths, and the frame's sample
-    counts once (`SVGF.recall`, `combine_histories`). Their output stage then runs over the results in both directions,
-    without the correction by new samples that `SVGF.step` gives it.
+    counts once (`SVGF.recall`, `combine_histories`). Their output stage then runs over the results in both directions.
     Of other pipelines, and of the stage, the results of both directions are averaged, weighted by history length, pixel
     by pixel: something that has just come into view has most of its light from the frames in which it stays. A side
     without confidence anywhere, at an end of the sequence or at a cut, does not count.
 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
     behind its end. At most ``6 * lookahead`` frames are held, and as many results, histories and, for the output stage,
-    colours with depth and motion.
+    colours with depth, motion and samples.
 
     Examples
     --------
@@ -176,10 +182,10 @@ def _turned(frame: Frame) -> Frame:
     return _with(frame, motion=frame.motion_next, motion_next=None, replay=None)
 
 
-def _chunks(frames: Iterator[Frame], lookahead: int) -> Iterator[tuple[list[Frame], int]]:
+def _chunks(frames: Iterator[_Item], lookahead: int) -> Iterator[tuple[list[_Item], int]]:
     """Yield the frames of each chunk and its lookahead, and the length of the chunk; the lookahead is repeated next."""
     chunk = _CHUNK * lookahead
-    window: list[Frame] = []
+    window: list[_Item] = []
     while True:
         window.extend(islice(frames, chunk + lookahead - len(window)))
         ended = len(window) < chunk + lookahead
@@ -190,20 +196,23 @@ def _chunks(frames: Iterator[Frame], lookahead: int) -> Iterator[tuple[list[Fram
 
 
 def _backwards(
-    frames: list[Frame], pipeline: _Pipeline, look: Callable[[_Pipeline, Frame], _Result]
+    frames: list[Frame], pipeline: _Pipeline, look: Callable[[_Pipeline, Frame, int], _Result]
 ) -> list[_Result | None]:
-    """The pipeline's results for the frames in reverse order; None for frames without known later frames."""
+    """The pipeline's results for the frames in reverse order; None for frames without known later frames.
+
+    `look` gets a pipeline that runs backwards, a frame as it sees it, and the frame's index.
+    """
     results: list[_Result | None] = []
     back, following = None, None
-    for frame in reversed(frames):
+    for number, frame in reversed([*enumerate(frames)]):
         if following is None or frame.motion_next is None:
             back = None
             results.append(None)
         else:
             if back is None:
                 back = copy.copy(pipeline)
-                look(back, _turned(_with(following, motion_next=None)))
-            results.append(look(back, _turned(frame)))
+                look(back, _turned(_with(following, motion_next=None)), number + 1)
+            results.append(look(back, _turned(frame), number))
         following = frame
     return results
 
@@ -211,7 +220,7 @@ def _backwards(
 def _joined(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iterator[tuple[Frame, Output]]:
     """Yield each frame, and its output with the histories of both sides joined."""
     for window, ready in _chunks(frames, lookahead):
-        histories = _backwards(window, pipeline, lambda back, frame: back.recall(frame))
+        histories = _backwards(window, pipeline, lambda back, frame, _: back.recall(frame))
         del histories[: len(window) - ready]
         for frame in window[:ready]:
             yield frame, pipeline.step(frame, later=histories.pop())
@@ -220,35 +229,43 @@ def _joined(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iter
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
     """Yield the means of the results from both sides."""
     for window, ready in _chunks(frames, lookahead):
-        results = _backwards(window, pipeline, lambda back, frame: back.step(frame))
+        results = _backwards(window, pipeline, lambda back, frame, _: back.step(frame))
         del results[: len(window) - ready]
         for frame in window[:ready]:
             forward, backward = pipeline.step(frame), results.pop()
             yield forward if backward is None else _average(forward, backward)
 
 
-def _finished(joined: Iterator[tuple[Frame, Output]], stage: _Steps, lookahead: int) -> Iterator[Output]:
-    """Yield the outputs with colours from the output stage, which runs from both sides."""
-    outputs: deque[Output] = deque()
+def _finished(joined: Iterator[tuple[Frame, Output]], stage: _Stage, lookahead: int) -> Iterator[Output]:
+    """Yield the outputs with colours from the output stage, which runs from both sides and gets the samples, too."""
 
-    def shown() -> Iterator[Frame]:
+    def shown() -> Iterator[tuple[Frame, NDArray[np.float32], Output]]:
         for frame, output in joined:
-            outputs.append(output)
             names = "depth", "position", "motion", "motion_next"
-            yield Frame(output.color, **{name: getattr(frame, name) for name in names}, camera=frame.camera)
+            buffers = {name: getattr(frame, name) for name in names}
+            yield Frame(output.color, **buffers, camera=frame.camera), frame.color, output
 
-    for finished in _averaged(shown(), stage, lookahead):
-        output = outputs.popleft()
-        yield Output(
-            finished.color,
-            output.history_length,
-            output.confidence,
-            output.rejection,
-            variance=output.variance,
-            choice=output.choice,
-            used=output.used,
-            missing=output.missing,
-        )
+    def look(samples: list[NDArray[np.float32]], back: _Stage, frame: Frame, number: int) -> Output:
+        return back.step(frame, samples=samples[number])
+
+    for window, ready in _chunks(shown(), lookahead):
+        samples = [noisy for _, noisy, _ in window]
+        results = _backwards([frame for frame, _, _ in window], stage, partial(look, samples))
+        del results[: len(window) - ready]
+        for frame, noisy, output in window[:ready]:
+            finished, backward = stage.step(frame, samples=noisy), results.pop()
+            if backward is not None:
+                finished = _average(finished, backward)
+            yield Output(
+                finished.color,
+                output.history_length,
+                output.confidence,
+                output.rejection,
+                variance=output.variance,
+                choice=output.choice,
+                used=output.used,
+                missing=output.missing,
+            )
 
 
 def _average(forward: Output, backward: Output) -> Output:

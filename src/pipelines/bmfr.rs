@@ -16,7 +16,7 @@ use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, name
 use super::illumination::{self, Illumination, illumination, surfaces, without_fireflies};
 use super::recall::{Memory, Recalled, recall};
 use super::svgf;
-use super::taa::{self, Stage};
+use super::taa::{self, AFTER_DENOISER, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
@@ -110,11 +110,8 @@ impl Bmfr {
     /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
-        let innovates = params.history.innovation.is_some();
         Ok(Self {
-            antialias: params
-                .antialias
-                .map(|stage| Stage::after_denoiser(stage, innovates)),
+            antialias: params.antialias.map(Stage::new),
             params,
             upkeep: Upkeep::default(),
             state: None,
@@ -162,7 +159,10 @@ impl Steps for Bmfr {
         let textured = texture.map(|texture| remodulate(light, texture));
         let color = textured.as_ref().map_or(light, Image::view);
         match &mut self.antialias {
-            Some(stage) => inputs.antialias(stage, color, output.color),
+            Some(stage) => {
+                let correction = params.history.innovation.map(|_| AFTER_DENOISER);
+                inputs.antialias(stage, color, correction, output.color);
+            }
             None => show(color, output.color),
         }
         (output.history_length).copy_from_slice(history.plane(LENGTH.start));
@@ -271,11 +271,17 @@ impl<'a> Inputs<'a> {
         rest
     }
 
-    fn antialias(&self, stage: &mut Stage, color: View, shown: &mut [f32]) {
+    fn antialias(
+        &self,
+        stage: &mut Stage,
+        color: View,
+        correction: Option<innovation::Params>,
+        shown: &mut [f32],
+    ) {
         let depth = self.frame.surface.depth.map(Pixels::plane);
         let out = PixelsMut::bands(color.size, 3, shown);
         stage.step(color.into(), self.motion.pixels(), depth, out, None);
-        stage.correct(self.frame.color, &self.motion, shown);
+        stage.correct(correction, self.frame.color, &self.motion, shown);
     }
 }
 

@@ -126,6 +126,12 @@ impl<'a> Frame<'a> {
         })
     }
 
+    /// Whether neither the camera nor anything else moves. Without motion, only the cameras can tell.
+    pub(super) fn rests(&self, previous: Option<&Camera>) -> bool {
+        let camera = self.camera.as_ref() == previous;
+        camera && self.motion.map_or(previous.is_some(), is_zero)
+    }
+
     /// Positions, or else depth.
     pub(super) fn geometry(&self) -> Option<Geometry<'a>> {
         (self.position.map(Geometry::Position)).or(self.surface.depth.map(Geometry::Depth))
@@ -154,6 +160,21 @@ impl<'a> Frame<'a> {
             (None, None) => Motion::Computed(Image::new(size, 2)),
         }
     }
+}
+
+/// Pixels of motion that are no motion.
+const NO_MOTION: f32 = 1e-3;
+
+/// Whether no pixel moves. NaN says that nothing is known.
+fn is_zero(motion: Pixels) -> bool {
+    let mut row = [[0.0; SEGMENT]; 2];
+    let mut runs = (0..motion.size.height).flat_map(|y| segments(y, motion.size.width));
+    runs.all(|run| {
+        let [x, y] = &mut row;
+        motion.part(0..2).read(run, [x.as_mut_slice(), y.as_mut_slice()]);
+        let moves = |v: &f32| v.abs() > NO_MOTION;
+        !row.iter().any(|row| row[..run.len].iter().any(moves))
+    })
 }
 
 /// The motion, with change of depth, of a scene in which only the camera moves.

@@ -46,6 +46,8 @@ pub struct Params {
     pub surface: validate::Params,
     /// How samples join the history.
     pub accumulate: accumulate::Params,
+    /// Whether they join without forgetting in frames in which nothing moves.
+    pub average_still: bool,
     /// How the variance is estimated.
     pub variance: variance::Params,
     /// The filter.
@@ -123,6 +125,7 @@ impl Params {
         Self {
             surface: validate::Params::default(),
             accumulate: accumulate::Params::default(),
+            average_still: false,
             variance: variance::Params::default(),
             atrous: atrous::Params::default(),
             feedback: false,
@@ -274,11 +277,8 @@ impl Svgf {
     /// A pipeline without history; an error if a parameter is out of range.
     pub fn new(params: Params) -> Result<Self> {
         params.check()?;
-        let innovates = params.innovation.is_some();
         Ok(Self {
-            antialias: params
-                .antialias
-                .map(|stage| Stage::after_denoiser(stage, innovates)),
+            antialias: params.antialias.map(Stage::new),
             params,
             upkeep: Upkeep::default(),
             state: None,
@@ -378,6 +378,11 @@ impl Svgf {
         let mut used = vec![];
         let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
         let motion = frame.motion(before, &mut used);
+        let rests = params.average_still && frame.rests(before);
+        let accumulate = match rests {
+            true => params.accumulate.averaging(),
+            false => params.accumulate,
+        };
         let surfaces = surfaces(frame);
         (memory.iter_mut()).for_each(|memory| memory.disown(surfaces.as_ref()));
         let texture = texture(frame, surfaces.as_ref());
@@ -385,6 +390,7 @@ impl Svgf {
         let sample = asks.then(|| illumination(frame.color, texture));
         let now = Current {
             params,
+            accumulate,
             frame,
             motion: &motion,
             texture,
@@ -460,6 +466,8 @@ impl Svgf {
 /// A frame on its way through the passes.
 struct Current<'a> {
     params: &'a Params,
+    /// How the frame's samples join the history.
+    accumulate: accumulate::Params,
     frame: &'a Frame<'a>,
     motion: &'a Motion<'a>,
     texture: Option<Texture<'a>>,

@@ -21,8 +21,9 @@ use super::correction::innovate;
 use super::frame::{
     Frame, Motion, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
 };
+use super::motion_check::Mistake;
 use super::recall::find_gradient;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::dilate::{self, Choice, dilate_motion};
 use crate::kernels::camera::pinhole::Camera;
@@ -47,7 +48,7 @@ const GRADIENT: gradient::Params = gradient::Params {
 /// How the last stage of a denoiser is corrected by the innovation: its history lags behind light that moves, too. Antialiased
 /// edges differ from single samples even where nothing changes, and at a strictness of 8 still images became worse. Changes
 /// of light are far above that, so that the newest frame may count for more than in the denoiser.
-const AFTER_DENOISER: innovation::Params = innovation::Params {
+pub(crate) const AFTER_DENOISER: innovation::Params = innovation::Params {
     strictness: 12.0,
     share: 0.7,
     ..innovation::Params::DEFAULT
@@ -77,14 +78,6 @@ impl Stage {
             params,
             history: None,
         }
-    }
-
-    /// The last stage of a denoiser; `innovates` if the denoiser is corrected by the innovation.
-    pub fn after_denoiser(params: Params, innovates: bool) -> Self {
-        Self::new(Params {
-            innovation: innovates.then_some(AFTER_DENOISER),
-            ..params
-        })
     }
 
     pub fn reset(&mut self) {
@@ -143,8 +136,14 @@ impl Stage {
 
     /// Corrects what [`Self::step`] has shown by the innovation of the frame's samples, and with it the history if that is fed
     /// back.
-    pub fn correct(&mut self, fresh: Pixels, motion: &Motion, shown: &mut [f32]) {
-        let Some((params, history)) = self.params.innovation.zip(self.history.as_mut()) else {
+    pub fn correct(
+        &mut self,
+        params: Option<innovation::Params>,
+        fresh: Pixels,
+        motion: &Motion,
+        shown: &mut [f32],
+    ) {
+        let Some((params, history)) = params.zip(self.history.as_mut()) else {
             return;
         };
         if history.first {
@@ -241,6 +240,32 @@ impl Taa {
     }
 }
 
+impl Taa {
+    /// As [`Pipeline::step`], for a frame whose colour is denoised: with [`Params::innovation`], the samples that it was made
+    /// of correct the result and the history.
+    ///
+    /// # Errors
+    /// As `step`, and if the samples have another size or not 3 channels.
+    pub fn step_denoised(
+        &mut self,
+        frame: &Frame,
+        samples: Pixels,
+        output: Output,
+    ) -> Result<(Summary, Option<Mistake>)> {
+        self.checked(frame, |pipeline, frame| {
+            let size = frame.color.size;
+            output.check(size, pipeline.extras())?;
+            if samples.size != size {
+                return Err(Error::value("samples", size, samples.size));
+            }
+            if samples.channels != 3 {
+                return Err(Error::value("samples", "3 channels", samples.channels));
+            }
+            pipeline.advance(frame, Some(samples), output)
+        })
+    }
+}
+
 impl Pipeline for Taa {}
 
 impl Steps for Taa {
@@ -253,7 +278,18 @@ impl Steps for Taa {
         self.state = None;
     }
 
-    fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
+    fn next(&mut self, frame: &Frame, output: Output) -> Result<Summary> {
+        self.advance(frame, None, output)
+    }
+}
+
+impl Taa {
+    fn advance(
+        &mut self,
+        frame: &Frame,
+        samples: Option<Pixels>,
+        mut output: Output,
+    ) -> Result<Summary> {
         let (size, params) = (frame.color.size, self.stage.params);
         if let Some(history) = &self.stage.history {
             check_size(history.merged.size, size)?;
@@ -277,7 +313,11 @@ impl Steps for Taa {
             PixelsMut::bands(size, 3, shown),
             Some((tests, report)),
         );
-        self.stage.correct(frame.color, &motion, output.color);
+        let (fresh, correction) = match samples {
+            Some(samples) => (samples, params.innovation.map(|_| AFTER_DENOISER)),
+            None => (frame.color, params.innovation),
+        };
+        (self.stage).correct(correction, fresh, &motion, output.color);
         self.state = Some(State {
             camera: frame.camera,
             surface: params.limits.keep(frame.surface),

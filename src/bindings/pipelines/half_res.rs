@@ -183,8 +183,8 @@ impl HalfRes {
 
     /// Make the pipeline without its output stage, and the stage.
     ///
-    /// Both are without history. One after the other, they give the results of the whole with ``innovation=False``;
-    /// otherwise, the whole corrects its output stage by the samples, too, which the stage alone does not have.
+    /// Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
+    /// colour as `samples`.
     ///
     /// Returns
     /// -------
@@ -193,8 +193,8 @@ impl HalfRes {
     /// stage : TAA or None
     ///     For the frames with the denoiser's colours; None without `antialias`.
     fn split<'py>(slf: &Bound<'py, Self>) -> PyResult<Parts<'py>> {
-        let stage = slf.borrow().inner.params().antialias;
-        split(slf.as_super(), stage.as_ref())
+        let params = slf.borrow().inner.params().clone();
+        split(slf.as_super(), &params)
     }
 
     /// Discard all history; the next frame starts a new sequence.

@@ -591,6 +591,29 @@ impl<'py> FrameArgs<'py> {
         Ok(output)
     }
 
+    /// The same for a denoised frame, with the samples that it was made of.
+    fn step_denoised(
+        self,
+        py: Python<'py>,
+        out: Option<&Bound<'py, Output>>,
+        samples: Option<&Bound<'py, PyAny>>,
+        pipeline: &mut pipelines::taa::Taa,
+    ) -> PyResult<Output> {
+        let Some(samples) = samples else {
+            return self.step(py, out, pipeline);
+        };
+        let size = self.size();
+        let samples = Input::<f32>::new(samples, "samples", COLOR)?.sized("samples", size)?;
+        let mut room = Room::new(py, out, size, pipeline.extras())?;
+        let output = room.data()?;
+        let (frame, noisy) = (self.frame(), samples.data().pixels());
+        let (summary, mistake) = detached(py, || pipeline.step_denoised(&frame, noisy, output))??;
+        drop((self, samples));
+        let output = room.output(py, summary)?;
+        warn(py, mistake)?;
+        Ok(output)
+    }
+
     /// Runs `recall` on the frame without the interpreter's lock.
     fn recall(self, py: Python<'py>, pipeline: &mut Svgf) -> PyResult<History> {
         let Size { height, width } = self.size();
@@ -651,19 +674,22 @@ type Parts<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
 /// The pipeline without its output stage, and the stage.
 fn split<'py>(
     pipeline: &Bound<'py, Pipeline>,
-    stage: Option<&pipelines::taa::Params>,
+    params: &pipelines::svgf::Params,
 ) -> PyResult<Parts<'py>> {
     let py = pipeline.py();
     let (args, given) = pipeline.get().call(py);
     let named = given.copy()?;
     named.set_item("antialias", false)?;
     let denoiser = pipeline.get_type().call(args, Some(&named))?;
-    let Some(stage) = stage else {
+    let Some(stage) = &params.antialias else {
         return Ok((denoiser, None));
     };
     let changed = PyDict::new(py);
     if stage.clip.gamma != pipelines::taa::Params::DENOISED.clip.gamma {
         changed.set_item("gamma", stage.clip.gamma)?;
+    }
+    if params.innovation.is_some() {
+        changed.set_item("innovation", true)?;
     }
     let class = py.get_type::<taa::TAA>();
     let stage = class.call(("denoised",), Some(&changed))?;

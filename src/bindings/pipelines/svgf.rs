@@ -85,6 +85,9 @@ use crate::pipelines::{svgf, taa};
 ///     The output stage is corrected in the same way.
 /// antialias : bool, default True
 ///     End with a stage of temporal antialiasing, `TAA` with preset "denoised".
+/// average_still : bool, default False
+///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that of
+///     the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
 ///
 /// Raises
 /// ------
@@ -138,12 +141,13 @@ impl SVGF {
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
         sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
-        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true))]
+        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true,
+        average_still=false))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
-        reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True)"
+        reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True, average_still=False)"
     )]
     fn new(
         alpha: f32,
@@ -167,6 +171,7 @@ impl SVGF {
         choice: bool,
         innovation: bool,
         antialias: bool,
+        average_still: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
         let sigmas = Sigmas {
             normal: sigma_normal,
@@ -188,6 +193,7 @@ impl SVGF {
                 moments_alpha,
                 warmup: true,
             },
+            average_still,
             variance: variance::Params {
                 min_length,
                 sigmas,
@@ -273,8 +279,8 @@ impl SVGF {
 
     /// Make the pipeline without its output stage, and the stage.
     ///
-    /// Both are without history. One after the other, they give the results of the whole with ``innovation=False``;
-    /// otherwise, the whole corrects its output stage by the samples, too, which the stage alone does not have.
+    /// Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
+    /// colour as `samples`.
     ///
     /// Returns
     /// -------
@@ -283,8 +289,8 @@ impl SVGF {
     /// stage : TAA or None
     ///     For the frames with the denoiser's colours; None without `antialias`.
     fn split<'py>(slf: &Bound<'py, Self>) -> PyResult<Parts<'py>> {
-        let stage = slf.borrow().inner.params().antialias;
-        split(slf.as_super(), stage.as_ref())
+        let params = slf.borrow().inner.params().clone();
+        split(slf.as_super(), &params)
     }
 
     /// Discard all history; the next frame starts a new sequence.

@@ -63,7 +63,7 @@ use crate::pipelines::taa;
 /// innovation : bool, default False
 ///     Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
 ///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
-///     Without noise, part of the aliasing is mistaken for change.
+///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
 ///
 /// Raises
 /// ------
@@ -204,6 +204,10 @@ impl TAA {
     /// out : Output, optional
     ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
     ///     second frame on, no image memory is then allocated.
+    /// samples : (H, W, 3) array_like of float, optional
+    ///     If the frame's colour is denoised: the samples that it was made of. With `innovation`, the error of the result is
+    ///     estimated from them (``strictness=12, share=0.7``), and corrects the history, too, as in the last stage of a
+    ///     denoiser. Missing ones are NaN.
     ///
     /// Returns
     /// -------
@@ -213,15 +217,16 @@ impl TAA {
     /// Raises
     /// ------
     /// ValueError
-    ///     If the size changes without `reset` in between; if `out` does not fit.
-    #[pyo3(signature = (frame, out=None))]
+    ///     If the size changes without `reset` in between; if `out` or `samples` do not fit.
+    #[pyo3(signature = (frame, out=None, *, samples=None))]
     fn step<'py>(
         &mut self,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, Output>>,
+        samples: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step(py, out, &mut self.inner)
+        FrameArgs::new(frame)?.step_denoised(py, out, samples, &mut self.inner)
     }
 
     /// Discard all history; the next frame starts a new sequence.

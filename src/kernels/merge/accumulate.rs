@@ -46,6 +46,15 @@ impl Default for Params {
 }
 
 impl Params {
+    /// The same without forgetting: all samples are averaged.
+    pub fn averaging(self) -> Self {
+        Self {
+            alpha: 0.0,
+            moments_alpha: 0.0,
+            ..self
+        }
+    }
+
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         in_range("alpha", self.alpha, "a share from 0 to 1", |v| {

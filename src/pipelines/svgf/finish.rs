@@ -10,7 +10,7 @@ use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::{correct_history, correct_light};
 use crate::pipelines::frame::blacken_missing;
-use crate::pipelines::taa::Stage;
+use crate::pipelines::taa::{AFTER_DENOISER, Stage};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -59,7 +59,8 @@ pub fn finish(
         let depth = now.frame.surface.depth.map(Pixels::plane);
         let out = PixelsMut::bands(size, 3, show);
         stage.step(color.pixels(), now.motion.pixels(), depth, out, None);
-        stage.correct(now.frame.color, now.motion, show);
+        let correction = now.params.innovation.map(|_| AFTER_DENOISER);
+        stage.correct(correction, now.frame.color, now.motion, show);
     }
 }
 

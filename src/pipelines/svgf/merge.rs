@@ -65,7 +65,7 @@ pub fn merge(
     let mut history = Records::blank(size, CHANNELS);
     let outs = merged(&mut history, seen.history_length);
     let nothing = std::iter::repeat(());
-    let missing = accumulate(samples, &images, params.accumulate, outs, nothing);
+    let missing = accumulate(samples, &images, now.accumulate, outs, nothing);
     Merged {
         history,
         missing: lent.map_or(missing, |lent| lent.missing),
@@ -90,7 +90,7 @@ pub fn merge_at_once(now: &Current, memory: Option<&Memory>, seen: &mut Seen) ->
     let mut history = Records::blank(size, CHANNELS);
     let outs = merged(&mut history, seen.history_length);
     let known = bands_of(seen.confidence, size).zip(bands_of(seen.rejection, size));
-    let missing = accumulate(samples, &along, params.accumulate, outs, known);
+    let missing = accumulate(samples, &along, now.accumulate, outs, known);
     Merged {
         history,
         missing,

@@ -132,7 +132,7 @@ pub fn filter(
                 length,
                 prediction: prediction.map(Image::pixels),
                 variance: Estimate::new(moments, length, guide, params.variance),
-                longest: joined.map(|_| 1.0 / params.accumulate.alpha),
+                longest: joined.map(|_| 1.0 / now.accumulate.alpha),
                 keep,
             };
             let mut rest = size.height;

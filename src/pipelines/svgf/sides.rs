@@ -53,7 +53,7 @@ pub fn join(
     let kernel = Join {
         size,
         expected: recalled.map(Expected::new),
-        longest: 1.0 / now.params.accumulate.alpha - 1.0,
+        longest: 1.0 / now.accumulate.alpha - 1.0,
         history: history.pixels(),
         later,
     };

@@ -39,7 +39,8 @@ pub struct Params {
     pub anti_lag: f32,
     /// Whether history escapes the clip where the colours of whole neighbourhoods alternate.
     pub alternation: bool,
-    /// Corrects the result by the innovation of new samples. The last stage of a denoiser has its own, if the denoiser has.
+    /// Corrects the result by the innovation of new samples, if these are noisy; of a denoised colour, only that of the samples
+    /// before it.
     pub innovation: Option<innovation::Params>,
 }
 
