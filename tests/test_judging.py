@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 import yester
+from yester.plan import Stage
 from yester.study.compare import judging
+from yester.study.compare.doors import DOORS
 from yester.study.rendered.recording import record
 
 pytestmark = pytest.mark.slow
@@ -30,12 +32,31 @@ def test_the_judge_beside_the_truth(recordings):
 
 def test_gain_of_a_plan(recordings):
     found = judging.worth(recordings[0])
-    assert found.scene == "cornell_box"
+    assert (found.scene, found.door) == ("cornell_box", "every buffer")
     assert found.plan.stages
     assert set(found.gains) == set(found.both) == {"psnr", "relmse", "flip"}
-    assert found.saved < 1
     if not found.plan.options and not found.plan.without:
         assert all(gain == 0 for gain in (*found.gains.values(), *found.both.values()))
+
+
+def test_plans_through_a_door(recordings):
+    door = next(door for door in DOORS if door.name == "motion alone")
+    found = judging.worth(recordings[0], door)
+    assert found.plan.reason == "neither depth nor normals nor ids tell surfaces apart"
+    assert not any((*found.gains.values(), *found.both.values()))
+
+
+def test_the_table_of_plans():
+    nothing, less = dict.fromkeys(("psnr", "relmse", "flip"), 0.0), {"psnr": 0.2, "relmse": -0.04, "flip": 0.01}
+    shorter = yester.Plan({"iterations": 2}, stages=(Stage("pass 3", False, 0.0, 0.0, 1.0),))
+    found = [
+        judging.Worth("one", "no ids", shorter, less, nothing),
+        judging.Worth("two", "no ids", yester.Plan(), nothing, nothing),
+    ]
+    head, row, _, left = judging.table(found).splitlines()
+    assert head.split("  ")[-1].strip() == "flip, both sides"
+    assert " ".join(row.split()).startswith("no ids 1 +0.10 dB (+0.00 dB) -2.0 % (-4.0 %) +0.5 % (+0.0 %) +0.00 dB")
+    assert left == "no ids, without pass 3: one"
 
 
 def test_ranks():

@@ -36,7 +36,7 @@ def test_alone_it_is_itself():
 def test_between_temporal_stages_it_is_their_composition(innovation):
     oidn = yester.OIDN("fast", temporal=True, innovation=innovation)
     history = yester.SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)
-    antialiasing, before, evidence = yester.TAA("denoised"), None, None
+    antialiasing, before, evidence = yester.TAA("denoised", innovation=innovation), None, None
     for frame, _ in frames(4):
         out, known = oidn.step(frame), history.step(frame)
         clean = plain(known.color, frame.albedo, frame.normal, "fast")
@@ -46,9 +46,8 @@ def test_between_temporal_stages_it_is_their_composition(innovation):
             found, evidence = yester.innovation(frame.color, clean, *carried, exposure=bright, fed_back=False)
             assert found.any()
             clean = np.maximum(clean + found, 0)
-        want = antialiasing.step(
-            yester.Frame(clean, motion=frame.motion, depth=frame.depth, position=frame.position, camera=frame.camera)
-        )
+        moved = {name: getattr(frame, name) for name in ("motion", "depth", "position", "camera")}
+        want = antialiasing.step(yester.Frame(clean, **moved), samples=frame.color)
         assert_same_bits(out.color, want.color)
         for name in NAMES[1:]:
             assert_same_bits(getattr(out, name), getattr(known, name))

@@ -600,8 +600,8 @@ class SVGF(Pipeline):
     antialias : bool, default True
         End with a stage of temporal antialiasing, `TAA` with preset "denoised".
     average_still : bool, default False
-        Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that of
-        the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
+        Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
+        of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
 
     Raises
     ------
@@ -1143,9 +1143,9 @@ class TAA(Pipeline):
             An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
             second frame on, no image memory is then allocated.
         samples : (H, W, 3) array_like of float, optional
-            If the frame's colour is denoised: the samples that it was made of. With `innovation`, the error of the result is
-            estimated from them (``strictness=12, share=0.7``), and corrects the history, too, as in the last stage of a
-            denoiser. Missing ones are NaN.
+            If the frame's colour is denoised: the samples that it was made of. With `innovation`, the error of the
+            result is estimated from them (``strictness=12, share=0.7``), and corrects the history, too, as in the last
+            stage of a denoiser. Missing ones are NaN.
 
         Returns
         -------

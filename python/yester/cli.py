@@ -148,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
     clean = command(_denoise, "denoise", "denoise a sequence of EXR frames")
     files(clean)
     methods = ("auto", *_METHODS)
-    about = "one of %(choices)s (default: auto, svgf with an option of its own). auto: svgf without what a shot does not need"
+    about = "one of %(choices)s (default: auto; svgf with its options). auto: svgf without what harms a shot"
     clean.add_argument("--method", choices=methods, help=about)
     clean.add_argument("--plan", metavar="FILE", type=Path, help="a plan written by yester plan, instead of a method")
     about = "fewest later frames that each frame can use; 0 for none, as in real time (default: %(default)s; oidn: 0)"

@@ -170,8 +170,8 @@ fn is_zero(motion: Pixels) -> bool {
     let mut row = [[0.0; SEGMENT]; 2];
     let mut runs = (0..motion.size.height).flat_map(|y| segments(y, motion.size.width));
     runs.all(|run| {
-        let [x, y] = &mut row;
-        motion.part(0..2).read(run, [x.as_mut_slice(), y.as_mut_slice()]);
+        let rows = row.each_mut().map(Row::as_mut_slice);
+        motion.part(0..2).read(run, rows);
         let moves = |v: &f32| v.abs() > NO_MOTION;
         !row.iter().any(|row| row[..run.len].iter().any(moves))
     })

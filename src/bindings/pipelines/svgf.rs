@@ -86,8 +86,8 @@ use crate::pipelines::{svgf, taa};
 /// antialias : bool, default True
 ///     End with a stage of temporal antialiasing, `TAA` with preset "denoised".
 /// average_still : bool, default False
-///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that of
-///     the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
+///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
+///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
 ///
 /// Raises
 /// ------

@@ -205,9 +205,9 @@ impl TAA {
     ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
     ///     second frame on, no image memory is then allocated.
     /// samples : (H, W, 3) array_like of float, optional
-    ///     If the frame's colour is denoised: the samples that it was made of. With `innovation`, the error of the result is
-    ///     estimated from them (``strictness=12, share=0.7``), and corrects the history, too, as in the last stage of a
-    ///     denoiser. Missing ones are NaN.
+    ///     If the frame's colour is denoised: the samples that it was made of. With `innovation`, the error of the
+    ///     result is estimated from them (``strictness=12, share=0.7``), and corrects the history, too, as in the last
+    ///     stage of a denoiser. Missing ones are NaN.
     ///
     /// Returns
     /// -------

@@ -2,15 +2,17 @@
 
 For every component of `SVGF` that the ablation study switches and every sequence, `predictive_error` estimates from the
 noisy frames how much worse the result is without the component. Printed are the rank correlations of these estimates
-with the differences measured against references. Then each sequence is planned from its first eight frames, and the
-plan's result is compared with the default's: with earlier frames alone, and with those on both sides.
+with the differences measured against references. Then each sequence is planned from its first eight frames, through
+every door, and the plan's result is compared with the default's: with earlier frames alone, and with those on both
+sides.
 """
 
 from __future__ import annotations
 
-import time
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 
 import yester
 from yester import SVGF, Frame, Plan
+from yester.io import read_exr
 from yester.judge import predictive_error
 from yester.metrics import METRICS, Picture
 
@@ -25,9 +28,10 @@ from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import harm
 from .ablation import ABLATIONS
+from .doors import DOORS, Door, known_doors
 from .methods import Run
 
-__all__ = ["SHAPE", "Judged", "Worth", "compare", "correlations", "judged", "worth"]
+__all__ = ["SHAPE", "Judged", "Worth", "compare", "correlations", "judged", "table", "worth"]
 
 #: The first frame whose results are compared: those before it have next to no history.
 _START = 2
@@ -64,20 +68,18 @@ class Worth(NamedTuple):
 
     Attributes
     ----------
-    scene : str
+    scene, door : str
     plan : Plan
     gains, both : dict of str to float
         By metric, the gain of the plan over the default, as `harm.gains` returns it: with earlier frames alone, and
         with those on both sides.
-    saved : float
-        The saved fraction of the default's time, from the fastest frame of each.
     """
 
     scene: str
+    door: str
     plan: Plan
     gains: dict[str, float]
     both: dict[str, float]
-    saved: float
 
 
 def judged(recording: Recording) -> list[Judged]:
@@ -141,40 +143,51 @@ def compare(estimates: Mapping[str, Sequence[Judged]]) -> None:
         print(f"{title}\n{correlations(found)}", end="\n\n")
 
 
-def worth(recording: Recording) -> Worth:
+def worth(recording: Recording, door: Door = DOORS[0]) -> Worth:
     """Plan a sequence with references from its first frames, and compare the result with the default's."""
-    frames = _frames(recording)
-    plan = yester.plan(frames)
-    pipelines = SVGF(), plan.pipeline()
-    images: list[list[NDArray[np.float32]]] = [[], []]
-    spent = [np.inf, np.inf]
-    for turn, frame in enumerate(frames):
-        for number in (turn % 2, 1 - turn % 2):
-            start = time.perf_counter()
-            images[number].append(pipelines[number].step(frame).color)
-            spent[number] = min(spent[number], time.perf_counter() - start)
-    default, planned = (_values(each, recording) for each in images)
-    known, joined = (
-        _values([output.color for output in yester.denoise(frames, pipeline)], recording) for pipeline in pipelines
-    )
-    gains, both = harm.gains(planned, default), harm.gains(joined, known)
-    return Worth(recording.name, plan, gains, both, 1 - spent[1] / spent[0])
+    raw = (read_exr(path).color for path in recording.raw_albedo.values()) if door.raw else repeat(None)
+    frames = [*map(door.take, _frames(recording), raw)]
+    with warnings.catch_warnings():
+        # Frames without motion and cameras have no later frames, and frames without guides no plan.
+        warnings.simplefilter("ignore", UserWarning)
+        plan = yester.plan(frames)
+        default, planned = (
+            [
+                _values([output.color for output in yester.denoise(frames, pipeline, ahead)], recording)
+                for ahead in (0, yester.sequence.LOOKAHEAD)
+            ]
+            for pipeline in (SVGF(), plan.pipeline())
+        )
+    gains, both = (harm.gains(*pair) for pair in zip(planned, default, strict=True))
+    return Worth(recording.name, door.name, plan, gains, both)
+
+
+def table(found: Sequence[Worth]) -> str:
+    """Write gains of plans, by door: mean over all sequences and worst case; then all plans that leave something out."""
+    ways = {"earlier frames": [each.gains for each in found], "both sides": [each.both for each in found]}
+    lines = [["", "plans", *(f"{key}, {way}" for way in ways for key in _MEASURED)]]
+    for door in dict.fromkeys(each.door for each in found):
+        through = [number for number, each in enumerate(found) if each.door == door]
+        made = sum(bool(found[number].plan.options or found[number].plan.without) for number in through)
+        cells = [door, str(made)]
+        for gains in ways.values():
+            for key in _MEASURED:
+                values = [gains[number][key] for number in through]
+                cells.append(f"{harm.amount(key, float(np.mean(values)))} ({harm.amount(key, min(values))})")
+        lines.append(cells)
+    left: dict[str, list[str]] = {}
+    for each in found:
+        if each.plan.options or each.plan.without:
+            left.setdefault(f"{each.door}, {each.plan.summary()}", []).append(each.scene)
+    return "\n".join([harm.aligned(lines), "", *(f"{what}: {', '.join(scenes)}" for what, scenes in left.items())])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table of correlations, then a line for each plan."""
+    """Print the table of correlations, then that of plans."""
     options = parser("yester.study.compare.judging", __doc__).parse_args(arguments)
-    recordings = [record(name, options.cache, **SHAPE) for name in expand(options.sequences)]
+    recordings = [record(name, options.cache, **SHAPE, raw_albedo=True) for name in expand(options.sequences)]
     print(correlations([each for recording in recordings for each in judged(recording)]), end="\n\n")
-    head = "  ".join(f"{key:>9}" for key in _MEASURED)
-    print(f"{'':<16}{'earlier frames':<{len(head)}} | both sides")
-    print(f"{'':<16}{head} | {head}  saved")
-    for recording in recordings:
-        found = worth(recording)
-        gained = " | ".join(
-            "  ".join(f"{harm.amount(key, gains[key]):>9}" for key in _MEASURED) for gains in (found.gains, found.both)
-        )
-        print(f"{found.scene:<16}{gained}{100 * found.saved:>6.0f} % of the time  {found.plan.summary()}")
+    print(table([worth(recording, door) for recording in recordings for door in known_doors(recording, DOORS)]))
 
 
 def _frames(recording: Recording) -> list[Frame]:
