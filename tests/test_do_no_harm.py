@@ -1,4 +1,4 @@
-"""Do no harm, on small versions: no default component of SVGF makes it worse, and no buffer that is given.
+"""Do no harm, on small versions: no default component of SVGF makes it worse, no buffer that is given, and no plan.
 
 A small version is a window of 80×60 pixels of the study's frames, eight frames long: surfaces have as many pixels and
 move as fast as in the study, which scaled images would not keep. `yester chart --ablate --doors` measures whole ones.
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from yester import Camera
 from yester.io import write_exr
-from yester.study.compare import ablation, doors, harm
+from yester.study.compare import ablation, doors, harm, judging
 from yester.study.compare.ablation import ABLATIONS
 from yester.study.rendered import recording, scenes, sequences
 from yester.study.rendered.recording import Recording
@@ -45,7 +45,6 @@ KNOWN = {
     "SVGF - passes after 2, glossy_plates": "0.45 dB of this window; the whole image gains 0.2 dB",
     "SVGF - antialiasing, cornell_box": "FLIP, of this window alone, and 2.5 dB for it",
     "SVGF - antialiasing, glossy_plates": "FLIP, of this window alone (0.2 % in the whole image), and 2.5 dB for it",
-    "SVGF + later frames, glossy_plates": "reflections of lamps, in this window; the whole image gains 1 dB",
     "SVGF - clip, naked_lamps": "0.45 dB of this window; the whole image gains 1.2 dB",
     **{
         f"SVGF, fast_dolly: {door} is worse than no depth": "FLIP; in the whole image 1.8 %"
@@ -116,6 +115,14 @@ def test_later_frames(record, tmp_path, name):
 def test_buffers(record, tmp_path, name):
     """SVGF through a poorer door is not better."""
     assert unknown(doors.harmful(doors.measure_doors([record(name)], doors.METHODS[:1], tmp_path), LIMITS)) == []
+
+
+@pytest.mark.parametrize("name", MIDDLES)
+def test_plans(record, name):
+    """The plan of `yester denoise` is not worse than the default, through any door."""
+    found = [judging.worth(record(name), door) for door in doors.DOORS]
+    harms = [(each.door, harm.harms(gains, LIMITS)) for each in found for gains in (each.gains, each.both)]
+    assert [each for each in harms if each[1]] == []
 
 
 @pytest.mark.parametrize("name", METAL)

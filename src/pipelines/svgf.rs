@@ -29,6 +29,7 @@ use super::reflections;
 use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Records, Size, View};
+use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
@@ -177,6 +178,14 @@ impl Params {
             lend: Some(lend),
             innovation: Some(innovation::Params::default()),
             ..Self::textbook()
+        }
+    }
+
+    /// How the samples of a frame join the history, with the camera of the frame before.
+    fn accumulate_in(&self, frame: &Frame, before: Option<&Camera>) -> accumulate::Params {
+        match self.average_still && frame.rests(before) {
+            true => self.accumulate.averaging(),
+            false => self.accumulate,
         }
     }
 
@@ -368,23 +377,17 @@ impl Svgf {
         self.advance(frame, Task::Show(shown, later), seen)
     }
 
-    fn advance(&mut self, frame: &Frame, task: Task, mut seen: Seen) -> Result<Summary> {
+    fn advance(&mut self, frame: &Frame, task: Task, seen: Seen) -> Result<Summary> {
         (self.state.iter()).try_for_each(|state| state.memory.check(frame))?;
         let params = &self.params;
-        let (mut memory, evidence, choice) = match self.state.take() {
-            Some(state) => (Some(state.memory), state.evidence, state.choice),
-            None => (None, None, None),
-        };
+        let mut past = self.state.take();
+        let first = past.is_none();
+        let before = past.as_ref().and_then(|past| past.memory.camera.as_ref());
         let mut used = vec![];
-        let before = memory.as_ref().and_then(|memory| memory.camera.as_ref());
         let motion = frame.motion(before, &mut used);
-        let rests = params.average_still && frame.rests(before);
-        let accumulate = match rests {
-            true => params.accumulate.averaging(),
-            false => params.accumulate,
-        };
+        let accumulate = params.accumulate_in(frame, before);
         let surfaces = surfaces(frame);
-        (memory.iter_mut()).for_each(|memory| memory.disown(surfaces.as_ref()));
+        (past.iter_mut()).for_each(|past| past.memory.disown(surfaces.as_ref()));
         let texture = texture(frame, surfaces.as_ref());
         let asks = params.looks_around() || !matches!(task, Task::Show(_, None));
         let sample = asks.then(|| illumination(frame.color, texture));
@@ -396,70 +399,97 @@ impl Svgf {
             texture,
             guide: OnceCell::new(),
             sample: sample.as_ref(),
-            continues: memory.is_some(),
+            continues: !first,
         };
-        let replays = frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
 
-        let Merged {
-            mut history,
-            missing,
-            recalled,
-        } = match &sample {
-            Some(sample) => merge(&now, sample, memory.as_mut(), &mut seen),
-            None => merge_at_once(&now, memory.as_ref(), &mut seen),
-        };
-        drop(memory);
-        let (joined, later, mut shown) = match task {
-            Task::Show(shown, later) => {
-                let joined = join(&now, recalled.as_ref(), &history, later, &mut seen);
-                (joined, later, Some(shown))
-            }
-            Task::Recall(into) => {
-                expect(recalled.as_ref(), now.size(), into);
-                (Joined::default(), None, None)
-            }
-        };
-        let reflections = recalled.and_then(|recalled| recalled.reflections);
-        let known = joined.history.as_ref();
-        let exposure = now.exposure(known.unwrap_or(&history));
-        let levels = shown.as_mut().and_then(|shown| shown.choice.take());
-        let mut choosing = choose(
-            &now,
-            joined.prediction,
-            reflections.as_ref(),
-            choice,
-            &seen,
-            levels,
-        );
-        if let Some(later) = later {
-            join_reports(later, &mut seen);
-        }
-        let mut passes = filter(&now, &mut history, known, choosing.as_mut());
-        let choice = choosing.map(|choosing| choosing.judge(&now, exposure));
-        let (innovation, evidence) = now.innovate(&passes, evidence, exposure, &seen).unzip();
-        let mut light = passes.light.take();
-        used.extend(now.used(replays, reflections.is_some()));
-        let antialias = self.antialias.as_mut().filter(|_| shown.is_some());
-        finish(
-            &now,
-            passes,
-            innovation.as_ref(),
-            &mut history,
-            light.as_mut(),
-            antialias,
-            shown,
-        );
-
-        let reflections = light.map(|light| now.remember(light, reflections));
-        let first = !now.continues;
-        let mut memory = Memory::new(frame, surfaces, history, params, first);
-        memory.reflections = reflections;
+        let left = run(&now, past, task, seen, self.antialias.as_mut());
+        let missing = left.missing;
+        used.extend(left.used);
+        let mut memory = Memory::new(frame, surfaces, left.history, params, first);
+        memory.reflections = left.reflections;
         self.state = Some(State {
             memory,
-            evidence,
-            choice,
+            evidence: left.evidence,
+            choice: left.choice,
         });
         Ok(Summary { used, missing })
+    }
+}
+
+/// What the passes leave.
+struct Left {
+    history: Records,
+    reflections: Option<reflections::Memory>,
+    evidence: Option<Records>,
+    choice: Option<Records>,
+    /// The buffers that took part, beside those of which motion is made.
+    used: Vec<&'static str>,
+    /// Samples that were not finite.
+    missing: usize,
+}
+
+/// The passes, in their order.
+fn run(
+    now: &Current,
+    past: Option<State>,
+    task: Task,
+    mut seen: Seen,
+    antialias: Option<&mut Stage>,
+) -> Left {
+    let (mut memory, evidence, choice) = match past {
+        Some(past) => (Some(past.memory), past.evidence, past.choice),
+        None => (None, None, None),
+    };
+    let replays = now.frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
+    let Merged {
+        mut history,
+        missing,
+        recalled,
+    } = match now.sample {
+        Some(sample) => merge(now, sample, memory.as_mut(), &mut seen),
+        None => merge_at_once(now, memory.as_ref(), &mut seen),
+    };
+    drop(memory);
+    let (joined, later, mut shown) = match task {
+        Task::Show(shown, later) => {
+            let joined = join(now, recalled.as_ref(), &history, later, &mut seen);
+            (joined, later, Some(shown))
+        }
+        Task::Recall(into) => {
+            expect(recalled.as_ref(), now.size(), into);
+            (Joined::default(), None, None)
+        }
+    };
+    let won = recalled.and_then(|recalled| recalled.reflections);
+    let known = joined.history.as_ref();
+    let exposure = now.exposure(known.unwrap_or(&history));
+    let levels = shown.as_mut().and_then(|shown| shown.choice.take());
+    let prediction = joined.prediction;
+    let mut choosing = choose(now, prediction, won.as_ref(), choice, &seen, levels);
+    if let Some(later) = later {
+        join_reports(later, &mut seen);
+    }
+    let mut passes = filter(now, &mut history, known, choosing.as_mut());
+    let choice = choosing.map(|choosing| choosing.judge(now, exposure));
+    let (innovation, evidence) = now.innovate(&passes, evidence, exposure, &seen).unzip();
+    let mut light = passes.light.take();
+    let (correction, stage) = (innovation.as_ref(), antialias.filter(|_| shown.is_some()));
+    finish(
+        now,
+        passes,
+        correction,
+        &mut history,
+        light.as_mut(),
+        stage,
+        shown,
+    );
+    Left {
+        used: now.used(replays, won.is_some()),
+        reflections: light.map(|light| now.remember(light, won)),
+        history,
+        evidence,
+        choice,
+        missing,
     }
 }
 

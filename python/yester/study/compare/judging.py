@@ -163,7 +163,7 @@ def worth(recording: Recording, door: Door = DOORS[0]) -> Worth:
 
 
 def table(found: Sequence[Worth]) -> str:
-    """Write gains of plans, by door: mean over all sequences and worst case; then all plans that leave something out."""
+    """Write gains of plans by door, mean and worst case over all sequences; then the plans that leave something out."""
     ways = {"earlier frames": [each.gains for each in found], "both sides": [each.both for each in found]}
     lines = [["", "plans", *(f"{key}, {way}" for way in ways for key in _MEASURED)]]
     for door in dict.fromkeys(each.door for each in found):
