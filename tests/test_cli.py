@@ -234,11 +234,15 @@ def test_methods_refuse_before_work_starts(sequence, tmp_path):
 
 
 def test_denoise_stops_at_a_corrupt_frame(sequence, tmp_path):
-    """The damage is found only when the frame is decoded: earlier frames are written, and the process ends."""
+    """The damage is found only when the frame is decoded: earlier frames are written, and the process ends.
+
+    With a plan, which looks at eight frames first, nothing is written.
+    """
     damaged = sequence / "shot7.exr"
     write_exr(damaged, np.ones((24, 32, 3)))  # a constant, which is compressed, unlike noise
     damaged.write_bytes(damaged.read_bytes()[:-16] + bytes(16))
-    said = run("denoise", sequence, "-o", tmp_path / "out", "--method", "svgf", code=2).stderr  # OpenEXR prints a message as well
+    # OpenEXR prints a message as well.
+    said = run("denoise", sequence, "-o", tmp_path / "out", "--method", "svgf", code=2).stderr
     assert f"yester: error: {damaged}: truncated or corrupt" in said.splitlines()[-1]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {f"shot{i + 1}.exr" for i in range(6)}
     svgf = yester.SVGF()
