@@ -1,5 +1,6 @@
 """The predictive error, which needs no reference, and the plan that it decides."""
 
+import warnings
 from dataclasses import replace
 
 import flight
@@ -179,6 +180,17 @@ def test_the_pipeline_is_svgf(moving):
         assert_same_bits(planned.step(frame).color, svgf.step(yester.Frame(**kept)).color)
     planned.reset()
     assert_same_bits(planned.step(frame).color, yester.SVGF(iterations=2).step(yester.Frame(**kept)).color)
+
+
+def test_planning_does_not_judge_motion(moving):
+    """Parts of frames may move otherwise than the camera; the pipeline warns of whole ones."""
+    wrong = [replace(frame, motion=-frame.motion) for frame in moving]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pipeline = yester.plan(wrong).pipeline()
+    pipeline.step(wrong[0])
+    with pytest.warns(UserWarning, match="motion: expected previous minus current"):
+        pipeline.step(wrong[1])
 
 
 def test_saved_and_loaded(still, moving, tmp_path):
