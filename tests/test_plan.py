@@ -370,6 +370,17 @@ def test_commands(folder, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_frame_that_lacks_a_buffer(still, tmp_path):
+    """It is denoised without, and the others with it."""
+    (tmp_path / "frames").mkdir()
+    frames = [replace(frame, ids=None) if number == 1 else frame for number, frame in enumerate(still)]
+    for number, frame in enumerate(frames):
+        write_exr(tmp_path / "frames" / f"{number}.exr", frame)
+    run("denoise", tmp_path / "frames", "-o", tmp_path / "out")
+    assert len([*(tmp_path / "out").iterdir()]) == len(frames)
+
+
+@pytest.mark.slow
 def test_commands_refuse(folder, tmp_path):
     assert "--plan: expected no --method" in refused(
         "denoise", folder, "-o", tmp_path / "out", "--plan", tmp_path / "x.toml", "--method", "taa"

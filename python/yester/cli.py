@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from copy import copy
+from dataclasses import replace
 from functools import partial
 from glob import escape
 from importlib.util import find_spec
@@ -374,7 +375,8 @@ def _denoise(options: argparse.Namespace) -> int:
             first = list(islice(frames, PLANNED))
             found = _planned(first)
             tqdm.write(f"plan: {found.summary()}", file=sys.stderr)
-            method, frames = found.pipeline(), chain(first, frames)
+            # It is for these very frames, of which some may lack a buffer that others have.
+            method, frames = replace(found, buffers=()).pipeline(), chain(first, frames)
         return _noted(denoise(frames, method, lookahead), used)
 
     # The header's camera and jitter stay as they are.
