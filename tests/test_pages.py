@@ -112,7 +112,7 @@ def test_tables(data, name):
 
 def test_contents_of_tables(data):
     assert table("methods", data)[1] == [
-        *("**SVGF, both sides** (`yester denoise`)", "31", "**34.60**", *["**0.1000**"] * 3)
+        *("**SVGF, both sides** (`yester denoise --method svgf`)", "31", "**34.60**", *["**0.1000**"] * 3)
     ]
     assert table("methods", data)[-1][:3] == ["noisy input", "", "12.60"]
     assert table("groups", data)[1][:3] == ["`tuning`", "SVGF, both sides", "32.20"]

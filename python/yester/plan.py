@@ -341,13 +341,14 @@ class Planned:
 def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     """Find out what a sequence needs from its first frames: which stages of `SVGF`, and which buffers.
 
-    `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge the
-    results (``yester.study.predictive_error``). The third pass of the filter is left out if the estimated loss is no
-    loss, and at two standard errors not more than 5 % of the result's change from frame to frame, about 1 % of its
-    relMSE. The choice of passes and buffers are left out only if the result is better without, at two standard errors:
-    by 5 % of that change, and for buffers by 12.5 %, or 50 % if they are worth most at edges (depth, normals, ids,
-    camera). Gradient, innovation and reflections are judged but always used: they are there for what the first frames
-    may not show. The combination is judged once more. Without evidence, everything is used.
+    `SVGF` runs over these frames as it is by default, and without each stage and buffer in turn. New samples judge
+    the results (``yester.study.predictive_error``). The third pass of the filter is left out if the result is
+    estimated to be no worse without it, and even at two standard errors worse by at most 5 % of its change from
+    frame to frame, about 1 % of its relMSE. The choice of passes and buffers are left out only if the result is
+    better without, at two standard errors: by 5 % of that change, and for buffers by 12.5 %, or 50 % if they are
+    worth most at edges (depth, normals, ids, camera). Gradient, innovation and reflections are judged but always
+    used: they are there for what the first frames may not show. The combination is judged once more. Without
+    evidence, everything is used.
 
     If camera and scene stand still and the light is constant, all samples are averaged as long as nothing moves
     (``average_still=True``), unless that is significantly worse.
@@ -524,6 +525,7 @@ class _Planning:
             half = len(parts) // 2
             halves = [_bound([span], min(trial.errors, 0))[0] for span in (parts[:half], parts[half:])]
             useless = all(each <= trial.allowed for each in (bound, *halves))
+            # Where motion is wrong, results change so much that 5 % of the change is a clear loss.
             useless &= trial.errors < 0 or loss <= 0
             numbers = range(len(found[trial.name]))
             saved = sum(self.run(number, base).ms - self.run(number, trial).ms for number in numbers)

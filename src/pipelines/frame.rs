@@ -162,10 +162,10 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// Pixels of motion that are no motion.
+/// Motion up to so many pixels counts as none.
 const NO_MOTION: f32 = 1e-3;
 
-/// Whether no pixel moves. NaN says that nothing is known.
+/// Whether no pixel moves. Motion of NaN is unknown, and does not count as movement.
 fn is_zero(motion: Pixels) -> bool {
     let mut row = [[0.0; SEGMENT]; 2];
     let mut runs = (0..motion.size.height).flat_map(|y| segments(y, motion.size.width));

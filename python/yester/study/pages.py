@@ -68,7 +68,7 @@ RUNS = {
 
 #: The methods between which users choose: name in the tables, and in the chart.
 _METHODS = {
-    "**SVGF, both sides** (`yester denoise`)": "SVGF, both sides",
+    "**SVGF, both sides** (`yester denoise --method svgf`)": "SVGF, both sides",
     "**SVGF**": "SVGF",
     "BMFR": "BMFR",
     "TAA": "TAA best",
