@@ -212,10 +212,10 @@ def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE)
 
     A method has three turns. In each it starts anew, warms up over eight frames and is timed over the next three; slow
     methods get fewer frames, at least one each, and a single turn if it takes more than a minute. The results of a
-    method that reads ahead come in bursts: whole bursts are timed, and every result gets the mean; a burst that is long
-    and slow needs no other warm-up. The order of the methods is different in every turn, and each method waits until
-    the threads of its predecessor have stopped spinning. The result is cached in ``times.json`` and reused for the same
-    methods, size and build.
+    method that reads ahead come in bursts: whole bursts are timed, and every result gets the mean. The first burst never
+    counts, as later frames are read and worked on for it that the next bursts need. The order of the methods is
+    different in every turn, and each method waits until the threads of its predecessor have stopped spinning. The
+    result is cached in ``times.json`` and reused for the same methods, size and build.
 
     Parameters
     ----------
@@ -266,8 +266,6 @@ def _turn(method: Method, frames: Sequence[Frame]) -> list[float]:
 
     def source() -> Iterator[Frame]:
         for most in (_WARM_UP, _TIMED):
-            if sum(spent) > 1e3 * PATIENCE and len(spent) >= _WARM_UP + _TIMED:
-                break  # A burst this long includes its own warm-up.
             spent.clear()
             while len(spent) < most and sum(spent) < 1e3 * PATIENCE:
                 begin = len(spent)
