@@ -28,6 +28,15 @@ impl Tiles {
         }
     }
 
+    /// On in some rows of tiles.
+    pub fn rows(size: Size, on: impl Fn(usize) -> bool) -> Self {
+        let mut tiles = Self::new(size);
+        for (row, tiles) in tiles.bands().enumerate() {
+            tiles.fill(on(row));
+        }
+        tiles
+    }
+
     pub fn any(&self) -> bool {
         self.on.contains(&true)
     }
@@ -35,12 +44,15 @@ impl Tiles {
     /// The union of several masks.
     pub fn any_of(size: Size, tiles: &[Self]) -> Self {
         let mut any = Self::new(size);
-        for tiles in tiles {
-            for (on, &other) in any.on.iter_mut().zip(&tiles.on) {
-                *on |= other;
-            }
-        }
+        tiles.iter().for_each(|tiles| any.add(tiles));
         any
+    }
+
+    /// Adds another mask's tiles.
+    pub fn add(&mut self, other: &Self) {
+        for (on, &other) in self.on.iter_mut().zip(&other.on) {
+            *on |= other;
+        }
     }
 
     /// The tiles of each band, from left to right.

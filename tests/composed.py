@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from reference.taa import PRESETS, same_surface, tells_depth
 from yester.study.synthetic import raycast
 
-TILE, PERIOD = 16, 8
+TILE = 16
+#: Every row of tiles tries all reflections in TRIED of PERIOD frames.
+PERIOD, TRIED = 16, 2
 
 
 def sequence(count: int, *, moving=True, size=(61, 43), holes=True) -> list[dict]:
@@ -526,10 +528,13 @@ class SVGF:
         sample = np.where(here & there, both, np.where(here, sample[::2], below))
         ids = None if frame.ids is None else frame.ids[::2]
         scores, best = np.zeros_like(old), np.zeros(sample.shape[:2], np.float32)
+        sure, age = np.zeros_like(best), self.mirrored.age
+        tried = (age < TRIED) | ((age + TRIED * (np.arange(height) // TILE)) % PERIOD < TRIED)
         winner, motions, asked = np.full(sample.shape[:2], -1), [], []
         for k, distance in enumerate(self.distances if known is None else [None]):
-            everywhere = self.mirrored.age % PERIOD == 0
-            asked.append(np.ones((height, width), bool) if everywhere else self.mirrored.tiles[k])
+            asked.append(np.broadcast_to(tried[:, None], (height, width)))
+            if self.mirrored.tiles is not None:
+                asked[k] = asked[k] | self.mirrored.tiles[k]
             with np.errstate(invalid="ignore"):
                 hit = frame.depth * np.float32(distance) if known is None else known
             motions.append(yester.virtual_motion(geometry, hit, frame.camera, self.before.camera))
@@ -544,13 +549,13 @@ class SVGF:
                 scores[..., channel] = np.repeat(averages[-1], 2, axis=0)[:height]
             gain, standardized = averages
             wins = (standardized < -0.5) & (gain < best) & (coverage > 0)[::2]
-            best[wins], winner[wins] = gain[wins], k
+            best[wins], winner[wins], sure[wins] = gain[wins], k, standardized[wins]
         tiles, moved = [np.zeros((height, width), bool) for _ in self.distances], np.full_like(motions[0], np.nan)
         for k, motion in enumerate(motions):
             won = np.repeat(winner == k, 2, axis=0)[:height]
             moved[won] = motion[won]
-            places, counts = np.unique(np.argwhere(winner == k) * [2, 1] // TILE, axis=0, return_counts=True)
-            for top, left in places[counts >= TILE * TILE // 2 // 16] * TILE:
+            certain = np.argwhere((winner == k) & (sure < -1)) * [2, 1] // TILE
+            for top, left in np.unique(certain, axis=0) * TILE:
                 rows, columns = (slice(max(first - TILE, 0), first + 2 * TILE) for first in (top, left))
                 tiles[k][rows, columns] = True
         values, coverage = yester.reproject(self.history, moved, fallback=False, **kind)
@@ -561,7 +566,7 @@ class SVGF:
         moved[~carried] = np.nan
         self.asked.append(np.mean(asked))
         self.won.append((winner >= 0).mean())
-        return SimpleNamespace(scores=scores, tiles=tiles, age=self.mirrored.age + 1, motion=moved[..., :2])
+        return SimpleNamespace(scores=scores, tiles=tiles, age=age + 1, motion=moved[..., :2])
 
 
 class HalfRes(SVGF):

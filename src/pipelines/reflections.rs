@@ -8,8 +8,9 @@
 //!
 //! Evaluating a candidate costs a gather and a window. So it is evaluated in every second row, by the mean of the samples in
 //! that row and the next, as reflections that matter are larger than two rows. And as with one noisy sample per pixel some
-//! candidate always wins somewhere by chance, each is evaluated only in tiles where it won many pixels in the last frame and
-//! in the tiles around them, and everywhere in every eighth frame.
+//! candidate always wins somewhere by chance, each is evaluated only in tiles where it won a pixel beyond doubt in the last
+//! frame and in the tiles around them. Elsewhere it is tried again in two frames of sixteen, in other rows of tiles each time,
+//! so that no frame takes longer than others.
 
 use std::ops::Range;
 
@@ -38,13 +39,14 @@ const SHARE: f32 = 0.3;
 const RADIUS: usize = 3;
 /// The winner of pixels where no candidate wins.
 const NONE: u32 = u32::MAX;
-/// Candidates are evaluated in all tiles once in so many frames.
-const PERIOD: usize = 8;
+/// What a pixel's average standardized gain must be below for its candidate to be evaluated in the next frame, too. Chance
+/// alone does that to one pixel in a hundred.
+const BEYOND_DOUBT: f32 = -1.0;
+/// Every row of tiles tries all candidates in [`TRIED`] of so many frames. One frame alone tells little: an average begins at 0.
+const PERIOD: usize = 16;
+const TRIED: usize = 2;
 /// Candidates are evaluated in one of so many rows.
 const ROWS: usize = 2;
-/// Pixels that a candidate must win in a tile to be evaluated there again: a sixteenth of those evaluated.
-const MANY: usize = Tiles::SIDE * Tiles::SIDE / ROWS / 16;
-
 /// What one frame leaves to the next.
 pub struct Memory {
     /// The lightly filtered light by which the next frame's candidates are compared.
@@ -56,17 +58,22 @@ pub struct Memory {
 pub struct Scores {
     /// The average gain of each, then the average standardized gain of each.
     pub image: Records,
-    /// The tiles in which each is evaluated.
+    /// The tiles in which the next frame evaluates each.
     evaluated: Vec<Tiles>,
     age: usize,
 }
 
 impl Scores {
     pub fn new(size: Size, candidates: usize) -> Self {
+        Self::of(size, candidates, 0)
+    }
+
+    fn of(size: Size, candidates: usize, age: usize) -> Self {
+        let tried = |row| age < TRIED || (age + TRIED * row) % PERIOD < TRIED;
         Self {
             image: Records::new(size, 2 * candidates),
-            evaluated: vec![Tiles::new(size); candidates],
-            age: 0,
+            evaluated: vec![Tiles::rows(size, tried); candidates],
+            age,
         }
     }
 }
@@ -103,12 +110,8 @@ pub fn choose(
     let (size, past) = (color.size, &memory.scores);
     let geometry = frame.geometry()?;
     let sources = Source::all(frame, distances)?;
-    let mut scores = Scores {
-        age: past.age + 1,
-        ..Scores::new(size, distances.len())
-    };
-    let everywhere = past.age.is_multiple_of(PERIOD);
-    if !everywhere && !past.evaluated.iter().any(Tiles::any) {
+    let mut scores = Scores::of(size, distances.len(), past.age + 1);
+    if !past.evaluated.iter().any(Tiles::any) {
         return Some(Won {
             scores,
             motion: None,
@@ -119,7 +122,8 @@ pub fn choose(
         camera: cameras[0],
         mirrored: Mirrored::new(cameras[0], cameras[1]),
         sources,
-        tiles: (!everywhere).then(|| (&*past.evaluated, Tiles::any_of(size, &past.evaluated))),
+        evaluated: &past.evaluated,
+        anywhere: Tiles::any_of(size, &past.evaluated),
         tests: mirrored_tests(frame.surface, before),
         distances: distances.len(),
     };
@@ -178,8 +182,10 @@ struct Candidates<'a> {
     camera: &'a Camera,
     mirrored: Mirrored<'a>,
     sources: Vec<Source<'a>>,
-    /// The tiles in which each is evaluated, and those in which any is; None: everywhere.
-    tiles: Option<(&'a [Tiles], Tiles)>,
+    /// The tiles in which each is evaluated.
+    evaluated: &'a [Tiles],
+    /// Those in which any is.
+    anywhere: Tiles,
     tests: Tests<'a>,
     /// Half of the channels of the scores.
     distances: usize,
@@ -239,7 +245,8 @@ impl<'a> Candidates<'a> {
             size,
         };
         let band = BAND * size.width * 2 * self.distances;
-        let mut won: Vec<_> = scores.evaluated.iter_mut().map(Tiles::bands).collect();
+        let mut certain = vec![Tiles::new(size); scores.evaluated.len()];
+        let mut won: Vec<_> = certain.iter_mut().map(Tiles::bands).collect();
         let motions = rows::optional(motion.map(Image::bands));
         let outs = carried.bands().zip(bands_of(coverage, size));
         let outs = outs
@@ -254,7 +261,9 @@ impl<'a> Candidates<'a> {
             });
         rows::run(&kernel, size.height, outs);
         drop(won);
-        scores.evaluated = scores.evaluated.iter().map(Tiles::grown).collect();
+        for (evaluated, certain) in scores.evaluated.iter_mut().zip(&certain) {
+            evaluated.add(&certain.grown());
+        }
     }
 }
 
@@ -276,15 +285,6 @@ impl Scratch {
 }
 
 impl Candidates<'_> {
-    /// The parts of a run for which a candidate is evaluated, or any if it is None.
-    #[inline(always)]
-    fn runs(&self, candidate: Option<usize>, run: Run) -> impl Iterator<Item = Run> {
-        let tiles = (self.tiles.as_ref()).map(|(each, any)| candidate.map_or(any, |k| &each[k]));
-        let part = tiles.map(|tiles| tiles.runs(run));
-        let whole = part.is_none().then_some(run);
-        part.into_iter().flatten().chain(whole)
-    }
-
     /// The motion of a run along a candidate; `scratch` holds the surfaces from the column `left` on.
     #[inline(always)]
     fn follow<'s>(
@@ -334,12 +334,10 @@ impl<'a> Kernel for Evaluate<'a> {
         let [mut light, mut base, mut color] = [[[0.0; SEGMENT]; 3]; 3];
         for row in rows {
             let y = ROWS * row;
-            if candidates.tiles.is_some() {
-                for k in 0..candidates.sources.len() {
-                    errors.row(k, row).fill(f32::NAN);
-                }
+            for k in 0..candidates.sources.len() {
+                errors.row(k, row).fill(f32::NAN);
             }
-            for run in segments(y, width).flat_map(|run| candidates.runs(None, run)) {
+            for run in segments(y, width).flat_map(|run| candidates.anywhere.runs(run)) {
                 let motion = lanes.load(&self.motion, run);
                 self.base.run(run, motion, &mut known);
                 take_light(&known, run.len, &mut base);
@@ -356,7 +354,7 @@ impl<'a> Kernel for Evaluate<'a> {
                 self.sample(run, &mut color);
                 (scratch.shown).find(candidates.geometry, candidates.camera, run);
                 for (k, &source) in candidates.sources.iter().enumerate() {
-                    for part in candidates.runs(Some(k), run) {
+                    for part in candidates.evaluated[k].runs(run) {
                         let motion = candidates.follow(source, part, run.x, &mut scratch);
                         self.fetch.run(part, motion, &mut fetched);
                         take_light(&fetched, part.len, &mut light);
@@ -434,7 +432,7 @@ struct Outs<'a> {
     motion: Option<BandMut<'a>>,
     /// Interleaved.
     scores: &'a mut [f32],
-    /// Of each candidate, the tiles in which it won many pixels.
+    /// Of each candidate, the tiles in which it won a pixel beyond doubt.
     won: Vec<&'a mut [bool]>,
 }
 
@@ -452,9 +450,11 @@ impl<'a> Kernel for TakeWinners<'a> {
         let Evaluated { errors, scores } = &self.evaluated;
         let (mut scratch, mut fetched) = (Scratch::new(), self.fetch.room());
         let (mut best, mut winner) = (vec![0.0; width], vec![0; width]);
+        // The winner's standardized gain.
+        let mut sure = vec![0.0; width];
         let tiles = width.div_ceil(Tiles::SIDE);
         let mut any = vec![false; tiles];
-        let mut wins = vec![vec![0; tiles]; candidates.sources.len()];
+        let mut certain = vec![vec![false; tiles]; candidates.sources.len()];
         for y in rows.step_by(ROWS) {
             let row = y / ROWS;
             ids.roll(row, y == top);
@@ -463,7 +463,8 @@ impl<'a> Kernel for TakeWinners<'a> {
             any.fill(false);
             for (k, around) in around.iter_mut().enumerate() {
                 around.roll(errors.view().channel(k).into(), row, y == top);
-                for run in segments(y, width).flat_map(|run| candidates.runs(Some(k), run)) {
+                let evaluated = &candidates.evaluated[k];
+                for run in segments(y, width).flat_map(|run| evaluated.runs(run)) {
                     let there = Run { y: row, ..run };
                     average(simd, there, errors.size.height, around, &ids, &mut gains);
                     let averages = [&mut gains.mean, &mut gains.standardized];
@@ -477,6 +478,7 @@ impl<'a> Kernel for TakeWinners<'a> {
                     let errors = &errors[RADIUS + run.x..][..run.len];
                     let best = &mut best[run.x..][..run.len];
                     let winner = &mut winner[run.x..][..run.len];
+                    let sure = &mut sure[run.x..][..run.len];
                     let gain = &gains.mean[..run.len];
                     let standardized = &gains.standardized[..run.len];
                     for i in 0..run.len {
@@ -484,6 +486,7 @@ impl<'a> Kernel for TakeWinners<'a> {
                         let wins = significant & (gain[i] < best[i]);
                         best[i] = if wins { gain[i] } else { best[i] };
                         winner[i] = if wins { k as u32 } else { winner[i] };
+                        sure[i] = if wins { standardized[i] } else { sure[i] };
                     }
                     for y in y..(y + ROWS).min(height) {
                         let channels = 2 * candidates.distances;
@@ -497,11 +500,13 @@ impl<'a> Kernel for TakeWinners<'a> {
                     }
                 }
             }
-            for (k, wins) in (0..).zip(&mut wins) {
-                for (tile, winner) in winner.chunks(Tiles::SIDE).enumerate() {
-                    let count = winner.iter().filter(|&&winner| winner == k).count();
-                    wins[tile] += count;
-                    any[tile] |= count > 0;
+            let (winners, sure) = (winner.chunks(Tiles::SIDE), sure.chunks(Tiles::SIDE));
+            for (tile, pixels) in winners.zip(sure).enumerate() {
+                for (&winner, &sure) in pixels.0.iter().zip(pixels.1) {
+                    any[tile] |= winner != NONE;
+                    if winner != NONE && sure < BEYOND_DOUBT {
+                        certain[winner as usize][tile] = true;
+                    }
                 }
             }
             for y in y..(y + ROWS).min(height) {
@@ -511,10 +516,8 @@ impl<'a> Kernel for TakeWinners<'a> {
                 }
             }
         }
-        for (won, wins) in out.won.into_iter().zip(&wins) {
-            for (won, &wins) in won.iter_mut().zip(wins) {
-                *won = wins >= MANY;
-            }
+        for (won, certain) in out.won.into_iter().zip(&certain) {
+            won.copy_from_slice(certain);
         }
     }
 }
