@@ -67,12 +67,17 @@ def supersampled(camera: yester.Camera, side: int = 8) -> NDArray[np.float32]:
     return raycast.truth(flight.scene(0, camera), side)
 
 
+def find_still(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.float32] | None:
+    """The cameras' motion, if cameras and geometry are known."""
+    geometry = frame.depth if frame.position is None else frame.position
+    if geometry is None or before is None or None in (frame.camera, before.camera):
+        return None
+    return yester.motion_vectors(geometry, frame.camera, before.camera)
+
+
 def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.float32]:
     """The frame's motion, with its change of depth completed from the cameras; else the cameras' motion; else none."""
-    geometry = frame.depth if frame.position is None else frame.position
-    motion, still = frame.motion, None
-    if geometry is not None and before is not None and None not in (frame.camera, before.camera):
-        still = yester.motion_vectors(geometry, frame.camera, before.camera)
+    motion, still = frame.motion, find_still(frame, before)
     if motion is not None and still is not None and motion.shape[-1] == 2:
         dx, dy = np.moveaxis(motion - still[..., :2], -1, 0)
         change = np.where(dx * dx + dy * dy <= 0.25, still[..., 2], np.float32(0))
@@ -102,7 +107,7 @@ def go_to_nearest(motion: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.concatenate([there, motion[..., 2:]], -1)
 
 
-def antialias(settings: dict, history, color, motion, depth, tests=None) -> tuple[list, NDArray, NDArray]:
+def antialias(settings: dict, history, color, motion, depth, still=None, tests=None) -> tuple[list, NDArray, NDArray]:
     """The history merged with one more colour: colour and length, the old history's coverage and rejection."""
     tests, change, memory = tests or {}, None, None
     if history is None:
@@ -113,6 +118,8 @@ def antialias(settings: dict, history, color, motion, depth, tests=None) -> tupl
         if settings["dilate"] != "none":
             choose = "longest" if depth is None else "nearest"
             among = {"window": settings["dilate"], "margin": settings["dilate_margin"]}
+            if not settings["dilate_movers"] and depth is not None:
+                among["still"] = still
             moved = yester.dilate_motion(motion, depth, choose=choose, **among)
         known = {"fallback": False, **tests}
         (old, length), coverage = yester.reproject(history[:2], moved, filter=settings["filter"], **known)
@@ -159,7 +166,9 @@ class TAA:
             color = yester.resolve([color], [frame.jitter], filter="blackman-harris")
         motion = find_motion(frame, self.before)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
-        self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth, tests)
+        still = find_still(frame, self.before)
+        merged = antialias(self.settings, self.history, color, motion, frame.depth, still, tests)
+        self.history, confidence, rejection = merged
         shown, length = blacken(self.history[0]), self.history[1]
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": yester.exposure(shown)}
@@ -346,6 +355,7 @@ class SVGF:
     def advance(self, frame: yester.Frame, later, *, shows: bool) -> SimpleNamespace:
         sample = illumination(frame.color, frame)
         held, motion, gradient, mirrored = sample, find_motion(frame, self.before), None, None
+        still = find_still(frame, self.before)
         moved = motion
         if self.before is None:
             shape = sample.shape[:2]
@@ -450,7 +460,7 @@ class SVGF:
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection)
         if self.antialias:
-            final = self.finish(self.stage, final, frame, motion)
+            final = self.finish(self.stage, final, frame, motion, still)
         if later is not None:
             confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         return SimpleNamespace(
@@ -463,10 +473,10 @@ class SVGF:
             missing=int((~np.isfinite(sample).all(-1)).sum()),
         )
 
-    def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray) -> NDArray:
+    def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray, still) -> NDArray:
         """The output stage, whose history the samples correct, too."""
         before = self.antialiased
-        self.antialiased, _, _ = antialias(stage, before, color, motion, frame.depth)
+        self.antialiased, _, _ = antialias(stage, before, color, motion, frame.depth, still)
         shown, length = blacken(self.antialiased[0]), self.antialiased[1]
         if not self.innovation or before is None:
             return shown
@@ -618,7 +628,7 @@ class BMFR:
         sample, weight = illumination(frame.color, frame), None
         if frame.albedo is not None:
             weight = np.where((frame.albedo > 1 / 1024).any(-1), np.float32(1), np.float32(np.nan))
-        motion, gradient = find_motion(frame, self.before), None
+        motion, still, gradient = find_motion(frame, self.before), find_still(frame, self.before), None
         if self.before is None:
             history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), (), (3,))]
             confidence, rejection = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
@@ -671,7 +681,7 @@ class BMFR:
         if frame.albedo is not None:
             light = yester.remodulate(light, **texture_of(frame), emission=frame.emission)
         if self.antialias:
-            light = SVGF.finish(self, PRESETS["denoised"], light, frame, motion)
+            light = SVGF.finish(self, PRESETS["denoised"], light, frame, motion, still)
         return SimpleNamespace(
             color=blacken(light),
             history_length=length,

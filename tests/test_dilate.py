@@ -23,6 +23,40 @@ def test_reference(size, window, choose, channels, margin):
     assert_same_bits(got, want.numpy().astype(np.float32))
 
 
+@each("size", SIZES)
+@pytest.mark.parametrize("window", ["3x3", "cross"])
+@pytest.mark.parametrize("channels", [2, 3])
+@pytest.mark.parametrize("margin", [0.0, 0.1])
+def test_reference_beside_movers(size, window, channels, margin):
+    """Bit for bit, where a third of the pixels moves by itself, and some motion is unknown."""
+    rng = np.random.default_rng([*size, channels])
+    motion, still = compare.motions(rng, *size, channels), compare.motions(rng, *size, 3)
+    rests = rng.random(motion.shape[:2]) < 2 / 3
+    still[rests, :2] = motion[rests, :2] + rng.uniform(-0.4, 0.4, (rests.sum(), 2)).astype(np.float32)
+    depth = compare.surfaces(rng, *size)["depth"].round(1)
+    among = {"window": window, "margin": margin}
+    want = reference.dilate_motion(tensor(motion), tensor(depth), still=tensor(still), **among)
+    got = yester.dilate_motion(motion, depth, still=still, **among)
+    assert_same_bits(got, want.numpy().astype(np.float32))
+    assert min(size) < 20 or not np.array_equal(got, yester.dilate_motion(motion, depth, **among), equal_nan=True)
+
+
+def test_the_background_beside_a_mover_keeps_its_motion():
+    """Of two posts before a wall, past which the camera moves, one moves by itself."""
+    still = np.ones((3, 9, 2), np.float32)
+    depth = np.full((3, 9), 5, np.float32)
+    depth[:, 2] = depth[:, 6] = 2
+    still[:, 2] = still[:, 6] = 2
+    motion = still.copy()
+    motion[:, 6, 1] += 0.6
+    moved = yester.dilate_motion(motion, depth, still=still)
+    np.testing.assert_array_equal(moved[1, :, 0], [1, 2, 2, 2, 1, 1, 2, 1, 1])
+    np.testing.assert_array_equal(yester.dilate_motion(motion, depth)[1, :, 0], [1, 2, 2, 2, 1, 2, 2, 2, 1])
+    # Only those that move by more than half a pixel.
+    motion[:, 6, 1] = still[:, 6, 1] + 0.4
+    assert_same_bits(yester.dilate_motion(motion, depth, still=still), yester.dilate_motion(motion, depth))
+
+
 def test_an_edge_grows_by_a_pixel():
     depth = np.full((7, 7), 5, np.float32)
     motion = np.zeros((7, 7, 2), np.float32)
@@ -69,6 +103,10 @@ def test_bad_modes():
         yester.dilate_motion(motion, choose="longest", window="5x5")
     with pytest.raises(ValueError, match="depth"):
         yester.dilate_motion(motion, np.ones((4, 5), np.float32))
+    with pytest.raises(ValueError, match="still.*needs choose"):
+        yester.dilate_motion(motion, choose="longest", still=motion)
+    with pytest.raises(ValueError, match="still"):
+        yester.dilate_motion(motion, np.ones((4, 4), np.float32), still=motion[:3])
     for margin in (-0.1, 1, np.nan):
         with pytest.raises(ValueError, match="margin: expected a number from 0 to below 1"):
             yester.dilate_motion(motion, choose="longest", margin=margin)

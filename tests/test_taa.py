@@ -20,6 +20,7 @@ OVERRIDES = [
     {
         "dilate": "cross",
         "dilate_margin": 0.3,
+        "dilate_movers": False,
         "window": "5x5",
         "gamma": 1.5,
         "box": "variance",

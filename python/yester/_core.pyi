@@ -1036,6 +1036,9 @@ class TAA(Pipeline):
         Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
     dilate_margin : float, optional
         Its margin, 0 to below 1.
+    dilate_movers : bool, optional
+        Whether pixels also take the motion of neighbours that move by themselves, as far as cameras and depth or
+        position tell (the `still` of `dilate_motion`). By default all presets but "denoised" do.
     filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
         As in `reproject`.
     box, gamma, window, space, response : str or float, optional
@@ -1114,6 +1117,7 @@ class TAA(Pipeline):
         speed: _Threshold | None = None,
         dilate: Literal["3x3", "cross", "none"] | None = None,
         dilate_margin: float | None = None,
+        dilate_movers: bool | None = None,
         filter: _Filter | None = None,
         box: _Box | None = None,
         gamma: float | None = None,
@@ -1577,6 +1581,7 @@ def dilate_motion(
     motion: ArrayLike,
     depth: ArrayLike | None = None,
     *,
+    still: ArrayLike | None = None,
     choose: Literal["nearest", "longest"] = "nearest",
     window: Literal["3x3", "cross"] = "3x3",
     margin: float = 0.0,
@@ -1590,6 +1595,9 @@ def dilate_motion(
         As `motion_vectors` returns it.
     depth : (H, W) array_like of float, optional
         View-space z; NaN or not above 0 counts as infinitely far. Needed for `choose` "nearest".
+    still : (H, W, 2) or (H, W, 3) array_like of float, optional
+        Motion if nothing but the camera moved (`motion_vectors`). With it, and `choose` "nearest", a pixel does not take
+        the motion of neighbours that move by themselves: those whose motion differs from it by more than half a pixel.
     choose : {"nearest", "longest"}, default "nearest"
         Takes the motion of the neighbour with the smallest depth, or the longest motion in pixels.
     window : {"3x3", "cross"}, default "3x3"
@@ -1609,7 +1617,7 @@ def dilate_motion(
     Raises
     ------
     ValueError
-        On wrong shapes, an unknown mode, a margin out of range, or "nearest" without depth.
+        On wrong shapes, an unknown mode, a margin out of range, "nearest" without depth, or `still` without "nearest".
 
     See Also
     --------
@@ -1621,7 +1629,8 @@ def dilate_motion(
     With dilation, the history of an edge moves with the foreground as a whole, so that the edge is antialiased [1]_.
     Without it, histories of different surfaces do not mix. The published rule has no margin: on surfaces that turn or
     come closer, where motion differs from pixel to pixel, it fetches history beside its place, and blurs it. `TAA`,
-    `Upscaler` and the denoisers dilate with a margin of 0.1, which leaves the motion of surfaces alone.
+    `Upscaler` and the denoisers dilate with a margin of 0.1, which leaves the motion of surfaces alone. Beside an object
+    that moves by itself, dilation drags the history of the background along; the denoisers do not dilate there.
 
     References
     ----------

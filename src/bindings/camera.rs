@@ -669,6 +669,9 @@ pub fn virtual_motion_<'py>(
 ///     As `motion_vectors` returns it.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; NaN or not above 0 counts as infinitely far. Needed for `choose` "nearest".
+/// still : (H, W, 2) or (H, W, 3) array_like of float, optional
+///     Motion if nothing but the camera moved (`motion_vectors`). With it, and `choose` "nearest", a pixel does not take
+///     the motion of neighbours that move by themselves: those whose motion differs from it by more than half a pixel.
 /// choose : {"nearest", "longest"}, default "nearest"
 ///     Takes the motion of the neighbour with the smallest depth, or the longest motion in pixels.
 /// window : {"3x3", "cross"}, default "3x3"
@@ -688,7 +691,7 @@ pub fn virtual_motion_<'py>(
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes, an unknown mode, a margin out of range, or "nearest" without depth.
+///     On wrong shapes, an unknown mode, a margin out of range, "nearest" without depth, or `still` without "nearest".
 ///
 /// See Also
 /// --------
@@ -700,7 +703,8 @@ pub fn virtual_motion_<'py>(
 /// With dilation, the history of an edge moves with the foreground as a whole, so that the edge is antialiased [1]_.
 /// Without it, histories of different surfaces do not mix. The published rule has no margin: on surfaces that turn or
 /// come closer, where motion differs from pixel to pixel, it fetches history beside its place, and blurs it. `TAA`,
-/// `Upscaler` and the denoisers dilate with a margin of 0.1, which leaves the motion of surfaces alone.
+/// `Upscaler` and the denoisers dilate with a margin of 0.1, which leaves the motion of surfaces alone. Beside an object
+/// that moves by itself, dilation drags the history of the background along; the denoisers do not dilate there.
 ///
 /// References
 /// ----------
@@ -718,11 +722,12 @@ pub fn virtual_motion_<'py>(
 ///        [4., 4., 4., 0.],
 ///        [4., 4., 4., 0.]], dtype=float32)
 #[pyfunction]
-#[pyo3(signature = (motion, depth=None, *, choose="nearest", window="3x3", margin=0.0, out=None))]
+#[pyo3(signature = (motion, depth=None, *, still=None, choose="nearest", window="3x3", margin=0.0, out=None))]
 pub fn dilate_motion<'py>(
     py: Python<'py>,
     motion: &Bound<'py, PyAny>,
     depth: Option<&Bound<'py, PyAny>>,
+    still: Option<&Bound<'py, PyAny>>,
     choose: &str,
     window: &str,
     margin: f32,
@@ -738,9 +743,17 @@ pub fn dilate_motion<'py>(
         if nearest && depth.is_none() {
             return Err(needs("choose=\"nearest\"", "depth"));
         }
+        let still = Input::<f32>::optional(still, "still", MOTION, motion.size())?;
+        if still.is_some() && !nearest {
+            return Err(needs("still", "choose=\"nearest\""));
+        }
         let out = Out::given(out, motion.shape())?;
         let depth = depth.as_ref().filter(|_| nearest).map(Input::data);
-        let choice = depth.map_or(Choice::Longest, |depth| Choice::Nearest(depth.flat()));
+        let still = still.as_ref().map(|still| still.data().pixels());
+        let choice = depth.map_or(Choice::Longest, |depth| Choice::Nearest {
+            depth: depth.flat(),
+            still,
+        });
         let pixels = motion.data().pixels();
         out.fill(py, motion.shape(), |dilated| {
             let dilated = PixelsMut::bands(pixels.size, pixels.channels, dilated);

@@ -291,7 +291,10 @@ proptest! {
         let motion = draw.wild(3);
         let params = dilate::Params { window: draw.of(&dilate::Window::NAMES).1, margin: 0.9 * draw.share() };
         let choice = match draw.coin() {
-            true => dilate::Choice::Nearest(depth.view()),
+            true => {
+                let still = draw.coin().then(|| position.pixels());
+                dilate::Choice::Nearest { depth: depth.view(), still }
+            }
             false => dilate::Choice::Longest,
         };
         let dilated = written!(size, 3, |dilated| dilate::dilate_motion(motion.pixels(), choice, params, dilated));

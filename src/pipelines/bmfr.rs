@@ -19,6 +19,7 @@ use super::svgf;
 use super::taa::{self, AFTER_DENOISER, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Pixels, Records, View};
+use crate::kernels::camera::dilate::Choice;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::{gradient, innovation};
@@ -181,6 +182,8 @@ impl Steps for Bmfr {
 /// A frame's buffers as the passes read them.
 struct Inputs<'a> {
     frame: &'a Frame<'a>,
+    /// The camera of the frame before.
+    before: Option<Camera>,
     motion: Motion<'a>,
     texture: Option<Texture<'a>>,
     features: Features<'a>,
@@ -209,6 +212,7 @@ impl<'a> Inputs<'a> {
         ]));
         Self {
             frame,
+            before: camera.copied(),
             motion,
             texture: illumination::texture(frame, surfaces),
             features: Features {
@@ -279,8 +283,10 @@ impl<'a> Inputs<'a> {
         shown: &mut [f32],
     ) {
         let depth = self.frame.surface.depth.map(Pixels::plane);
+        let still = stage.still(self.frame, self.before.as_ref());
+        let choice = Choice::of(depth, still.as_ref());
         let out = PixelsMut::bands(color.size, 3, shown);
-        stage.step(color.into(), self.motion.pixels(), depth, out, None);
+        stage.step(color.into(), self.motion.pixels(), choice, out, None);
         stage.correct(correction, self.frame.color, &self.motion, shown);
     }
 }

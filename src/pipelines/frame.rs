@@ -146,19 +146,22 @@ impl<'a> Frame<'a> {
     ) -> Motion<'a> {
         let size = self.color.size;
         used.extend(self.motion.map(|_| "motion"));
-        let cameras = self.camera.as_ref().zip(previous);
-        let still = (cameras.zip(self.geometry()))
-            .filter(|_| self.motion.is_none_or(|motion| motion.channels == 2))
-            .map(|((camera, previous), geometry)| {
-                used.push("camera");
-                still_motion(size, geometry, camera, previous)
-            });
+        let lacks = self.motion.is_none_or(|motion| motion.channels == 2);
+        let still = lacks.then(|| self.still(previous)).flatten();
+        used.extend(still.as_ref().map(|_| "camera"));
         match (self.motion, still) {
             (Some(motion), Some(still)) => Motion::Completed(complete(motion, still)),
             (Some(motion), None) => Motion::Given(motion),
             (None, Some(still)) => Motion::Computed(still),
             (None, None) => Motion::Computed(Image::new(size, 2)),
         }
+    }
+
+    /// The motion, with change of depth, if only the camera moves; None if cameras or geometry are unknown.
+    pub(super) fn still(&self, previous: Option<&Camera>) -> Option<Image> {
+        let ((camera, previous), geometry) =
+            (self.camera.as_ref().zip(previous)).zip(self.geometry())?;
+        Some(still_motion(self.color.size, geometry, camera, previous))
     }
 }
 

@@ -382,10 +382,10 @@ impl Svgf {
         let params = &self.params;
         let mut past = self.state.take();
         let first = past.is_none();
-        let before = past.as_ref().and_then(|past| past.memory.camera.as_ref());
+        let before = past.as_ref().and_then(|past| past.memory.camera);
         let mut used = vec![];
-        let motion = frame.motion(before, &mut used);
-        let accumulate = params.accumulate_in(frame, before);
+        let motion = frame.motion(before.as_ref(), &mut used);
+        let accumulate = params.accumulate_in(frame, before.as_ref());
         let surfaces = surfaces(frame);
         (past.iter_mut()).for_each(|past| past.memory.disown(surfaces.as_ref()));
         let texture = texture(frame, surfaces.as_ref());
@@ -395,6 +395,7 @@ impl Svgf {
             params,
             accumulate,
             frame,
+            before,
             motion: &motion,
             texture,
             guide: OnceCell::new(),
@@ -499,6 +500,8 @@ struct Current<'a> {
     /// How the frame's samples join the history.
     accumulate: accumulate::Params,
     frame: &'a Frame<'a>,
+    /// The camera of the frame before.
+    before: Option<Camera>,
     motion: &'a Motion<'a>,
     texture: Option<Texture<'a>>,
     /// Built at its first use, after images that are no longer needed have been freed.

@@ -24,7 +24,7 @@ use super::frame::{
 use super::motion_check::Mistake;
 use super::recall::find_gradient;
 use crate::error::{Error, Result};
-use crate::image::{Image, Pixels, Records, View};
+use crate::image::{Image, Pixels, Records};
 use crate::kernels::camera::dilate::{self, Choice, dilate_motion};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
@@ -84,20 +84,27 @@ impl Stage {
         self.history = None;
     }
 
-    /// Merges a colour into the history, and makes pixels black that no frame had a sample for. `tested` are the surface
-    /// tests, and where to report on them. Returns the number of missing samples.
+    /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
+    pub fn still(&self, frame: &Frame, before: Option<&Camera>) -> Option<Image> {
+        let asks = self.params.dilate.is_some() && !self.params.dilate_movers;
+        // Without motion of their own, no surfaces move by themselves.
+        let moves = asks && frame.surface.depth.is_some() && frame.motion.is_some();
+        moves.then(|| frame.still(before)).flatten()
+    }
+
+    /// Merges a colour into the history, and makes pixels black that no frame had a sample for. `choice` is that of the
+    /// dilation; `tested` are the surface tests, and where to report on them. Returns the number of missing samples.
     pub fn step<'a>(
         &mut self,
         color: Pixels<'a>,
         motion: Pixels<'a>,
-        depth: Option<View<'a>>,
+        choice: Choice<'a>,
         merged: impl Iterator<Item = PixelsMut<'a>>,
         tested: Option<(Tests<'a>, Vec<Report>)>,
     ) -> usize {
         let before = self.history.take();
         let (tests, report) = tested.unzip();
         let tests = tests.unwrap_or_else(Tests::none);
-        let choice = depth.map_or(Choice::Longest, Choice::Nearest);
 
         let params = self.params.exposed(color);
         let dilation = (params.dilation()).filter(|_| params.gradient || params.alternation);
@@ -304,12 +311,13 @@ impl Taa {
         let surface = before.as_ref().map(|before| before.surface.surface());
         let tests = (params.limits).tests(frame.surface, surface.unwrap_or_default(), rays);
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
+        let still = self.stage.still(frame, camera);
         used.extend(list_used(&tests, depth.is_some()));
         let (shown, report) = output.parts(size);
         let missing = self.stage.step(
             color,
             motion.pixels(),
-            depth.map(Pixels::plane),
+            Choice::of(depth.map(Pixels::plane), still.as_ref()),
             PixelsMut::bands(size, 3, shown),
             Some((tests, report)),
         );

@@ -172,7 +172,7 @@ impl Steps for Upscaler {
         let grids = Grids::new(fresh.size, large, frame.jitter.unwrap_or_default());
         let exposure = exposure(fresh);
 
-        let choice = depth.map_or(Choice::Longest, Choice::Nearest);
+        let choice = Choice::of(depth, None);
         let dilated = dilate(motion.pixels(), choice, dilate::Params::EDGES);
         let disoccluded = find_disoccluded(depth, motion.pixels(), params.separation);
         let thin = find_thin_features(fresh);

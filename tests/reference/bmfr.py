@@ -10,7 +10,7 @@ from .innovation import correct
 from .regress import regress
 from .reproject import reproject
 from .svgf import SVGF, Output
-from .taa import PRESETS, find_motion
+from .taa import PRESETS, find_motion, find_still
 
 OFFSETS = [(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)]
 
@@ -30,6 +30,7 @@ class BMFR(SVGF):
             light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
             weight = torch.where((frame.albedo > 1 / 1024).any(-1), 1.0, torch.nan).to(light)  # (H, W)
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
+        still = find_still(frame, self.previous)  # (H, W, 3)
         if self.previous is None:
             flat = torch.zeros_like(light[..., 0])  # (H, W)
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), flat, torch.zeros_like(light)]
@@ -73,6 +74,6 @@ class BMFR(SVGF):
         if frame.albedo is not None:
             smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
-            smooth = self.finish(PRESETS["denoised"], smooth, frame, motion)  # (H, W, 3)
+            smooth = self.finish(PRESETS["denoised"], smooth, frame, motion, still)  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         return Output(smooth, None, length, confidence, rejection, missing)

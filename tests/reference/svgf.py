@@ -14,7 +14,7 @@ from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .innovation import correct, innovation
 from .reproject import reproject
-from .taa import PRESETS, antialias, find_motion, tells_depth
+from .taa import PRESETS, antialias, find_motion, find_still, tells_depth
 from .variance import estimate_variance
 
 #: Samples that a prediction needs, and standard deviations by which the mean may exceed it.
@@ -90,6 +90,7 @@ class SVGF:
             light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
         similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
+        still = find_still(frame, self.previous)  # (H, W, 3)
         if self.previous is None:
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), torch.zeros_like(light[..., 0])]
             confidence = torch.zeros_like(light[..., 0])  # (H, W)
@@ -157,17 +158,17 @@ class SVGF:
         if frame.albedo is not None:
             smooth = remodulate(smooth, **texture_of(frame), emission=emission)  # (H, W, 3)
         if self.antialias:
-            smooth = self.finish(self.stage, smooth, frame, motion)  # (H, W, 3)
+            smooth = self.finish(self.stage, smooth, frame, motion, still)  # (H, W, 3)
         smooth = smooth.where(smooth.isfinite(), 0)  # (H, W, 3)
         if later is not None:
             confidence = confidence.maximum(later.confidence)  # (H, W)
             rejection = rejection & later.rejection.to(rejection)  # (H, W)
         return Output(smooth, smooth_variance, length, confidence, rejection, missing, chosen)
 
-    def finish(self, stage: dict, smooth: Tensor, frame, motion: Tensor) -> Tensor:
+    def finish(self, stage: dict, smooth: Tensor, frame, motion: Tensor, still: Tensor | None) -> Tensor:
         """The output stage (H, W, 3), which the samples correct together with its history, from the second frame on."""
         before = self.antialiased
-        (color, length), *_ = antialias(stage, before, smooth, motion, frame.depth)  # (H, W, 3), (H, W)
+        (color, length), *_ = antialias(stage, before, smooth, motion, frame.depth, still)  # (H, W, 3), (H, W)
         shown = color.where(color.isfinite(), 0)  # (H, W, 3)
         if self.innovation and before is not None:
             known = {

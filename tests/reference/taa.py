@@ -20,6 +20,7 @@ from .resolve import resolve
 TEXTBOOK = {
     "dilate": "none",
     "dilate_margin": 0.0,
+    "dilate_movers": True,
     "filter": "bilinear",
     "box": "minmax",
     "gamma": 1.0,
@@ -71,7 +72,7 @@ BEST = TEXTBOOK | {
     "speed": (0.0, 1.0),
     "reconstruct": True,
 }
-DENOISED = BEST | {"gamma": 0.75, "response": "center", "alpha": 0.1, "fast_alpha": 0.3}
+DENOISED = BEST | {"dilate_movers": False, "gamma": 0.75, "response": "center", "alpha": 0.1, "fast_alpha": 0.3}
 PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KARIS, "filament": FILAMENT}
 
 
@@ -90,7 +91,13 @@ class Output(NamedTuple):
 
 
 def antialias(
-    settings: dict, history: list[Tensor] | None, color: Tensor, motion: Tensor, depth, tests: dict | None = None
+    settings: dict,
+    history: list[Tensor] | None,
+    color: Tensor,
+    motion: Tensor,
+    depth,
+    still: Tensor | None = None,
+    tests: dict | None = None,
 ) -> Antialiased:
     """Merge a colour into the history: dilate, reproject, clip, blend.
 
@@ -103,6 +110,7 @@ def antialias(
     color : (H, W, 3)
     motion : (H, W, 2) or (H, W, 3)
     depth : (H, W), or None: then the longest motion of the neighbourhood is used
+    still : (H, W, 3), the motion that the cameras cause, if it is known
     tests : of surfaces, as for `reproject`
     """
     tests = tests or {}
@@ -116,6 +124,8 @@ def antialias(
         if settings["dilate"] != "none":
             choose = "longest" if depth is None else "nearest"
             among = {"window": settings["dilate"], "margin": settings["dilate_margin"]}
+            if not settings["dilate_movers"] and depth is not None:
+                among["still"] = still
             there = dilate_motion(motion, depth, choose=choose, **among)  # (H, W, 2|3)
         (old, length), coverage = reproject(history[:2], there, filter=settings["filter"], fallback=False, **tests)
         if settings["alternation"]:
@@ -168,12 +178,17 @@ def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:
     return tests | ({"previous_camera": before.camera} if plane else {})
 
 
+def find_still(frame, before) -> Tensor | None:
+    """The cameras' motion, if cameras and geometry are known."""
+    geometry = frame.position if frame.position is not None else frame.depth  # (H, W, 3) or (H, W)
+    if geometry is None or before is None or frame.camera is None or before.camera is None:
+        return None
+    return motion_vectors(geometry, frame.camera, before.camera)  # (H, W, 3)
+
+
 def find_motion(frame, before) -> Tensor:
     """The frame's motion; else the cameras' motion; else none. The change of depth is completed where both agree."""
-    motion, still = frame.motion, None  # (H, W, 2|3)
-    geometry = frame.position if frame.position is not None else frame.depth  # (H, W, 3) or (H, W)
-    if geometry is not None and before is not None and frame.camera is not None and before.camera is not None:
-        still = motion_vectors(geometry, frame.camera, before.camera)  # (H, W, 3)
+    motion, still = frame.motion, find_still(frame, before)  # (H, W, 2|3), (H, W, 3)
     if motion is not None and still is not None and motion.shape[-1] == 2:
         alike = (motion - still[..., :2]).square().sum(-1) <= 0.25  # (H, W)
         return torch.cat([motion, still[..., 2:].where(alike[..., None], 0)], -1)  # (H, W, 3)
@@ -212,7 +227,9 @@ class TAA:
             color = resolve([color], torch.as_tensor(frame.jitter)[None], filter="blackman-harris")  # (H, W, 3)
         motion = find_motion(frame, self.before)  # (H, W, 2|3)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
-        self.history, confidence, rejection = antialias(self.settings, self.history, color, motion, frame.depth, tests)
+        still = find_still(frame, self.before)  # (H, W, 3)
+        merged = antialias(self.settings, self.history, color, motion, frame.depth, still, tests)
+        self.history, confidence, rejection = merged
         shown, length = self.history[0].nan_to_num(0, 0, 0), self.history[1]  # (H, W, 3), (H, W)
         if self.innovation and self.before is not None:
             known = {"evidence": self.evidence, "motion": motion, "exposure": exposure(shown)}

@@ -35,6 +35,9 @@ use crate::pipelines::taa;
 ///     Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
 /// dilate_margin : float, optional
 ///     Its margin, 0 to below 1.
+/// dilate_movers : bool, optional
+///     Whether pixels also take the motion of neighbours that move by themselves, as far as cameras and depth or
+///     position tell (the `still` of `dilate_motion`). By default all presets but "denoised" do.
 /// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
 ///     As in `reproject`.
 /// box, gamma, window, space, response : str or float, optional
@@ -111,7 +114,7 @@ pub struct TAA {
 #[pymethods]
 impl TAA {
     #[new]
-    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, dilate_margin=None,
+    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, dilate_margin=None, dilate_movers=None,
         filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
         plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
         innovation=false))]
@@ -123,6 +126,7 @@ impl TAA {
         speed: Option<Bounds>,
         dilate: Option<&str>,
         dilate_margin: Option<f32>,
+        dilate_movers: Option<bool>,
         filter: Option<&str>,
         r#box: Option<&str>,
         gamma: Option<f32>,
@@ -153,6 +157,7 @@ impl TAA {
         let mut params = choice("preset", renamed(py, preset)?, &taa::Params::PRESETS)?;
         params.dilate = or(dilate, "dilate", &taa::Params::DILATIONS, params.dilate)?;
         params.dilate_margin = dilate_margin.unwrap_or(params.dilate_margin);
+        params.dilate_movers = dilate_movers.unwrap_or(params.dilate_movers);
         params.filter = or(filter, "filter", &Filter::NAMES, params.filter)?;
         let factor = &mut params.blend_factor;
         factor.alpha = alpha.unwrap_or(factor.alpha);

@@ -8,15 +8,19 @@
 //! misses the pixel's history by up to a pixel and blurs it. So a neighbour may be required to be nearer by a margin m,
 //! z < (1 - m) z₀, or its motion to be longer by as much, (1 - m) |v| > |v₀|. The published rule has m = 0.
 //!
-//! Inputs: motion (2 or 3), depth (1, optional). Output: motion. Motion that is not finite is never chosen; depth that
+//! Beside an object that moves by itself, the background has texture of its own, over which the object's motion drags
+//! history. So neighbours may be left out whose motion is not that of a still scene; their edges are antialiased less.
+//!
+//! Inputs: motion (2 or 3), depth (1, optional), motion of the still scene (2 or 3, optional). Output: motion. Motion that is not finite is never chosen; depth that
 //! is NaN or not above 0 counts as infinite. Ties go to the pixel itself, then to the first neighbour from the top
 //! left.
 
 use std::ops::Range;
 
 use crate::error::{Result, in_range};
-use crate::image::{Pixels, Run, SEGMENT, View, segments};
-use crate::math::smaller;
+use crate::image::{Image, Pixels, Run, SEGMENT, View, segments};
+use crate::kernels::camera::motion::is_still;
+use crate::math::{larger, smaller};
 use crate::pixels::{PixelsMut, Rolling, Row, lanes};
 use crate::rows::{self, Kernel, Simd};
 
@@ -70,9 +74,22 @@ impl Params {
 #[derive(Clone, Copy, Debug)]
 pub enum Choice<'a> {
     /// That of the least depth.
-    Nearest(View<'a>),
+    Nearest {
+        /// View-space z.
+        depth: View<'a>,
+        /// The motion of the still scene: neighbours that move by themselves are left out.
+        still: Option<Pixels<'a>>,
+    },
     /// The longest.
     Longest,
+}
+
+impl<'a> Choice<'a> {
+    /// The nearest, if there is depth.
+    pub fn of(depth: Option<View<'a>>, still: Option<&'a Image>) -> Self {
+        let still = still.map(Image::pixels);
+        depth.map_or(Self::Longest, |depth| Self::Nearest { depth, still })
+    }
 }
 
 /// Sliding window of three rows of motion.
@@ -82,9 +99,9 @@ pub(crate) struct Dilation<'a> {
     window: Window,
     /// Factor on a pixel's own rank, by which it wins against neighbours within the margin.
     handicap: f32,
-    /// Rank, then the channels of motion; the lowest rank wins. The rank is the depth, or minus the squared length. It
-    /// is `f32::MAX` for infinite depth and infinity for unknown motion.
-    rows: Rolling<4>,
+    /// A pixel's rank for itself and as a neighbour, then the channels of its motion; the lowest rank wins. The rank is the
+    /// depth, or minus the squared length. It is `f32::MAX` for infinite depth and infinity for unknown motion.
+    rows: Rolling<5>,
 }
 
 impl<'a> Dilation<'a> {
@@ -95,7 +112,7 @@ impl<'a> Dilation<'a> {
             choice,
             window,
             handicap: match choice {
-                Choice::Nearest(_) => rest,
+                Choice::Nearest { .. } => rest,
                 Choice::Longest => 1.0 / (rest * rest),
             },
             rows: Rolling::new(motion.size.width, 1),
@@ -150,12 +167,12 @@ impl<'a> Dilation<'a> {
         let rows = [-1, 0, 1].map(|dy| self.rows.columns(run, dy));
         for i in 0..lanes(run) {
             // Start from the pixel itself, so that it wins ties.
-            let [own, mut x, mut y, mut z] = rows[1].map(|row| row[i + 1]);
+            let [own, _, mut x, mut y, mut z] = rows[1].map(|row| row[i + 1]);
             let mut best = own * self.handicap;
             for dy in 0..3 {
                 for dx in 0..3 {
                     if has(dx, dy) {
-                        let [rank, tx, ty, tz] = rows[dy].map(|row| row[i + dx]);
+                        let [_, rank, tx, ty, tz] = rows[dy].map(|row| row[i + dx]);
                         let nearer = rank < best;
                         best = if nearer { rank } else { best };
                         x = if nearer { tx } else { x };
@@ -170,8 +187,9 @@ impl<'a> Dilation<'a> {
 }
 
 #[inline(always)]
-fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, x, y, z]: [&mut [f32]; 4]) {
+fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, offered, x, y, z]: [&mut [f32]; 5]) {
     let n = row.len;
+    let offered = &mut offered[..n];
     let (ranks, x, y, z) = (&mut ranks[..n], &mut x[..n], &mut y[..n], &mut z[..n]);
     motion.load(row, 0, x);
     motion.load(row, 1, y);
@@ -181,7 +199,7 @@ fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, x, y, z]: [&mut [f32]
         z.fill(0.0);
     }
     match choice {
-        Choice::Nearest(depth) => {
+        Choice::Nearest { depth, .. } => {
             for (rank, &depth) in ranks.iter_mut().zip(depth.row(0, row.y)) {
                 let near = (depth > 0.0) & (depth < f32::MAX);
                 *rank = if near { depth } else { f32::MAX };
@@ -196,6 +214,27 @@ fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, x, y, z]: [&mut [f32]
     for i in 0..n {
         let known = x[i].is_finite() & y[i].is_finite() & z[i].is_finite();
         ranks[i] = if known { ranks[i] } else { f32::INFINITY };
+    }
+    offered.copy_from_slice(ranks);
+    if let Choice::Nearest {
+        still: Some(still), ..
+    } = choice
+    {
+        let mut lanes = [[0.0; SEGMENT]; 2];
+        for run in segments(row.y, n) {
+            still
+                .part(0..2)
+                .read(run, lanes.each_mut().map(Row::as_mut_slice));
+            for i in 0..run.len {
+                let at = run.x + i;
+                let moves = !is_still([x[at], y[at]], [lanes[0][i], lanes[1][i]]);
+                offered[at] = if moves {
+                    larger(offered[at], f32::MAX)
+                } else {
+                    offered[at]
+                };
+            }
+        }
     }
 }
 

@@ -83,7 +83,10 @@ impl<'a> Moved<'a> {
     fn dilation(&self) -> Dilation<'a> {
         Dilation::new(
             self.motion,
-            Choice::Nearest(self.depth),
+            Choice::Nearest {
+                depth: self.depth,
+                still: None,
+            },
             dilate::Params::default(),
         )
     }

@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::passes::Passes;
 use super::{Current, Shown};
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, bands_of, segments};
+use crate::kernels::camera::dilate::Choice;
 use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
@@ -57,8 +58,10 @@ pub fn finish(
     drop(passes);
     if let Some(((stage, color), show)) = antialias.zip(aliased).zip(show) {
         let depth = now.frame.surface.depth.map(Pixels::plane);
+        let still = stage.still(now.frame, now.before.as_ref());
+        let choice = Choice::of(depth, still.as_ref());
         let out = PixelsMut::bands(size, 3, show);
-        stage.step(color.pixels(), now.motion.pixels(), depth, out, None);
+        stage.step(color.pixels(), now.motion.pixels(), choice, out, None);
         let correction = now.params.innovation.map(|_| AFTER_DENOISER);
         stage.correct(correction, now.frame.color, now.motion, show);
     }

@@ -21,6 +21,8 @@ pub struct Params {
     pub dilate: Option<Window>,
     /// The margin of the dilation.
     pub dilate_margin: f32,
+    /// Whether a pixel may also take the motion of neighbours that move by themselves.
+    pub dilate_movers: bool,
     /// How history is interpolated.
     pub filter: Filter,
     /// How history is clipped to the colours of the neighbourhood.
@@ -140,6 +142,7 @@ impl Params {
     pub const TEXTBOOK: Self = Self {
         dilate: None,
         dilate_margin: 0.0,
+        dilate_movers: true,
         filter: Filter::Bilinear,
         clip: neighborhood::Params {
             bounds: Bounds::MinMax,
@@ -236,6 +239,7 @@ impl Params {
 
     /// Our own measurements' choice for denoised frames: the denoiser's errors stay in history, so it is kept for fewer frames.
     pub const DENOISED: Self = Self {
+        dilate_movers: false,
         clip: neighborhood::Params {
             gamma: 0.75,
             response: Response::Center,
