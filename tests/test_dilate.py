@@ -103,7 +103,7 @@ def test_bad_modes():
         yester.dilate_motion(motion, choose="longest", window="5x5")
     with pytest.raises(ValueError, match="depth"):
         yester.dilate_motion(motion, np.ones((4, 5), np.float32))
-    with pytest.raises(ValueError, match="still.*needs choose"):
+    with pytest.raises(ValueError, match=r"still.*needs choose"):
         yester.dilate_motion(motion, choose="longest", still=motion)
     with pytest.raises(ValueError, match="still"):
         yester.dilate_motion(motion, np.ones((4, 4), np.float32), still=motion[:3])

@@ -670,8 +670,9 @@ pub fn virtual_motion_<'py>(
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; NaN or not above 0 counts as infinitely far. Needed for `choose` "nearest".
 /// still : (H, W, 2) or (H, W, 3) array_like of float, optional
-///     Motion if nothing but the camera moved (`motion_vectors`). With it, and `choose` "nearest", a pixel does not take
-///     the motion of neighbours that move by themselves: those whose motion differs from it by more than half a pixel.
+///     Motion if nothing but the camera moved (`motion_vectors`). With it, a pixel does not take the motion of
+///     neighbours that move by themselves: those whose motion differs from it by more than half a pixel. For `choose`
+///     "nearest".
 /// choose : {"nearest", "longest"}, default "nearest"
 ///     Takes the motion of the neighbour with the smallest depth, or the longest motion in pixels.
 /// window : {"3x3", "cross"}, default "3x3"
@@ -703,8 +704,8 @@ pub fn virtual_motion_<'py>(
 /// With dilation, the history of an edge moves with the foreground as a whole, so that the edge is antialiased [1]_.
 /// Without it, histories of different surfaces do not mix. The published rule has no margin: on surfaces that turn or
 /// come closer, where motion differs from pixel to pixel, it fetches history beside its place, and blurs it. `TAA`,
-/// `Upscaler` and the denoisers dilate with a margin of 0.1, which leaves the motion of surfaces alone. Beside an object
-/// that moves by itself, dilation drags the history of the background along; the denoisers do not dilate there.
+/// `Upscaler` and the denoisers dilate with a margin of 0.1, which leaves the motion of surfaces alone. Beside an
+/// object that moves by itself, dilation drags the history of the background along; the denoisers do not dilate there.
 ///
 /// References
 /// ----------

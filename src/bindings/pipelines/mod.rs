@@ -243,10 +243,16 @@ impl<'py> Room<'py> {
         })
     }
 
-    fn output(self, py: Python<'py>, summary: pipelines::Summary) -> PyResult<Output> {
+    /// Makes the output, and says what seems wrong with the frame's motion.
+    fn output(
+        self,
+        py: Python<'py>,
+        summary: pipelines::Summary,
+        mistake: Option<pipelines::Mistake>,
+    ) -> PyResult<Output> {
         let [variance, choice] =
             [self.variance, self.choice].map(|array| array.map(Direct::array).transpose());
-        Ok(Output {
+        let output = Output {
             color: self.color.array()?.unbind(),
             variance: variance?.map(Bound::unbind),
             choice: choice?.map(Bound::unbind),
@@ -255,7 +261,9 @@ impl<'py> Room<'py> {
             rejection: self.rejection.array()?.unbind(),
             used: PyTuple::new(py, summary.used)?.unbind(),
             missing: summary.missing,
-        })
+        };
+        warn(py, mistake)?;
+        Ok(output)
     }
 }
 
@@ -563,9 +571,7 @@ impl<'py> FrameArgs<'py> {
         let (summary, mistake) = detached(py, || pipeline.step(&frame, output))??;
         // Release the frame's buffers first: `out` may alias them.
         drop(self);
-        let output = room.output(py, summary)?;
-        warn(py, mistake)?;
-        Ok(output)
+        room.output(py, summary, mistake)
     }
 
     /// The same with the history of later frames.
@@ -586,9 +592,7 @@ impl<'py> FrameArgs<'py> {
         let (frame, history) = (self.frame(), later.history());
         let (summary, mistake) = detached(py, || pipeline.step_between(&frame, &history, output))??;
         drop((self, later));
-        let output = room.output(py, summary)?;
-        warn(py, mistake)?;
-        Ok(output)
+        room.output(py, summary, mistake)
     }
 
     /// The same for a denoised frame, with the samples that it was made of.
@@ -609,9 +613,7 @@ impl<'py> FrameArgs<'py> {
         let (frame, noisy) = (self.frame(), samples.data().pixels());
         let (summary, mistake) = detached(py, || pipeline.step_denoised(&frame, noisy, output))??;
         drop((self, samples));
-        let output = room.output(py, summary)?;
-        warn(py, mistake)?;
-        Ok(output)
+        room.output(py, summary, mistake)
     }
 
     /// Runs `recall` on the frame without the interpreter's lock.

@@ -757,6 +757,9 @@ fn squared_weights(place: usize, count: usize) -> [f32; 3] {
     }
 }
 
+/// Channels of the history behind an image that [`Innovation::correct`] takes: colour and length.
+const BEHIND: usize = 4;
+
 /// Scratch: d interpolated at the height of one row of pixels, with a halo of one block on each side.
 pub(crate) struct Line([Vec<f32>; 3]);
 
@@ -804,7 +807,7 @@ impl Innovation {
             width: size.width,
         };
         let band = BAND * size.width;
-        let histories = rows::optional(history.map(|history| history.chunks_mut(band * 4)));
+        let histories = rows::optional(history.map(|history| history.chunks_mut(band * BEHIND)));
         let outs = colors.chunks_mut(band * 3).zip(histories);
         rows::run(&kernel, size.height, outs);
     }
@@ -860,7 +863,7 @@ impl<'a> Kernel for Correct<'a> {
                 }
                 interleave(predicted.iter().map(|row| &row[..run.len]), colors);
                 if let Some(history) = &mut history {
-                    let pixels = &mut history.as_chunks_mut::<4>().0[first..][..run.len];
+                    let pixels = &mut history.as_chunks_mut::<BEHIND>().0[first..][..run.len];
                     for (i, [r, g, b, _]) in pixels.iter_mut().enumerate() {
                         for (value, found) in [r, g, b].into_iter().zip(&found) {
                             *value = corrected(*value, found[i]);

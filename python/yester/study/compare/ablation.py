@@ -173,6 +173,7 @@ ABLATIONS = (
         }.items()
     ),
     _stage("alternation", added=True, alternation=True),
+    _stage("dilation around movers", added=True, dilate_movers=True),
     *(_ablation(whole, "innovation", run) for whole, run in _CORRECTED.items()),
     replace(
         _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),
@@ -183,6 +184,7 @@ ABLATIONS = (
         _ablation(_TAA, component, run)
         for component, run in {
             "dilation": pipeline(TAA, dilate="none"),
+            "dilation around movers": pipeline(TAA, dilate_movers=False),
             "clip": pipeline(TAA, gamma=_ENDLESS),
             "cubic history": pipeline(TAA, filter="bilinear"),
             "tone-mapped box": pipeline(TAA, space="ycocg"),

@@ -212,8 +212,8 @@ def times(methods: Sequence[Method], folder: Path, size: tuple[int, int] = SIZE)
 
     A method has three turns. In each it starts anew, warms up over eight frames and is timed over the next three; slow
     methods get fewer frames, at least one each, and a single turn if it takes more than a minute. The results of a
-    method that reads ahead come in bursts: whole bursts are timed, and every result gets the mean. The first burst never
-    counts, as later frames are read and worked on for it that the next bursts need. The order of the methods is
+    method that reads ahead come in bursts: whole bursts are timed, and every result gets the mean. The first burst
+    never counts, as later frames are read and worked on for it that the next bursts need. The order of the methods is
     different in every turn, and each method waits until the threads of its predecessor have stopped spinning. The
     result is cached in ``times.json`` and reused for the same methods, size and build.
 
