@@ -516,6 +516,15 @@ def test_the_first_frame_is_as_usual(iterations):
         svgf.reset()
 
 
+def test_tiles_leave_no_seams():
+    """The number of passes changes from pixel to pixel by an eighth of what it changes from tile to tile."""
+    _, frames = halves(12)
+    chosen = [out.choice for out in steps(frames)[4:]]
+    assert max(np.ptp(image) for image in chosen) >= 3
+    for axis in (1, 2):
+        assert np.abs(np.diff(chosen, axis=axis)).max() <= 4 / 8 + 1e-6
+
+
 @pytest.mark.parametrize(("alpha", "first"), [(0.2, 4), (0.25, 4), (0.3, None)])
 def test_three_samples_predict(alpha, first):
     """The fourth frame's samples are the first to be compared, so the fifth frame is the first that may choose.
