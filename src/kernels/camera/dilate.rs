@@ -8,12 +8,13 @@
 //! misses the pixel's history by up to a pixel and blurs it. So a neighbour may be required to be nearer by a margin m,
 //! z < (1 - m) z₀, or its motion to be longer by as much, (1 - m) |v| > |v₀|. The published rule has m = 0.
 //!
-//! Beside an object that moves by itself, the background has texture of its own, over which the object's motion drags
-//! history. So neighbours may be left out whose motion is not that of a still scene; their edges are antialiased less.
+//! The background beside an object that moves by itself would follow the object's motion and fetch its own texture from the
+//! wrong place. So neighbours may be left out whose motion is not that of a still scene. The price is that the edges of such
+//! objects are antialiased less.
 //!
-//! Inputs: motion (2 or 3), depth (1, optional), motion of the still scene (2 or 3, optional). Output: motion. Motion that is not finite is never chosen; depth that
-//! is NaN or not above 0 counts as infinite. Ties go to the pixel itself, then to the first neighbour from the top
-//! left.
+//! Inputs: motion (2 or 3), depth (1, optional), motion of the still scene (2 or 3, optional). Output: motion. Motion that is
+//! not finite is never chosen; depth that is NaN or not above 0 counts as infinite. Ties go to the pixel itself, then to the
+//! first neighbour from the top left.
 
 use std::ops::Range;
 
