@@ -107,6 +107,50 @@ def go_to_nearest(motion: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.concatenate([there, motion[..., 2:]], -1)
 
 
+def dilated(settings: dict, motion, depth, still=None) -> NDArray:
+    """The motion by which a stage of antialiasing fetches."""
+    if settings["dilate"] == "none":
+        return motion
+    choose = "longest" if depth is None else "nearest"
+    among = {"window": settings["dilate"], "margin": settings["dilate_margin"]}
+    if not settings["dilate_movers"] and depth is not None:
+        among["still"] = still
+    return yester.dilate_motion(motion, depth, choose=choose, **among)
+
+
+class Shares:
+    """How much of the output stage each tile shows."""
+
+    def __init__(self):
+        self.luminances = self.evidence = None
+
+    def choose(self, samples: NDArray, denoised: NDArray, motion: NDArray, moved: NDArray, shown: NDArray) -> NDArray:
+        """The result, mixed per tile with the denoised colour and the samples."""
+        size, half, levels = shown.shape[:2], np.float32(0.5), None
+        three = [samples, denoised, shown]
+        with np.errstate(invalid="ignore"):
+            if self.luminances is not None:
+                fetched, coverage = yester.reproject(self.luminances, moved, fallback=False)
+                fetched = np.moveaxis(fetched, -1, 0)
+                pairs = [(fetched[c // 2], fetched[(c + 1) // 2]) for c in range(5)]
+                series = np.dstack([first + half * (second - first) for first, second in pairs])
+                series = np.where((coverage > 0)[..., None], series, np.float32(np.nan))
+                if self.evidence is not None:
+                    named = {"usual": 4, "margin": 0.3}
+                    chosen, self.evidence = yester.choice(self.evidence, motion, coverage, **named)
+                    levels = between_tiles(chosen, *size)[..., None]
+                named = {"exposure": yester.exposure(shown), "usual": 4}
+                self.evidence = yester.compare_candidates(samples, series, self.evidence, **named)
+            self.luminances = np.dstack([luminance(image) for image in three])
+            if levels is None:
+                return shown
+            less = half * levels < 1
+            first, second = np.where(less, samples, denoised), np.where(less, denoised, shown)
+            mixed = first + np.where(less, half * levels, half * levels - 1) * (second - first)
+        whole = np.isfinite(mixed).all(-1, keepdims=True)
+        return np.where((levels < 4) & whole, mixed, shown)
+
+
 def antialias(settings: dict, history, color, motion, depth, still=None, tests=None) -> tuple[list, NDArray, NDArray]:
     """The history merged with one more colour: colour and length, the old history's coverage and rejection."""
     tests, change, memory = tests or {}, None, None
@@ -114,13 +158,7 @@ def antialias(settings: dict, history, color, motion, depth, still=None, tests=N
         old, length = np.zeros_like(color), np.zeros_like(color[..., 0])
         coverage, rejection = length, np.zeros(length.shape, np.uint8)
     else:
-        moved = motion
-        if settings["dilate"] != "none":
-            choose = "longest" if depth is None else "nearest"
-            among = {"window": settings["dilate"], "margin": settings["dilate_margin"]}
-            if not settings["dilate_movers"] and depth is not None:
-                among["still"] = still
-            moved = yester.dilate_motion(motion, depth, choose=choose, **among)
+        moved = dilated(settings, motion, depth, still)
         known = {"fallback": False, **tests}
         (old, length), coverage = yester.reproject(history[:2], moved, filter=settings["filter"], **known)
         if settings["alternation"]:
@@ -341,8 +379,8 @@ class SVGF:
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
-        self.passes, self.stage = 3, PRESETS["denoised"]
-        self.before = self.antialiased = self.mirrored = self.evidence = self.lag = None
+        self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
+        self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.shares = None
         self.chooses, self.choice = choice, None
         self.asked, self.won = [], []  # weights of the pixels, by frame
 
@@ -455,7 +493,7 @@ class SVGF:
         self.expects_replay = self.before is None or frame.replay is not None
         self.before = frame
         if not shows:
-            self.antialiased = self.lag = None
+            self.antialiased = self.lag = self.shares = None
             names = "color", "moments", "history_length"
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection)
@@ -478,12 +516,15 @@ class SVGF:
         before = self.antialiased
         self.antialiased, _, _ = antialias(stage, before, color, motion, frame.depth, still)
         shown, length = blacken(self.antialiased[0]), self.antialiased[1]
-        if not self.innovation or before is None:
+        if self.innovation and before is not None:
+            known = {"evidence": self.lag, "motion": motion, "exposure": yester.exposure(shown)}
+            found, self.lag = yester.innovation(frame.color, shown, length, **known, strictness=12, share=0.7)
+            self.antialiased[0] = correct(self.antialiased[0], found)
+            shown = correct(shown, found)
+        if not stage["choice"] or before is None:
             return shown
-        known = {"evidence": self.lag, "motion": motion, "exposure": yester.exposure(shown)}
-        found, self.lag = yester.innovation(frame.color, shown, length, **known, strictness=12, share=0.7)
-        self.antialiased[0] = correct(self.antialiased[0], found)
-        return correct(shown, found)
+        self.shares = self.shares or Shares()
+        return self.shares.choose(frame.color, color, motion, dilated(stage, motion, frame.depth, still), shown)
 
     def choose(self, series: list, prediction, sample, motion, coverage, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""
@@ -585,7 +626,7 @@ class HalfRes(SVGF):
         named = {"sigma_luminance": sigma_luminance, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = np.float32(weight), radius
-        self.passes, self.stage = 4, {**self.stage, "gamma": 0.6}
+        self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False}
 
     def fill(self, color, length, alike):
         traced = np.isfinite(color).all(-1)
@@ -620,7 +661,7 @@ class BMFR:
         self.gradient, self.fireflies = gradient, fireflies
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
-        self.before = self.antialiased = self.evidence = self.lag = None
+        self.before = self.antialiased = self.evidence = self.lag = self.shares = None
         self.age = 0
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:

@@ -296,6 +296,21 @@ def test_no_such_folder(noisy, tmp_path):
 
 
 @pytest.mark.slow
+def test_more_samples(tmp_path):
+    """They have less noise, and are kept beside those of one."""
+    shape = {"frames": 2, "width": 32, "height": 24, "references": (1,), "reference_spp": 256}
+    few, many = (record("cornell_box", tmp_path, **shape, spp=spp) for spp in (1, 16))
+    assert not {*few.frames} & {*many.frames}
+    truth = few.reference(1)
+    noise = [np.abs(each.frame(1).color - truth).mean() for each in (few, many)]
+    assert noise[1] < 0.5 * noise[0]
+    with pytest.raises(ValueError, match="spp: expected 1 for passer_by"):
+        record("passer_by", tmp_path, **shape, spp=2)
+    with pytest.raises(ValueError, match="spp: expected at least 1"):
+        record("cornell_box", tmp_path, **shape, spp=0)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cornell_box", "passer_by"])
 def test_halves(tmp_path, name):
     """Two recordings of independent noise, also with motion blur, that together have the samples of one frame each."""

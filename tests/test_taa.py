@@ -511,10 +511,11 @@ def test_history_of_another_albedo_is_refused():
 
 
 def test_samples_of_a_denoised_frame():
-    """They count with `innovation` alone; missing ones say nothing."""
+    """Without `choice`, they count with `innovation` alone; missing ones say nothing."""
     rng, clean = np.random.default_rng(0), np.full((40, 60, 3), 0.5, np.float32)
     samples = [rng.gamma(4, 0.25, clean.shape).astype(np.float32) for _ in range(8)]
-    (with_them, plain, unlit), images = (yester.TAA("denoised", innovation=on) for on in (True, False, True)), []
+    stages = (yester.TAA("denoised", innovation=on, choice=False) for on in (True, False, True))
+    (with_them, plain, unlit), images = stages, []
     for noisy in samples:
         images.append(with_them.step(yester.Frame(clean), samples=noisy).color)
         assert_same_bits(plain.step(yester.Frame(clean), samples=noisy).color, clean)

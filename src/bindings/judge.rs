@@ -663,6 +663,9 @@ pub fn innovation_<'py>(
 ///     Standard errors by which another candidate must be better; at least 0.
 /// share : float, default 0.3
 ///     Fraction of the evidence that decays per frame; 0 to 1.
+/// margin : float, default 0.0
+///     By which fraction of what the default candidate gains over the first one another must be better, too; at least 0.
+///     If the first is the samples of the frame before, that gain is their noise.
 /// out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
 ///     Written and returned, as choice and evidence, instead of new arrays. A part may be None.
 ///
@@ -687,7 +690,7 @@ pub fn innovation_<'py>(
 /// Notes
 /// -----
 /// A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
-/// `strictness` standard errors of the steps between it and the default one wins; with fewer than 16 samples in the
+/// `strictness` standard errors of the steps between it and the default one wins, if that plus the margin is below 0; with fewer than 16 samples in the
 /// average, the default candidate stays.
 ///
 /// Examples
@@ -699,7 +702,7 @@ pub fn innovation_<'py>(
 /// >>> best
 /// array([[1.]], dtype=float32)
 #[pyfunction]
-#[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.3, out=None))]
+#[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.3, margin=0.0, out=None))]
 pub fn choice_<'py>(
     py: Python<'py>,
     evidence: &Bound<'py, PyAny>,
@@ -708,9 +711,14 @@ pub fn choice_<'py>(
     usual: i64,
     strictness: f32,
     share: f32,
+    margin: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
-    let params = choice::Params { strictness, share };
+    let params = choice::Params {
+        strictness,
+        share,
+        margin,
+    };
     params.check()?;
     let (chosen, carried) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;

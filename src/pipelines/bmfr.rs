@@ -1,7 +1,8 @@
 //! Block-wise multi-order feature regression (Koskela et al. 2019), as a list of this library's kernels:
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
-//!     → regress → blend → (innovation) → remodulate → (antialias → (innovation))
+//!     → regress → blend → (innovation) → remodulate
+//!     → (antialias → (innovation) → (choice))
 //!
 //! The passes before `regress` are those of [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in
 //! every frame. Every buffer but colour is optional; what is absent drops out of the tests and features.
@@ -287,7 +288,9 @@ impl<'a> Inputs<'a> {
         let choice = Choice::of(depth, still.as_ref());
         let out = PixelsMut::bands(color.size, 3, shown);
         stage.step(color.into(), self.motion.pixels(), choice, out, None);
-        stage.correct(correction, self.frame.color, &self.motion, shown);
+        let (samples, motion) = (self.frame.color, self.motion.pixels());
+        stage.correct(correction, samples, &self.motion, shown);
+        stage.choose(samples, color.into(), motion, choice, shown);
     }
 }
 

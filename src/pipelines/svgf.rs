@@ -2,7 +2,7 @@
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
 //!     → (lend) → accumulate → (join later frames) → (choice) → estimate variance → à-trous → (innovation) → remodulate
-//!     → (antialias → (innovation))
+//!     → (antialias → (innovation) → (choice))
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -173,6 +173,8 @@ impl Params {
             reflections: vec![0.5, 2.0],
             antialias: Some(taa::Params {
                 clip,
+                // Most pixels have no sample to judge by, nor to show.
+                choice: false,
                 ..taa::Params::DENOISED
             }),
             lend: Some(lend),

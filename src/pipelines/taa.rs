@@ -1,7 +1,7 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
 //!   (resolve the jittered sample) → (motion from cameras) → (expose) → (temporal gradient) → (alternation)
-//!     → dilate → reproject → clip → (anti-lag) → blend → (innovation)
+//!     → dilate → reproject → clip → (anti-lag) → blend → (innovation) → (choice)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
 //! alternation has a history of its own, so both run before it and reproject for themselves.
@@ -10,11 +10,13 @@
 //! that would refuse what antialiases it. The neighbourhood's colours decide instead. Tests can be switched on for
 //! sequences in which another surface's history has the neighbourhood's colours and would pass.
 
+mod choose;
 mod params;
 mod sweep;
 
 use std::ops::Range;
 
+use self::choose::{Candidates, choose};
 pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
 use super::correction::innovate;
@@ -62,6 +64,8 @@ struct History {
     alternation: Option<Records>,
     /// The innovation that was found and not corrected.
     evidence: Option<Records>,
+    /// The candidates that the next frame's samples judge, where tiles choose.
+    candidates: Option<Candidates>,
     /// Whether the frame is the first.
     first: bool,
 }
@@ -132,13 +136,41 @@ impl Stage {
             returns: (alternation.as_ref()).map(|memory| memory.pixels().part(RETURNS)),
         };
         let (merged, missing) = sweep.run(merged, report);
+        let first = before.is_none();
+        let (evidence, candidates) = before
+            .map(|before| (before.evidence, before.candidates))
+            .unzip();
         self.history = Some(History {
             merged,
             alternation,
-            first: before.is_none(),
-            evidence: before.and_then(|before| before.evidence),
+            evidence: evidence.flatten(),
+            candidates: candidates.flatten(),
+            first,
         });
         missing
+    }
+
+    /// Shows less of the stage where that predicts new samples better, if the parameters say so, in place of what it has shown
+    /// of a denoised colour. `choice` is that of the dilation.
+    pub fn choose(
+        &mut self,
+        samples: Pixels,
+        denoised: Pixels,
+        motion: Pixels,
+        choice: Choice,
+        shown: &mut [f32],
+    ) {
+        let history = self.history.as_mut().filter(|_| self.params.choice);
+        // In a first frame the result is the denoised colour, so that roundings would decide.
+        let Some(history) = history.filter(|history| !history.first) else {
+            return;
+        };
+        let before = history.candidates.take();
+        let dilation = self.params.dilation().filter(|_| before.is_some());
+        let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
+        let moved = dilated.as_ref().map_or(motion, Image::pixels);
+        let left = choose(before, samples, denoised, motion, moved, shown);
+        history.candidates = Some(left);
     }
 
     /// Corrects what [`Self::step`] has shown by the innovation of the frame's samples, and with it the history if that is fed
@@ -314,10 +346,11 @@ impl Taa {
         let still = self.stage.still(frame, camera);
         used.extend(list_used(&tests, depth.is_some()));
         let (shown, report) = output.parts(size);
+        let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());
         let missing = self.stage.step(
             color,
             motion.pixels(),
-            Choice::of(depth.map(Pixels::plane), still.as_ref()),
+            choice,
             PixelsMut::bands(size, 3, shown),
             Some((tests, report)),
         );
@@ -326,6 +359,9 @@ impl Taa {
             None => (frame.color, params.innovation),
         };
         (self.stage).correct(correction, fresh, &motion, output.color);
+        if let Some(samples) = samples {
+            (self.stage).choose(samples, color, motion.pixels(), choice, output.color);
+        }
         self.state = Some(State {
             camera: frame.camera,
             surface: params.limits.keep(frame.surface),

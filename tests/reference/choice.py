@@ -52,7 +52,7 @@ def _carry(evidence: Tensor, motion: Tensor, coverage: Tensor) -> Tensor:
     return carried.where(known[..., None], 0)
 
 
-def costs(evidence: Tensor, usual: int, strictness: float) -> Tensor:
+def costs(evidence: Tensor, usual: int, strictness: float, margin: float = 0.0) -> Tensor:
     """Costs (h, w, K) of candidates against the usual one, as squared errors; infinite where too little is known."""
     for axis in (0, 1):
         count = evidence.shape[axis]
@@ -67,13 +67,15 @@ def costs(evidence: Tensor, usual: int, strictness: float) -> Tensor:
         sign = 1 if candidate > usual else -1
         variance = (squares[..., between] / weight / (64 / 9 * weight)).sum(-1)  # (h, w)
         cost[..., candidate] = sign * (gains[..., between] / weight).sum(-1) + strictness * variance.sqrt()
+    lead = -(gains[..., :usual] / weight).sum(-1, keepdim=True)  # (h, w, 1)
+    cost = cost + margin * lead.clamp(min=0)  # (h, w, K)
     cost = cost.nan_to_num(torch.inf, torch.inf, torch.inf).where(n >= 16, torch.inf)
     cost[..., usual] = 0
     return cost
 
 
 def choice(
-    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, share=0.3
+    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, share=0.3, margin=0.0
 ) -> tuple[Tensor, Tensor]:
     """Choose of a series of predictions, tile by tile, the one that predicted the samples of earlier frames best.
 
@@ -85,13 +87,14 @@ def choice(
     usual : candidate that is chosen without evidence
     strictness : standard errors by which another must be better
     share : weight of the new frame: the fraction of the evidence that is forgotten
+    margin : fraction of the usual candidate's gain over the first by which another must be better, too
 
     Returns
     -------
     choice (h, w), evidence (h, w, 2 K) at the tiles' current places
     """
     carried = (1 - share) * _carry(evidence, motion, coverage)  # (h, w, 2 K)
-    least, best = costs(carried, usual, strictness).min(-1)  # (h, w), (h, w)
+    least, best = costs(carried, usual, strictness, margin).min(-1)  # (h, w), (h, w)
     return torch.where(least < 0, best, usual).to(evidence), carried
 
 

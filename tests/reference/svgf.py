@@ -14,7 +14,7 @@ from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .innovation import correct, innovation
 from .reproject import reproject
-from .taa import PRESETS, antialias, find_motion, find_still, tells_depth
+from .taa import PRESETS, Shares, antialias, dilated, find_motion, find_still, tells_depth
 from .variance import estimate_variance
 
 #: Samples that a prediction needs, and standard deviations by which the mean may exceed it.
@@ -76,12 +76,12 @@ class SVGF:
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
-        self.passes, self.stage = 3, PRESETS["denoised"]
+        self.passes, self.stage = 3, PRESETS["denoised"] | {"choice": choice}
         self.reset()
 
     def reset(self) -> None:
         self.previous = self.antialiased = self.evidence = self.lag = None
-        self.choosing = Choosing(self.iterations)
+        self.choosing, self.shares = Choosing(self.iterations), Shares()
 
     def step(self, frame, later=None) -> Output:
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
@@ -181,7 +181,10 @@ class SVGF:
             found, self.lag = innovation(frame.color, shown, length, **known)  # (H, W, 3), (h, w, 4)
             (color, _), (shown, _) = correct(color, found), correct(shown, found)  # (H, W, 3) twice
         self.antialiased = [color, length]
-        return shown
+        if not stage["choice"] or before is None:
+            return shown
+        there = dilated(stage, motion, frame.depth, still)  # (H, W, 2|3)
+        return self.shares.choose(frame.color, smooth, motion, there, shown)
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""

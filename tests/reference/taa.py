@@ -3,10 +3,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from .accumulate import luminance
 from .alternation import alternation
 from .anti_lag import anti_lag
 from .blend import blend
 from .blend_factor import blend_factor
+from .choice import choice, compare_candidates, levels
 from .consistency import consistency
 from .dilate import dilate_motion
 from .exposure import exposure
@@ -41,6 +43,7 @@ TEXTBOOK = {
     "gradient": False,
     "anti_lag": 0.0,
     "alternation": False,
+    "choice": False,
 }
 KARIS = TEXTBOOK | {
     "dilate": "cross",
@@ -72,7 +75,14 @@ BEST = TEXTBOOK | {
     "speed": (0.0, 1.0),
     "reconstruct": True,
 }
-DENOISED = BEST | {"dilate_movers": False, "gamma": 0.75, "response": "center", "alpha": 0.1, "fast_alpha": 0.3}
+DENOISED = BEST | {
+    "dilate_movers": False,
+    "gamma": 0.75,
+    "response": "center",
+    "alpha": 0.1,
+    "fast_alpha": 0.3,
+    "choice": True,
+}
 PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KARIS, "filament": FILAMENT}
 
 
@@ -120,13 +130,7 @@ def antialias(
         old, length = torch.zeros_like(color), torch.zeros_like(color[..., 0])  # (H, W, 3), (H, W)
         coverage, rejection = length, torch.zeros_like(length, dtype=torch.uint8)  # (H, W), (H, W)
     else:
-        there = motion  # (H, W, 2|3)
-        if settings["dilate"] != "none":
-            choose = "longest" if depth is None else "nearest"
-            among = {"window": settings["dilate"], "margin": settings["dilate_margin"]}
-            if not settings["dilate_movers"] and depth is not None:
-                among["still"] = still
-            there = dilate_motion(motion, depth, choose=choose, **among)  # (H, W, 2|3)
+        there = dilated(settings, motion, depth, still)  # (H, W, 2|3)
         (old, length), coverage = reproject(history[:2], there, filter=settings["filter"], fallback=False, **tests)
         if settings["alternation"]:
             memory, known = reproject(history[2], there, fallback=False, **tests)  # (H, W, 7), (H, W)
@@ -154,6 +158,46 @@ def antialias(
     new = blend(color, clipped, share, exposure=bright, **weights)  # (H, W, 3)
     length = counted.where(color.isfinite().all(-1), length)  # (H, W)
     return Antialiased([new, length, *kept], coverage, rejection)
+
+
+def dilated(settings: dict, motion: Tensor, depth: Tensor | None, still: Tensor | None) -> Tensor:
+    """The motion (H, W, 2|3) by which the stage fetches."""
+    if settings["dilate"] == "none":
+        return motion
+    among = {"window": settings["dilate"], "margin": settings["dilate_margin"]}
+    if not settings["dilate_movers"] and depth is not None:
+        among["still"] = still
+    return dilate_motion(motion, depth, choose="longest" if depth is None else "nearest", **among)
+
+
+class Shares:
+    """How much of the output stage each tile shows: samples, denoised colour, result, or means of two of them.
+
+    The candidates of the frame before, fetched along the dilated motion, are judged by the new samples.
+    """
+
+    def __init__(self):
+        self.luminances = self.evidence = None
+
+    def choose(self, samples: Tensor, denoised: Tensor, motion: Tensor, there: Tensor, shown: Tensor) -> Tensor:
+        """The mixture (H, W, 3), of samples, denoised colour and result (H, W, 3 each)."""
+        level = None
+        if self.luminances is not None:
+            fetched, coverage = reproject(self.luminances, there, fallback=False)  # (H, W, 3), (H, W)
+            first, second = fetched[..., [0, 0, 1, 1, 2]], fetched[..., [0, 1, 1, 2, 2]]  # (H, W, 5) each
+            series = ((first + second) / 2).where((coverage > 0)[..., None], torch.nan)  # (H, W, 5)
+            if self.evidence is not None:
+                chosen, self.evidence = choice(self.evidence, motion, coverage, usual=4, margin=0.3)
+                level = levels(chosen, coverage.shape)[..., None]  # (H, W, 1)
+            known = {"exposure": exposure(shown), "usual": 4}
+            self.evidence = compare_candidates(samples, series, self.evidence, **known)
+        self.luminances = torch.stack([luminance(image) for image in (samples, denoised, shown)], -1)  # (H, W, 3)
+        if level is None:
+            return shown
+        mixed = torch.where(
+            level < 2, samples.lerp(denoised, level.clamp(max=2) / 2), denoised.lerp(shown, level.clamp(min=2) / 2 - 1)
+        )  # (H, W, 3)
+        return mixed.where((level < 4) & mixed.isfinite().all(-1, keepdim=True), shown)
 
 
 def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:

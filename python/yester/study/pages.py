@@ -57,6 +57,7 @@ RUNS = {
         "doors.csv",
     ),
     "oracle": Source("yester.study.compare.oracle", ""),
+    "samples": Source("yester.study.compare.samples", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),
     "later_frames": Source(

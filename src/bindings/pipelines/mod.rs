@@ -693,6 +693,9 @@ fn split<'py>(
     if params.innovation.is_some() {
         changed.set_item("innovation", true)?;
     }
+    if stage.choice != pipelines::taa::Params::DENOISED.choice {
+        changed.set_item("choice", stage.choice)?;
+    }
     let class = py.get_type::<taa::TAA>();
     let stage = class.call(("denoised",), Some(&changed))?;
     Ok((denoiser, Some(stage)))

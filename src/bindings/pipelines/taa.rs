@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline, renamed};
-use crate::bindings::arrays::choice;
+use crate::bindings::arrays::choice as one_of;
 use crate::bindings::validate::Bounds;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::judge::{innovation, neighborhood};
@@ -67,6 +67,11 @@ use crate::pipelines::taa;
 ///     Add the error of the result, as estimated from the samples of this and a few earlier frames, to the output
 ///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
 ///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
+/// choice : bool, optional
+///     With the `samples` of denoised frames: each tile of 8×8 pixels shows the result, the denoised colour, the samples,
+///     or the mean of two of these, whichever of the frame before best predicted the new samples (`choice` with
+///     ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. By default only preset
+///     "denoised" does.
 ///
 /// Raises
 /// ------
@@ -117,7 +122,7 @@ impl TAA {
     #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, dilate_margin=None, dilate_movers=None,
         filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
         plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
-        innovation=false))]
+        innovation=false, choice=None))]
     fn new(
         py: Python<'_>,
         preset: &str,
@@ -144,6 +149,7 @@ impl TAA {
         anti_lag: f32,
         alternation: bool,
         innovation: bool,
+        choice: Option<bool>,
     ) -> PyResult<PyClassInitializer<Self>> {
         /// Parses the mode, or keeps the preset's.
         fn or<T: Copy>(
@@ -152,9 +158,9 @@ impl TAA {
             names: &[(&str, T)],
             preset: T,
         ) -> PyResult<T> {
-            name.map_or(Ok(preset), |name| choice(argument, name, names))
+            name.map_or(Ok(preset), |name| one_of(argument, name, names))
         }
-        let mut params = choice("preset", renamed(py, preset)?, &taa::Params::PRESETS)?;
+        let mut params = one_of("preset", renamed(py, preset)?, &taa::Params::PRESETS)?;
         params.dilate = or(dilate, "dilate", &taa::Params::DILATIONS, params.dilate)?;
         params.dilate_margin = dilate_margin.unwrap_or(params.dilate_margin);
         params.dilate_movers = dilate_movers.unwrap_or(params.dilate_movers);
@@ -196,6 +202,7 @@ impl TAA {
             fed_back: false,
             ..Default::default()
         });
+        params.choice = choice.unwrap_or(params.choice);
         let inner = taa::Taa::new(params)?;
         Ok(Pipeline::made(Self { inner }))
     }
@@ -210,9 +217,9 @@ impl TAA {
     ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
     ///     second frame on, no image memory is then allocated.
     /// samples : (H, W, 3) array_like of float, optional
-    ///     If the frame's colour is denoised: the samples that it was made of. With `innovation`, the error of the
-    ///     result is estimated from them (``strictness=12, share=0.7``), and corrects the history, too, as in the last
-    ///     stage of a denoiser. Missing ones are NaN.
+    ///     If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. With
+    ///     `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects the
+    ///     history, too, as in the last stage of a denoiser. Missing ones are NaN.
     ///
     /// Returns
     /// -------

@@ -12,9 +12,10 @@
 //! by the motion of the tile's centre, interpolated bilinearly between tiles, and decay by 1 − β a frame.
 //! **Decision.** With the sums G of w d, V of w² d², W of w and n averaged over neighbouring tiles by {1, 2, 1}/4 ⊗
 //! {1, 2, 1}/4, the cost of candidate j relative to the default u is
-//!   Σ ±Gₖ/W + c √(Σ Vₖ / (64/9 W²)),  k over the steps between u and j, + beyond u and − before it,
-//! 64/9 being the effective number of tiles in the average. The cheapest candidate wins: one other than u must be
-//! better by c standard errors, and where n is below 16, u stays.
+//!   Σ ±Gₖ/W + c √(Σ Vₖ / (64/9 W²)) + m max(−Σᵢ Gᵢ/W, 0),
+//! k over the steps between u and j, + beyond u and − before it, i over those up to u, 64/9 being the effective number of
+//! tiles in the average. The cheapest candidate wins: one other than u must be better by c standard errors, and by the
+//! fraction m of what u gains over the first candidate. Where n is below 16, u stays.
 //!
 //! A frame is decided by the evidence of the frames before it, so that one run of the filter makes both its result and
 //! its candidates. The choice is interpolated between tile centres, and a fractional choice mixes two candidates, so
@@ -40,6 +41,8 @@ pub struct Params {
     pub strictness: f32,
     /// β: fraction of the evidence that decays per frame; 0 to 1; 0.3.
     pub share: f32,
+    /// m: by which fraction of the default's gain over the first candidate it must be beaten, too; ≥ 0; 0.
+    pub margin: f32,
 }
 
 impl Default for Params {
@@ -47,6 +50,7 @@ impl Default for Params {
         Self {
             strictness: 0.5,
             share: 0.3,
+            margin: 0.0,
         }
     }
 }
@@ -54,12 +58,10 @@ impl Default for Params {
 impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        in_range(
-            "strictness",
-            self.strictness,
-            "a finite number from 0",
-            |v| v >= 0.0 && v.is_finite(),
-        )?;
+        for (name, value) in [("strictness", self.strictness), ("margin", self.margin)] {
+            let holds = |v: f32| v >= 0.0 && v.is_finite();
+            in_range(name, value, "a finite number from 0", holds)?;
+        }
         in_range("share", self.share, "a share from 0 to 1", |v| {
             (0.0..=1.0).contains(&v)
         })
@@ -113,7 +115,7 @@ pub fn choice(
     let decide = Decide {
         evidence: carried.pixels(),
         usual,
-        strictness: params.strictness,
+        params,
     };
     rows::run(&decide, size.height, chosen.bands());
     (chosen, carried)
@@ -312,7 +314,7 @@ impl<'a, F: Colors> Compare<'a, F> {
 struct Decide<'a> {
     evidence: Pixels<'a>,
     usual: usize,
-    strictness: f32,
+    params: Params,
 }
 
 impl<'a> Kernel for Decide<'a> {
@@ -350,13 +352,15 @@ impl Decide<'_> {
         if !(n >= MIN_COMPARISONS) {
             return usual;
         }
+        let lead: f32 = gains[..usual].iter().map(|gain| -(gain / weight)).sum();
+        let toll = self.params.margin * larger(lead, 0.0);
         let (mut best, mut least) = (usual, 0.0);
         let mut walk = |steps: &mut dyn Iterator<Item = usize>, sign: f32| {
             let (mut gain, mut variance) = (0.0, 0.0);
             for step in steps {
                 gain += sign * (gains[step] / weight);
                 variance += squares[step] / weight / (TILES * weight);
-                let cost = gain + self.strictness * variance.sqrt();
+                let cost = gain + self.params.strictness * variance.sqrt() + toll;
                 if cost < least {
                     let beyond = usize::from(sign > 0.0);
                     (best, least) = (step + beyond, cost);

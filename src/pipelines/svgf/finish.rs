@@ -63,7 +63,9 @@ pub fn finish(
         let out = PixelsMut::bands(size, 3, show);
         stage.step(color.pixels(), now.motion.pixels(), choice, out, None);
         let correction = now.params.innovation.map(|_| AFTER_DENOISER);
-        stage.correct(correction, now.frame.color, now.motion, show);
+        let samples = now.frame.color;
+        stage.correct(correction, samples, now.motion, show);
+        stage.choose(samples, color.pixels(), now.motion.pixels(), choice, show);
     }
 }
 

@@ -44,6 +44,8 @@ pub struct Params {
     /// Corrects the result by the innovation of new samples, if these are noisy; of a denoised colour, only that of the samples
     /// before it.
     pub innovation: Option<innovation::Params>,
+    /// Whether each tile of a denoised colour shows as much of the result, or of the samples before it, as predicts best.
+    pub choice: bool,
 }
 
 /// Thresholds of the surface tests that history must pass; by default there are none.
@@ -171,6 +173,7 @@ impl Params {
         anti_lag: 0.0,
         alternation: false,
         innovation: None,
+        choice: false,
     };
 
     /// After Karis 2014, *High Quality Temporal Supersampling*; the strength of its flicker reduction is our choice.
@@ -240,6 +243,7 @@ impl Params {
     /// Our own measurements' choice for denoised frames: the denoiser's errors stay in history, so it is kept for fewer frames.
     pub const DENOISED: Self = Self {
         dilate_movers: false,
+        choice: true,
         clip: neighborhood::Params {
             gamma: 0.75,
             response: Response::Center,

@@ -96,13 +96,14 @@ def record(
     seed: int = 0,
     variants: int = 0,
     references: Iterable[int] | None = None,
+    spp: int = 1,
     reference_spp: int | None = None,
     raw_albedo: bool = False,
     halves: bool = False,
 ) -> Recording:
     """Render a sequence into the cache, except the frames that are already there.
 
-    Noisy frames have one sample per pixel and all buffers except `Frame.replay`, in 32 bits. Files are written
+    Noisy frames have few samples per pixel and all buffers except `Frame.replay`, in 32 bits. Files are written
     atomically, and each frame has its own seed: an interrupted run resumes and gives the same bits. Concurrent
     processes give the same bits as well; at worst they render a frame twice.
 
@@ -123,6 +124,8 @@ def record(
     references : iterable of int, optional
         Frames that get a reference: by default the second half, after temporal methods have warmed up. Temporal metrics
         need consecutive frames.
+    spp : int, default 1
+        Samples per pixel of noisy frames. Sequences with motion blur have one.
     reference_spp : int, optional
         Samples per pixel of references: by default 256, or 512 for sequences with more noise. With motion blur, rounded
         up to a multiple of the number of instants.
@@ -149,7 +152,8 @@ def record(
     make = sequences.find(name)
     if reference_spp is None:
         reference_spp = 512 if name in _HARD else 256
-    for what, value in dict(frames=frames, width=width, height=height, reference_spp=reference_spp).items():
+    numbers = dict(frames=frames, width=width, height=height, spp=spp, reference_spp=reference_spp)
+    for what, value in numbers.items():
         if value < 1:
             raise ValueError(f"{what}: expected at least 1, got {value}")
     if variants < 0:
@@ -162,16 +166,19 @@ def record(
         raise ValueError(f"references: expected frames from 0 to {frames - 1}, got {chosen}")
 
     sequence = make(frames, width, height)
+    if spp > 1 and isinstance(sequence, Exposure):
+        raise ValueError(f"spp: expected 1 for {name}, whose samples are at different instants, got {spp}")
     folder = (Path(cache) if cache else _cache()) / f"{name}-{frames}x{width}x{height}-{_digest(make)}"
-    parts = [f"half-{seed}-{number}" for number in (1, 2)] if halves else [f"noisy-{seed}"]
+    suffix = f"-{spp}" if spp > 1 else ""
+    parts = [f"half-{seed}-{number}{suffix}" for number in (1, 2)] if halves else [f"noisy-{seed}{suffix}"]
     noisy = [{i: folder / part / f"frame_{i:04}.exr" for i in range(frames)} for part in parts]
     clean = {i: folder / f"reference-{reference_spp}" / f"frame_{i:04}.exr" for i in chosen}
     raw = {i: folder / f"albedo-{seed}" / f"frame_{i:04}.exr" for i in range(frames if raw_albedo else 0)}
-    _fill(noisy, f"{name}, frames", lambda part: _noisy(sequence, part, seed, halves=halves))
+    _fill(noisy, f"{name}, frames", lambda part: _noisy(sequence, part, seed, spp=spp, halves=halves))
     _fill([clean], f"{name}, references", lambda part: zip(_clean(sequence, part, reference_spp)))
     _fill([raw], f"{name}, albedo", lambda part: zip(_raw_albedo(sequence, part, seed)))
     again: dict[str, Any] = {"frames": frames, "width": width, "height": height, "reference_spp": reference_spp}
-    again |= {"references": chosen, "raw_albedo": raw_albedo, "halves": halves}
+    again |= {"references": chosen, "spp": spp, "raw_albedo": raw_albedo, "halves": halves}
     seeds = range(seed + frames, seed + (variants + 1) * frames, frames)
     others = tuple(record(name, cache, seed=other, **again) for other in seeds)
     second = [Recording(name, [*half.values()], clean, raw) for half in noisy[1:]]
@@ -281,8 +288,10 @@ def _fill(parts: Sequence[dict[int, Path]], what: str, render: Callable[[range],
                 progress.update()
 
 
-def _noisy(sequence: scenes.Sequence, part: range, seed: int, *, halves: bool = False) -> Iterator[tuple[Frame, ...]]:
-    """Frames of one sample per pixel, with all buffers; each alone, or a pair with independent noise."""
+def _noisy(
+    sequence: scenes.Sequence, part: range, seed: int, *, spp: int = 1, halves: bool = False
+) -> Iterator[tuple[Frame, ...]]:
+    """Frames of few samples per pixel, with all buffers; each alone, or a pair with independent noise."""
     if isinstance(sequence, Exposure):
         scene = renderer._Stage(sequence.scene).scene
         for i in part:
@@ -305,6 +314,7 @@ def _noisy(sequence: scenes.Sequence, part: range, seed: int, *, halves: bool = 
     span = slice(part.start - lead, part.stop)
     options: dict[str, Any] = {
         "seed": seed + span.start,
+        "spp": spp,
         "transforms": sequence.transforms[span],
         "parameters": sequence.parameters[span],
     }

@@ -1,0 +1,27 @@
+"""Frames of more than one sample: no pipeline makes them worse than they came, and the command's table."""
+
+import pytest
+from yester.study.compare import samples
+from yester.study.rendered.recording import record
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("name", ["cornell_box", "thicket"])
+def test_no_worse_than_as_rendered(tmp_path, name):
+    shape = {"frames": 8, "width": 96, "height": 72, "references": (6, 7), "reference_spp": 512}
+    found = samples.errors(record(name, tmp_path, spp=64, **shape))
+    svgf, whole, rendered = (found[method] for method in ("SVGF", "SVGF, stage everywhere", "as rendered"))
+    assert svgf["relmse"] < 0.6 * whole["relmse"]
+    assert whole["relmse"] > 1.5 * rendered["relmse"], "with the stage everywhere they are worse"
+    assert svgf["psnr"] > rendered["psnr"] - 1
+
+
+def test_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(samples, "_SAMPLES", (1, 2))
+    recorded = record("cornell_box", tmp_path, frames=4, width=32, height=24, reference_spp=16)
+    monkeypatch.setattr(samples, "record", lambda *_, **__: recorded)
+    samples.main(["--sequences", "cornell_box", "cut"])
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + 2 * len(samples.METHODS)
+    assert [line.split()[0] for line in lines[1:]] == ["1"] * 4 + ["2"] * 4
