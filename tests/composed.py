@@ -122,10 +122,13 @@ class Shares:
     """How much of the output stage each tile shows."""
 
     def __init__(self):
-        self.luminances = self.evidence = None
+        self.luminances, self.evidence, self.rest = None, None, 0
 
     def choose(self, samples: NDArray, denoised: NDArray, motion: NDArray, moved: NDArray, shown: NDArray) -> NDArray:
         """The result, mixed per tile with the denoised colour and the samples."""
+        if self.rest > 0:
+            self.rest -= 1
+            return shown
         size, half, levels = shown.shape[:2], np.float32(0.5), None
         three = [samples, denoised, shown]
         with np.errstate(invalid="ignore"):
@@ -138,6 +141,9 @@ class Shares:
                 if self.evidence is not None:
                     named = {"usual": 4, "margin": 0.3}
                     chosen, self.evidence = yester.choice(self.evidence, motion, coverage, **named)
+                    if 32 * (chosen < 4).sum() < chosen.size:
+                        self.luminances, self.evidence, self.rest = None, None, 5
+                        return shown
                     levels = between_tiles(chosen, *size)[..., None]
                 named = {"exposure": yester.exposure(shown), "usual": 4}
                 self.evidence = yester.compare_candidates(samples, series, self.evidence, **named)

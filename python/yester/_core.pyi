@@ -1073,8 +1073,9 @@ class TAA(Pipeline):
     choice : bool, optional
         With the `samples` of denoised frames: each tile of 8×8 pixels shows the result, the denoised colour, the samples,
         or the mean of two of these, whichever of the frame before best predicted the new samples (`choice` with
-        ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. By default only preset
-        "denoised" does.
+        ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. If fewer than one tile
+        in 32 would show anything but the result, all show it, and the next five frames are not judged. By default only
+        preset "denoised" chooses.
 
     Raises
     ------

@@ -166,7 +166,8 @@ impl Stage {
             return;
         };
         let before = history.candidates.take();
-        let dilation = self.params.dilation().filter(|_| before.is_some());
+        let judged = before.as_ref().is_some_and(Candidates::are_judged);
+        let dilation = self.params.dilation().filter(|_| judged);
         let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
         let moved = dilated.as_ref().map_or(motion, Image::pixels);
         let left = choose(before, samples, denoised, motion, moved, shown);

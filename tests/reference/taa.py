@@ -173,14 +173,18 @@ def dilated(settings: dict, motion: Tensor, depth: Tensor | None, still: Tensor 
 class Shares:
     """How much of the output stage each tile shows: samples, denoised colour, result, or means of two of them.
 
-    The candidates of the frame before, fetched along the dilated motion, are judged by the new samples.
+    The candidates of the frame before, fetched along the dilated motion, are judged by the new samples. Where fewer than
+    one tile in 32 chooses another than the result, none does, and five frames are not judged.
     """
 
     def __init__(self):
-        self.luminances = self.evidence = None
+        self.luminances, self.evidence, self.rest = None, None, 0
 
     def choose(self, samples: Tensor, denoised: Tensor, motion: Tensor, there: Tensor, shown: Tensor) -> Tensor:
         """The mixture (H, W, 3), of samples, denoised colour and result (H, W, 3 each)."""
+        if self.rest > 0:
+            self.rest -= 1
+            return shown
         level = None
         if self.luminances is not None:
             fetched, coverage = reproject(self.luminances, there, fallback=False)  # (H, W, 3), (H, W)
@@ -188,6 +192,9 @@ class Shares:
             series = ((first + second) / 2).where((coverage > 0)[..., None], torch.nan)  # (H, W, 5)
             if self.evidence is not None:
                 chosen, self.evidence = choice(self.evidence, motion, coverage, usual=4, margin=0.3)
+                if 32 * int((chosen < 4).sum()) < chosen.numel():
+                    self.luminances, self.evidence, self.rest = None, None, 5
+                    return shown
                 level = levels(chosen, coverage.shape)[..., None]  # (H, W, 1)
             known = {"exposure": exposure(shown), "usual": 4}
             self.evidence = compare_candidates(samples, series, self.evidence, **known)

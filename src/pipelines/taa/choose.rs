@@ -4,7 +4,8 @@
 //! and at some point the denoiser does no better. The candidates are, from least to most,
 //!   the samples y, ½ (y + a), the denoised colour a, ½ (a + b), the stage's result b,
 //! with b as the default. Their luminances of the frame before are fetched along the stage's dilated motion, bilinearly, and
-//! judged by the new samples ([`choice`]). In frames of one sample y is far worse than b, and the [`MARGIN`] keeps b.
+//! judged by the new samples ([`choice`]). In frames of one sample y is far worse than b, and the [`MARGIN`] keeps b. Where
+//! fewer than one tile in [`FEWEST`] chooses another candidate, none does, and the next [`REST`] frames are not judged.
 //!
 //! Inputs: samples (3), denoised colour (3), motion (2 or 3), dilated motion, of the frame before: luminances (3), evidence (of
 //! an eighth of the size). In place: result (3). Outputs: luminances, evidence.
@@ -31,12 +32,26 @@ const LUMINANCES: usize = 3;
 /// frames of one sample lose up to 0.8 dB where light moves, as a candidate of one frame ago has a frame's more lag; with 0.4,
 /// frames of 16 samples lose a third of the gain.
 const MARGIN: f32 = 0.3;
+/// In frames of one sample, single tiles choose by chance.
+const FEWEST: usize = 32;
+/// With the three frames that it takes to ask again, one of eight.
+const REST: u32 = 5;
 
 /// What the next frame judges.
+#[derive(Default)]
 pub struct Candidates {
-    luminances: Records,
+    luminances: Option<Records>,
     /// None until a second frame has judged the first.
     evidence: Option<Records>,
+    /// Frames that are not judged.
+    rest: u32,
+}
+
+impl Candidates {
+    /// Whether this frame's samples judge them.
+    pub fn are_judged(&self) -> bool {
+        self.luminances.is_some()
+    }
 }
 
 /// Mixes the candidates in place of the result. Returns what the next frame judges.
@@ -49,28 +64,39 @@ pub fn choose(
     shown: &mut [f32],
 ) -> Candidates {
     let size = samples.size;
-    let mut tiles = None;
-    let evidence = before.map(|before| {
-        let params = choice::Params {
-            margin: MARGIN,
-            ..choice::Params::default()
+    let before = before.unwrap_or_default();
+    if let Some(rest) = before.rest.checked_sub(1) {
+        return Candidates {
+            rest,
+            ..Candidates::default()
         };
-        let (predicted, coverage) = predict(&before.luminances, dilated);
+    }
+    let (mut tiles, mut evidence) = (None, None);
+    if let Some(luminances) = before.luminances {
+        let (predicted, coverage) = predict(&luminances, dilated);
         let known = before.evidence.map(|evidence| {
-            let (chosen, carried) =
-                choice(evidence.pixels(), motion, coverage.view(), USUAL, params);
-            tiles = Some(chosen);
-            carried
+            let params = choice::Params {
+                margin: MARGIN,
+                ..choice::Params::default()
+            };
+            choice(evidence.pixels(), motion, coverage.view(), USUAL, params)
         });
+        let (chosen, carried) = known.unzip();
+        if chosen.as_ref().is_some_and(hardly_choose) {
+            return Candidates {
+                rest: REST,
+                ..Candidates::default()
+            };
+        }
         let empty = || Records::new(choice::tiles(size), choice::channels(CANDIDATES));
-        let mut evidence = known.unwrap_or_else(empty);
+        let mut judged = carried.unwrap_or_else(empty);
         let views: Vec<_> = (0..CANDIDATES)
             .map(|c| predicted.channels(c..c + 1))
             .collect();
         let bright = exposure(Pixels::records(size, 3, shown));
-        choice::compare(&samples, &views, bright, USUAL, &mut evidence);
-        evidence
-    });
+        choice::compare(&samples, &views, bright, USUAL, &mut judged);
+        (tiles, evidence) = (chosen, Some(judged));
+    }
     let mut luminances = Records::blank(size, LUMINANCES);
     let kernel = Mix {
         samples,
@@ -82,9 +108,17 @@ pub fn choose(
         (shown.chunks_mut(3 * band)).zip(luminances.data_mut().chunks_mut(LUMINANCES * band));
     rows::run(&kernel, size.height, outs);
     Candidates {
-        luminances,
+        luminances: Some(luminances),
         evidence,
+        rest: 0,
     }
+}
+
+/// Whether fewer than one tile in [`FEWEST`] shows something else than the result.
+fn hardly_choose(tiles: &Image) -> bool {
+    let levels = tiles.plane(0);
+    let others = levels.iter().filter(|&&level| level < USUAL as f32);
+    others.count() * FEWEST < levels.len()
 }
 
 /// The candidates' luminances that were expected, NaN where the pixel was not there; and the coverage.
