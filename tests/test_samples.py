@@ -24,4 +24,4 @@ def test_command(tmp_path, monkeypatch, capsys):
     samples.main(["--sequences", "cornell_box", "cut"])
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1 + 2 * len(samples.METHODS)
-    assert [line.split()[0] for line in lines[1:]] == ["1"] * 4 + ["2"] * 4
+    assert [line.split()[0] for line in lines[1:]] == [*["1"] * len(samples.METHODS), *["2"] * len(samples.METHODS)]

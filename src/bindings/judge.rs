@@ -664,8 +664,8 @@ pub fn innovation_<'py>(
 /// share : float, default 0.3
 ///     Fraction of the evidence that decays per frame; 0 to 1.
 /// margin : float, default 0.0
-///     By which fraction of what the default candidate gains over the first one another must be better, too; at least 0.
-///     If the first is the samples of the frame before, that gain is their noise.
+///     By which fraction of what the default candidate gains over the first one another must be better, too; at least
+///     0. If the first is the samples of the frame before, that gain is their noise.
 /// out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
 ///     Written and returned, as choice and evidence, instead of new arrays. A part may be None.
 ///
@@ -690,8 +690,8 @@ pub fn innovation_<'py>(
 /// Notes
 /// -----
 /// A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
-/// `strictness` standard errors of the steps between it and the default one wins, if that plus the margin is below 0; with fewer than 16 samples in the
-/// average, the default candidate stays.
+/// `strictness` standard errors of the steps between it and the default one, plus the margin, wins if that is below 0;
+/// with fewer than 16 samples in the average, the default candidate stays.
 ///
 /// Examples
 /// --------

@@ -173,8 +173,8 @@ def dilated(settings: dict, motion: Tensor, depth: Tensor | None, still: Tensor 
 class Shares:
     """How much of the output stage each tile shows: samples, denoised colour, result, or means of two of them.
 
-    The candidates of the frame before, fetched along the dilated motion, are judged by the new samples. Where fewer than
-    one tile in 32 chooses another than the result, none does, and five frames are not judged.
+    The candidates of the frame before, fetched along the dilated motion, are judged by the new samples. Where fewer
+    than one tile in 32 chooses another than the result, none does, and five frames are not judged.
     """
 
     def __init__(self):

@@ -71,16 +71,16 @@ use crate::pipelines::{svgf, taa};
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
 ///     fetched as well. Where one of these histories predicts the new samples better than the surface's own
 ///     (`prediction_gain`), it is used instead. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
-///     chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen frames.
-///     Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames
+///     chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen
+///     frames. Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames
 ///     with a `hit_distance` use that distance alone. Needs cameras and depth.
 /// choice : bool, default True
 ///     Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
 ///     history best predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and
 ///     fine shadows keep their detail, and uniform surfaces are smoothed more. The filter then compares the luminance
 ///     that history predicts, where that is worth 2.5 samples and the new one is no outlier, instead of the merged one.
-///     In the same way tiles show less of the output stage, or the samples themselves, where these predicted better than
-///     the result by three tenths of the samples' noise (`TAA`): frames of many samples need little.
+///     In the same way tiles show less of the output stage, or the samples themselves, where these predicted better
+///     than the result by three tenths of the samples' noise (`TAA`): frames of many samples need little.
 /// innovation : bool, default True
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.

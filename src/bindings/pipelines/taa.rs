@@ -68,11 +68,11 @@ use crate::pipelines::taa;
 ///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
 ///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
 /// choice : bool, optional
-///     With the `samples` of denoised frames: each tile of 8×8 pixels shows the result, the denoised colour, the samples,
-///     or the mean of two of these, whichever of the frame before best predicted the new samples (`choice` with
-///     ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. If fewer than one tile
-///     in 32 would show anything but the result, all show it, and the next five frames are not judged. By default only
-///     preset "denoised" chooses.
+///     With the `samples` of denoised frames: each tile of 8×8 pixels shows the result, the denoised colour, the
+///     samples, or the mean of two of these, whichever of the frame before best predicted the new samples (`choice`
+///     with ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. If fewer than
+///     one tile in 32 would show anything but the result, all show it, and the next five frames are not judged. By
+///     default only preset "denoised" chooses.
 ///
 /// Raises
 /// ------
@@ -219,8 +219,8 @@ impl TAA {
     ///     second frame on, no image memory is then allocated.
     /// samples : (H, W, 3) array_like of float, optional
     ///     If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. With
-    ///     `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects the
-    ///     history, too, as in the last stage of a denoiser. Missing ones are NaN.
+    ///     `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects
+    ///     the history, too, as in the last stage of a denoiser. Missing ones are NaN.
     ///
     /// Returns
     /// -------

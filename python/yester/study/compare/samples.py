@@ -1,7 +1,8 @@
 """Frames of more than one sample: ``python -m yester.study.compare.samples``.
 
-Eight sequences are rendered with 1 to 64 samples per pixel, and denoised by `SVGF`, by `SVGF` whose output stage shows all
-tiles (``TAA("denoised", choice=False)``), and by Open Image Denoise. Printed are the means, beside the frames as they came.
+Eight sequences are rendered with 1 to 64 samples per pixel, and denoised by `SVGF`, by `SVGF` of which all tiles show
+the output stage's result (``TAA("denoised", choice=False)``), on both sides, and by Open Image Denoise. Printed are the means, beside
+those of the frames as they were rendered.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yester import OIDN, SVGF, TAA, Frame
+from yester import OIDN, SVGF, TAA, Frame, denoise
 from yester.metrics import METRICS, Picture
 
 from ..rendered.recording import Recording, record
@@ -59,6 +60,7 @@ METHODS: Mapping[str, Callable[[Iterable[Frame]], Images]] = {
     "as rendered": lambda frames: (frame.color for frame in frames),
     "SVGF, stage everywhere": _whole_stage,
     "SVGF": _steps(SVGF),
+    "SVGF, both sides": lambda frames: (output.color for output in denoise(frames, SVGF())),
     "OIDN high": _steps(lambda: OIDN("high")),
 }
 
