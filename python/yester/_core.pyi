@@ -585,16 +585,16 @@ class SVGF(Pipeline):
         Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
         fetched as well. Where one of these histories predicts the new samples better than the surface's own
         (`prediction_gain`), it is used instead. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
-        chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen frames.
-        Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames
+        chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen
+        frames. Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames
         with a `hit_distance` use that distance alone. Needs cameras and depth.
     choice : bool, default True
         Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
         history best predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and
         fine shadows keep their detail, and uniform surfaces are smoothed more. The filter then compares the luminance
         that history predicts, where that is worth 2.5 samples and the new one is no outlier, instead of the merged one.
-        In the same way tiles show less of the output stage, or the samples themselves, where these predicted better than
-        the result by three tenths of the samples' noise (`TAA`): frames of many samples need little.
+        In the same way tiles show less of the output stage, or the samples themselves, where these predicted better
+        than the result by three tenths of the samples' noise (`TAA`): frames of many samples need little.
     innovation : bool, default True
         Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
         and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
@@ -1071,11 +1071,11 @@ class TAA(Pipeline):
         (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
         Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
     choice : bool, optional
-        With the `samples` of denoised frames: each tile of 8×8 pixels shows the result, the denoised colour, the samples,
-        or the mean of two of these, whichever of the frame before best predicted the new samples (`choice` with
-        ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. If fewer than one tile
-        in 32 would show anything but the result, all show it, and the next five frames are not judged. By default only
-        preset "denoised" chooses.
+        With the `samples` of denoised frames: each tile of 8×8 pixels shows the result, the denoised colour, the
+        samples, or the mean of two of these, whichever of the frame before best predicted the new samples (`choice`
+        with ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. If fewer than
+        one tile in 32 would show anything but the result, all show it, and the next five frames are not judged. By
+        default only preset "denoised" chooses.
 
     Raises
     ------
@@ -1157,8 +1157,8 @@ class TAA(Pipeline):
             second frame on, no image memory is then allocated.
         samples : (H, W, 3) array_like of float, optional
             If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. With
-            `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects the
-            history, too, as in the last stage of a denoiser. Missing ones are NaN.
+            `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects
+            the history, too, as in the last stage of a denoiser. Missing ones are NaN.
 
         Returns
         -------
@@ -2535,8 +2535,8 @@ def choice(
     share : float, default 0.3
         Fraction of the evidence that decays per frame; 0 to 1.
     margin : float, default 0.0
-        By which fraction of what the default candidate gains over the first one another must be better, too; at least 0.
-        If the first is the samples of the frame before, that gain is their noise.
+        By which fraction of what the default candidate gains over the first one another must be better, too; at least
+        0. If the first is the samples of the frame before, that gain is their noise.
     out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
         Written and returned, as choice and evidence, instead of new arrays. A part may be None.
 
@@ -2561,8 +2561,8 @@ def choice(
     Notes
     -----
     A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
-    `strictness` standard errors of the steps between it and the default one wins, if that plus the margin is below 0; with fewer than 16 samples in the
-    average, the default candidate stays.
+    `strictness` standard errors of the steps between it and the default one, plus the margin, wins if that is below 0;
+    with fewer than 16 samples in the average, the default candidate stays.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Frames of more than one sample: ``python -m yester.study.compare.samples``.
 
 Eight sequences are rendered with 1 to 64 samples per pixel, and denoised by `SVGF`, by `SVGF` of which all tiles show
-the output stage's result (``TAA("denoised", choice=False)``), on both sides, and by Open Image Denoise. Printed are the means, beside
-those of the frames as they were rendered.
+the output stage's result (``TAA("denoised", choice=False)``), by `SVGF` with frames on both sides, and by Open Image
+Denoise. Printed are the means, beside those of the frames as they were rendered.
 """
 
 from __future__ import annotations
