@@ -586,8 +586,8 @@ class SVGF(Pipeline):
         fetched as well. Where one of these histories predicts the new samples better than the surface's own
         (`prediction_gain`), it is used instead. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
         chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen
-        frames. Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames
-        with a `hit_distance` use that distance alone. Needs cameras and depth.
+        frames. Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy
+        scenes. Frames with a `hit_distance` use that distance alone. Needs cameras and depth.
     choice : bool, default True
         Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
         history best predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and
