@@ -304,8 +304,8 @@ def test_more_samples(tmp_path):
     truth = few.reference(1)
     noise = [np.abs(each.frame(1).color - truth).mean() for each in (few, many)]
     assert noise[1] < 0.5 * noise[0]
-    with pytest.raises(ValueError, match="spp: expected 1 for passer_by"):
-        record("passer_by", tmp_path, **shape, spp=2)
+    with pytest.raises(ValueError, match="spp: expected 1 for shallow_focus"):
+        record("shallow_focus", tmp_path, **shape, spp=2)
     with pytest.raises(ValueError, match="spp: expected at least 1"):
         record("cornell_box", tmp_path, **shape, spp=0)
 
