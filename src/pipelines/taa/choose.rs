@@ -4,7 +4,7 @@
 //! and at some point the denoiser does no better. The candidates are, from least to most,
 //!   the samples y, ½ (y + a), the denoised colour a, ½ (a + b), the stage's result b,
 //! with b as the default. Their luminances of the frame before are fetched along the stage's dilated motion, bilinearly, and
-//! judged by the new samples ([`choice`]). In frames of one sample y is far worse than b, and the [`MARGIN`] keeps b. Where
+//! judged by the new samples ([`mod@choice`]). In frames of one sample y is far worse than b, and the [`MARGIN`] keeps b. Where
 //! fewer than one tile in [`FEWEST`] chooses another candidate, none does, and the next [`REST`] frames are not judged.
 //!
 //! Inputs: samples (3), denoised colour (3), motion (2 or 3), dilated motion, of the frame before: luminances (3), evidence (of
