@@ -698,7 +698,7 @@ def test_frames_of_many_samples_keep_what_they_have(method):
 
 
 def test_noise_keeps_the_output_stage():
-    """In frames of one sample the denoiser alone, and the samples, are never shown."""
+    """In frames of one sample, nearly all pixels show the output stage's result."""
     chosen, plain = yester.SVGF().split()[1], yester.TAA("denoised", innovation=True, choice=False)
     denoiser = yester.SVGF(antialias=False)
     for buffers in composed.sequence(10, holes=False):

@@ -12,9 +12,9 @@
 
 use std::ops::Range;
 
+use super::fetch;
 use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, View, segments};
 use crate::kernels::fetch::footprint::Filter;
-use crate::kernels::fetch::reproject::{self, reproject};
 use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::choice::{self, Levels, choice};
 use crate::kernels::judge::exposure::exposure;
@@ -29,7 +29,7 @@ const USUAL: usize = CANDIDATES - 1;
 const LUMINANCES: usize = 3;
 
 /// By how much of the noise another candidate must be better. Measured on sequences of 1 to 64 samples: without a margin,
-/// frames of one sample lose up to 0.8 dB where light moves, as a candidate of one frame ago has a frame's more lag; with 0.4,
+/// frames of one sample lose up to 0.7 dB where light moves, as a candidate of one frame ago has a frame's more lag; with 0.4,
 /// frames of 16 samples lose a third of the gain.
 const MARGIN: f32 = 0.3;
 /// In frames of one sample, single tiles choose by chance.
@@ -124,23 +124,7 @@ fn hardly_choose(tiles: &Image) -> bool {
 /// The candidates' luminances that were expected, NaN where the pixel was not there; and the coverage.
 fn predict(luminances: &Records, dilated: Pixels) -> (Image, Image) {
     let size = dilated.size;
-    let (mut coverage, mut rejection) = (Image::blank(size, 1), vec![0; size.pixels()]);
-    let params = reproject::Params {
-        filter: Filter::Bilinear,
-        fallback: false,
-        dering: false,
-    };
-    let (covered, rejected) = (coverage.data_mut(), &mut rejection[..]);
-    let [fetched] = reproject(
-        &[luminances.pixels()],
-        dilated,
-        Tests::none(),
-        params,
-        covered,
-        rejected,
-    )
-    .try_into()
-    .expect("an image for each that is fetched");
+    let (fetched, coverage) = fetch(luminances, dilated, Tests::none(), Filter::Bilinear);
     let mut predicted = Image::blank(size, CANDIDATES);
     let kernel = Series {
         fetched: fetched.view(),
