@@ -2515,6 +2515,7 @@ def choice(
     usual: int = 0,
     strictness: float = 0.5,
     share: float = 0.3,
+    margin: float = 0.0,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]:
     """Choose the best of several predictions, tile by tile, by the evidence of earlier frames.
