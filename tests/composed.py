@@ -118,43 +118,47 @@ def dilated(settings: dict, motion, depth, still=None) -> NDArray:
     return yester.dilate_motion(motion, depth, choose=choose, **among)
 
 
-class Shares:
-    """How much of the output stage each tile shows."""
+class Mixing:
+    """How much of the samples and the denoised colour each tile shows instead of the output stage's result."""
 
     def __init__(self):
-        self.luminances, self.evidence, self.rest = None, None, 0
+        self.luminances = self.samples_before = self.evidence = None
+        self.rest = 0
 
-    def choose(self, samples: NDArray, denoised: NDArray, motion: NDArray, moved: NDArray, shown: NDArray) -> NDArray:
-        """The result, mixed per tile with the denoised colour and the samples."""
+    def mix(self, samples: NDArray, denoised: NDArray, motion: NDArray, shown: NDArray) -> NDArray:
         if self.rest > 0:
             self.rest -= 1
             return shown
-        size, half, levels = shown.shape[:2], np.float32(0.5), None
-        three = [samples, denoised, shown]
+        shares, three = None, [samples, denoised, shown]
         with np.errstate(invalid="ignore"):
+            light = [luminance(image) for image in three]
             if self.luminances is not None:
-                fetched, coverage = yester.reproject(self.luminances, moved, fallback=False)
-                fetched = np.moveaxis(fetched, -1, 0)
-                pairs = [(fetched[c // 2], fetched[(c + 1) // 2]) for c in range(5)]
-                series = np.dstack([first + half * (second - first) for first, second in pairs])
-                series = np.where((coverage > 0)[..., None], series, np.float32(np.nan))
+                fetched, coverage = fetch_known(self.luminances, motion)
                 if self.evidence is not None:
-                    named = {"usual": 4, "margin": 0.3}
-                    chosen, self.evidence = yester.choice(self.evidence, motion, coverage, **named)
-                    if 32 * (chosen < 4).sum() < chosen.size:
-                        self.luminances, self.evidence, self.rest = None, None, 5
+                    shares, self.evidence = yester.collocation_shares(self.evidence, motion, coverage)
+                    if 4 * (shares[..., 1] > np.float32(0.05)).sum() < shares[..., 1].size:
+                        self.__init__()
+                        self.rest = 5
                         return shown
-                    levels = between_tiles(chosen, *size)[..., None]
-                named = {"exposure": yester.exposure(shown), "usual": 4}
-                self.evidence = yester.compare_candidates(samples, series, self.evidence, **named)
-            self.luminances = np.dstack([luminance(image) for image in three])
-            if levels is None:
+                if self.samples_before is not None:
+                    older, _ = fetch_known(self.samples_before, motion)
+                    planes = np.dstack([light[0], fetched[..., 0], older, fetched[..., 1:]])
+                    self.evidence = yester.collocate(planes, self.evidence, exposure=yester.exposure(shown))
+                self.samples_before = fetched[..., 0]
+            self.luminances = np.dstack(light)
+            if shares is None:
                 return shown
-            less = half * levels < 1
-            first, second = np.where(less, samples, denoised), np.where(less, denoised, shown)
-            mixed = first + np.where(less, half * levels, half * levels - 1) * (second - first)
-        whole = np.isfinite(mixed).all(-1, keepdims=True)
-        return np.where((levels < 4) & whole, mixed, shown)
+            first, second = (between_tiles(shares[..., c], *shown.shape[:2])[..., None] for c in (0, 1))
+            mixed = shown + first * (denoised - shown)
+            mixed = mixed + second * (samples - mixed)
+        return np.where(np.isfinite(mixed).all(-1, keepdims=True), mixed, shown)
+
+
+def fetch_known(image: NDArray, motion: NDArray) -> tuple[NDArray, NDArray]:
+    """An image of the frame before and its coverage, NaN where it is not covered."""
+    fetched, coverage = yester.reproject(image, motion, fallback=False)
+    known = coverage > 0 if fetched.ndim == 2 else (coverage > 0)[..., None]
+    return np.where(known, fetched, np.float32(np.nan)), coverage
 
 
 def antialias(settings: dict, history, color, motion, depth, still=None, tests=None) -> tuple[list, NDArray, NDArray]:
@@ -294,8 +298,8 @@ def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float3
         return first.clip(0, count - 1), (first + 1).clip(0, count - 1), part
 
     (top, bottom, down), (left, right, across) = map(places, (height, width), chosen.shape)
-    upper, lower = (row[:, left] + across * (row[:, right] - row[:, left]) for row in (chosen[top], chosen[bottom]))
-    return upper + down[:, None] * (lower - upper)
+    rows = chosen[top] + down[:, None] * (chosen[bottom] - chosen[top])
+    return rows[:, left] + across * (rows[:, right] - rows[:, left])
 
 
 def texture_of(frame: yester.Frame) -> dict:
@@ -386,7 +390,7 @@ class SVGF:
             self.limits["relative_luminance"] = relative_albedo
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
         self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
-        self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.shares = None
+        self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = None
         self.chooses, self.choice = choice, None
         self.asked, self.won = [], []  # weights of the pixels, by frame
 
@@ -499,7 +503,7 @@ class SVGF:
         self.expects_replay = self.before is None or frame.replay is not None
         self.before = frame
         if not shows:
-            self.antialiased = self.lag = self.shares = None
+            self.antialiased = self.lag = self.mixing = None
             names = "color", "moments", "history_length"
             known = dict(zip(names, recalled, strict=True))
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection)
@@ -527,10 +531,10 @@ class SVGF:
             found, self.lag = yester.innovation(frame.color, shown, length, **known, strictness=12, share=0.7)
             self.antialiased[0] = correct(self.antialiased[0], found)
             shown = correct(shown, found)
-        if not stage["choice"] or before is None:
+        if not stage["choice"]:
             return shown
-        self.shares = self.shares or Shares()
-        return self.shares.choose(frame.color, color, motion, dilated(stage, motion, frame.depth, still), shown)
+        self.mixing = self.mixing or Mixing()
+        return self.mixing.mix(frame.color, color, motion, shown)
 
     def choose(self, series: list, prediction, sample, motion, coverage, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""
@@ -667,7 +671,7 @@ class BMFR:
         self.gradient, self.fireflies = gradient, fireflies
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
-        self.before = self.antialiased = self.evidence = self.lag = self.shares = None
+        self.before = self.antialiased = self.evidence = self.lag = self.mixing = None
         self.age = 0
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:

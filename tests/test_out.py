@@ -18,6 +18,8 @@ IN_PLACE = {
     "combine_histories": ("color", "moments", "history_length"),
     "choice": (None, "evidence"),
     "compare_candidates": ("evidence",),
+    "collocate": ("evidence",),
+    "collocation_shares": (None, "evidence"),
     "estimate_variance": ("history_length",),
     "atrous": ("color", "variance"),
     "atrous(slopes)": ("color", "variance"),

@@ -40,6 +40,8 @@ __all__ = [
     "canonical",
     "choice",
     "clip_history",
+    "collocate",
+    "collocation_shares",
     "combine_histories",
     "compare_candidates",
     "consistency",
@@ -2515,7 +2517,6 @@ def choice(
     usual: int = 0,
     strictness: float = 0.5,
     share: float = 0.3,
-    margin: float = 0.0,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]:
     """Choose the best of several predictions, tile by tile, by the evidence of earlier frames.
@@ -2574,6 +2575,25 @@ def choice(
     >>> best
     array([[1.]], dtype=float32)
     """
+
+def collocate(
+    planes: ArrayLike,
+    evidence: ArrayLike | None = None,
+    *,
+    exposure: float = 1.0,
+    out: _Floats | None = None,
+) -> _Floats:
+    """-"""
+
+def collocation_shares(
+    evidence: ArrayLike,
+    motion: ArrayLike,
+    coverage: ArrayLike,
+    *,
+    share: float = 0.2,
+    out: tuple[_Floats | None, _Floats | None] | None = None,
+) -> tuple[_Floats, _Floats]:
+    """-"""
 
 def compare_candidates(
     color: ArrayLike,

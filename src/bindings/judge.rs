@@ -11,8 +11,8 @@ use super::validate::Bounds;
 use crate::error::{Error, whole};
 use crate::image::{Records, bands_of};
 use crate::kernels::judge::{
-    alternation, anti_lag, blend_factor, choice, exposure, gradient, innovation, neighborhood,
-    prediction,
+    alternation, anti_lag, blend_factor, choice, collocation, exposure, gradient, innovation,
+    neighborhood, prediction,
 };
 use crate::kernels::merge::blend::clip_and_blend;
 use crate::pixels::PixelsMut;
@@ -663,9 +663,6 @@ pub fn innovation_<'py>(
 ///     Standard errors by which another candidate must be better; at least 0.
 /// share : float, default 0.3
 ///     Fraction of the evidence that decays per frame; 0 to 1.
-/// margin : float, default 0.0
-///     By which fraction of what the default candidate gains over the first one another must be better, too; at least
-///     0. If the first is the samples of the frame before, that gain is their noise.
 /// out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
 ///     Written and returned, as choice and evidence, instead of new arrays. A part may be None.
 ///
@@ -690,8 +687,8 @@ pub fn innovation_<'py>(
 /// Notes
 /// -----
 /// A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
-/// `strictness` standard errors of the steps between it and the default one, plus the margin, wins if that is below 0;
-/// with fewer than 16 samples in the average, the default candidate stays.
+/// `strictness` standard errors of the steps between it and the default one wins if that is below 0; with fewer than 16
+/// samples in the average, the default candidate stays.
 ///
 /// Examples
 /// --------
@@ -702,7 +699,7 @@ pub fn innovation_<'py>(
 /// >>> best
 /// array([[1.]], dtype=float32)
 #[pyfunction]
-#[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.3, margin=0.0, out=None))]
+#[pyo3(name = "choice", signature = (evidence, motion, coverage, *, usual=0, strictness=0.5, share=0.3, out=None))]
 pub fn choice_<'py>(
     py: Python<'py>,
     evidence: &Bound<'py, PyAny>,
@@ -711,14 +708,9 @@ pub fn choice_<'py>(
     usual: i64,
     strictness: f32,
     share: f32,
-    margin: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
-    let params = choice::Params {
-        strictness,
-        share,
-        margin,
-    };
+    let params = choice::Params { strictness, share };
     params.check()?;
     let (chosen, carried) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
@@ -861,6 +853,183 @@ pub fn compare_candidates<'py>(
         })?
     };
     after.array()
+}
+
+/// Compare three frames' samples and two results, tile by tile, to tell noise from detail.
+///
+/// Parameters
+/// ----------
+/// planes : (H, W, 5) array_like of float
+///     Luminances, all where the pixels are in this frame: of its samples; of those of the frame before; of those of
+///     two frames before, which were first brought to the frame before; of two results of the frame before. A pixel
+///     counts if all are finite in its 3×3 pixels, so that the image's border does not.
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 14) array_like of float, optional
+///     That of earlier frames, as `collocation_shares` returns it.
+/// exposure : float, default 1.0
+///     `exposure` of the image; above 0. Detail below 1/1024 of it is black.
+/// out : (⌈H/8⌉, ⌈W/8⌉, 14) float32 array, optional
+///     Written and returned instead of a new array; it may be the evidence.
+///
+/// Returns
+/// -------
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 14) float32
+///     With this frame's added: weighted sums of products of detail, and the number of pixels.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or an exposure out of range.
+///
+/// See Also
+/// --------
+/// collocation_shares : Tells by the evidence how samples and results are best mixed.
+///
+/// Notes
+/// -----
+/// The detail of a plane is its difference from the mean of the 3×3 pixels. With the planes numbered from 0, the
+/// products are those of 00, 01, 02, 11, 12, 22, 03, 13, 33, 04, 14, 44 and 34. A tile's sums of a frame have the weight
+/// ``1 / ((Σ₀₀ + Σ₁₁) / n + (exposure / 1024)²)``, n being its pixels, so that no frame decides alone.
+///
+/// Examples
+/// --------
+/// >>> rng = np.random.default_rng(1)
+/// >>> image = rng.random((64, 64, 1))
+/// >>> noisy = image + 0.1 * rng.normal(size=(64, 64, 3))
+/// >>> evidence = yester.collocate(np.dstack([noisy, image, 0 * image]))
+/// >>> motion, coverage = np.zeros((64, 64, 2)), np.ones((64, 64))
+/// >>> shares, evidence = yester.collocation_shares(evidence, motion, coverage)
+/// >>> bool(shares[..., 0].min() > 0.9), bool(shares[..., 1].max() < 0.2)
+/// (True, True)
+#[pyfunction]
+#[pyo3(name = "collocate", signature = (planes, evidence=None, *, exposure=1.0, out=None))]
+pub fn collocate_<'py>(
+    py: Python<'py>,
+    planes: &Bound<'py, PyAny>,
+    evidence: Option<&Bound<'py, PyAny>>,
+    exposure: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    exposure::check(exposure)?;
+    let after = {
+        let planes = Input::<f32>::new(planes, "planes", Channels::Of(&[collocation::PLANES]))?;
+        let tiles = choice::tiles(planes.size());
+        let evidence = Input::<f32>::optional(evidence, "evidence", EVIDENCE, tiles)?;
+        let shape = [tiles.height, tiles.width, collocation::CHANNELS];
+        let out = Out::given(out, &shape)?;
+        let planes = planes.data().pixels();
+        let evidence = evidence.as_ref().map(|evidence| evidence.data().pixels());
+        out.fill(py, &shape, |after| {
+            let mut sums = match evidence {
+                Some(evidence) => evidence.to_records(),
+                None => collocation::nothing(planes.size),
+            };
+            collocation::collocate(planes, exposure, &mut sums);
+            after.copy_from_slice(sums.pixels().elements().0);
+        })?
+    };
+    after.array()
+}
+
+/// Channels of the evidence that `collocate` returns.
+const EVIDENCE: Channels = Channels::Of(&[collocation::CHANNELS]);
+
+/// Find how samples and two results are best mixed, tile by tile, by the evidence of earlier frames.
+///
+/// Parameters
+/// ----------
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 14) array_like of float
+///     The previous frame's, as `collocate` returns it.
+/// motion : (H, W, 2) or (H, W, 3) array_like of float
+///     Motion in pixels. A tile's evidence comes from where its centre does.
+/// coverage : (H, W) array_like of float
+///     Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); tiles whose centre was
+///     not have no evidence.
+/// share : float, default 0.2
+///     Fraction of the evidence that decays per frame; 0 to 1.
+/// out : tuple of (⌈H/8⌉, ⌈W/8⌉, 2) and (⌈H/8⌉, ⌈W/8⌉, 14) float32 arrays, optional
+///     Written and returned, as shares and evidence, instead of new arrays. A part may be None.
+///
+/// Returns
+/// -------
+/// shares : (⌈H/8⌉, ⌈W/8⌉, 2) float32
+///     λ and g, 0 to 1: with samples y and results a and b, ``m = b + λ (a - b)`` has the least error among mixtures of
+///     both results, and ``m + g (y - m)`` among those of it and the samples. To hide the tiles, interpolate between
+///     their centres.
+/// evidence : (⌈H/8⌉, ⌈W/8⌉, 14) float32
+///     The evidence where the tiles are in this frame, decayed: `collocate` adds this frame's.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or a share out of range.
+///
+/// See Also
+/// --------
+/// collocate : Adds a frame's evidence.
+/// choice : Chooses one of several predictions by how well they predict samples.
+/// TAA : Mixes samples, denoised colour and result in this way.
+///
+/// Notes
+/// -----
+/// Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
+/// With ⟨a b⟩ the products, averaged over a tile and its eight neighbours, ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of
+/// the detail in p, whatever motion and resampling have lost: the triple collocation of [1]_. ⟨y q⟩ is at least 0.1 of
+/// √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of p's noise, and with ``r = ⟨y p⟩ / S`` the samples
+/// y / r have the detail of p.
+///
+/// The squared error of b less that of a is then ``E = ⟨b b⟩ - ⟨a a⟩ - 2 (⟨y b⟩ - ⟨y a⟩) / r``, and
+/// ``λ = 1/2 + E / 2⟨(a - b)²⟩``. The share of samples is Wiener's, ``g = 1 - (N - C) / ⟨(p - m)²⟩``, where
+/// ``C = ⟨p m⟩ - ⟨y m⟩ / r``, from 0 to N / 2, is the noise that m has of p. Both are limited to 0 and 1; with fewer than
+/// 16 pixels in the average, both are 0.
+///
+/// References
+/// ----------
+/// .. [1] A. Stoffelen, "Toward the true near-surface wind speed: Error modeling and calibration using triple
+///    collocation", Journal of Geophysical Research 103(C4), 1998.
+///
+/// Examples
+/// --------
+/// See `collocate`.
+#[pyfunction]
+#[pyo3(signature = (evidence, motion, coverage, *, share=collocation::SHARE, out=None))]
+#[pyo3(text_signature = "(evidence, motion, coverage, *, share=0.2, out=None)")]
+pub fn collocation_shares<'py>(
+    py: Python<'py>,
+    evidence: &Bound<'py, PyAny>,
+    motion: &Bound<'py, PyAny>,
+    coverage: &Bound<'py, PyAny>,
+    share: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+    collocation::check(share)?;
+    let (shares, carried) = {
+        let motion = Input::<f32>::new(motion, "motion", MOTION)?;
+        let size = motion.size();
+        let coverage = Input::<f32>::new(coverage, "coverage", Channels::One)?;
+        let coverage = coverage.sized("coverage", size)?;
+        let tiles = choice::tiles(size);
+        let evidence = Input::<f32>::new(evidence, "evidence", EVIDENCE)?;
+        let evidence = evidence.sized("evidence", tiles)?;
+        let [first, second] = parts(out.as_ref())?;
+        let shapes = [collocation::SHARES, collocation::CHANNELS]
+            .map(|channels| [tiles.height, tiles.width, channels]);
+        let out = (
+            Out::given(first, &shapes[0])?,
+            Out::given(second, &shapes[1])?,
+        );
+        let mut shares = Direct::new(py, out.0, &shapes[0])?;
+        let mut carried = Direct::new(py, out.1, &shapes[1])?;
+        let images = [&evidence, &motion, &coverage].map(|input| input.data().pixels());
+        let (found, records) = (shares.data()?, carried.data()?);
+        detached(py, || {
+            let [evidence, motion, coverage] = images;
+            let (shares, rest) = collocation::shares(evidence, motion, coverage.plane(), share);
+            shares.view().interleave(found);
+            records.copy_from_slice(rest.pixels().elements().0);
+        })?;
+        (shares, carried)
+    };
+    Ok((shares.array()?, carried.array()?))
 }
 
 /// Measure how much better one history predicts the new sample than another, without a reference.

@@ -41,8 +41,9 @@ mod _core {
     use super::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
     #[pymodule_export]
     use super::judge::{
-        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, compare_candidates,
-        exposure_, innovation_, prediction_gain, temporal_gradient,
+        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, collocate_,
+        collocation_shares, compare_candidates, exposure_, innovation_, prediction_gain,
+        temporal_gradient,
     };
     #[pymodule_export]
     use super::merge::{Accumulated, accumulate_, blend_, combine_histories, resolve_};

@@ -290,7 +290,7 @@ impl<'a> Inputs<'a> {
         stage.step(color.into(), self.motion.pixels(), choice, out, None);
         let (samples, motion) = (self.frame.color, self.motion.pixels());
         stage.correct(correction, samples, &self.motion, shown);
-        stage.choose(samples, color.into(), motion, choice, shown);
+        stage.mix(samples, color.into(), motion, shown);
     }
 }
 

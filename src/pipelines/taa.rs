@@ -10,13 +10,13 @@
 //! that would refuse what antialiases it. The neighbourhood's colours decide instead. Tests can be switched on for
 //! sequences in which another surface's history has the neighbourhood's colours and would pass.
 
-mod choose;
+mod mix;
 mod params;
 mod sweep;
 
 use std::ops::Range;
 
-use self::choose::{Candidates, choose};
+use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
 use super::correction::innovate;
@@ -64,8 +64,8 @@ struct History {
     alternation: Option<Records>,
     /// The innovation that was found and not corrected.
     evidence: Option<Records>,
-    /// The candidates that the next frame's samples judge, where tiles choose.
-    candidates: Option<Candidates>,
+    /// By what the next frame tells which tiles show less of the stage, where they may.
+    seen: Option<Seen>,
     /// Whether the frame is the first.
     first: bool,
 }
@@ -114,7 +114,7 @@ impl Stage {
         let dilation = (params.dilation()).filter(|_| params.gradient || params.alternation);
         let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
         let moved = dilated.as_ref().map_or(motion, Image::pixels);
-        let past = |records: &Records, filter| fetch(records, moved, tests, filter);
+        let past = |records: &Records, filter| fetch(records.pixels(), moved, tests, filter);
         let gradient = (before.as_ref().filter(|_| params.gradient))
             .map(|before| change_of_light(color, past(&before.merged, params.filter)));
         let alternation = params.alternation.then(|| {
@@ -137,41 +137,22 @@ impl Stage {
         };
         let (merged, missing) = sweep.run(merged, report);
         let first = before.is_none();
-        let (evidence, candidates) = before
-            .map(|before| (before.evidence, before.candidates))
-            .unzip();
+        let (evidence, seen) = before.map(|before| (before.evidence, before.seen)).unzip();
         self.history = Some(History {
             merged,
             alternation,
             evidence: evidence.flatten(),
-            candidates: candidates.flatten(),
+            seen: seen.flatten(),
             first,
         });
         missing
     }
 
-    /// Shows less of the stage where that predicts new samples better, if the parameters say so, in place of what it has shown
-    /// of a denoised colour. `choice` is that of the dilation.
-    pub fn choose(
-        &mut self,
-        samples: Pixels,
-        denoised: Pixels,
-        motion: Pixels,
-        choice: Choice,
-        shown: &mut [f32],
-    ) {
-        let history = self.history.as_mut().filter(|_| self.params.choice);
-        // In a first frame the result is the denoised colour, so that roundings would decide.
-        let Some(history) = history.filter(|history| !history.first) else {
-            return;
-        };
-        let before = history.candidates.take();
-        let judged = before.as_ref().is_some_and(Candidates::are_judged);
-        let dilation = self.params.dilation().filter(|_| judged);
-        let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
-        let moved = dilated.as_ref().map_or(motion, Image::pixels);
-        let left = choose(before, samples, denoised, motion, moved, shown);
-        history.candidates = Some(left);
+    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so.
+    pub fn mix(&mut self, samples: Pixels, denoised: Pixels, motion: Pixels, shown: &mut [f32]) {
+        if let Some(history) = self.history.as_mut().filter(|_| self.params.choice) {
+            history.seen = Some(mix(history.seen.take(), samples, denoised, motion, shown));
+        }
     }
 
     /// Corrects what [`Self::step`] has shown by the innovation of the frame's samples, and with it the history if that is fed
@@ -212,20 +193,13 @@ fn fetching(filter: Filter) -> reproject::Params {
 }
 
 /// Reprojects what the last frame left, and tells its coverage.
-fn fetch(past: &Records, motion: Pixels, tests: Tests, filter: Filter) -> (Image, Image) {
+fn fetch(past: Pixels, motion: Pixels, tests: Tests, filter: Filter) -> (Image, Image) {
     let size = motion.size;
     let (mut coverage, mut rejection) = (Image::blank(size, 1), vec![0; size.pixels()]);
     let (covered, params) = (coverage.data_mut(), fetching(filter));
-    let [image] = reproject(
-        &[past.pixels()],
-        motion,
-        tests,
-        params,
-        covered,
-        &mut rejection,
-    )
-    .try_into()
-    .expect("an image for each that is fetched");
+    let [image] = reproject(&[past], motion, tests, params, covered, &mut rejection)
+        .try_into()
+        .expect("an image for each that is fetched");
     (image, coverage)
 }
 
@@ -361,7 +335,7 @@ impl Taa {
         };
         (self.stage).correct(correction, fresh, &motion, output.color);
         if let Some(samples) = samples {
-            (self.stage).choose(samples, color, motion.pixels(), choice, output.color);
+            (self.stage).mix(samples, color, motion.pixels(), output.color);
         }
         self.state = Some(State {
             camera: frame.camera,

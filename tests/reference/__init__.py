@@ -12,6 +12,7 @@ from .blend import blend
 from .blend_factor import blend_factor
 from .bmfr import BMFR
 from .choice import choice, compare_candidates
+from .collocation import collocate, collocation_shares
 from .combine import combine_histories
 from .consistency import consistency
 from .demodulate import demodulate, is_reflectance, remodulate
@@ -64,6 +65,8 @@ __all__ = [
     "blend_factor",
     "choice",
     "clip_history",
+    "collocate",
+    "collocation_shares",
     "combine_histories",
     "compare_candidates",
     "consistency",

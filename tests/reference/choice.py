@@ -30,7 +30,7 @@ def together(image: Tensor) -> Tensor:
     return padded.unflatten(1, (-1, TILE)).unflatten(0, (-1, TILE)).sum((1, 3))  # (h, w, C)
 
 
-def _carry(evidence: Tensor, motion: Tensor, coverage: Tensor) -> Tensor:
+def carry(evidence: Tensor, motion: Tensor, coverage: Tensor) -> Tensor:
     """Evidence (h, w, C) fetched along the motion of each tile's centre, bilinear; none where motion is unknown."""
     height, width = coverage.shape
     down, right = (TILE * torch.arange(n) + TILE // 2 for n in evidence.shape[:2])  # (h,), (w,)
@@ -52,13 +52,19 @@ def _carry(evidence: Tensor, motion: Tensor, coverage: Tensor) -> Tensor:
     return carried.where(known[..., None], 0)
 
 
-def costs(evidence: Tensor, usual: int, strictness: float, margin: float = 0.0) -> Tensor:
-    """Costs (h, w, K) of candidates against the usual one, as squared errors; infinite where too little is known."""
+def around(evidence: Tensor) -> Tensor:
+    """The mean (h, w, C) over neighbouring tiles, weighted {1, 2, 1}/4 along both axes."""
     for axis in (0, 1):
         count = evidence.shape[axis]
         place = torch.arange(count)  # (count,)
         near = [evidence.index_select(axis, (place + d).clamp(0, count - 1)) for d in (-1, 0, 1)]  # 3 of (h, w, C)
         evidence = (near[0] + 2 * near[1] + near[2]) / 4
+    return evidence
+
+
+def costs(evidence: Tensor, usual: int, strictness: float) -> Tensor:
+    """Costs (h, w, K) of candidates against the usual one, as squared errors; infinite where too little is known."""
+    evidence = around(evidence)
     steps = evidence.shape[-1] // 2 - 1
     gains, squares, weight, n = evidence.split([steps, steps, 1, 1], -1)  # (h, w, K - 1) twice, (h, w, 1) twice
     cost = torch.zeros(*n.shape[:2], steps + 1).to(n)  # (h, w, K)
@@ -67,15 +73,13 @@ def costs(evidence: Tensor, usual: int, strictness: float, margin: float = 0.0) 
         sign = 1 if candidate > usual else -1
         variance = (squares[..., between] / weight / (64 / 9 * weight)).sum(-1)  # (h, w)
         cost[..., candidate] = sign * (gains[..., between] / weight).sum(-1) + strictness * variance.sqrt()
-    lead = -(gains[..., :usual] / weight).sum(-1, keepdim=True)  # (h, w, 1)
-    cost = cost + margin * lead.clamp(min=0)  # (h, w, K)
     cost = cost.nan_to_num(torch.inf, torch.inf, torch.inf).where(n >= 16, torch.inf)
     cost[..., usual] = 0
     return cost
 
 
 def choice(
-    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, share=0.3, margin=0.0
+    evidence: Tensor, motion: Tensor, coverage: Tensor, *, usual=0, strictness=0.5, share=0.3
 ) -> tuple[Tensor, Tensor]:
     """Choose of a series of predictions, tile by tile, the one that predicted the samples of earlier frames best.
 
@@ -87,14 +91,13 @@ def choice(
     usual : candidate that is chosen without evidence
     strictness : standard errors by which another must be better
     share : weight of the new frame: the fraction of the evidence that is forgotten
-    margin : fraction of the usual candidate's gain over the first by which another must be better, too
 
     Returns
     -------
     choice (h, w), evidence (h, w, 2 K) at the tiles' current places
     """
-    carried = (1 - share) * _carry(evidence, motion, coverage)  # (h, w, 2 K)
-    least, best = costs(carried, usual, strictness, margin).min(-1)  # (h, w), (h, w)
+    carried = (1 - share) * carry(evidence, motion, coverage)  # (h, w, 2 K)
+    least, best = costs(carried, usual, strictness).min(-1)  # (h, w), (h, w)
     return torch.where(least < 0, best, usual).to(evidence), carried
 
 

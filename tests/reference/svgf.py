@@ -14,7 +14,7 @@ from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .innovation import correct, innovation
 from .reproject import reproject
-from .taa import PRESETS, Shares, antialias, dilated, find_motion, find_still, tells_depth
+from .taa import PRESETS, Mixing, antialias, find_motion, find_still, tells_depth
 from .variance import estimate_variance
 
 #: Samples that a prediction needs, and standard deviations by which the mean may exceed it.
@@ -81,7 +81,7 @@ class SVGF:
 
     def reset(self) -> None:
         self.previous = self.antialiased = self.evidence = self.lag = None
-        self.choosing, self.shares = Choosing(self.iterations), Shares()
+        self.choosing, self.mixing = Choosing(self.iterations), Mixing()
 
     def step(self, frame, later=None) -> Output:
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
@@ -181,10 +181,7 @@ class SVGF:
             found, self.lag = innovation(frame.color, shown, length, **known)  # (H, W, 3), (h, w, 4)
             (color, _), (shown, _) = correct(color, found), correct(shown, found)  # (H, W, 3) twice
         self.antialiased = [color, length]
-        if not stage["choice"] or before is None:
-            return shown
-        there = dilated(stage, motion, frame.depth, still)  # (H, W, 2|3)
-        return self.shares.choose(frame.color, smooth, motion, there, shown)
+        return self.mixing.mix(frame.color, smooth, motion, shown) if stage["choice"] else shown
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""

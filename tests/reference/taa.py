@@ -8,7 +8,8 @@ from .alternation import alternation
 from .anti_lag import anti_lag
 from .blend import blend
 from .blend_factor import blend_factor
-from .choice import choice, compare_candidates, levels
+from .choice import levels
+from .collocation import collocate, collocation_shares
 from .consistency import consistency
 from .dilate import dilate_motion
 from .exposure import exposure
@@ -170,41 +171,49 @@ def dilated(settings: dict, motion: Tensor, depth: Tensor | None, still: Tensor 
     return dilate_motion(motion, depth, choose="longest" if depth is None else "nearest", **among)
 
 
-class Shares:
-    """How much of the output stage each tile shows: samples, denoised colour, result, or means of two of them.
+class Mixing:
+    """How much of the samples and the denoised colour each tile shows instead of the output stage's result.
 
-    The candidates of the frame before, fetched along the dilated motion, are judged by the new samples. Where fewer
-    than one tile in 32 chooses another than the result, none does, and five frames are not judged.
+    Where fewer than a quarter of the tiles ask for more than a twentieth of the samples, all show the result, and five
+    frames are not judged.
     """
 
     def __init__(self):
-        self.luminances, self.evidence, self.rest = None, None, 0
+        self.luminances = self.samples_before = self.evidence = None
+        self.rest = 0
 
-    def choose(self, samples: Tensor, denoised: Tensor, motion: Tensor, there: Tensor, shown: Tensor) -> Tensor:
+    def mix(self, samples: Tensor, denoised: Tensor, motion: Tensor, shown: Tensor) -> Tensor:
         """The mixture (H, W, 3), of samples, denoised colour and result (H, W, 3 each)."""
         if self.rest > 0:
             self.rest -= 1
             return shown
-        level = None
+        light = [luminance(image) for image in (samples, denoised, shown)]  # 3 of (H, W)
+        shares = None
         if self.luminances is not None:
-            fetched, coverage = reproject(self.luminances, there, fallback=False)  # (H, W, 3), (H, W)
-            first, second = fetched[..., [0, 0, 1, 1, 2]], fetched[..., [0, 1, 1, 2, 2]]  # (H, W, 5) each
-            series = ((first + second) / 2).where((coverage > 0)[..., None], torch.nan)  # (H, W, 5)
+            (before, smooth, result), coverage = fetch_all(self.luminances, motion)  # 3 of (H, W), (H, W)
             if self.evidence is not None:
-                chosen, self.evidence = choice(self.evidence, motion, coverage, usual=4, margin=0.3)
-                if 32 * int((chosen < 4).sum()) < chosen.numel():
-                    self.luminances, self.evidence, self.rest = None, None, 5
+                shares, self.evidence = collocation_shares(self.evidence, motion, coverage)  # (h, w, 2), (h, w, 14)
+                if (shares[..., 1] > 0.05).to(shares).mean() < 1 / 4:
+                    self.__init__()
+                    self.rest = 5
                     return shown
-                level = levels(chosen, coverage.shape)[..., None]  # (H, W, 1)
-            known = {"exposure": exposure(shown), "usual": 4}
-            self.evidence = compare_candidates(samples, series, self.evidence, **known)
-        self.luminances = torch.stack([luminance(image) for image in (samples, denoised, shown)], -1)  # (H, W, 3)
-        if level is None:
+            if self.samples_before is not None:
+                (older,), _ = fetch_all([self.samples_before], motion)  # (H, W)
+                planes = torch.stack([light[0], before, older, smooth, result], -1)  # (H, W, 5)
+                self.evidence = collocate(planes, self.evidence, exposure=exposure(shown))
+            self.samples_before = before
+        self.luminances = light
+        if shares is None:
             return shown
-        mixed = torch.where(
-            level < 2, samples.lerp(denoised, level.clamp(max=2) / 2), denoised.lerp(shown, level.clamp(min=2) / 2 - 1)
-        )  # (H, W, 3)
-        return mixed.where((level < 4) & mixed.isfinite().all(-1, keepdim=True), shown)
+        first, second = (levels(each, shown.shape[:2])[..., None] for each in shares.unbind(-1))  # (H, W, 1) twice
+        mixed = shown.lerp(denoised, first).lerp(samples, second)  # (H, W, 3)
+        return mixed.where(mixed.isfinite().all(-1, keepdim=True), shown)
+
+
+def fetch_all(images: list[Tensor], motion: Tensor) -> tuple[list[Tensor], Tensor]:
+    """Images (H, W) of the frame before, NaN where the coverage (H, W) is 0."""
+    fetched, coverage = reproject(torch.stack(images, -1), motion, fallback=False)  # (H, W, C), (H, W)
+    return list(fetched.where((coverage > 0)[..., None], torch.nan).unbind(-1)), coverage
 
 
 def same_surface(settings: dict, frame, before, motion: Tensor) -> dict:

@@ -68,11 +68,12 @@ use crate::pipelines::taa;
 ///     (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
 ///     Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
 /// choice : bool, optional
-///     With the `samples` of denoised frames: each tile of 8×8 pixels shows the result, the denoised colour, the
-///     samples, or the mean of two of these, whichever of the frame before best predicted the new samples (`choice`
-///     with ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. If fewer than
-///     one tile in 32 would show anything but the result, all show it, and the next five frames are not judged. By
-///     default only preset "denoised" chooses.
+///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and
+///     the samples, by the shares that would have made the error of the frame before least (`collocate`,
+///     `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
+///     antialiased as they come, and have little noise. If fewer than a quarter of the tiles ask for more than 5 % of
+///     the samples, all show the result, and the next five frames are not judged: so it is with frames of one sample.
+///     By default only preset "denoised" does this.
 ///
 /// Raises
 /// ------

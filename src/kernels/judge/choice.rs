@@ -12,10 +12,9 @@
 //! by the motion of the tile's centre, interpolated bilinearly between tiles, and decay by 1 − β a frame.
 //! **Decision.** With the sums G of w d, V of w² d², W of w and n averaged over neighbouring tiles by {1, 2, 1}/4 ⊗
 //! {1, 2, 1}/4, the cost of candidate j relative to the default u is
-//!   Σ ±Gₖ/W + c √(Σ Vₖ / (64/9 W²)) + m max(−Σᵢ Gᵢ/W, 0),
-//! k over the steps between u and j, + beyond u and − before it, i over those up to u, 64/9 being the effective number of
-//! tiles in the average. The cheapest candidate wins: one other than u must be better by c standard errors, and by the
-//! fraction m of what u gains over the first candidate. Where n is below 16, u stays.
+//!   Σ ±Gₖ/W + c √(Σ Vₖ / (64/9 W²)),
+//! k over the steps between u and j, + beyond u and − before it, 64/9 being the effective number of tiles in the average.
+//! The cheapest candidate wins: one other than u must be better by c standard errors. Where n is below 16, u stays.
 //!
 //! A frame is decided by the evidence of the frames before it, so that one run of the filter makes both its result and
 //! its candidates. The choice is interpolated between tile centres, and a fractional choice mixes two candidates, so
@@ -41,8 +40,6 @@ pub struct Params {
     pub strictness: f32,
     /// β: fraction of the evidence that decays per frame; 0 to 1; 0.3.
     pub share: f32,
-    /// m: by which fraction of the default's gain over the first candidate it must be beaten, too; ≥ 0; 0.
-    pub margin: f32,
 }
 
 impl Default for Params {
@@ -50,7 +47,6 @@ impl Default for Params {
         Self {
             strictness: 0.5,
             share: 0.3,
-            margin: 0.0,
         }
     }
 }
@@ -58,23 +54,30 @@ impl Default for Params {
 impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        for (name, value) in [("strictness", self.strictness), ("margin", self.margin)] {
-            let holds = |v: f32| v >= 0.0 && v.is_finite();
-            in_range(name, value, "a finite number from 0", holds)?;
-        }
-        in_range("share", self.share, "a share from 0 to 1", |v| {
-            (0.0..=1.0).contains(&v)
-        })
+        let holds = |v: f32| v >= 0.0 && v.is_finite();
+        in_range(
+            "strictness",
+            self.strictness,
+            "a finite number from 0",
+            holds,
+        )?;
+        check_share(self.share)
     }
 }
 
+/// An error if β is out of range.
+pub(super) fn check_share(share: f32) -> Result<()> {
+    let holds = |v: f32| (0.0..=1.0).contains(&v);
+    in_range("share", share, "a share from 0 to 1", holds)
+}
+
 /// Side of a tile in pixels; divides [`SEGMENT`].
-const TILE: usize = 8;
+pub(super) const TILE: usize = 8;
 
 /// Bound of a sample's relative difference r.
 const BOUND: f32 = 8.0;
 /// With fewer comparisons the default stays.
-const MIN_COMPARISONS: f32 = 16.0;
+pub(super) const MIN_COMPARISONS: f32 = 16.0;
 /// Mean square of a tile's steps below which frames weigh the same.
 const QUIET: f32 = 1e-6;
 /// Effective number of tiles in the average over neighbours: one over the sum of its squared weights.
@@ -101,16 +104,8 @@ pub fn choice(
     usual: usize,
     params: Params,
 ) -> (Image, Records) {
+    let carried = carry(evidence, motion, coverage, params.share);
     let size = evidence.size;
-    let carry = Carry {
-        evidence,
-        motion,
-        coverage,
-        keep: 1.0 - params.share,
-    };
-    let mut carried = Records::blank(size, evidence.channels);
-    let band = BAND * size.width * evidence.channels;
-    rows::run(&carry, size.height, carried.data_mut().chunks_mut(band));
     let mut chosen = Image::blank(size, 1);
     let decide = Decide {
         evidence: carried.pixels(),
@@ -140,7 +135,21 @@ pub fn compare(
     rows::run(&compare, size.height, evidence.data_mut().chunks_mut(band));
 }
 
-/// Evidence of the frames before, where the tiles are now.
+/// Evidence of the frames before, where the tiles are now, of which `share` decays.
+pub(super) fn carry(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> Records {
+    let size = evidence.size;
+    let carry = Carry {
+        evidence,
+        motion,
+        coverage,
+        keep: 1.0 - share,
+    };
+    let mut carried = Records::blank(size, evidence.channels);
+    let band = BAND * size.width * evidence.channels;
+    rows::run(&carry, size.height, carried.data_mut().chunks_mut(band));
+    carried
+}
+
 struct Carry<'a> {
     evidence: Pixels<'a>,
     motion: Pixels<'a>,
@@ -311,6 +320,23 @@ impl<'a, F: Colors> Compare<'a, F> {
     }
 }
 
+/// The mean of a tile's evidence and its neighbours', weighted {1, 2, 1}/4 along both axes.
+#[inline(always)]
+pub(super) fn average(evidence: Pixels, x: usize, y: usize, mean: &mut [f32]) {
+    const WEIGHTS: [f32; 3] = [0.25, 0.5, 0.25];
+    let Size { height, width } = evidence.size;
+    let near = |at: usize, side: usize| [at.saturating_sub(1), at, (at + 1).min(side - 1)];
+    mean.fill(0.0);
+    for (row, wy) in near(y, height).into_iter().zip(WEIGHTS) {
+        for (column, wx) in near(x, width).into_iter().zip(WEIGHTS) {
+            let tile = row * width + column;
+            for (channel, sum) in mean.iter_mut().enumerate() {
+                *sum += wy * wx * evidence.at(tile, channel);
+            }
+        }
+    }
+}
+
 struct Decide<'a> {
     evidence: Pixels<'a>,
     usual: usize,
@@ -322,21 +348,10 @@ impl<'a> Kernel for Decide<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut chosen: BandMut<'a>) {
-        let Size { height, width } = self.evidence.size;
         let mut around = vec![0.0; self.evidence.channels];
-        let near = |at: usize, side: usize| [at.saturating_sub(1), at, (at + 1).min(side - 1)];
-        const WEIGHTS: [f32; 3] = [0.25, 0.5, 0.25];
         for y in rows {
-            for x in 0..width {
-                around.fill(0.0);
-                for (row, wy) in near(y, height).into_iter().zip(WEIGHTS) {
-                    for (column, wx) in near(x, width).into_iter().zip(WEIGHTS) {
-                        let tile = row * width + column;
-                        for (channel, sum) in around.iter_mut().enumerate() {
-                            *sum += wy * wx * self.evidence.at(tile, channel);
-                        }
-                    }
-                }
+            for x in 0..self.evidence.size.width {
+                average(self.evidence, x, y, &mut around);
                 chosen.row(0, y)[x] = self.cheapest(&around) as f32;
             }
         }
@@ -352,15 +367,13 @@ impl Decide<'_> {
         if !(n >= MIN_COMPARISONS) {
             return usual;
         }
-        let lead: f32 = gains[..usual].iter().map(|gain| -(gain / weight)).sum();
-        let toll = self.params.margin * larger(lead, 0.0);
         let (mut best, mut least) = (usual, 0.0);
         let mut walk = |steps: &mut dyn Iterator<Item = usize>, sign: f32| {
             let (mut gain, mut variance) = (0.0, 0.0);
             for step in steps {
                 gain += sign * (gains[step] / weight);
                 variance += squares[step] / weight / (TILES * weight);
-                let cost = gain + self.params.strictness * variance.sqrt() + toll;
+                let cost = gain + self.params.strictness * variance.sqrt();
                 if cost < least {
                     let beyond = usize::from(sign > 0.0);
                     (best, least) = (step + beyond, cost);
@@ -374,7 +387,7 @@ impl Decide<'_> {
 }
 
 /// The tiles' choice, interpolated at pixels.
-pub(crate) struct Levels<'a>(pub &'a Image);
+pub(crate) struct Levels<'a>(pub View<'a>);
 
 impl Levels<'_> {
     /// Interpolates the choice at a span that starts at a tile's border.
@@ -387,7 +400,7 @@ impl Levels<'_> {
         let down = from.rem_euclid(PARTS as isize) as f32 / PARTS as f32;
         let row = |row: isize| {
             let row = row.clamp(0, height as isize - 1);
-            self.0.view().row(0, row as usize)
+            self.0.row(0, row as usize)
         };
         let above = from.div_euclid(PARTS as isize);
         let (upper, lower) = (row(above), row(above + 1));

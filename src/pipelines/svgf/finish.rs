@@ -65,7 +65,7 @@ pub fn finish(
         let correction = now.params.innovation.map(|_| AFTER_DENOISER);
         let samples = now.frame.color;
         stage.correct(correction, samples, now.motion, show);
-        stage.choose(samples, color.pixels(), now.motion.pixels(), choice, show);
+        stage.mix(samples, color.pixels(), now.motion.pixels(), show);
     }
 }
 

@@ -112,7 +112,7 @@ pub fn filter(
         let keep = Keep {
             pass,
             usual,
-            tiles: tiles.map(Levels),
+            tiles: tiles.map(|tiles| Levels(tiles.view())),
         };
         let light = light.as_mut().filter(|_| pass == usual.min(2));
         let mut light = light.map(|light| light.data_mut().chunks_mut(3 * size.width));

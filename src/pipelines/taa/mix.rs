@@ -1,0 +1,216 @@
+//! How much of the samples, and of the denoised colour, each tile shows instead of the output stage's result.
+//!
+//! Frames of many samples are antialiased as they come, and have little noise: what the stage still adds is then blur and lag,
+//! and at some point the denoiser does no better. With y the samples, a the denoised colour and b the stage's result, a pixel
+//! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
+//! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
+//! here and there by chance: where fewer than one tile in [`FEWEST`] asks for samples, all show b, and the next [`REST`] frames
+//! are not judged.
+//!
+//! Inputs: samples (3), denoised colour (3), motion (2 or 3), of the frame before: luminances (3), luminance of the samples
+//! before it (1), evidence (of an eighth of the size). In place: result (3). Outputs: what the next frame needs of these.
+
+use std::ops::Range;
+
+use super::fetch;
+use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, View, segments};
+use crate::kernels::fetch::footprint::Filter;
+use crate::kernels::fetch::validate::Tests;
+use crate::kernels::judge::choice::Levels;
+use crate::kernels::judge::collocation::{self, PLANES, collocate, shares as shares_by};
+use crate::kernels::judge::exposure::exposure;
+use crate::math::luminance;
+use crate::pixels::{Colors, Row};
+use crate::rows::{self, BAND, Kernel, Simd};
+
+/// Of the samples, the denoised colour and the result.
+const LUMINANCES: usize = 3;
+
+/// A tile asks for samples from this share of them on. Of frames of one sample, at most a fifth of the tiles do, of frames of
+/// 16 more than a quarter.
+const ASKS: f32 = 0.05;
+const FEWEST: usize = 4;
+/// With the four frames that it takes to ask again, one of two is judged.
+const REST: u32 = 5;
+
+/// What the next frame needs to judge this one.
+#[derive(Default)]
+pub struct Seen {
+    luminances: Option<Records>,
+    /// Luminance of the samples before, where they are in this frame; NaN where they are not.
+    samples_before: Option<Image>,
+    evidence: Option<Records>,
+    /// Frames that are not judged.
+    rest: u32,
+}
+
+/// Mixes samples and denoised colour into the result. Returns what the next frame needs.
+pub fn mix(
+    before: Option<Seen>,
+    samples: Pixels,
+    denoised: Pixels,
+    motion: Pixels,
+    shown: &mut [f32],
+) -> Seen {
+    let size = samples.size;
+    let before = before.unwrap_or_default();
+    if let Some(rest) = before.rest.checked_sub(1) {
+        return Seen {
+            rest,
+            ..Seen::default()
+        };
+    }
+    let (mut shares, mut evidence, mut samples_before) = (None, None, None);
+    if let Some(luminances) = &before.luminances {
+        let recent = fetch(luminances.pixels(), motion, Tests::none(), Filter::Bilinear);
+        let carried = (before.evidence)
+            .map(|known| shares_by(known.pixels(), motion, recent.1.view(), collocation::SHARE));
+        let (found, left) = carried.unzip();
+        if found.as_ref().is_some_and(hardly_asks) {
+            return Seen {
+                rest: REST,
+                ..Seen::default()
+            };
+        }
+        let older = (before.samples_before.as_ref())
+            .map(|plane| fetch(plane.pixels(), motion, Tests::none(), Filter::Bilinear));
+        let planes = planes(samples, &recent, older.as_ref());
+        if older.is_some() {
+            let mut sums = left.unwrap_or_else(|| collocation::nothing(size));
+            let bright = exposure(Pixels::records(size, 3, shown));
+            collocate(planes.pixels(), bright, &mut sums);
+            evidence = Some(sums);
+        }
+        let before = Pixels::from(planes.channels(1..2)).to_planes();
+        (shares, samples_before) = (found, Some(before));
+    }
+    let mut luminances = Records::blank(size, LUMINANCES);
+    let [first, second] = [0, 1].map(|c| (shares.as_ref()).map(|shares| shares.channels(c..c + 1)));
+    let kernel = Mix {
+        samples,
+        denoised,
+        shares: first.zip(second).map(|(a, b)| [a, b].map(Levels)),
+    };
+    let band = BAND * size.width;
+    let outs =
+        (shown.chunks_mut(3 * band)).zip(luminances.data_mut().chunks_mut(LUMINANCES * band));
+    rows::run(&kernel, size.height, outs);
+    Seen {
+        luminances: Some(luminances),
+        samples_before,
+        evidence,
+        rest: 0,
+    }
+}
+
+/// Whether fewer than one tile in [`FEWEST`] asks for samples.
+fn hardly_asks(shares: &Image) -> bool {
+    let samples = shares.plane(1);
+    let asking = samples.iter().filter(|&&share| share > ASKS);
+    asking.count() * FEWEST < samples.len()
+}
+
+/// What the evidence compares, each with its coverage: luminances of new samples, of those of the frame before, of those
+/// before that, and of denoised colour and result of the frame before. NaN where a pixel was not there.
+fn planes(samples: Pixels, recent: &(Image, Image), older: Option<&(Image, Image)>) -> Image {
+    let size = samples.size;
+    let mut planes = Image::blank(size, PLANES);
+    let kernel = Planes {
+        samples,
+        recent: [&recent.0, &recent.1].map(Image::view),
+        older: older.map(|(older, coverage)| [older, coverage].map(Image::view)),
+    };
+    rows::run(&kernel, size.height, planes.bands());
+    planes
+}
+
+struct Planes<'a> {
+    samples: Pixels<'a>,
+    recent: [View<'a>; 2],
+    older: Option<[View<'a>; 2]>,
+}
+
+impl<'a> Kernel for Planes<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut planes: BandMut<'a>) {
+        let width = self.samples.size.width;
+        let mut colors = [[0.0; SEGMENT]; 3];
+        for y in rows {
+            let [fresh, recent, older, denoised, result] = planes.rows(y);
+            for run in segments(y, width) {
+                self.samples.colors(run, &mut colors);
+                for (i, fresh) in fresh[run.x..][..run.len].iter_mut().enumerate() {
+                    let [r, g, b] = [0, 1, 2].map(|c| colors[c][i]);
+                    *fresh = luminance(r, g, b);
+                }
+            }
+            let [values, coverage] = self.recent;
+            for (c, row) in [recent, denoised, result].into_iter().enumerate() {
+                copy_covered(values.row(c, y), coverage.row(0, y), row);
+            }
+            match self.older {
+                Some([values, coverage]) => {
+                    copy_covered(values.row(0, y), coverage.row(0, y), older);
+                }
+                None => older.fill(f32::NAN),
+            }
+        }
+    }
+}
+
+/// Copies a row, NaN where it is not covered.
+#[inline(always)]
+fn copy_covered(values: &[f32], coverage: &[f32], row: &mut [f32]) {
+    for (out, (&value, &coverage)) in row.iter_mut().zip(values.iter().zip(coverage)) {
+        *out = if coverage > 0.0 { value } else { f32::NAN };
+    }
+}
+
+/// Mixes as the tiles' shares say.
+struct Mix<'a> {
+    samples: Pixels<'a>,
+    denoised: Pixels<'a>,
+    /// Of the denoised colour, and of the samples.
+    shares: Option<[Levels<'a>; 2]>,
+}
+
+impl<'a> Kernel for Mix<'a> {
+    type Out = (&'a mut [f32], &'a mut [f32]);
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (shown, luminances): Self::Out) {
+        let Size { width, .. } = self.samples.size;
+        let (mut sample, mut denoised) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
+        let mut levels: [Row; 2] = [[0.0; SEGMENT]; 2];
+        let shown = rows::lines(rows.clone(), shown, 3 * width);
+        let luminances = rows::lines(rows, luminances, LUMINANCES * width);
+        for ((y, shown), (_, luminances)) in shown.zip(luminances) {
+            let shown = shown.as_chunks_mut::<3>().0;
+            let luminances = luminances.as_chunks_mut::<LUMINANCES>().0;
+            for run in segments(y, width) {
+                self.samples.colors(run, &mut sample);
+                self.denoised.colors(run, &mut denoised);
+                if let Some(shares) = &self.shares {
+                    for (levels, shares) in levels.iter_mut().zip(shares) {
+                        shares.read(run, &mut levels[..run.len]);
+                    }
+                }
+                let pixels = shown[run.x..][..run.len].iter_mut();
+                for (i, (shown, known)) in pixels.zip(&mut luminances[run.x..]).enumerate() {
+                    let [y, a] = [&sample, &denoised].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
+                    let b = *shown;
+                    *known = [y, a, b].map(|[r, g, b]| luminance(r, g, b));
+                    let mixed: [_; 3] = std::array::from_fn(|c| {
+                        let result = b[c] + levels[0][i] * (a[c] - b[c]);
+                        result + levels[1][i] * (y[c] - result)
+                    });
+                    if mixed.iter().all(|value| value.is_finite()) {
+                        *shown = mixed;
+                    }
+                }
+            }
+        }
+    }
+}
