@@ -56,7 +56,8 @@
 //!   judge    consistency, disocclusion, thin_features,          history of another surface or light is refused,
 //!            exposure ► clip_history, alternation ► anti_lag,
 //!            temporal_gradient, prediction_gain ► blend_factor, or weighs less,
-//!            innovation, compare_candidates ► choice            or is corrected; the best of several wins
+//!            innovation, compare_candidates ► choice,           or is corrected; the best of several wins,
+//!            collocate ► collocation_shares                     or their best mixture
 //!   merge    resample ► accumulate, blend, recirculate, resolve new samples are accumulated,
 //!            combine_histories                                  and both sides of time put together
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      the remaining noise

@@ -136,7 +136,9 @@ class Mixing:
                 fetched, coverage = fetch_known(self.luminances, motion)
                 if self.evidence is not None:
                     shares, self.evidence = yester.collocation_shares(self.evidence, motion, coverage)
-                    if 4 * (shares[..., 1] > np.float32(0.05)).sum() < shares[..., 1].size:
+                    agreed = agree(shares[..., 1] > np.float32(0.05))
+                    shares = np.where(agreed[..., None], shares, np.float32(0))
+                    if 8 * agreed.sum() < agreed.size:
                         self.__init__()
                         self.rest = 5
                         return shown
@@ -152,6 +154,15 @@ class Mixing:
             mixed = shown + first * (denoised - shown)
             mixed = mixed + second * (samples - mixed)
         return np.where(np.isfinite(mixed).all(-1, keepdims=True), mixed, shown)
+
+
+def agree(asks: NDArray) -> NDArray:
+    """Where at least 3 of 10 tiles ask, of those up to 4 tiles away along each axis."""
+    windows = [
+        np.lib.stride_tricks.sliding_window_view(np.pad(image.astype(int), 4), (9, 9)).sum((-1, -2))
+        for image in (asks, np.ones_like(asks))
+    ]
+    return 10 * windows[0] >= 3 * windows[1]
 
 
 def fetch_known(image: NDArray, motion: NDArray) -> tuple[NDArray, NDArray]:

@@ -174,8 +174,8 @@ def dilated(settings: dict, motion: Tensor, depth: Tensor | None, still: Tensor 
 class Mixing:
     """How much of the samples and the denoised colour each tile shows instead of the output stage's result.
 
-    Where fewer than a quarter of the tiles ask for more than a twentieth of the samples, all show the result, and five
-    frames are not judged.
+    Tiles show the result where few around them ask for more than a twentieth of the samples. Where fewer than one in 8
+    shows anything else, none does, and five frames are not judged.
     """
 
     def __init__(self):
@@ -208,6 +208,15 @@ class Mixing:
         first, second = (levels(each, shown.shape[:2])[..., None] for each in shares.unbind(-1))  # (H, W, 1) twice
         mixed = shown.lerp(denoised, first).lerp(samples, second)  # (H, W, 3)
         return mixed.where(mixed.isfinite().all(-1, keepdim=True), shown)
+
+
+def agree(asks: Tensor) -> Tensor:
+    """Where (h, w) at least 3 of 10 tiles ask, of those up to 4 tiles away along each axis."""
+    counts = [
+        torch.nn.functional.avg_pool2d(image[None, None].double(), 9, stride=1, padding=4, divisor_override=1)[0, 0]
+        for image in (asks, torch.ones_like(asks))
+    ]
+    return 10 * counts[0] >= 3 * counts[1]
 
 
 def fetch_all(images: list[Tensor], motion: Tensor) -> tuple[list[Tensor], Tensor]:

@@ -79,8 +79,8 @@ use crate::pipelines::{svgf, taa};
 ///     history best predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and
 ///     fine shadows keep their detail, and uniform surfaces are smoothed more. The filter then compares the luminance
 ///     that history predicts, where that is worth 2.5 samples and the new one is no outlier, instead of the merged one.
-///     In the same way tiles show less of the output stage, or the samples themselves, where these predicted better
-///     than the result by three tenths of the samples' noise (`TAA`): frames of many samples need little.
+///     The output stage's result is mixed with the denoised colour and the samples, by tiles, as new samples tell
+///     (`TAA`): frames of many samples need little of it.
 /// innovation : bool, default True
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.

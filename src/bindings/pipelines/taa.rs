@@ -71,8 +71,9 @@ use crate::pipelines::taa;
 ///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and
 ///     the samples, by the shares that would have made the error of the frame before least (`collocate`,
 ///     `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
-///     antialiased as they come, and have little noise. If fewer than a quarter of the tiles ask for more than 5 % of
-///     the samples, all show the result, and the next five frames are not judged: so it is with frames of one sample.
+///     antialiased as they come, and have little noise. A tile shows the result if fewer than 3 of 10 tiles, up to 4
+///     tiles away, ask for more than 5 % of the samples. If fewer than one in 8 shows anything else, none does, and the
+///     next five frames are not judged: so it is with frames of one sample.
 ///     By default only preset "denoised" does this.
 ///
 /// Raises

@@ -4,8 +4,8 @@
 //! and at some point the denoiser does no better. With y the samples, a the denoised colour and b the stage's result, a pixel
 //! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
 //! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
-//! here and there by chance: where fewer than one tile in [`FEWEST`] asks for samples, all show b, and the next [`REST`] frames
-//! are not judged.
+//! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
+//! Where fewer than one in [`FEWEST`] shows anything else, none does, and the next [`REST`] frames are not judged.
 //!
 //! Inputs: samples (3), denoised colour (3), motion (2 or 3), of the frame before: luminances (3), luminance of the samples
 //! before it (1), evidence (of an eighth of the size). In place: result (3). Outputs: what the next frame needs of these.
@@ -26,10 +26,13 @@ use crate::rows::{self, BAND, Kernel, Simd};
 /// Of the samples, the denoised colour and the result.
 const LUMINANCES: usize = 3;
 
-/// A tile asks for samples from this share of them on. Of frames of one sample, at most a fifth of the tiles do, of frames of
-/// 16 more than a quarter.
+/// A tile asks for samples from this share of them on.
 const ASKS: f32 = 0.05;
-const FEWEST: usize = 4;
+/// How many of how many tiles must ask, at most [`REACH`] tiles away along each axis. Of frames of one sample, up to a fifth
+/// do, of frames of 16 mostly more than a third.
+const ASK: [u32; 2] = [3, 10];
+const REACH: usize = 4;
+const FEWEST: usize = 8;
 /// With the four frames that it takes to ask again, one of two is judged.
 const REST: u32 = 5;
 
@@ -65,8 +68,8 @@ pub fn mix(
         let recent = fetch(luminances.pixels(), motion, Tests::none(), Filter::Bilinear);
         let carried = (before.evidence)
             .map(|known| shares_by(known.pixels(), motion, recent.1.view(), collocation::SHARE));
-        let (found, left) = carried.unzip();
-        if found.as_ref().is_some_and(hardly_asks) {
+        let (mut found, left) = carried.unzip();
+        if found.as_mut().is_some_and(|shares| !agree(shares)) {
             return Seen {
                 rest: REST,
                 ..Seen::default()
@@ -103,11 +106,37 @@ pub fn mix(
     }
 }
 
-/// Whether fewer than one tile in [`FEWEST`] asks for samples.
-fn hardly_asks(shares: &Image) -> bool {
-    let samples = shares.plane(1);
-    let asking = samples.iter().filter(|&&share| share > ASKS);
-    asking.count() * FEWEST < samples.len()
+/// Lets tiles show the result where too few around them ask for samples. Returns whether enough show anything else.
+fn agree(shares: &mut Image) -> bool {
+    let Size { height, width } = shares.size;
+    // Number of tiles that ask, above and to the left of a corner.
+    let mut before = vec![0; (height + 1) * (width + 1)];
+    for (y, row) in shares.plane(1).chunks(width).enumerate() {
+        let mut count = 0;
+        for (x, &samples) in row.iter().enumerate() {
+            count += u32::from(samples > ASKS);
+            before[(y + 1) * (width + 1) + x + 1] = before[y * (width + 1) + x + 1] + count;
+        }
+    }
+    let near = |at: usize, side: usize| [at.saturating_sub(REACH), (at + REACH + 1).min(side)];
+    let pixels = height * width;
+    let mut others = 0;
+    for y in 0..height {
+        let [top, bottom] = near(y, height).map(|y| y * (width + 1));
+        for x in 0..width {
+            let [left, right] = near(x, width);
+            let inside = |row: usize| before[row + right] - before[row + left];
+            let tiles = (bottom - top) / (width + 1) * (right - left);
+            if ASK[1] * (inside(bottom) - inside(top)) >= ASK[0] * tiles as u32 {
+                others += 1;
+            } else {
+                for c in 0..collocation::SHARES {
+                    shares.data_mut()[c * pixels + y * width + x] = 0.0;
+                }
+            }
+        }
+    }
+    others * FEWEST >= pixels
 }
 
 /// What the evidence compares, each with its coverage: luminances of new samples, of those of the frame before, of those

@@ -1,8 +1,9 @@
 """Frames of more than one sample: ``python -m yester.study.compare.samples``.
 
-Eight sequences are rendered with 1 to 64 samples per pixel, and denoised by `SVGF`, by `SVGF` of which all tiles show
-the output stage's result (``TAA("denoised", choice=False)``), by `SVGF` with frames on both sides, and by Open Image
-Denoise. Printed are the means, beside those of the frames as they were rendered.
+Fourteen sequences are rendered with 1 to 64 samples per pixel, and denoised by `SVGF`, by `SVGF` of which all tiles
+show the output stage's result (``TAA("denoised", choice=False)``), by `SVGF` with frames on both sides, and by Open
+Image Denoise. Printed are the means over those by which constants were set, then over those that were rendered after,
+beside those of the frames as they were rendered.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import harm
 
-__all__ = ["METHODS", "SEQUENCES", "errors", "main"]
+__all__ = ["HELD_OUT", "METHODS", "SEQUENCES", "errors", "main"]
 
 #: Of every kind: edges, texture, leaves, highlights, mirrors, lamps.
 SEQUENCES = (
@@ -34,8 +35,12 @@ SEQUENCES = (
     "naked_lamps",
     "grass",
 )
+#: Rendered with more samples after the constants were set.
+HELD_OUT = ("glassware", "brushed_metal", "spinning_shapes", "caustics", "opening_door", "fast_dolly")
 _SAMPLES = (1, 2, 4, 16, 64)
-_MEASURED = ("psnr", "relmse", "flip")
+#: Metrics of single frames, with their columns.
+_EACH = {"psnr": "PSNR", "relmse": "relMSE", "flip": "FLIP"}
+_CHANGE = "temporal_error"
 
 Images = Iterator[NDArray[np.float32]]
 
@@ -68,24 +73,39 @@ METHODS: Mapping[str, Callable[[Iterable[Frame]], Images]] = {
 def errors(recording: Recording) -> dict[str, dict[str, float]]:
     """By method and metric, the mean over the frames that have a reference."""
     frames = [recording.frame(i) for i in range(len(recording.frames))]
+    references = {i: Picture(recording.reference(i)) for i in recording.references}
     found = {}
     for name, run in METHODS.items():
-        images = [*run(frames)]
-        pairs = [(Picture(images[i]), Picture(recording.reference(i))) for i in recording.references]
-        found[name] = {key: float(np.mean([METRICS[key].measure(*pair) for pair in pairs])) for key in _MEASURED}
+        images = [Picture(image) for image in run(frames)]
+        values = {
+            key: [METRICS[key].measure(images[i], reference) for i, reference in references.items()] for key in _EACH
+        }
+        values[_CHANGE] = [
+            METRICS[_CHANGE].measure(images[i], images[i - 1], reference, references[i - 1])
+            for i, reference in references.items()
+            if i - 1 in references
+        ]
+        found[name] = {key: float(np.mean(each)) for key, each in values.items() if each}
     return found
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a table: rows of methods for each number of samples."""
-    options = parser("yester.study.compare.samples", __doc__, SEQUENCES).parse_args(arguments)
+    """Print a table: rows of methods for each number of samples, columns of metrics for each group of sequences."""
+    options = parser("yester.study.compare.samples", __doc__, SEQUENCES + HELD_OUT).parse_args(arguments)
+    names = expand(options.sequences)
+    groups = [[name for name in names if (name in HELD_OUT) == late] for late in (False, True)]
+    groups = [group for group in groups if group]
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 1024}
-    rows = [["samples", "", "PSNR, dB", "relMSE", "FLIP"]]
+    rows = [["samples", "", *[*_EACH.values(), "temporal"] * len(groups)]]
     for spp in _SAMPLES:
-        found = [errors(record(name, options.cache, spp=spp, **shape)) for name in expand(options.sequences)]
+        found = {name: errors(record(name, options.cache, spp=spp, **shape)) for name in names}
         for method in METHODS:
-            psnr, relmse, flip = (np.mean([each[method][key] for each in found]) for key in _MEASURED)
-            rows.append([str(spp), method, f"{psnr:.2f}", f"{relmse:.4f}", f"{flip:.4f}"])
+            row = [str(spp), method]
+            for group in groups:
+                for key in (*_EACH, _CHANGE):
+                    mean = np.mean([found[name][method][key] for name in group])
+                    row.append(f"{mean:.2f}" if key == "psnr" else f"{mean:.4f}")
+            rows.append(row)
     print(harm.aligned(rows))
 
 
