@@ -32,8 +32,9 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     candidates = rng.exponential(1, (height, width, 3)).astype(np.float32)
     gains = rng.normal(0, 20, ((height + 7) // 8, (width + 7) // 8, 6)).astype(np.float32)
     gains[..., 2:] = np.abs(gains[..., 2:]) + 9
-    planes = light[..., None] + rng.normal(0, 0.3, (height, width, 5)).astype(np.float32)
-    products = np.abs(rng.normal(0, 20, (*gains.shape[:2], 14))).astype(np.float32) + np.float32(9)
+    more = np.random.default_rng(seed)
+    planes = light[..., None] + more.normal(0, 0.3, (height, width, 5)).astype(np.float32)
+    products = np.abs(more.normal(0, 20, (*gains.shape[:2], 14))).astype(np.float32) + np.float32(9)
     moved = {"ids": now["ids"], "transforms": {1: np.diag([1.0, 2, 1, 1])}}
     return {
         "motion_vectors(depth)": (yester.motion_vectors, {"geometry": now["depth"], **cameras, **moved}),

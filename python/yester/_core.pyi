@@ -1073,11 +1073,13 @@ class TAA(Pipeline):
         (`innovation`, with the `exposure` of the result and ``fed_back=False``): for changing light in noisy frames.
         Without noise, part of the aliasing is mistaken for change. For denoised frames, see the `samples` of `step`.
     choice : bool, optional
-        With the `samples` of denoised frames: each tile of 8×8 pixels shows the result, the denoised colour, the
-        samples, or the mean of two of these, whichever of the frame before best predicted the new samples (`choice`
-        with ``usual=4, margin=0.3`` of the five). Frames of many samples are antialiased as they come. If fewer than
-        one tile in 32 would show anything but the result, all show it, and the next five frames are not judged. By
-        default only preset "denoised" chooses.
+        With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and
+        the samples, by the shares that would have made the error of the frame before least (`collocate`,
+        `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
+        antialiased as they come, and have little noise. A tile shows the result if fewer than 3 of 10 tiles, up to 4
+        tiles away, ask for more than 5 % of the samples. If fewer than one in 8 shows anything else, none does, and the
+        next five frames are not judged: so it is with frames of one sample.
+        By default only preset "denoised" does this.
 
     Raises
     ------
@@ -2536,9 +2538,6 @@ def choice(
         Standard errors by which another candidate must be better; at least 0.
     share : float, default 0.3
         Fraction of the evidence that decays per frame; 0 to 1.
-    margin : float, default 0.0
-        By which fraction of what the default candidate gains over the first one another must be better, too; at least
-        0. If the first is the samples of the frame before, that gain is their noise.
     out : tuple of (⌈H/8⌉, ⌈W/8⌉) and (⌈H/8⌉, ⌈W/8⌉, 2 K) float32 arrays, optional
         Written and returned, as choice and evidence, instead of new arrays. A part may be None.
 
@@ -2563,8 +2562,8 @@ def choice(
     Notes
     -----
     A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
-    `strictness` standard errors of the steps between it and the default one, plus the margin, wins if that is below 0;
-    with fewer than 16 samples in the average, the default candidate stays.
+    `strictness` standard errors of the steps between it and the default one wins if that is below 0; with fewer than 16
+    samples in the average, the default candidate stays.
 
     Examples
     --------
@@ -2583,7 +2582,52 @@ def collocate(
     exposure: float = 1.0,
     out: _Floats | None = None,
 ) -> _Floats:
-    """-"""
+    """Compare three frames' samples and two results, tile by tile, to tell noise from detail.
+
+    Parameters
+    ----------
+    planes : (H, W, 5) array_like of float
+        Luminances, all where the pixels are in this frame: of its samples; of those of the frame before; of those of
+        two frames before, which were first brought to the frame before; of two results of the frame before. A pixel
+        counts if all are finite in its 3×3 pixels, so that the image's border does not.
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 14) array_like of float, optional
+        That of earlier frames, as `collocation_shares` returns it.
+    exposure : float, default 1.0
+        `exposure` of the image; above 0. Detail below 1/1024 of it is black.
+    out : (⌈H/8⌉, ⌈W/8⌉, 14) float32 array, optional
+        Written and returned instead of a new array; it may be the evidence.
+
+    Returns
+    -------
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 14) float32
+        With this frame's added: weighted sums of products of detail, and the number of pixels.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or an exposure out of range.
+
+    See Also
+    --------
+    collocation_shares : Tells by the evidence how samples and results are best mixed.
+
+    Notes
+    -----
+    The detail of a plane is its difference from the mean of the 3×3 pixels. With the planes numbered from 0, the
+    products are those of 00, 01, 02, 11, 12, 22, 03, 13, 33, 04, 14, 44 and 34. A tile's sums of a frame have the weight
+    ``1 / ((Σ₀₀ + Σ₁₁) / n + (exposure / 1024)²)``, n being its pixels, so that no frame decides alone.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> image = rng.random((64, 64, 1))
+    >>> noisy = image + 0.1 * rng.normal(size=(64, 64, 3))
+    >>> evidence = yester.collocate(np.dstack([noisy, image, 0 * image]))
+    >>> motion, coverage = np.zeros((64, 64, 2)), np.ones((64, 64))
+    >>> shares, evidence = yester.collocation_shares(evidence, motion, coverage)
+    >>> bool(shares[..., 0].min() > 0.9), bool(shares[..., 1].max() < 0.2)
+    (True, True)
+    """
 
 def collocation_shares(
     evidence: ArrayLike,
@@ -2593,7 +2637,64 @@ def collocation_shares(
     share: float = 0.2,
     out: tuple[_Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats]:
-    """-"""
+    """Find how samples and two results are best mixed, tile by tile, by the evidence of earlier frames.
+
+    Parameters
+    ----------
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 14) array_like of float
+        The previous frame's, as `collocate` returns it.
+    motion : (H, W, 2) or (H, W, 3) array_like of float
+        Motion in pixels. A tile's evidence comes from where its centre does.
+    coverage : (H, W) array_like of float
+        Above 0 where the pixel's surface was visible in the previous frame (see `reproject`); tiles whose centre was
+        not have no evidence.
+    share : float, default 0.2
+        Fraction of the evidence that decays per frame; 0 to 1.
+    out : tuple of (⌈H/8⌉, ⌈W/8⌉, 2) and (⌈H/8⌉, ⌈W/8⌉, 14) float32 arrays, optional
+        Written and returned, as shares and evidence, instead of new arrays. A part may be None.
+
+    Returns
+    -------
+    shares : (⌈H/8⌉, ⌈W/8⌉, 2) float32
+        λ and g, 0 to 1: with samples y and results a and b, ``m = b + λ (a - b)`` has the least error among mixtures of
+        both results, and ``m + g (y - m)`` among those of it and the samples. To hide the tiles, interpolate between
+        their centres.
+    evidence : (⌈H/8⌉, ⌈W/8⌉, 14) float32
+        The evidence where the tiles are in this frame, decayed: `collocate` adds this frame's.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or a share out of range.
+
+    See Also
+    --------
+    collocate : Adds a frame's evidence.
+    choice : Chooses one of several predictions by how well they predict samples.
+    TAA : Mixes samples, denoised colour and result in this way.
+
+    Notes
+    -----
+    Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
+    With ⟨a b⟩ the products, averaged over a tile and its eight neighbours, ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of
+    the detail in p, whatever motion and resampling have lost: the triple collocation of [1]_. ⟨y q⟩ is at least 0.1 of
+    √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of p's noise, and with ``r = ⟨y p⟩ / S`` the samples
+    y / r have the detail of p.
+
+    The squared error of b less that of a is then ``E = ⟨b b⟩ - ⟨a a⟩ - 2 (⟨y b⟩ - ⟨y a⟩) / r``, and
+    ``λ = 1/2 + E / 2⟨(a - b)²⟩``. The share of samples is Wiener's, ``g = 1 - (N - C) / ⟨(p - m)²⟩``, where
+    ``C = ⟨p m⟩ - ⟨y m⟩ / r``, from 0 to N / 2, is the noise that m has of p. Both are limited to 0 and 1; with fewer than
+    16 pixels in the average, both are 0.
+
+    References
+    ----------
+    .. [1] A. Stoffelen, "Toward the true near-surface wind speed: Error modeling and calibration using triple
+       collocation", Journal of Geophysical Research 103(C4), 1998.
+
+    Examples
+    --------
+    See `collocate`.
+    """
 
 def compare_candidates(
     color: ArrayLike,
