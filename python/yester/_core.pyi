@@ -595,8 +595,8 @@ class SVGF(Pipeline):
         history best predicted the samples of earlier frames (`choice`). Mirrors, texture that is not in the albedo and
         fine shadows keep their detail, and uniform surfaces are smoothed more. The filter then compares the luminance
         that history predicts, where that is worth 2.5 samples and the new one is no outlier, instead of the merged one.
-        In the same way tiles show less of the output stage, or the samples themselves, where these predicted better
-        than the result by three tenths of the samples' noise (`TAA`): frames of many samples need little.
+        The output stage's result is mixed with the denoised colour and the samples, by tiles, as new samples tell
+        (`TAA`): frames of many samples need little of it.
     innovation : bool, default True
         Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
         and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
@@ -2614,8 +2614,8 @@ def collocate(
     Notes
     -----
     The detail of a plane is its difference from the mean of the 3×3 pixels. With the planes numbered from 0, the
-    products are those of 00, 01, 02, 11, 12, 22, 03, 13, 33, 04, 14, 44 and 34. A tile's sums of a frame have the weight
-    ``1 / ((Σ₀₀ + Σ₁₁) / n + (exposure / 1024)²)``, n being its pixels, so that no frame decides alone.
+    products are those of 00, 01, 02, 11, 12, 22, 03, 13, 33, 04, 14, 44 and 34. A frame's sums in a tile of n pixels
+    have the weight ``1 / ((Σ₀₀ + Σ₁₁) / n + (exposure / 1024)²)``, so that no frame decides alone.
 
     Examples
     --------
@@ -2676,15 +2676,15 @@ def collocation_shares(
     Notes
     -----
     Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
-    With ⟨a b⟩ the products, averaged over a tile and its eight neighbours, ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of
-    the detail in p, whatever motion and resampling have lost: the triple collocation of [1]_. ⟨y q⟩ is at least 0.1 of
-    √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of p's noise, and with ``r = ⟨y p⟩ / S`` the samples
-    y / r have the detail of p.
+    With ⟨a b⟩ the products, averaged over a tile and its eight neighbours, ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy
+    of the detail in p, whatever motion and resampling have lost: the triple collocation of [1]_. ⟨y q⟩ is at least
+    0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of p's noise, and with
+    ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
 
     The squared error of b less that of a is then ``E = ⟨b b⟩ - ⟨a a⟩ - 2 (⟨y b⟩ - ⟨y a⟩) / r``, and
     ``λ = 1/2 + E / 2⟨(a - b)²⟩``. The share of samples is Wiener's, ``g = 1 - (N - C) / ⟨(p - m)²⟩``, where
-    ``C = ⟨p m⟩ - ⟨y m⟩ / r``, from 0 to N / 2, is the noise that m has of p. Both are limited to 0 and 1; with fewer than
-    16 pixels in the average, both are 0.
+    ``C = ⟨p m⟩ - ⟨y m⟩ / r``, from 0 to N / 2, is the noise that m has of p. Both are limited to 0 and 1; with fewer
+    than 16 pixels in the average, both are 0.
 
     References
     ----------

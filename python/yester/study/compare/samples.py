@@ -3,7 +3,7 @@
 Fourteen sequences are rendered with 1 to 64 samples per pixel, and denoised by `SVGF`, by `SVGF` of which all tiles
 show the output stage's result (``TAA("denoised", choice=False)``), by `SVGF` with frames on both sides, and by Open
 Image Denoise. Printed are the means over those by which constants were set, then over those that were rendered after,
-beside those of the frames as they were rendered.
+beside those of the frames as they were rendered; then the sequences to which samples in the result do most harm.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ HELD_OUT = ("glassware", "brushed_metal", "spinning_shapes", "caustics", "openin
 _SAMPLES = (1, 2, 4, 16, 64)
 #: Metrics of single frames, with their columns.
 _EACH = {"psnr": "PSNR", "relmse": "relMSE", "flip": "FLIP"}
-_CHANGE = "temporal_error"
+_CHANGE, _CHANGED = "temporal_error", "temporal"
 
 Images = Iterator[NDArray[np.float32]]
 
@@ -96,7 +96,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     groups = [[name for name in names if (name in HELD_OUT) == late] for late in (False, True)]
     groups = [group for group in groups if group]
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 1024}
-    rows = [["samples", "", *[*_EACH.values(), "temporal"] * len(groups)]]
+    rows = [["samples", "", *[*_EACH.values(), _CHANGED] * len(groups)]]
+    worst = [["samples", *[f"worst {name}" for name in (*_EACH.values(), _CHANGED)]]]
     for spp in _SAMPLES:
         found = {name: errors(record(name, options.cache, spp=spp, **shape)) for name in names}
         for method in METHODS:
@@ -106,7 +107,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     mean = np.mean([found[name][method][key] for name in group])
                     row.append(f"{mean:.2f}" if key == "psnr" else f"{mean:.4f}")
             rows.append(row)
-    print(harm.aligned(rows))
+        gained = {name: harm.gains(each["SVGF"], each["SVGF, stage everywhere"]) for name, each in found.items()}
+        cells = []
+        for key in (*_EACH, _CHANGE):
+            gain, name = min((each[key], name) for name, each in gained.items())
+            cells.append(f"{harm.amount(key, gain)} {name}")
+        worst.append([str(spp), *cells])
+    print(harm.aligned(rows), harm.aligned(worst), sep="\n\n")
 
 
 if __name__ == "__main__":
