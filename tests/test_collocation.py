@@ -15,6 +15,7 @@ from reference.choice import around, together
 from reference.collocation import PAIRS, details, errors, noise
 from test_choice import carried, parts
 from test_svgf import NAMES, twin
+from torch.nn.functional import max_pool2d
 from yester.metrics import relmse
 from yester.study.synthetic import raycast
 
@@ -46,10 +47,9 @@ def collocate_check(planes, evidence=None, *, exposure=1.0):
     want = reference.collocate(*given, exposure=exposure).numpy()
     assert got.dtype == np.float32
     detail, known = details(given[0])
-    # What cancels in a detail: the mean of the nine magnitudes.
-    size = (
-        given[0].abs().where(known[..., None], 0) + detail.abs() + float(np.nan_to_num(np.abs(planes), posinf=0).max())
-    )
+    # What cancels in a detail: the largest of the nine.
+    whole = given[0].abs().nan_to_num(0, posinf=0).movedim(-1, 0)
+    size = max_pool2d(whole, 3, stride=1, padding=1).movedim(0, -1).where(known[..., None], 0)
     terms = together(torch_stack([size[..., a] * size[..., b] for a, b in PAIRS]) * known[..., None])
     _, n = together(detail), together(known[..., None].to(detail))
     energy = together(torch_stack([detail[..., a] ** 2 for a in (0, 1)])).sum(-1, keepdim=True)
@@ -91,8 +91,8 @@ def shares_check(evidence, motion, coverage, *, share=0.2):
 
 
 def second_best(mean, first):
-    """The share of samples with the least error, of a thousand."""
-    shares = tensor(np.linspace(0, 1, 1001))
+    """The share of samples with the least error, of a hundred."""
+    shares = tensor(np.linspace(0, 1, 101))
     candidates = [errors(mean, first, share.expand(first.shape))[1] for share in shares]
     return shares[torch_stack(candidates).argmin(-1)]
 

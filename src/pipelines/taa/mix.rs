@@ -33,7 +33,7 @@ const ASKS: f32 = 0.05;
 const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
 const FEWEST: usize = 8;
-/// With the four frames that it takes to ask again, one of two is judged.
+/// It takes four frames to ask again, so that in five of nine nothing is done.
 const REST: u32 = 5;
 
 /// What the next frame needs to judge this one.
