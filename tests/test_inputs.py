@@ -128,7 +128,9 @@ def test_wrong_shapes(name, argument):
 def test_sizes_must_agree(name, argument):
     """One image of another size: the message names it, or the one that it does not fit."""
     given = CALLS[name][1]
-    if sum(isinstance(v, np.ndarray) for v in given.values()) > 1:
+    # Beside evidence alone, an image may be a pixel smaller without a tile less.
+    alone = (name, argument) == ("collocate", "planes")
+    if sum(isinstance(v, np.ndarray) for v in given.values()) > 1 and not alone:
         for cut in (np.s_[:-1], np.s_[:, :-1]):
             message = refused(name, ValueError, "expected", **{argument: given[argument][cut]})
             assert any(other in message for other in given)

@@ -252,6 +252,8 @@ TASKS = (
     Task("innovation", "innovation", _named("color", "history_length", "motion", prediction="history")),
     Task("choice, of 5", "choice", _named("evidence", "motion", coverage="confidence"), {"usual": 3}),
     Task("compare_candidates, 5", "compare_candidates", _named("color", "candidates", "evidence"), {"usual": 3}),
+    Task("collocate", "collocate", {"planes": "planes", "evidence": "products"}),
+    Task("collocation_shares", "collocation_shares", _named("motion", coverage="confidence", evidence="products")),
     Task("prediction_gain", "prediction_gain", _named("color", "ids", candidate="history", base="previous_color")),
     Task("blend_factor", "blend_factor", _named("confidence", "motion")),
     Task("blend", "blend", _BLEND),
@@ -390,6 +392,9 @@ def stage(folder: Path, width: int, height: int) -> None:
     tiles = -(-height // 8), -(-width // 8)
     steps = rng.normal(0, 1, (*tiles, 8))
     images["evidence"] = np.dstack([steps[..., :4], steps[..., 4:] ** 2, np.full((*tiles, 2), 300)]).astype(np.float32)
+    noise = raycast.noise(rng, (height, width, 3), 0.2)
+    images["planes"] = np.dstack([light[..., None] * noise, light, 0.9 * light]).astype(np.float32)
+    images["products"] = np.abs(rng.normal(0, 30, (*tiles, 14))).astype(np.float32)
     for name, image in images.items():
         np.save(folder / f"{name}.npy", image)
 
