@@ -13,8 +13,8 @@ use super::fetch::footprint::Filter;
 use super::fetch::validate::{self, Surface, Tests, Threshold};
 use super::fetch::{invert, pull_push, reproject, splat};
 use super::judge::{
-    alternation, anti_lag, blend_factor, choice, consistency, disocclusion, exposure, gradient,
-    innovation, neighborhood, prediction, thin_features,
+    alternation, anti_lag, blend_factor, choice, collocation, consistency, disocclusion, exposure,
+    gradient, innovation, neighborhood, prediction, thin_features,
 };
 use super::merge::{accumulate, blend, combine, recirculate, resample, resolve};
 use super::smooth::guide::{Guide, Sigmas};
@@ -462,9 +462,16 @@ proptest! {
         let (color, candidates, coverage) = (draw.wild(3), draw.wild(count), draw.wild(1));
         let views: Vec<_> = (0..count).map(|k| candidates.view().channel(k)).collect();
         choice::compare(&color.pixels(), &views, light, usual, &mut sums);
-        let params = choice::Params { strictness: draw.of(&FROM_0), share: draw.of(&SHARES), margin: draw.of(&FROM_0) };
+        let params = choice::Params { strictness: draw.of(&FROM_0), share: draw.of(&SHARES) };
         let (chosen, _) = choice::choice(sums.pixels(), motion.pixels(), coverage.view(), usual, params);
         prop_assert!(chosen.plane(0).iter().all(|&k| (0.0..count as f32).contains(&k)));
+
+        let products = draw.wild_of(tiles, collocation::CHANNELS);
+        let mut products = Records::of(products.view());
+        let planes = draw.wild(collocation::PLANES);
+        collocation::collocate(planes.pixels(), light, &mut products);
+        let (shares, _) = collocation::shares(products.pixels(), motion.pixels(), coverage.view(), draw.of(&SHARES));
+        prop_assert!(shares.pixels().elements().0.iter().all(|share| (0.0..=1.0).contains(share)));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → accumulate
 //!     → regress → blend → (innovation) → remodulate
-//!     → (antialias → (innovation) → (choice))
+//!     → (antialias → (innovation) → (mix))
 //!
 //! The passes before `regress` are those of [`super::svgf`]; `blend` accumulates the fits, whose blocks lie elsewhere in
 //! every frame. Every buffer but colour is optional; what is absent drops out of the tests and features.

@@ -2,7 +2,7 @@
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
 //!     → (lend) → accumulate → (join later frames) → (choice) → estimate variance → à-trous → (innovation) → remodulate
-//!     → (antialias → (innovation) → (choice))
+//!     → (antialias → (innovation) → (mix))
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 

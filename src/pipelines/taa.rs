@@ -1,7 +1,7 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
 //!   (resolve the jittered sample) → (motion from cameras) → (expose) → (temporal gradient) → (alternation)
-//!     → dilate → reproject → clip → (anti-lag) → blend → (innovation) → (choice)
+//!     → dilate → reproject → clip → (anti-lag) → blend → (innovation) → (mix)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
 //! alternation has a history of its own, so both run before it and reproject for themselves.

@@ -6,9 +6,9 @@
 //! and those q of two frames before, which are all brought along the motion to where the new ones are. Of each, only detail
 //! counts, d(x) = x minus the mean of its 3×3 pixels. With ⟨a b⟩ the mean of d(a) d(b) in a tile's surroundings,
 //!   S = min(⟨y p⟩ ⟨p q⟩ / max(⟨y q⟩, κ √(⟨y y⟩ ⟨q q⟩)), ⟨p p⟩)
-//! is the energy of the detail in p, and N = ⟨p p⟩ − S that of its noise. Resampling and motion that is not quite right
-//! weaken the three products alike and cancel. What is left of p's detail in y is r = ⟨y p⟩ / S, so that y / r measures it,
-//! too, with noise that neither p nor a result of the frame before shares.
+//! is the energy of the detail in p, and N = ⟨p p⟩ − S that of its noise. What resampling and imprecise motion lose from
+//! frame to frame is lost in ⟨y q⟩ as well, and cancels. Of p's detail, the share r = ⟨y p⟩ / S is left in y, so that y / r
+//! measures it, too, with noise that neither p nor a result of the frame before has.
 //! **Two results** a and b of the frame before, brought along like p: b's squared error less a's is
 //!   E = ⟨b b⟩ − ⟨a a⟩ − 2 (⟨y b⟩ − ⟨y a⟩) / r,
 //! and the mixture m = b + λ (a − b) with the least error has λ = ½ + E / 2⟨(a − b)²⟩, from 0 to 1.

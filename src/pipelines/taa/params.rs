@@ -44,7 +44,7 @@ pub struct Params {
     /// Corrects the result by the innovation of new samples, if these are noisy; of a denoised colour, only that of the samples
     /// before it.
     pub innovation: Option<innovation::Params>,
-    /// Whether each tile of a denoised colour shows as much of the result, or of the samples before it, as predicts best.
+    /// Whether the result of a denoised colour is mixed with it and the samples before it, as these tell tile by tile.
     pub choice: bool,
 }
 
