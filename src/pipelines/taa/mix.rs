@@ -17,7 +17,7 @@ use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, View, segment
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::choice::Levels;
-use crate::kernels::judge::collocation::{self, PLANES, collocate, shares as shares_by};
+use crate::kernels::judge::collocation::{self, PLANES, collocate};
 use crate::kernels::judge::exposure::exposure;
 use crate::math::luminance;
 use crate::pixels::{Colors, Row};
@@ -66,8 +66,9 @@ pub fn mix(
     let (mut shares, mut evidence, mut samples_before) = (None, None, None);
     if let Some(luminances) = &before.luminances {
         let recent = fetch(luminances.pixels(), motion, Tests::none(), Filter::Bilinear);
-        let carried = (before.evidence)
-            .map(|known| shares_by(known.pixels(), motion, recent.1.view(), collocation::SHARE));
+        let carried = (before.evidence).map(|known| {
+            collocation::shares(known.pixels(), motion, recent.1.view(), collocation::SHARE)
+        });
         let (mut found, left) = carried.unzip();
         if found.as_mut().is_some_and(|shares| !agree(shares)) {
             return Seen {
