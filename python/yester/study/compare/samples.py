@@ -2,7 +2,7 @@
 
 Fourteen sequences are rendered with 1 to 64 samples per pixel, and denoised by `SVGF`, by `SVGF` of which all tiles
 show the output stage's result (``TAA("denoised", choice=False)``), by `SVGF` with frames on both sides, and by Open
-Image Denoise. Printed are the means over those by which constants were set, then over those that were rendered after,
+Image Denoise. Printed are the means over those by which constants were set, then over those first looked at after,
 beside those of the frames as they were rendered; then the sequences to which samples in the result do most harm.
 """
 
@@ -35,7 +35,7 @@ SEQUENCES = (
     "naked_lamps",
     "grass",
 )
-#: Rendered with more samples after the constants were set.
+#: With more samples, not looked at before the constants were set.
 HELD_OUT = ("glassware", "brushed_metal", "spinning_shapes", "caustics", "opening_door", "fast_dolly")
 _SAMPLES = (1, 2, 4, 16, 64)
 #: Metrics of single frames, with their columns.
