@@ -1001,7 +1001,7 @@ pub fn collocation_shares<'py>(
     share: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
-    collocation::check(share)?;
+    choice::check_share(share)?;
     let (shares, carried) = {
         let motion = Input::<f32>::new(motion, "motion", MOTION)?;
         let size = motion.size();

@@ -73,7 +73,7 @@ use crate::pipelines::taa;
 ///     `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
 ///     antialiased as they come, and have little noise. A tile shows the result if fewer than 3 of 10 tiles, up to 4
 ///     tiles away, ask for more than 5 % of the samples. If fewer than one in 8 shows anything else, none does, and the
-///     next five frames are not judged: so it is with frames of one sample.
+///     next five frames are not judged: so it mostly is with frames of one sample.
 ///     By default only preset "denoised" does this.
 ///
 /// Raises

@@ -66,7 +66,7 @@ impl Params {
 }
 
 /// An error if β is out of range.
-pub(super) fn check_share(share: f32) -> Result<()> {
+pub(crate) fn check_share(share: f32) -> Result<()> {
     let holds = |v: f32| (0.0..=1.0).contains(&v);
     in_range("share", share, "a share from 0 to 1", holds)
 }
@@ -110,7 +110,7 @@ pub fn choice(
     let decide = Decide {
         evidence: carried.pixels(),
         usual,
-        params,
+        strictness: params.strictness,
     };
     rows::run(&decide, size.height, chosen.bands());
     (chosen, carried)
@@ -340,7 +340,7 @@ pub(super) fn average(evidence: Pixels, x: usize, y: usize, mean: &mut [f32]) {
 struct Decide<'a> {
     evidence: Pixels<'a>,
     usual: usize,
-    params: Params,
+    strictness: f32,
 }
 
 impl<'a> Kernel for Decide<'a> {
@@ -373,7 +373,7 @@ impl Decide<'_> {
             for step in steps {
                 gain += sign * (gains[step] / weight);
                 variance += squares[step] / weight / (TILES * weight);
-                let cost = gain + self.params.strictness * variance.sqrt();
+                let cost = gain + self.strictness * variance.sqrt();
                 if cost < least {
                     let beyond = usize::from(sign > 0.0);
                     (best, least) = (step + beyond, cost);

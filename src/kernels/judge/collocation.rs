@@ -26,8 +26,7 @@
 
 use std::ops::Range;
 
-use super::choice::{MIN_COMPARISONS, TILE, average, carry, check_share, tiles};
-use crate::error::Result;
+use super::choice::{MIN_COMPARISONS, TILE, average, carry, tiles};
 use crate::image::{BandMut, Image, Pixels, Records, Size, View};
 use crate::math::{larger, saturate, smaller};
 use crate::pixels::Rolling;
@@ -57,18 +56,13 @@ pub const CHANNELS: usize = PAIRS.len() + 1;
 pub const SHARES: usize = 2;
 
 /// κ: correlation of new samples with those of two frames before below which their product is chance. Measured on sequences
-/// of 1 to 64 samples: with 0.05, those of 2 samples lose 0.2 dB at lamps; with 0.2, those of 64 lose 0.4 dB.
+/// of 1 to 64 samples: with 0.05, those of 2 samples lose 0.2 dB at lamps; with 0.2, those of 64 lose 0.3 dB.
 const LEAST: f32 = 0.1;
 /// Of the exposure: detail below it is black.
 const BLACK: f32 = 1.0 / 1024.0;
 
 /// The default of β, the fraction of the evidence that decays per frame.
 pub const SHARE: f32 = 0.2;
-
-/// An error if β is out of range.
-pub fn check(share: f32) -> Result<()> {
-    check_share(share)
-}
 
 /// Adds a frame's products to the evidence. Pixels count where all planes are finite in all of the 3×3.
 pub fn collocate(planes: Pixels, exposure: f32, evidence: &mut Records) {

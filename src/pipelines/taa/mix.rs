@@ -28,10 +28,11 @@ const LUMINANCES: usize = 3;
 
 /// A tile asks for samples from this share of them on.
 const ASKS: f32 = 0.05;
-/// How many of how many tiles must ask, at most [`REACH`] tiles away along each axis. Of frames of one sample, up to a fifth
-/// do, of frames of 16 mostly more than a third.
+/// How many of how many tiles must ask, at most [`REACH`] tiles away along each axis. Of frames of 128×96 pixels, up to a fifth
+/// do with one sample, and mostly more than a third with 16.
 const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
+/// Single groups of tiles agree by chance.
 const FEWEST: usize = 8;
 /// It takes four frames to ask again, so that in five of nine nothing is done.
 const REST: u32 = 5;
