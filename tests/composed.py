@@ -247,9 +247,21 @@ class TAA:
 OFFSETS = np.array([(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)])
 
 
-def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> NDArray:
+def guides(frame: yester.Frame, coherence: bool) -> dict[str, NDArray | None]:
+    """What guides a filter: with `coherence`, depth alone where normals and ids change from pixel to pixel."""
+    normal, ids = frame.normal, frame.ids
+    if coherence and not (normal is None and ids is None):
+        incoherent = yester.incoherent_guides(normal, ids)
+        if normal is not None:
+            normal = np.where(incoherent[..., None], np.float32(0), normal)
+        if ids is not None:
+            ids = np.where(incoherent & (ids != 0), np.uint32(2**32 - 2), ids)
+    return {"depth": frame.depth, "normal": normal, "ids": ids}
+
+
+def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray, coherence: bool = False) -> NDArray:
     """Suppress fireflies in the remodulated light, as the camera sees it."""
-    alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids}
+    alike = guides(frame, coherence)
     if frame.albedo is None:
         return yester.suppress_fireflies(light, expected=known, **alike)[0]
     texture = texture_of(frame)
@@ -385,6 +397,7 @@ class SVGF:
         innovation=True,
         antialias=True,
         average_still=False,
+        coherence=True,
     ):
         self.alpha, self.average_still = {"alpha": alpha, "moments_alpha": moments_alpha}, average_still
         self.sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}
@@ -402,7 +415,7 @@ class SVGF:
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
         self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
         self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = None
-        self.chooses, self.choice = choice, None
+        self.chooses, self.choice, self.coherence = choice, None, coherence
         self.asked, self.won = [], []  # weights of the pixels, by frame
 
     def step(self, frame: yester.Frame, later=None) -> SimpleNamespace:
@@ -439,7 +452,7 @@ class SVGF:
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
             history, more = fetched[:3], fetched[3:]
         if self.fireflies:
-            held = without_fireflies(frame, sample, history[0])
+            held = without_fireflies(frame, sample, history[0], self.coherence)
         if self.before is not None:
             if replays:
                 gradient = more[0]
@@ -455,7 +468,7 @@ class SVGF:
                 if mirrored is not None:
                     moved = np.where(np.isfinite(mirrored.motion), mirrored.motion, motion[..., :2])
 
-        alike = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
+        alike = {**guides(frame, self.coherence), **self.sigmas}
         filled, weight = self.fill(held, history[2], alike)
         trust = confidence if self.by_confidence else None
         shares = dict.fromkeys(self.alpha, 0.0) if self.average_still and rests(self.before, frame) else self.alpha
@@ -643,7 +656,7 @@ class SVGF:
 
 class HalfRes(SVGF):
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, **named):
-        named = {"choice": False, **named}
+        named = {"choice": False, "coherence": False, **named}
         named = {"sigma_luminance": sigma_luminance, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = np.float32(weight), radius

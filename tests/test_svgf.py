@@ -104,6 +104,39 @@ def test_albedo_that_is_no_reflectance(named, newer):
     assert [length > 1 for length in lengths] == [False, False, True, False, False, True, False]
 
 
+def in_leaves(frames: list[yester.Frame]) -> list[yester.Frame]:
+    """Normals and ids that change from pixel to pixel, in some tiles as a whole and in others in part."""
+    rng, result = np.random.default_rng(2), []
+    for frame in frames:
+        changed = {}
+        if frame.normal is not None:
+            changed["normal"] = frame.normal.copy()
+            changed["normal"][9:, 8:41] = rng.normal(size=changed["normal"][9:, 8:41].shape)
+        if frame.ids is not None:
+            changed["ids"] = frame.ids.copy()
+            changed["ids"][3:30, 12:55] = rng.integers(0, 9, changed["ids"][3:30, 12:55].shape)
+        result.append(replace(frame, **changed))
+    return result
+
+
+@pytest.mark.parametrize(
+    "names", [NAMES, ("ids",), ("normal",), ("depth", "ids"), ("depth", "normal", "albedo")], ids=str
+)
+def test_leaves(names):
+    """Where neither normals nor ids guide the filter, it is the kernels' with the buffers that the mask leaves."""
+    frames = in_leaves(frames_of(names, 4))
+    check_bits(frames, fireflies=True)
+    images = [yester.SVGF(coherence=on).step(frames[0]).color for on in (True, False)]
+    assert not np.array_equal(*images)
+
+
+def test_reference_of_leaves():
+    """Of first frames: whether history's normals pass a test is a matter of rounding where they are random."""
+    for frame in in_leaves(frames_of(NAMES, 3)):
+        given = {name: getattr(frame, name) for name in ("color", *NAMES)}
+        check_reference(yester.SVGF().step(frame), reference.SVGF().step(twin(given)))
+
+
 def test_flat_motion():
     """Motion without its change of depth: no plane test, and depths are compared as they are."""
     frames = [{**frame, "motion": frame["motion"][..., :2].copy()} for frame in sequence(4)]

@@ -51,6 +51,7 @@ __all__ = [
     "estimate_variance",
     "exposure",
     "fix_history",
+    "incoherent_guides",
     "innovation",
     "invert_motion",
     "is_reflectance",
@@ -606,6 +607,9 @@ class SVGF(Pipeline):
     average_still : bool, default False
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
+    coherence : bool, default True
+        Where normals and ids change from pixel to pixel, as in foliage, let depth alone guide the spatial filter
+        (`incoherent_guides`).
 
     Raises
     ------
@@ -674,6 +678,7 @@ class SVGF(Pipeline):
         innovation: bool = True,
         antialias: bool = True,
         average_still: bool = False,
+        coherence: bool = True,
     ) -> Self: ...
     def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
         """Denoise the next frame of the sequence.
@@ -4234,6 +4239,62 @@ def joint_bilateral_upsample(
     >>> yester.joint_bilateral_upsample(color, ids=ids, low_ids=[[1, 2]])[..., 0]
     array([[1., 1., 1., 5.],
            [1., 1., 1., 5.]], dtype=float32)
+    """
+
+def incoherent_guides(
+    normal: ArrayLike | None = None,
+    ids: ArrayLike | None = None,
+    *,
+    angle: float = 25.0,
+    share: float = 0.4,
+    out: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
+    """Find the tiles in which normals and ids change from pixel to pixel, as in foliage.
+
+    Every pixel there shows another surface than its neighbours. A filter that compares normals and ids finds no samples
+    to average, so that depth alone should guide it.
+
+    Parameters
+    ----------
+    normal : (H, W, 3) array_like of float, optional
+        Only directions count; zero and not finite differ from none. Needed without `ids`.
+    ids : (H, W) array_like of int, optional
+        Ids of objects, meshes or materials.
+    angle : float, default 25.0
+        Neighbours differ if their normals are farther apart, in degrees, 0 to 180.
+    share : float, default 0.4
+        The largest share of pairs of neighbours in a tile that may differ, 0 to 1.
+    out : (H, W) bool array, optional
+        Written and returned instead of a new array.
+
+    Returns
+    -------
+    mask : (H, W) bool
+        True in tiles of 16x16 pixels, from the top left, of whose pairs of neighbours along x and y more than `share`
+        differ, in id or normal.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or parameters out of range, or if neither `normal` nor `ids` is given.
+    TypeError
+        If `out` has another dtype.
+
+    See Also
+    --------
+    atrous : Compares normals and ids of neighbours.
+
+    Notes
+    -----
+    `SVGF` gives its filter normals of zero in these tiles, and the same id, 2**32 - 2, to all pixels whose id is not 0.
+
+    Examples
+    --------
+    >>> ids = np.ones((16, 32), np.uint32)
+    >>> ids[:, 16:] = np.random.default_rng(0).integers(1, 9, (16, 16))
+    >>> mask = yester.incoherent_guides(ids=ids)
+    >>> bool(mask[0, 0]), bool(mask[0, 16])
+    (False, True)
     """
 
 def is_reflectance(albedo: ArrayLike, ids: ArrayLike, *, out: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:

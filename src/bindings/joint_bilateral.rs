@@ -306,6 +306,6 @@ impl GuideData<'_> {
                 .or(full.ids.map(Interleaved::pixels)),
             ..Default::default()
         };
-        Some(Guide::new(grid.full, reach, surface))
+        Some(Guide::new(grid.full, reach, surface, None))
     }
 }

@@ -7,8 +7,10 @@ use pyo3::types::PyTuple;
 use super::arrays::{
     COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, parts, wrong_type,
 };
-use crate::image::Size;
+use crate::error::Error;
+use crate::image::{Run, Size};
 use crate::kernels::fetch::validate::Surface;
+use crate::kernels::smooth::coherence::{self, incoherent};
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::reflectance::Surfaces;
@@ -63,7 +65,7 @@ impl GuideData<'_> {
             ids: self.ids.map(Interleaved::pixels),
             ..Default::default()
         };
-        Guide::new(size, reach, surface)
+        Guide::new(size, reach, surface, None)
     }
 }
 
@@ -673,6 +675,101 @@ pub fn is_reflectance_<'py>(
         let mask = out.bytes()?.fill(py, &shape, |mask| {
             let surfaces = Surfaces::new(albedo.pixels(), ids.pixels());
             mask.copy_from_slice(surfaces.mask().plane(0));
+        })?;
+        (mask, out)
+    };
+    out.array(mask.array()?)
+}
+
+/// Find the tiles in which normals and ids change from pixel to pixel, as in foliage.
+///
+/// Every pixel there shows another surface than its neighbours. A filter that compares normals and ids finds no samples
+/// to average, so that depth alone should guide it.
+///
+/// Parameters
+/// ----------
+/// normal : (H, W, 3) array_like of float, optional
+///     Only directions count; zero and NaN differ from none. Needed without `ids`.
+/// ids : (H, W) array_like of int, optional
+///     Ids of objects, meshes or materials.
+/// angle : float, default 25.0
+///     Neighbours differ if their normals are farther apart, in degrees, 0 to 180.
+/// share : float, default 0.4
+///     The largest share of pairs of neighbours in a tile that may differ, 0 to 1.
+/// out : (H, W) bool array, optional
+///     Written and returned instead of a new array.
+///
+/// Returns
+/// -------
+/// mask : (H, W) bool
+///     True in tiles of 16x16 pixels, from the top left, of whose pairs of neighbours along x and y more than `share`
+///     differ, in id or normal.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes or parameters out of range, or if neither `normal` nor `ids` is given.
+/// TypeError
+///     If `out` has another dtype.
+///
+/// See Also
+/// --------
+/// atrous : Compares normals and ids of neighbours.
+///
+/// Notes
+/// -----
+/// `SVGF` gives its filter normals of zero in these tiles, and the same id, 2**32 - 2, to all pixels whose id is not 0.
+///
+/// Examples
+/// --------
+/// >>> ids = np.ones((16, 32), np.uint32)
+/// >>> ids[:, 16:] = np.random.default_rng(0).integers(1, 9, (16, 16))
+/// >>> mask = yester.incoherent_guides(ids=ids)
+/// >>> bool(mask[0, 0]), bool(mask[0, 16])
+/// (False, True)
+#[pyfunction]
+#[pyo3(signature = (normal=None, ids=None, *, angle=25.0, share=0.4, out=None), name = "incoherent_guides")]
+pub fn incoherent_guides_<'py>(
+    py: Python<'py>,
+    normal: Option<&Bound<'py, PyAny>>,
+    ids: Option<&Bound<'py, PyAny>>,
+    angle: f32,
+    share: f32,
+    out: Option<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+    let params = coherence::Params { angle, share };
+    params.check()?;
+    let (mask, out) = {
+        let normal =
+            (normal.map(|normal| Input::<f32>::new(normal, "normal", COLOR))).transpose()?;
+        let ids = (ids.map(|ids| Input::<u32>::new(ids, "ids", Channels::One))).transpose()?;
+        let sizes = [
+            normal.as_ref().map(Input::size),
+            ids.as_ref().map(Input::size),
+        ];
+        let Some(size) = sizes[0].or(sizes[1]) else {
+            let expected = "an array where ids are not given";
+            return Err(Error::value("normal", expected, "None").into());
+        };
+        let ids = ids.map(|ids| ids.sized("ids", size)).transpose()?;
+        let (normal, ids) = (
+            normal.as_ref().map(Input::data),
+            ids.as_ref().map(Input::data),
+        );
+        let shape = [size.height, size.width];
+        let out = Out::<bool>::given(out, &shape)?;
+        let mask = out.bytes()?.fill(py, &shape, |mask| {
+            let (normal, ids) = (
+                normal.map(Interleaved::pixels),
+                ids.map(Interleaved::pixels),
+            );
+            let tiles = incoherent(size, normal, ids, params);
+            for (y, row) in mask.chunks_mut(size.width).enumerate() {
+                row.fill(0);
+                for part in tiles.runs(Run::row(y, size.width)) {
+                    row[part.x..][..part.len].fill(1);
+                }
+            }
         })?;
         (mask, out)
     };

@@ -194,7 +194,7 @@ impl Draw {
 
     /// A guide by any buffers, for taps up to `reach` pixels away.
     fn guide(&mut self, reach: usize) -> Guide {
-        Guide::new(self.size, reach, self.buffers().surface())
+        Guide::new(self.size, reach, self.buffers().surface(), None)
     }
 
     /// Bounds of a test, a ramp or not.

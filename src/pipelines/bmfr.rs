@@ -235,7 +235,7 @@ impl<'a> Inputs<'a> {
         let Self { frame, motion, .. } = self;
         let hold = |known: Option<Pixels>| {
             let limits = params.fireflies?;
-            let guide = Guide::new(sample.size, limits.radius, frame.surface);
+            let guide = Guide::new(sample.size, limits.radius, frame.surface, None);
             Some(without_fireflies(
                 sample,
                 known,

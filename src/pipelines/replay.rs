@@ -129,7 +129,7 @@ fn blurred(image: &Image, variance: Pixels) -> Image {
         radius: 1,
         ..Default::default()
     };
-    let guide = Guide::new(image.size, params.reach(), Surface::default());
+    let guide = Guide::new(image.size, params.reach(), Surface::default(), None);
     let mut mean = Image::blank(image.size, 3);
     let mut rest = Image::blank(image.size, 1);
     let out = mean.bands().map(PixelsMut::Planar);

@@ -1,8 +1,8 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
-//!     → (lend) → accumulate → (join later frames) → (choice) → estimate variance → à-trous → (innovation) → remodulate
-//!     → (antialias → (innovation) → (mix))
+//!     → (lend) → accumulate → (join later frames) → (choice) → (coherence) → estimate variance → à-trous → (innovation)
+//!     → remodulate → (antialias → (innovation) → (mix))
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -35,6 +35,7 @@ use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
 use crate::kernels::merge::accumulate;
+use crate::kernels::smooth::coherence::{self, incoherent};
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::{atrous, fireflies, lend, variance};
@@ -49,6 +50,8 @@ pub struct Params {
     pub accumulate: accumulate::Params,
     /// Whether they join without forgetting in frames in which nothing moves.
     pub average_still: bool,
+    /// Whether normals and ids guide no filter where they change from pixel to pixel, and where that is.
+    pub coherence: Option<coherence::Params>,
     /// How the variance is estimated.
     pub variance: variance::Params,
     /// The filter.
@@ -110,6 +113,7 @@ impl Default for Params {
                 sigma_luminance: 3.0,
                 sigmas: SIGMAS,
             },
+            coherence: Some(coherence::Params::default()),
             gradient: Some(ESTIMATED_GRADIENT),
             choice: Some(choice::Params::default()),
             innovation: Some(innovation::Params::default()),
@@ -127,6 +131,7 @@ impl Params {
             surface: validate::Params::default(),
             accumulate: accumulate::Params::default(),
             average_still: false,
+            coherence: None,
             variance: variance::Params::default(),
             atrous: atrous::Params::default(),
             feedback: false,
@@ -225,6 +230,7 @@ impl Params {
     pub fn check(&self) -> Result<()> {
         self.surface.check()?;
         self.accumulate.check()?;
+        (self.coherence.iter()).try_for_each(coherence::Params::check)?;
         self.variance.check()?;
         self.atrous.check()?;
         self.choice.iter().try_for_each(choice::Params::check)?;
@@ -520,8 +526,12 @@ impl Current<'_> {
     }
 
     fn guide(&self) -> &Guide {
-        self.guide
-            .get_or_init(|| Guide::new(self.size(), self.params.reach(), self.frame.surface))
+        self.guide.get_or_init(|| {
+            let (size, surface) = (self.size(), self.frame.surface);
+            let incoherent = (self.params.coherence)
+                .map(|params| incoherent(size, surface.normal, surface.ids, params));
+            Guide::new(size, self.params.reach(), surface, incoherent.as_ref())
+        })
     }
 
     /// The illumination as it was sampled.

@@ -12,6 +12,7 @@ from .blend import blend
 from .blend_factor import blend_factor
 from .bmfr import BMFR
 from .choice import choice, compare_candidates
+from .coherence import incoherent_guides
 from .collocation import collocate, collocation_shares
 from .combine import combine_histories
 from .consistency import consistency
@@ -76,6 +77,7 @@ __all__ = [
     "estimate_variance",
     "exposure",
     "fix_history",
+    "incoherent_guides",
     "innovation",
     "invert_motion",
     "is_reflectance",

@@ -8,7 +8,7 @@ class HalfRes(SVGF):
     """SVGF of partly traced frames: other pixels are reconstructed, and count as weight / (1 + N) of a sample."""
 
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, **named):
-        named = {"choice": False, **named}
+        named = {"choice": False, "coherence": False, **named}
         named = {"sigma_luminance": sigma_luminance, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = weight, radius

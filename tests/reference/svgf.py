@@ -6,6 +6,7 @@ from torch import Tensor
 from .accumulate import accumulate, luminance
 from .atrous import atrous
 from .choice import Choosing
+from .coherence import coherent_guides
 from .combine import combine_histories
 from .consistency import consistency
 from .demodulate import demodulate, disowned, remodulate, texture_of
@@ -61,6 +62,7 @@ class SVGF:
         choice=True,
         innovation=True,
         antialias=True,
+        coherence=True,
     ):
         self.blend = {"alpha": alpha, "moments_alpha": moments_alpha}
         self.sigmas = {"sigma_normal": sigma_normal, "sigma_depth": sigma_depth, "sigma_plane": sigma_plane}
@@ -73,6 +75,7 @@ class SVGF:
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies = gradient, fireflies
         self.chooses, self.innovation, self.antialias = choice, innovation, antialias
+        self.coherence = coherence
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
@@ -88,7 +91,8 @@ class SVGF:
         light = frame.color  # (H, W, 3)
         if frame.albedo is not None:
             light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
-        similarity = {"depth": frame.depth, "normal": frame.normal, "ids": frame.ids, **self.sigmas}
+        guides = coherent_guides(frame.normal, frame.ids) if self.coherence else (frame.normal, frame.ids)
+        similarity = {"depth": frame.depth, "normal": guides[0], "ids": guides[1], **self.sigmas}
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         still = find_still(frame, self.previous)  # (H, W, 3)
         if self.previous is None:

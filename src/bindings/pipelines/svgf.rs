@@ -8,7 +8,7 @@ use crate::kernels::fetch::validate;
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
-use crate::kernels::smooth::{atrous, fireflies, variance};
+use crate::kernels::smooth::{atrous, coherence, fireflies, variance};
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::{svgf, taa};
 
@@ -90,6 +90,9 @@ use crate::pipelines::{svgf, taa};
 /// average_still : bool, default False
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
+/// coherence : bool, default True
+///     Where normals and ids change from pixel to pixel, as in foliage, let depth alone guide the spatial filter
+///     (`incoherent_guides`).
 ///
 /// Raises
 /// ------
@@ -108,8 +111,8 @@ use crate::pipelines::{svgf, taa};
 /// The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
 /// functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
 /// `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`,
-/// `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and
-/// `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and `innovation` of its result and
+/// `accumulate`, `combine_histories` (with `later`), `choice`, `incoherent_guides`, `estimate_variance`, `atrous`,
+/// `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and `innovation` of its result and
 /// history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the history and of `later`, no more
 /// than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are
 /// the replayed ones' change, relative to the samples blurred by `atrous`.
@@ -144,12 +147,13 @@ impl SVGF {
         sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Bounds::Hard(0.1),
         plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
         by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true,
-        average_still=false))]
+        average_still=false, coherence=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
-        reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True, average_still=False)"
+        reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True, average_still=False, \
+        coherence=True)"
     )]
     fn new(
         alpha: f32,
@@ -174,6 +178,7 @@ impl SVGF {
         innovation: bool,
         antialias: bool,
         average_still: bool,
+        coherence: bool,
     ) -> PyResult<PyClassInitializer<Self>> {
         let sigmas = Sigmas {
             normal: sigma_normal,
@@ -196,6 +201,7 @@ impl SVGF {
                 warmup: true,
             },
             average_still,
+            coherence: coherence.then(coherence::Params::default),
             variance: variance::Params {
                 min_length,
                 sigmas,

@@ -13,6 +13,9 @@
 //!   the smaller of both sides, so that edges do not count as slopes. Schied et al. 2017, equation 3, compare Z′ with Z
 //!   itself and divide by the slope: on every inclined surface, each tap then has a weight of 1/e beside the centre's 1.
 //! - **class**: background is one surface, without depth or normal; every id is one, or all that is not background.
+//!
+//! In tiles whose normals and ids change from pixel to pixel ([`coherence`](super::coherence)), depth alone may guide: normals
+//! are then zero, and all ids are one.
 
 use std::ops::Range;
 
@@ -23,6 +26,7 @@ use crate::kernels::fetch::validate::Surface;
 use crate::lanes::{Classes, Lanes, Taps};
 use crate::math::{LOG2_E, is_present, smaller};
 use crate::rows::{self, Kernel, Simd};
+use crate::tiles::Tiles;
 
 /// How far surfaces may differ before they stop a filter.
 #[derive(Clone, Copy, Debug)]
@@ -73,8 +77,8 @@ pub struct Guide {
 }
 
 impl Guide {
-    /// For taps up to `reach` pixels to the side.
-    pub fn new(size: Size, reach: usize, surface: Surface) -> Self {
+    /// For taps up to `reach` pixels to the side. In tiles that are `incoherent`, depth alone guides.
+    pub fn new(size: Size, reach: usize, surface: Surface, incoherent: Option<&Tiles>) -> Self {
         let Surface {
             depth, normal, ids, ..
         } = surface;
@@ -96,7 +100,12 @@ impl Guide {
                 normal,
                 depth,
             });
-        let kernel = Fill { depth, normal, ids };
+        let kernel = Fill {
+            depth,
+            normal,
+            ids,
+            incoherent: incoherent.filter(|tiles| tiles.any()),
+        };
         rows::run(&kernel, size.height, outs);
         if let Some(normal) = &guide.normal {
             let [class] = guide.class.planes();
@@ -276,6 +285,7 @@ struct Fill<'a> {
     depth: Option<Pixels<'a>>,
     normal: Option<Pixels<'a>>,
     ids: Option<Pixels<'a, u32>>,
+    incoherent: Option<&'a Tiles>,
 }
 
 /// A band of each image of a guide.
@@ -293,14 +303,25 @@ impl<'a> Kernel for Fill<'a> {
         for y in rows {
             let depth = self.depth.map(|depth| depth.row(y));
             let class = out.class.row(0, y);
+            let run = Run::row(y, class.len());
+            let incoherent = || {
+                self.incoherent
+                    .into_iter()
+                    .flat_map(|tiles| tiles.runs(run))
+            };
             classes(depth, self.ids.map(|ids| ids.row(y)), class);
+            for part in incoherent().filter(|_| self.ids.is_some()) {
+                unite(&mut class[part.x..][..part.len]);
+            }
             if let Some((normal, out)) = self.normal.zip(out.normal.as_mut()) {
                 let mut out = out.rows(y);
-                normal.read(
-                    Run::row(y, normal.size.width),
-                    out.each_mut().map(|row| &mut **row),
-                );
-                normals(depth.map(|_| &*class), out);
+                normal.read(run, out.each_mut().map(|row| &mut **row));
+                normals(depth.map(|_| &*class), out.each_mut().map(|row| &mut **row));
+                for part in incoherent() {
+                    for row in &mut out {
+                        row[part.x..][..part.len].fill(0.0);
+                    }
+                }
             }
             if let Some((image, out)) = self.depth.zip(out.depth.as_mut()) {
                 let row = |y: usize| (y < image.size.height).then(|| image.row(y));
@@ -331,6 +352,14 @@ fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
             // 0 is the background. The id 2³² − 1 would wrap around to it and is merged with id 0 instead.
             *class = if is_surface(z) { (*class).max(1) } else { 0 };
         }
+    }
+}
+
+/// Makes one class of all ids but 0, which is what has none: that of the id 2³² − 2.
+#[inline(always)]
+fn unite(class: &mut [u32]) {
+    for class in class {
+        *class = if *class > 1 { u32::MAX } else { *class };
     }
 }
 

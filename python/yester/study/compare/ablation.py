@@ -127,6 +127,7 @@ _SWITCHES = {
     "by_confidence": "shares by confidence",
     "choice": "choice",
     "innovation": "innovation",
+    "coherence": "coherence of guides",
 }
 
 #: Every component of `SVGF` and `TAA`, and the innovation of other pipelines.

@@ -283,6 +283,7 @@ TASKS = (
         _named(*_SURFACE, color="low"),
         {"offset": (0, 0)},
     ),
+    Task("incoherent_guides", "incoherent_guides", _named("normal", "ids")),
     Task("is_reflectance", "is_reflectance", _named("albedo", "ids")),
     Task("demodulate", "demodulate", _named("color", "albedo")),
     Task("remodulate", "remodulate", _named("albedo", illumination="color")),
