@@ -162,7 +162,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.joint_bilateral_upsample,
             {"color": color[::2, ::2].copy(), **now, **low},
         ),
-        "incoherent_guides": (yester.incoherent_guides, {"normal": now["normal"], "ids": now["ids"]}),
+        "incoherent_guides": (
+            yester.incoherent_guides,
+            {"normal": now["normal"], "ids": now["ids"], "confidence": length / 9},
+        ),
         "is_reflectance": (yester.is_reflectance, {"albedo": albedo, "ids": now["ids"]}),
         "demodulate": (yester.demodulate, {"color": color, "albedo": albedo, "emission": emission}),
         "demodulate(where)": (

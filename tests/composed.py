@@ -247,11 +247,10 @@ class TAA:
 OFFSETS = np.array([(0, 0), (4, 4), (2, 6), (6, 2), (1, 3), (5, 7), (3, 1), (7, 5)])
 
 
-def guides(frame: yester.Frame, coherence: bool) -> dict[str, NDArray | None]:
-    """What guides a filter: with `coherence`, depth alone where normals and ids change from pixel to pixel."""
+def guides(frame: yester.Frame, incoherent: NDArray | None = None) -> dict[str, NDArray | None]:
+    """What guides a filter: depth alone where normals and ids are incoherent."""
     normal, ids = frame.normal, frame.ids
-    if coherence and not (normal is None and ids is None):
-        incoherent = yester.incoherent_guides(normal, ids)
+    if incoherent is not None:
         if normal is not None:
             normal = np.where(incoherent[..., None], np.float32(0), normal)
         if ids is not None:
@@ -259,9 +258,9 @@ def guides(frame: yester.Frame, coherence: bool) -> dict[str, NDArray | None]:
     return {"depth": frame.depth, "normal": normal, "ids": ids}
 
 
-def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray, coherence: bool = False) -> NDArray:
+def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> NDArray:
     """Suppress fireflies in the remodulated light, as the camera sees it."""
-    alike = guides(frame, coherence)
+    alike = guides(frame)
     if frame.albedo is None:
         return yester.suppress_fireflies(light, expected=known, **alike)[0]
     texture = texture_of(frame)
@@ -427,6 +426,7 @@ class SVGF:
     def advance(self, frame: yester.Frame, later, *, shows: bool) -> SimpleNamespace:
         sample = illumination(frame.color, frame)
         held, motion, gradient, mirrored = sample, find_motion(frame, self.before), None, None
+        incoherent = None
         still = find_still(frame, self.before)
         moved = motion
         if self.before is None:
@@ -450,9 +450,18 @@ class SVGF:
             planes = [*self.history, *changes]
             fetched, confidence = yester.reproject(planes, motion, **tests, **self.limits)
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
+            if self.coherence and not (frame.normal is None and frame.ids is None):
+                incoherent = yester.incoherent_guides(frame.normal, frame.ids, confidence=confidence)
+                others = {name: image for name, image in tests.items() if not name.endswith("ids")}
+                again = yester.reproject(planes, motion, **others, **{**self.limits, "normal_angle": 180.0})
+                pairs = zip([*fetched, confidence], [*again[0], again[1]], strict=True)
+                *fetched, confidence = (
+                    np.where(incoherent.reshape(incoherent.shape + (1,) * (old.ndim - 2)), new, old)
+                    for old, new in pairs
+                )
             history, more = fetched[:3], fetched[3:]
         if self.fireflies:
-            held = without_fireflies(frame, sample, history[0], self.coherence)
+            held = without_fireflies(frame, sample, history[0])
         if self.before is not None:
             if replays:
                 gradient = more[0]
@@ -468,7 +477,7 @@ class SVGF:
                 if mirrored is not None:
                     moved = np.where(np.isfinite(mirrored.motion), mirrored.motion, motion[..., :2])
 
-        alike = {**guides(frame, self.coherence), **self.sigmas}
+        alike = {**guides(frame, incoherent), **self.sigmas}
         filled, weight = self.fill(held, history[2], alike)
         trust = confidence if self.by_confidence else None
         shares = dict.fromkeys(self.alpha, 0.0) if self.average_still and rests(self.before, frame) else self.alpha

@@ -16,16 +16,18 @@ def surfaces(rng, height, width):
     return normal.astype(np.float32), ids.astype(np.uint32)
 
 
-@pytest.mark.parametrize("given", ["both", "normal", "ids"])
+@pytest.mark.parametrize("given", ["all", "normal", "ids"])
 @each("size", [*SIZES, *TAILS, (33, 130), (64, 256)])
 def test_reference(given, size):
     rng = np.random.default_rng(size)
     normal, ids = surfaces(rng, *size)
+    # Between a tenth and a half in one part of the tiles.
+    confidence = (rng.random(size) < rng.random((size[1] + 15) // 16)[np.arange(size[1]) // 16]).astype(np.float32)
     buffers = (normal if given != "ids" else None), (ids if given != "normal" else None)
-    for named in ({}, {"angle": 60.0, "share": 0.25}, {"angle": 180.0, "share": 0.0}, {"share": 1.0}):
+    for named in ({}, {"confidence": confidence * np.float32(0.77)}):
         got = yester.incoherent_guides(*buffers, **named)
         assert got.dtype == bool
-        want = reference.incoherent_guides(*(tensor(each) for each in buffers), **named)
+        want = reference.incoherent_guides(*(tensor(each) for each in buffers), **tensor(named))
         np.testing.assert_array_equal(got, want.numpy())
 
 
@@ -40,17 +42,29 @@ def test_edges_and_noise_on_few_pixels_are_coherent():
     assert mask.sum() == 256
 
 
-def test_a_share_is_exceeded():
-    """The share itself is allowed, and an angle as well."""
+def test_guides_that_are_found_again_are_coherent():
+    """And those of which nothing is, as at a cut."""
+    ids = np.arange(16 * 80).reshape(16, 80)
+    confidence = np.repeat([0.0, 0.09, 0.11, 0.49, 0.51], 16) * np.ones((16, 1))
+    tiles = yester.incoherent_guides(ids=ids, confidence=confidence)[0, ::16]
+    assert tiles.tolist() == [False, False, True, True, False]
+    # The mean decides.
+    confidence[:, 32:48] = np.arange(16) % 4 == 0
+    assert yester.incoherent_guides(ids=ids, confidence=confidence)[0, 32]
+
+
+def test_bounds():
+    """Two fifths of the pairs are allowed, and 25 degrees, whatever the lengths of normals."""
     ids = np.zeros((1, 11), np.uint32)
-    ids[:, 6:] = np.arange(5) + 1
-    assert not yester.incoherent_guides(ids=ids, share=0.5).any()
-    assert yester.incoherent_guides(ids=ids, share=0.49).all()
-    normal = np.zeros((1, 3, 3), np.float32)
-    normal[0, [0, 2], 0] = normal[0, 1, 1] = 1
-    assert yester.incoherent_guides(normal, angle=89.0).all()
-    assert not yester.incoherent_guides(normal, angle=91.0).any()
-    assert not yester.incoherent_guides(-5 * normal, angle=91.0).any()
+    ids[:, 7:] = np.arange(4) + 1
+    assert not yester.incoherent_guides(ids=ids).any()
+    ids[:, 6] = 9
+    assert yester.incoherent_guides(ids=ids).all()
+    for degrees, differs in ((24.9, False), (25.1, True)):
+        normal = np.zeros((3, 1, 3), np.float32)
+        normal[[0, 2], :, 0] = 5
+        normal[1] = 0.1 * np.cos(np.radians(degrees)), 0.1 * np.sin(np.radians(degrees)), 0
+        assert yester.incoherent_guides(normal).all() == differs
 
 
 def test_bad_input():
@@ -59,9 +73,7 @@ def test_bad_input():
         yester.incoherent_guides()
     with pytest.raises(ValueError, match="ids: expected height 4 and width 5"):
         yester.incoherent_guides(normal, np.zeros((5, 4), int))
-    with pytest.raises(ValueError, match="angle: expected degrees from 0 to 180, got -1"):
-        yester.incoherent_guides(normal, angle=-1)
-    with pytest.raises(ValueError, match="share: expected a share from 0 to 1, got NaN"):
-        yester.incoherent_guides(normal, share=np.nan)
+    with pytest.raises(ValueError, match="confidence: expected height 4 and width 5"):
+        yester.incoherent_guides(normal, confidence=np.zeros((5, 4)))
     with pytest.raises(TypeError, match="out"):
         yester.incoherent_guides(normal, out=np.zeros((4, 5), np.uint8))

@@ -6,22 +6,23 @@ import pytest
 from compare import assert_same_bits
 from test_scenes import ids, render
 from yester.io import read_exr
-from yester.study.rendered import held_out, recording, scenes, sequences, unkind, unseen
+from yester.study.rendered import held_out, recording, scenes, sequences, thin, unkind, unseen
 from yester.study.rendered.recording import record
-from yester.study.rendered.sequences import GROUPS, LATE, NAMES
+from yester.study.rendered.sequences import GROUPS, LATE, NAMES, THIN
 
 pytestmark = pytest.mark.slow
 
 
 def test_names():
     """Each sequence is in one group, and is found by its name."""
-    assert len({*NAMES, *LATE}) == len(NAMES) + len(LATE) == sum(map(len, GROUPS.values())) - len(GROUPS["all"])
+    known = (*NAMES, *LATE, *THIN)
+    assert len({*known}) == len(known) == sum(map(len, GROUPS.values())) - len(GROUPS["all"])
     assert GROUPS["all"] == NAMES
     assert GROUPS["late-held-out"] == LATE == held_out.NAMES
     assert NAMES[: len(scenes.SEQUENCES) + len(unkind.NAMES)] == scenes.SEQUENCES + unkind.NAMES
-    for module in (unkind, held_out):
+    for module in (unkind, held_out, thin):
         assert sorted(module.__all__) == sorted(["NAMES", *module.NAMES])
-    for name in NAMES + LATE:
+    for name in known:
         assert sequences.find(name).__name__ == name
     for name in ("cornell", "Sequence", "NAMES"):
         with pytest.raises(ValueError, match=f"name: expected one of cornell_box, .*, got '{name}'"):
@@ -44,7 +45,7 @@ def test_recordings_outlive_other_sequences(monkeypatch):
         assert not set(digests(module).values()) & set(before.values())
 
 
-@pytest.mark.parametrize("name", [*NAMES[len(scenes.SEQUENCES) :], *LATE])
+@pytest.mark.parametrize("name", [*NAMES[len(scenes.SEQUENCES) :], *LATE, *THIN])
 def test_sequence(name):
     """It renders, is exposed like a photograph, and is the same every time."""
     first, again = (sequences.find(name)(2, 24, 18) for _ in range(2))

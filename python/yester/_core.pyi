@@ -608,8 +608,8 @@ class SVGF(Pipeline):
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
     coherence : bool, default True
-        Where normals and ids change from pixel to pixel, as in foliage, let depth alone guide the spatial filter
-        (`incoherent_guides`).
+        Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
+        frame to frame, as in grass and fur (`incoherent_guides`).
 
     Raises
     ------
@@ -627,12 +627,12 @@ class SVGF(Pipeline):
     -----
     The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
     functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
-    `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`,
-    `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`, `compare_candidates` and
-    `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and `innovation` of its result and
-    history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the history and of `later`, no more
-    than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are
-    the replayed ones' change, relative to the samples blurred by `atrous`.
+    `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `temporal_gradient`, `virtual_motion` and
+    `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
+    `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and
+    `innovation` of its result and history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the
+    history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation`
+    of history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 
     References
     ----------
@@ -4245,38 +4245,35 @@ def incoherent_guides(
     normal: ArrayLike | None = None,
     ids: ArrayLike | None = None,
     *,
-    angle: float = 25.0,
-    share: float = 0.4,
+    confidence: ArrayLike | None = None,
     out: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
-    """Find the tiles in which normals and ids change from pixel to pixel, as in foliage.
+    """Find the tiles in which normals and ids guide no filter: grass, fur and wire that are thinner than a pixel.
 
-    Every pixel there shows another surface than its neighbours. A filter that compares normals and ids finds no samples
-    to average, so that depth alone should guide it.
+    Every pixel there shows another surface than its neighbours, and yet another one in the next frame. A filter that
+    compares normals and ids finds no samples to average, so that depth alone should guide it, and validate history.
 
     Parameters
     ----------
     normal : (H, W, 3) array_like of float, optional
-        Only directions count; zero and not finite differ from none. Needed without `ids`.
+        Only directions count; zero and NaN differ from none. Needed without `ids`.
     ids : (H, W) array_like of int, optional
         Ids of objects, meshes or materials.
-    angle : float, default 25.0
-        Neighbours differ if their normals are farther apart, in degrees, 0 to 180.
-    share : float, default 0.4
-        The largest share of pairs of neighbours in a tile that may differ, 0 to 1.
+    confidence : (H, W) array_like of float, optional
+        Confidence in history, 0 to 1, as `reproject` returns it. By default, only normals and ids decide.
     out : (H, W) bool array, optional
         Written and returned instead of a new array.
 
     Returns
     -------
     mask : (H, W) bool
-        True in tiles of 16x16 pixels, from the top left, of whose pairs of neighbours along x and y more than `share`
-        differ, in id or normal.
+        True in tiles of 16x16 pixels, from the top left, in which more than 0.4 of all pairs of neighbours along x and
+        y differ, in id or by more than 25 degrees in normal, and the mean confidence is from 0.1 to below 0.5.
 
     Raises
     ------
     ValueError
-        On wrong shapes or parameters out of range, or if neither `normal` nor `ids` is given.
+        On wrong shapes, or if neither `normal` nor `ids` is given.
     TypeError
         If `out` has another dtype.
 
@@ -4286,7 +4283,10 @@ def incoherent_guides(
 
     Notes
     -----
-    `SVGF` gives its filter normals of zero in these tiles, and the same id, 2**32 - 2, to all pixels whose id is not 0.
+    Pebbles and leaves of a few pixels differ as much from their neighbours, but are found again in the next frame, and
+    normals then tell how they are shaded: confidence tells them apart. Where no history is found, at a cut or behind
+    what moves away, that says nothing of the guides. In these tiles, `SVGF` fetches history again without ids and with
+    ``normal_angle=180``, and gives its filter normals of zero and the id 2**32 - 2 for all pixels whose id is not 0.
 
     Examples
     --------

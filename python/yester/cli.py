@@ -265,7 +265,9 @@ def _parser() -> argparse.ArgumentParser:
         "--time-size", metavar="WxH", type=_size, default=(1280, 720), help="size of timed frames; 1280x720"
     )
     render = chart.add_argument_group("sequences to render", "if no FRAMES are given").add_argument
-    groups = "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out; default: all but the last"
+    groups = (
+        "names, or tuning, held-out, unkind-tuning, unkind-held-out, late-held-out, thin; default: all but the last two"
+    )
     render("--sequences", metavar="NAME", nargs="+", default=["all"], help=groups)
     render("--length", metavar="N", type=_count, default=16, help="number of frames; %(default)s")
     render("--size", metavar="WxH", type=_size, default=(256, 192), help="size of the frames; 256x192")
@@ -858,9 +860,9 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     if options.map or options.view:
         raise ValueError("--map, --view: expected FRAMES that they are about, got none")
     _need("study", "mitsuba")
-    from .study.rendered.sequences import GROUPS, LATE, NAMES, expand
+    from .study.rendered.sequences import GROUPS, LATE, NAMES, THIN, expand
 
-    asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES, *LATE])
+    asked = _known("--sequences", options.sequences, [*GROUPS, *NAMES, *LATE, *THIN])
     if options.cache:
         _writable(options.cache)
     width, height = options.size

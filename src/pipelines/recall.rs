@@ -1,6 +1,6 @@
 //! What a frame leaves to the next, and what the next frame makes of it; common to [`super::svgf`] and [`super::bmfr`]:
 //!
-//!   (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
+//!   (replay) → reproject → (coherence → reproject) → (suppress fireflies) → (temporal gradient) → (reflections)
 
 use super::frame::{Frame, Motion, SurfaceRecords, check_size};
 use super::illumination::texture;
@@ -11,10 +11,12 @@ use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
-use crate::kernels::fetch::reproject::{self, Fetch, reproject};
-use crate::kernels::fetch::validate::{Surface, Tests};
+use crate::kernels::fetch::reproject::{self, Fetch, reproject, reproject_again};
+use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::smooth::coherence::incoherent;
 use crate::kernels::smooth::reflectance::Surfaces;
+use crate::tiles::Tiles;
 
 const BILINEAR: reproject::Params = reproject::Params {
     filter: Filter::Bilinear,
@@ -95,15 +97,38 @@ impl Memory {
 
     /// Fetches history run by run.
     pub fn fetch<'a>(&'a self, frame: &Frame<'a>, motion: &Motion, params: &Params) -> Fetch<'a> {
-        let tests = self.tests(frame, motion, params);
+        let tests = self.tests(frame, motion, &params.surface);
         Fetch::new(&[self.history.pixels()], frame.color.size, tests, BILINEAR)
     }
 
     /// The validation of history.
-    fn tests<'a>(&'a self, frame: &Frame<'a>, motion: &Motion, params: &Params) -> Tests<'a> {
+    fn tests<'a>(
+        &'a self,
+        frame: &Frame<'a>,
+        motion: &Motion,
+        limits: &validate::Params,
+    ) -> Tests<'a> {
         let camera = self.camera.as_ref().filter(|_| motion.tells_depth());
         let rays = camera.map(Camera::rays);
-        Tests::new(frame.surface, self.surface.surface(), rays, &params.surface)
+        Tests::new(frame.surface, self.surface.surface(), rays, limits)
+    }
+
+    /// The same without the tests of ids and of the directions of normals.
+    fn tests_of_depth<'a>(
+        &'a self,
+        frame: &Frame<'a>,
+        motion: &Motion,
+        limits: &validate::Params,
+    ) -> Tests<'a> {
+        let surface = Surface {
+            ids: None,
+            ..frame.surface
+        };
+        let limits = validate::Params {
+            normal_angle: Threshold::hard(180.0),
+            ..*limits
+        };
+        self.tests(&Frame { surface, ..*frame }, motion, &limits)
     }
 }
 
@@ -115,6 +140,8 @@ pub struct Recalled {
     pub held: Option<Image>,
     pub gradient: Option<Image>,
     pub reflections: Option<reflections::Won>,
+    /// Where depth alone tells surfaces apart.
+    pub incoherent: Option<Tiles>,
 }
 
 /// Brings history to the current frame. `hold` suppresses fireflies, given the history's illumination. Writes how much of
@@ -138,6 +165,7 @@ pub fn recall(
             held: hold(None),
             gradient: None,
             reflections: None,
+            incoherent: None,
         };
     };
     let replayed = (frame.replay.zip(memory.shown.as_ref())).map(|(replay, shown)| {
@@ -145,12 +173,25 @@ pub fn recall(
         let corrects = params.innovation.is_some();
         replay::relight(replay, shown, &mut memory.history, light, corrects)
     });
-    let tests = memory.tests(frame, motion, params);
-    let motion = motion.pixels();
+    let tests = memory.tests(frame, motion, &params.surface);
+    let (given, motion) = (motion, motion.pixels());
 
     let mut planes = vec![memory.history.pixels()];
     planes.extend(replayed.as_ref().map(Image::pixels));
-    let values = reproject(&planes, motion, tests, BILINEAR, coverage, rejection);
+    let mut values = reproject(&planes, motion, tests, BILINEAR, coverage, rejection);
+    let incoherent = params.coherence.then(|| {
+        let Surface { normal, ids, .. } = frame.surface;
+        let confidence = View::new(motion.size, 1, coverage).into();
+        incoherent(motion.size, normal, ids, Some(confidence))
+    });
+    let incoherent = incoherent.filter(Tiles::any);
+    if let Some(tiles) = &incoherent {
+        let (values, tests) = (
+            &mut values,
+            memory.tests_of_depth(frame, given, &params.surface),
+        );
+        reproject_again(tiles, &planes, motion, tests, BILINEAR, values, coverage);
+    }
     let mut values = values.into_iter();
     let mut next = || values.next().expect("an image for each that is fetched");
     let mut history = next();
@@ -193,6 +234,7 @@ pub fn recall(
         held,
         gradient,
         reflections,
+        incoherent,
     }
 }
 

@@ -1,8 +1,8 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
-//!   demodulate → (motion from cameras) → (replay) → reproject → (suppress fireflies) → (temporal gradient) → (reflections)
-//!     → (lend) → accumulate → (join later frames) → (choice) → (coherence) → estimate variance → à-trous → (innovation)
-//!     → remodulate → (antialias → (innovation) → (mix))
+//!   demodulate → (motion from cameras) → (replay) → reproject → (coherence → reproject) → (suppress fireflies)
+//!     → (temporal gradient) → (reflections) → (lend) → accumulate → (join later frames) → (choice) → estimate variance
+//!     → à-trous → (innovation) → remodulate → (antialias → (innovation) → (mix))
 //!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
@@ -35,11 +35,11 @@ use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
 use crate::kernels::merge::accumulate;
-use crate::kernels::smooth::coherence::{self, incoherent};
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::{atrous, fireflies, lend, variance};
 use crate::pixels::Colors;
+use crate::tiles::Tiles;
 
 /// Parameters of [`Svgf`].
 #[derive(Clone, Debug)]
@@ -50,8 +50,8 @@ pub struct Params {
     pub accumulate: accumulate::Params,
     /// Whether they join without forgetting in frames in which nothing moves.
     pub average_still: bool,
-    /// Whether normals and ids guide no filter where they change from pixel to pixel, and where that is.
-    pub coherence: Option<coherence::Params>,
+    /// Whether depth alone tells surfaces apart where normals and ids change from pixel to pixel and from frame to frame.
+    pub coherence: bool,
     /// How the variance is estimated.
     pub variance: variance::Params,
     /// The filter.
@@ -113,7 +113,7 @@ impl Default for Params {
                 sigma_luminance: 3.0,
                 sigmas: SIGMAS,
             },
-            coherence: Some(coherence::Params::default()),
+            coherence: true,
             gradient: Some(ESTIMATED_GRADIENT),
             choice: Some(choice::Params::default()),
             innovation: Some(innovation::Params::default()),
@@ -131,7 +131,7 @@ impl Params {
             surface: validate::Params::default(),
             accumulate: accumulate::Params::default(),
             average_still: false,
-            coherence: None,
+            coherence: false,
             variance: variance::Params::default(),
             atrous: atrous::Params::default(),
             feedback: false,
@@ -223,14 +223,13 @@ impl Params {
     fn looks_around(&self) -> bool {
         let fills = self.fireflies.is_some() || self.lend.is_some();
         let asks = !self.reflections.is_empty() || self.choice.is_some();
-        self.gradient.is_some() || fills || asks
+        self.gradient.is_some() || self.coherence || fills || asks
     }
 
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         self.surface.check()?;
         self.accumulate.check()?;
-        (self.coherence.iter()).try_for_each(coherence::Params::check)?;
         self.variance.check()?;
         self.atrous.check()?;
         self.choice.iter().try_for_each(choice::Params::check)?;
@@ -469,16 +468,21 @@ fn run(
             (Joined::default(), None, None)
         }
     };
-    let won = recalled.and_then(|recalled| recalled.reflections);
+    let (won, incoherent) = match recalled {
+        Some(recalled) => (recalled.reflections, recalled.incoherent),
+        None => (None, None),
+    };
     let known = joined.history.as_ref();
     let exposure = now.exposure(known.unwrap_or(&history));
     let levels = shown.as_mut().and_then(|shown| shown.choice.take());
     let prediction = joined.prediction;
     let mut choosing = choose(now, prediction, won.as_ref(), choice, &seen, levels);
+    let guide = incoherent.map(|tiles| now.guide_in(Some(&tiles)));
+    let guide = guide.as_ref().unwrap_or_else(|| now.guide());
     if let Some(later) = later {
         join_reports(later, &mut seen);
     }
-    let mut passes = filter(now, &mut history, known, choosing.as_mut());
+    let mut passes = filter(now, guide, &mut history, known, choosing.as_mut());
     let choice = choosing.map(|choosing| choosing.judge(now, exposure));
     let (innovation, evidence) = now.innovate(&passes, evidence, exposure, &seen).unzip();
     let mut light = passes.light.take();
@@ -526,12 +530,12 @@ impl Current<'_> {
     }
 
     fn guide(&self) -> &Guide {
-        self.guide.get_or_init(|| {
-            let (size, surface) = (self.size(), self.frame.surface);
-            let incoherent = (self.params.coherence)
-                .map(|params| incoherent(size, surface.normal, surface.ids, params));
-            Guide::new(size, self.params.reach(), surface, incoherent.as_ref())
-        })
+        self.guide.get_or_init(|| self.guide_in(None))
+    }
+
+    fn guide_in(&self, incoherent: Option<&Tiles>) -> Guide {
+        let reach = self.params.reach();
+        Guide::new(self.size(), reach, self.frame.surface, incoherent)
     }
 
     /// The illumination as it was sampled.

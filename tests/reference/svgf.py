@@ -6,7 +6,7 @@ from torch import Tensor
 from .accumulate import accumulate, luminance
 from .atrous import atrous
 from .choice import Choosing
-from .coherence import coherent_guides
+from .coherence import coherent_guides, incoherent_guides
 from .combine import combine_histories
 from .consistency import consistency
 from .demodulate import demodulate, disowned, remodulate, texture_of
@@ -91,9 +91,7 @@ class SVGF:
         light = frame.color  # (H, W, 3)
         if frame.albedo is not None:
             light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
-        guides = coherent_guides(frame.normal, frame.ids) if self.coherence else (frame.normal, frame.ids)
-        similarity = {"depth": frame.depth, "normal": guides[0], "ids": guides[1], **self.sigmas}
-        motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
+        motion, gradient, incoherent = find_motion(frame, self.previous), None, None  # (H, W, 2|3)
         still = find_still(frame, self.previous)  # (H, W, 3)
         if self.previous is None:
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), torch.zeros_like(light[..., 0])]
@@ -107,6 +105,13 @@ class SVGF:
                 planes = self.relight(frame.replay, planes)  # and (H, W)
             fetched, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
+            if self.coherence and not (frame.normal is None and frame.ids is None):
+                incoherent = incoherent_guides(frame.normal, frame.ids, confidence=confidence)  # (H, W)
+                others = {name: value for name, value in tests.items() if not name.endswith("ids")}
+                again, found = reproject(planes, motion, **{**others, "normal_angle": 180.0})
+                shapes = [incoherent.view(*incoherent.shape, *[1] * (image.ndim - 2)) for image in again]
+                fetched = [new.where(where, old) for new, where, old in zip(again, shapes, fetched, strict=True)]
+                confidence = found.where(incoherent, confidence)  # (H, W)
             history = fetched[:3]
         fresh = light  # (H, W, 3)
         if self.fireflies:
@@ -119,6 +124,10 @@ class SVGF:
                 looks = {"passes": self.passes, "widest": self.passes + 2}
                 gradient = temporal_gradient(light, known, noise=2.5, **looks)  # (H, W)
 
+        guides = frame.normal, frame.ids  # (H, W, 3), (H, W)
+        if incoherent is not None:
+            guides = coherent_guides(*guides, incoherent)
+        similarity = {"depth": frame.depth, "normal": guides[0], "ids": guides[1], **self.sigmas}
         missing = int((~light.isfinite().all(-1)).sum())
         light, weight = self.fill(light, history[2], similarity)  # (H, W, 3), (H, W)
         trust = confidence if self.by_confidence else None  # (H, W)

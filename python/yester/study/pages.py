@@ -25,7 +25,7 @@ from .compare import harm
 from .compare.ablation import Effect, harmful
 from .compare.doors import DOORS, FULL
 from .compare.points import ALL
-from .rendered.sequences import GROUPS, LATE, NAMES
+from .rendered.sequences import GROUPS, LATE, NAMES, THIN
 
 __all__ = ["RUNS", "TABLES", "Source", "main", "measure", "write"]
 
@@ -58,6 +58,7 @@ RUNS = {
     ),
     "oracle": Source("yester.study.compare.oracle", ""),
     "samples": Source("yester.study.compare.samples", ""),
+    "thin": Source("yester.study.compare.thin", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),
     "later_frames": Source(
@@ -131,7 +132,7 @@ def groups(folder: Path) -> str:
     """Means over each group of sequences."""
     rows = []
     for group, scenes in GROUPS.items():
-        if group != ALL:
+        if group != ALL and scenes != THIN:
             for label in ("SVGF, both sides", "SVGF", "OIDN high"):
                 rows.append(
                     [f"`{group}`" if label == "SVGF, both sides" else "", label, *_means(folder, label, scenes)]

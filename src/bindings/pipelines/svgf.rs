@@ -8,7 +8,7 @@ use crate::kernels::fetch::validate;
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
-use crate::kernels::smooth::{atrous, coherence, fireflies, variance};
+use crate::kernels::smooth::{atrous, fireflies, variance};
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::{svgf, taa};
 
@@ -91,8 +91,8 @@ use crate::pipelines::{svgf, taa};
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
 /// coherence : bool, default True
-///     Where normals and ids change from pixel to pixel, as in foliage, let depth alone guide the spatial filter
-///     (`incoherent_guides`).
+///     Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
+///     frame to frame, as in grass and fur (`incoherent_guides`).
 ///
 /// Raises
 /// ------
@@ -110,12 +110,12 @@ use crate::pipelines::{svgf, taa};
 /// -----
 /// The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
 /// functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
-/// `motion_vectors`, `reproject` (with `consistency`), `temporal_gradient`, `virtual_motion` and `prediction_gain`,
-/// `accumulate`, `combine_histories` (with `later`), `choice`, `incoherent_guides`, `estimate_variance`, `atrous`,
-/// `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and `innovation` of its result and
-/// history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the history and of `later`, no more
-/// than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are
-/// the replayed ones' change, relative to the samples blurred by `atrous`.
+/// `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `temporal_gradient`, `virtual_motion` and
+/// `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
+/// `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and
+/// `innovation` of its result and history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the
+/// history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation`
+/// of history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
 ///
 /// References
 /// ----------
@@ -201,7 +201,7 @@ impl SVGF {
                 warmup: true,
             },
             average_still,
-            coherence: coherence.then(coherence::Params::default),
+            coherence,
             variance: variance::Params {
                 min_length,
                 sigmas,

@@ -22,6 +22,7 @@ use crate::kernels::fetch::validate::Tests;
 use crate::memory::prefetch;
 use crate::pixels::{Motion, MotionLanes, Row};
 use crate::rows::{self, Kernel, Outlined, Simd};
+use crate::tiles::Tiles;
 
 /// Most channels of a pixel that one gather fetches: a vector of most CPUs.
 const WIDEST: usize = 8;
@@ -628,6 +629,8 @@ fn hold<const N: usize, const TAPS: usize>(values: [f32; N], taps: [[f32; N]; TA
 struct Reproject<'a> {
     fetch: Fetch<'a>,
     motion: Pixels<'a>,
+    /// Where it is fetched, if not everywhere.
+    tiles: Option<&'a Tiles>,
 }
 
 impl<'a> Kernel for Reproject<'a> {
@@ -643,7 +646,16 @@ impl<'a> Kernel for Reproject<'a> {
     ) {
         let mut lanes = MotionLanes::zeroed();
         let mut fetched = self.fetch.room();
-        for run in rows.flat_map(|y| segments(y, self.motion.size.width)) {
+        let parts = |run| {
+            let whole = self.tiles.is_none().then_some(run);
+            let some = self
+                .tiles
+                .into_iter()
+                .flat_map(move |tiles| tiles.runs(run));
+            whole.into_iter().chain(some)
+        };
+        let runs = rows.flat_map(|y| segments(y, self.motion.size.width));
+        for run in runs.flat_map(parts) {
             let motion = lanes.load(&self.motion, run);
             self.fetch.run(run, motion, &mut fetched);
             for (part, out) in values.iter_mut().enumerate() {
@@ -676,8 +688,35 @@ pub fn reproject(
     let (coverage, rejection) = (bands_of(coverage, size), bands_of(rejection, size));
     let outs = zip_all(parts).zip(coverage).zip(rejection.map(Some));
     let outs = outs.map(|((values, coverage), rejection)| (values, coverage, rejection));
-    rows::run(&Reproject { fetch, motion }, size.height, outs);
+    let kernel = Reproject {
+        fetch,
+        motion,
+        tiles: None,
+    };
+    rows::run(&kernel, size.height, outs);
     values
+}
+
+/// Fetches again, with other tests, in some tiles of what [`reproject`] has returned, and of its coverage.
+pub fn reproject_again(
+    tiles: &Tiles,
+    history: &[Pixels],
+    motion: Pixels,
+    tests: Tests,
+    params: Params,
+    values: &mut [Image],
+    coverage: &mut [f32],
+) {
+    let size = motion.size;
+    let kernel = Reproject {
+        fetch: Fetch::new(history, size, tests, params),
+        motion,
+        tiles: Some(tiles),
+    };
+    let parts = values.iter_mut().map(Image::bands).collect();
+    let outs = zip_all(parts).zip(bands_of(coverage, size));
+    let outs = outs.map(|(values, coverage)| (values, coverage, None));
+    rows::run(&kernel, size.height, outs);
 }
 
 /// [`reproject`] of interleaved images to interleaved outputs that the caller owns; writes no rejection mask. Panics if an
@@ -701,7 +740,12 @@ pub fn reproject_records(
     });
     let outs = zip_all(bands.collect()).zip(bands_of(coverage, size));
     let outs = outs.map(|(values, coverage)| (values, coverage, None));
-    rows::run(&Reproject { fetch, motion }, size.height, outs);
+    let kernel = Reproject {
+        fetch,
+        motion,
+        tiles: None,
+    };
+    rows::run(&kernel, size.height, outs);
 }
 
 /// Zips any number of iterators.

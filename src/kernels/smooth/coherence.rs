@@ -1,66 +1,45 @@
-//! Where a frame's guides change from pixel to pixel: leaves, grass and hair that are thinner than a pixel.
+//! Where a frame's normals and ids tell no surfaces apart: grass, fur and wire that are thinner than a pixel.
 //!
-//! Every pixel there shows another surface than its neighbours, and the next frame's pixel yet another one. A filter that
-//! normals and ids keep on one surface finds no samples to average, and leaves the noise; what depth tells still holds.
+//! Every pixel there shows another surface than its neighbours, and yet another one in the next frame. A filter that is kept
+//! on one surface finds no samples to average, history is rejected, and the noise stays. What depth tells still holds.
 //!
-//! In tiles of 16×16 pixels, neighbours along x and y are compared as history is ([`validate`](crate::kernels::fetch::validate)):
-//! a pair differs if its ids do, or if its normals are farther apart than an angle. A tile is incoherent if more than a
-//! share of its pairs differ. On 26 sequences, pairs differ by a half to nine tenths in grass and thickets, and by less than
-//! four tenths everywhere else, out of focus apart. Small tiles are fooled by the corners of small objects.
+//! This is decided in tiles of 16×16 pixels, by two signs that must agree:
+//! - **in space**: of the pairs of neighbours along x and y, more than two fifths differ, in id or by more than 25° in normal,
+//!   as history is tested ([`validate`](crate::kernels::fetch::validate));
+//! - **in time**: the mean confidence in history is between a tenth and a half. Pebbles and leaves of a few pixels differ as
+//!   much from their neighbours, but are found again, and normals then tell how they are shaded. Where nothing is found
+//!   again, at a cut or behind what moves away, that says nothing of the guides.
 //!
-//! Inputs: normal (3), ids (1), each optional. Output: a mask of tiles. Normals of zero or NaN differ from none.
+//! Inputs: normal (3), ids (1), confidence (1), each optional. Output: a mask of tiles. Normals of zero or NaN differ from none.
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range};
 use crate::image::{Pixels, Run, Size};
 use crate::rows::{self, Kernel, Simd};
 use crate::tiles::Tiles;
 
-/// When a tile counts as incoherent.
-#[derive(Clone, Copy, Debug)]
-pub struct Params {
-    /// Normals farther apart differ, in degrees; 0 to 180; 25.
-    pub angle: f32,
-    /// The largest share of pairs that may differ, 0 to 1; 0.4.
-    pub share: f32,
-}
-
-impl Default for Params {
-    fn default() -> Self {
-        Self {
-            angle: 25.0,
-            share: 0.4,
-        }
-    }
-}
-
-impl Params {
-    /// An error if a parameter is out of range.
-    pub fn check(&self) -> Result<()> {
-        in_range("angle", self.angle, "degrees from 0 to 180", |v| {
-            (0.0..=180.0).contains(&v)
-        })?;
-        in_range("share", self.share, "a share from 0 to 1", |v| {
-            (0.0..=1.0).contains(&v)
-        })
-    }
-}
+/// The share of pairs of neighbours that differ, and the mean confidence in history, of incoherent tiles.
+const DIFFERING: f32 = 0.4;
+const FOUND: Range<f32> = 0.1..0.5;
+/// The cosine of 25°: normals farther apart differ.
+const COSINE: f32 = 0.906_307_8;
 
 /// The tiles whose guides are incoherent.
 pub fn incoherent(
     size: Size,
     normal: Option<Pixels>,
     ids: Option<Pixels<u32>>,
-    params: Params,
+    confidence: Option<Pixels>,
 ) -> Tiles {
     let mut tiles = Tiles::new(size);
+    if normal.is_none() && ids.is_none() {
+        return tiles;
+    }
     let kernel = Count {
         size,
         normal,
         ids,
-        cosine: f64::from(params.angle).to_radians().cos() as f32,
-        share: params.share,
+        confidence,
     };
     rows::run(&kernel, size.height, tiles.bands());
     tiles
@@ -70,9 +49,7 @@ struct Count<'a> {
     size: Size,
     normal: Option<Pixels<'a>>,
     ids: Option<Pixels<'a, u32>>,
-    /// Of the largest angle between like normals.
-    cosine: f32,
-    share: f32,
+    confidence: Option<Pixels<'a>>,
 }
 
 /// Guides of a row.
@@ -105,8 +82,8 @@ impl<'a> Kernel for Count<'a> {
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, tiles: &'a mut [bool]) {
         let (width, height) = (self.size.width, rows.len());
         let [mut above, mut row] = [(); 2].map(|()| self.row());
-        let mut differ = vec![0; width];
-        let mut unlike = vec![0; tiles.len()];
+        let mut differ = vec![0u8; width];
+        let (mut unlike, mut found) = (vec![0; tiles.len()], vec![0.0; tiles.len()]);
         for y in rows.clone() {
             std::mem::swap(&mut above, &mut row);
             self.read(y, &mut row);
@@ -115,6 +92,12 @@ impl<'a> Kernel for Count<'a> {
                 // A tile's last pixel has no neighbour in it.
                 *unlike += count(&tile[..tile.len() - 1]);
             }
+            if let Some(confidence) = self.confidence {
+                let confidence = confidence.row(y).chunks(Tiles::SIDE);
+                for (found, tile) in found.iter_mut().zip(confidence) {
+                    *found += tile.iter().sum::<f32>();
+                }
+            }
             if y > rows.start {
                 self.compare(above.part(0..width), row.part(0..width), &mut differ);
                 for (unlike, tile) in unlike.iter_mut().zip(differ.chunks(Tiles::SIDE)) {
@@ -122,10 +105,14 @@ impl<'a> Kernel for Count<'a> {
                 }
             }
         }
-        for (i, (tile, unlike)) in tiles.iter_mut().zip(unlike).enumerate() {
+        for (i, (tile, (unlike, found))) in
+            tiles.iter_mut().zip(unlike.iter().zip(found)).enumerate()
+        {
             let across = Tiles::SIDE.min(width - i * Tiles::SIDE);
             let pairs = height * (across - 1) + (height - 1) * across;
-            *tile = unlike as f32 > self.share * pairs as f32;
+            let found = found / (height * across) as f32;
+            let lost = self.confidence.is_none() || FOUND.contains(&found);
+            *tile = lost && *unlike as f32 > DIFFERING * pairs as f32;
         }
     }
 }
@@ -167,7 +154,7 @@ impl<'a> Count<'a> {
             for (x, differs) in differ[..len].iter_mut().enumerate() {
                 let [a, b] = [[ax[x], ay[x], az[x]], [bx[x], by[x], bz[x]]];
                 let lengths = (dot(a, a) * dot(b, b)).sqrt();
-                *differs |= u8::from(dot(a, b) < self.cosine * lengths);
+                *differs |= u8::from(dot(a, b) < COSINE * lengths);
             }
         }
     }

@@ -104,7 +104,7 @@ impl Guide {
             depth,
             normal,
             ids,
-            incoherent: incoherent.filter(|tiles| tiles.any()),
+            incoherent,
         };
         rows::run(&kernel, size.height, outs);
         if let Some(normal) = &guide.normal {

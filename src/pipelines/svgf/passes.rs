@@ -13,6 +13,7 @@ use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::kernels::judge::choice::{self, Levels};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::atrous::{self, Filtered, FilteredRow, Sink};
+use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::variance::Estimate;
 use crate::lanes::LANES;
 use crate::math::{larger, smaller};
@@ -84,11 +85,12 @@ pub struct Passes {
 /// goes on; `joined`, if there is one, is filtered instead of it, and has seen frames that the next frame must not know.
 pub fn filter(
     now: &Current,
+    guide: &Guide,
     history: &mut Records,
     joined: Option<&Records>,
     mut choosing: Option<&mut Choosing>,
 ) -> Passes {
-    let (params, guide) = (now.params, now.guide());
+    let params = now.params;
     let (size, usual) = (now.size(), params.atrous.iterations);
     let mut filtered = Filtered::new(guide.layout, choosing.is_some());
     let mut shown = choosing.is_some().then(|| Image::blank(size, 4));

@@ -22,7 +22,7 @@ from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import harm
 
-__all__ = ["HELD_OUT", "METHODS", "SEQUENCES", "errors", "main"]
+__all__ = ["COLUMNS", "HELD_OUT", "METHODS", "SEQUENCES", "Method", "cells", "errors", "main", "steps"]
 
 #: Of every kind: edges, texture, leaves, highlights, mirrors, lamps.
 SEQUENCES = (
@@ -38,11 +38,13 @@ SEQUENCES = (
 #: With more samples, not looked at before the constants were set.
 HELD_OUT = ("glassware", "brushed_metal", "spinning_shapes", "caustics", "opening_door", "fast_dolly")
 _SAMPLES = (1, 2, 4, 16, 64)
-#: Metrics of single frames, with their columns.
-_EACH = {"psnr": "PSNR", "relmse": "relMSE", "flip": "FLIP"}
-_CHANGE, _CHANGED = "temporal_error", "temporal"
+#: The metrics, with their columns; the last one compares two frames.
+COLUMNS = {"psnr": "PSNR", "relmse": "relMSE", "flip": "FLIP", "temporal_error": "temporal"}
+_CHANGE = "temporal_error"
 
 Images = Iterator[NDArray[np.float32]]
+#: Takes frames and yields images.
+Method = Callable[[Iterable[Frame]], Images]
 
 
 def _whole_stage(frames: Iterable[Frame]) -> Images:
@@ -52,7 +54,9 @@ def _whole_stage(frames: Iterable[Frame]) -> Images:
         yield stage.step(smooth, samples=frame.color).color
 
 
-def _steps(make: Callable[[], Any]) -> Callable[[Iterable[Frame]], Images]:
+def steps(make: Callable[[], Any]) -> Method:
+    """What yields the images of a pipeline."""
+
     def run(frames: Iterable[Frame]) -> Images:
         pipeline = make()
         return (pipeline.step(frame).color for frame in frames)
@@ -61,24 +65,26 @@ def _steps(make: Callable[[], Any]) -> Callable[[Iterable[Frame]], Images]:
 
 
 #: By name, what takes frames and yields images.
-METHODS: Mapping[str, Callable[[Iterable[Frame]], Images]] = {
+METHODS: Mapping[str, Method] = {
     "as rendered": lambda frames: (frame.color for frame in frames),
     "SVGF, stage everywhere": _whole_stage,
-    "SVGF": _steps(SVGF),
+    "SVGF": steps(SVGF),
     "SVGF, both sides": lambda frames: (output.color for output in denoise(frames, SVGF())),
-    "OIDN high": _steps(lambda: OIDN("high")),
+    "OIDN high": steps(lambda: OIDN("high")),
 }
 
 
-def errors(recording: Recording) -> dict[str, dict[str, float]]:
+def errors(recording: Recording, methods: Mapping[str, Method] = METHODS) -> dict[str, dict[str, float]]:
     """By method and metric, the mean over the frames that have a reference."""
     frames = [recording.frame(i) for i in range(len(recording.frames))]
     references = {i: Picture(recording.reference(i)) for i in recording.references}
     found = {}
-    for name, run in METHODS.items():
+    for name, run in methods.items():
         images = [Picture(image) for image in run(frames)]
         values = {
-            key: [METRICS[key].measure(images[i], reference) for i, reference in references.items()] for key in _EACH
+            key: [METRICS[key].measure(images[i], reference) for i, reference in references.items()]
+            for key in COLUMNS
+            if key != _CHANGE
         }
         values[_CHANGE] = [
             METRICS[_CHANGE].measure(images[i], images[i - 1], reference, references[i - 1])
@@ -89,6 +95,13 @@ def errors(recording: Recording) -> dict[str, dict[str, float]]:
     return found
 
 
+def cells(found: Iterable[Mapping[str, float]]) -> list[str]:
+    """Columns of the means over some sequences."""
+    known = [*found]
+    means = {key: float(np.mean([each[key] for each in known])) for key in COLUMNS}
+    return [f"{mean:.2f}" if key == "psnr" else f"{mean:.4f}" for key, mean in means.items()]
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a table: rows of methods for each number of samples, columns of metrics for each group of sequences."""
     options = parser("yester.study.compare.samples", __doc__, SEQUENCES + HELD_OUT).parse_args(arguments)
@@ -96,23 +109,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     groups = [[name for name in names if (name in HELD_OUT) == late] for late in (False, True)]
     groups = [group for group in groups if group]
     shape: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 1024}
-    rows = [["samples", "", *[*_EACH.values(), _CHANGED] * len(groups)]]
-    worst = [["samples", *[f"worst {name}" for name in (*_EACH.values(), _CHANGED)]]]
+    rows = [["samples", "", *[*COLUMNS.values()] * len(groups)]]
+    worst = [["samples", *[f"worst {name}" for name in COLUMNS.values()]]]
     for spp in _SAMPLES:
         found = {name: errors(record(name, options.cache, spp=spp, **shape)) for name in names}
         for method in METHODS:
             row = [str(spp), method]
             for group in groups:
-                for key in (*_EACH, _CHANGE):
-                    mean = np.mean([found[name][method][key] for name in group])
-                    row.append(f"{mean:.2f}" if key == "psnr" else f"{mean:.4f}")
+                row += cells(found[name][method] for name in group)
             rows.append(row)
         gained = {name: harm.gains(each["SVGF"], each["SVGF, stage everywhere"]) for name, each in found.items()}
-        cells = []
-        for key in (*_EACH, _CHANGE):
+        losses = []
+        for key in COLUMNS:
             gain, name = min((each[key], name) for name, each in gained.items())
-            cells.append(f"{harm.amount(key, gain)} {name}")
-        worst.append([str(spp), *cells])
+            losses.append(f"{harm.amount(key, gain)} {name}")
+        worst.append([str(spp), *losses])
     print(harm.aligned(rows), harm.aligned(worst), sep="\n\n")
 
 

@@ -110,7 +110,7 @@ def record(
     Parameters
     ----------
     name : str
-        One of `sequences.NAMES` or `sequences.LATE`.
+        One of `sequences.NAMES`, `sequences.LATE` or `sequences.THIN`.
     cache : path-like, optional
         A folder, created if missing. By default the environment variable ``YESTER_CACHE``, else the user's cache folder
         for yester (``~/.cache/yester`` on Linux). Frames are rendered anew for other versions of Mitsuba or of the

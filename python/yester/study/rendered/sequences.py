@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
-from . import held_out, scenes, unkind, unseen
+from . import held_out, scenes, thin, unkind, unseen
 
-__all__ = ["GROUPS", "LATE", "NAMES", "Make", "expand", "find", "parser"]
+__all__ = ["GROUPS", "LATE", "NAMES", "THIN", "Make", "expand", "find", "parser"]
 
 #: Makes a sequence from the number of frames, and the width and height of the images.
 Make: TypeAlias = Callable[[int, int, int], scenes.Sequence]
@@ -26,15 +26,19 @@ GROUPS["all"] = NAMES
 #: Validation sequences outside ``all``: nothing was chosen or tuned by them.
 LATE = held_out.NAMES
 GROUPS["late-held-out"] = LATE
+#: Sequences outside ``all`` for what is thinner than a pixel.
+THIN = thin.NAMES
+GROUPS["thin"] = THIN
+_KNOWN = NAMES + LATE + THIN
 
 
 def find(name: str) -> Make:
     """Find the constructor of a sequence; ValueError if the name is unknown."""
-    for module in (scenes, unkind, unseen, held_out):
-        if name in NAMES + LATE and hasattr(module, name):
+    for module in (scenes, unkind, unseen, held_out, thin):
+        if name in _KNOWN and hasattr(module, name):
             make: Make = getattr(module, name)
             return make
-    raise ValueError(f"name: expected one of {', '.join(NAMES + LATE)}, got {name!r}")
+    raise ValueError(f"name: expected one of {', '.join(_KNOWN)}, got {name!r}")
 
 
 def expand(asked: Iterable[str]) -> list[str]:
@@ -45,8 +49,9 @@ def expand(asked: Iterable[str]) -> list[str]:
 def parser(module: str, about: str | None, default: Sequence[str] = ("all",)) -> ArgumentParser:
     """Make a command's parser, with the options ``--sequences`` (for `expand`) and ``--cache`` (for `record`)."""
     result = ArgumentParser(prog=f"python -m {module}", description=about)
-    known = [*GROUPS, *NAMES, *LATE]
-    groups = f"names, or {', '.join(GROUPS)}; by default {' '.join(default)}. all does not include {[*GROUPS][-1]}"
+    known = [*GROUPS, *_KNOWN]
+    others = " and ".join([*GROUPS][-2:])
+    groups = f"names, or {', '.join(GROUPS)}; by default {' '.join(default)}. all does not include {others}"
     result.add_argument("--sequences", metavar="NAME", nargs="+", default=default, choices=known, help=groups)
     result.add_argument("--cache", metavar="DIR", type=Path, help="folder for rendered frames")
     return result

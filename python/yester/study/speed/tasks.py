@@ -188,7 +188,7 @@ _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {
     **{"radius": 2, "sigma_luminance": 4.0, "sigma_normal": 128.0, "alpha": 0.05, "reflections": ()},
-    **dict.fromkeys(("gradient", "fireflies", "choice", "innovation", "antialias"), False),
+    **dict.fromkeys(("gradient", "fireflies", "choice", "innovation", "antialias", "coherence"), False),
 }
 
 # Vector operations per pixel as `Task.multiply_adds` counts them, read from the kernels.
@@ -283,7 +283,7 @@ TASKS = (
         _named(*_SURFACE, color="low"),
         {"offset": (0, 0)},
     ),
-    Task("incoherent_guides", "incoherent_guides", _named("normal", "ids")),
+    Task("incoherent_guides", "incoherent_guides", _named("normal", "ids", "confidence")),
     Task("is_reflectance", "is_reflectance", _named("albedo", "ids")),
     Task("demodulate", "demodulate", _named("color", "albedo")),
     Task("remodulate", "remodulate", _named("albedo", illumination="color")),

@@ -1,0 +1,218 @@
+"""Sequences of things that are thinner than a pixel, or hardly thicker: wire, fur, pebbles, broad leaves.
+
+In the first two, normals and ids change from pixel to pixel and from frame to frame, and tell a filter nothing. In the
+others they change as much from pixel to pixel, but are found again, and tell how light falls. The rule by which `SVGF`
+tells them apart was set on these.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from yester import Camera
+
+from .scenes import Matrix, Sequence, _copies, _mitsuba, _paint, _picture, _sequence, _sky, _tiles
+
+__all__ = ["NAMES", "fence", "fur", "gravel", "hedge"]
+
+NAMES = ("fence", "fur", "gravel", "hedge")
+
+_FOV = 36
+
+
+def fence(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A fence of crossed bars, half a pixel wide, before a painted wall.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `scenes.cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    mi = _mitsuba()
+    place = mi.ScalarTransform4f
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 5},
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_sky([0.5, 0.6, 0.5]))},
+        "wall": {"type": "rectangle", "to_world": place().translate([0, 0, -2]).scale([4, 3, 1]), "bsdf": _picture()},
+        "ground": _ground(-1.2),
+    }
+    for i, x in enumerate(np.arange(-22, 23) * 0.09):
+        for side, lean in (("left", -0.84), ("right", 0.84)):
+            scene[f"bar{i}{side}"] = {
+                "type": "cylinder",
+                "p0": [x, -1.2, 0],
+                "p1": [x + lean, 1.2, 0.024 * lean],
+                "radius": 0.009,
+                "bsdf": _paint([0.35, 0.36, 0.38]),
+            }
+
+    def view(t: float) -> Camera:
+        return Camera.from_look_at([t - 0.5, 0.1, 2.4], [0.1, 0, -0.5], [0, 1, 0], 40, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def fur(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A ball of long hairs, a third of a pixel wide, under a lamp. All hairs are one shape.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `scenes.cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    mi = _mitsuba()
+    place = mi.ScalarTransform4f
+    rng = np.random.default_rng(5)
+    count, radius = 6000, 0.55
+    # A hair bends as it grows, and narrows to a point.
+    rise = np.linspace(0, 1, 5)
+    bend, half = 0.35 * rise**2, 0.014 * (1 - rise**2)
+    hair = np.stack([np.concatenate([bend, bend]), np.tile(rise, 2), np.concatenate([-half, half])], -1)
+    strips = [[i, i + 1, 5 + i] for i in range(4)] + [[i + 1, 6 + i, 5 + i] for i in range(4)]
+    poses = _upright(rng, count)
+    poses[:, :3, 3] = radius * poses[:, :3, 1]
+    poses[:, :3, :3] *= rng.uniform(0.25, 0.45, (count, 1, 1))
+    tints = rng.uniform(0.7, 1.2, (count, 1)) * [0.6, 0.42, 0.25]
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 5},
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.15, 0.17, 0.2]}},
+        "lamp": {
+            "type": "rectangle",
+            "to_world": place().look_at([1.5, 2.5, 1.5], [0, 0, 0], [0, 1, 0]).scale(0.5),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [22, 20, 17]}},
+        },
+        "ground": _ground(-0.8),
+        "skin": {"type": "sphere", "radius": radius, "bsdf": _paint([0.3, 0.2, 0.12])},
+        "hairs": _copies("hairs", hair, strips, poses, np.minimum(tints, 0.9)),
+    }
+
+    def view(t: float) -> Camera:
+        return Camera.from_look_at([1.4 * t - 0.7, 0.5, 3.2], [0.1, 0, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def gravel(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A heap of pebbles of three to ten pixels under sun and sky, each a shape of its own.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `scenes.cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    mi = _mitsuba()
+    rng = np.random.default_rng(3)
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 4},
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_sky([0.6, 0.55, 0.35]))},
+        "ground": _ground(0),
+    }
+    for i in range(1600):
+        stone = rng.uniform(0.15, 0.7) * np.array([1, 0.95, 0.85]) * rng.uniform(0.9, 1.1, 3)
+        scene[f"pebble{i}"] = {
+            "type": "sphere",
+            "center": [rng.uniform(-1.6, 1.6), rng.uniform(0, 0.09), rng.uniform(-2.5, 1)],
+            "radius": rng.uniform(0.035, 0.075),
+            "bsdf": _paint([float(v) for v in stone]),
+        }
+
+    def view(t: float) -> Camera:
+        return Camera.from_look_at([0.8 * t - 0.4, 1.3, 2.6], [0, 0, -0.4], [0, 1, 0], 34, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def hedge(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A hedge of broad leaves of four to ten pixels before the wall of a house. All leaves are one shape.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `scenes.cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    mi = _mitsuba()
+    place = mi.ScalarTransform4f
+    rng = np.random.default_rng(11)
+    count = 5200
+    poses = _upright(rng, count)
+    poses[:, :3, :3] *= rng.uniform(0.05, 0.12, (count, 1, 1))
+    poses[:, :3, 3] = rng.uniform([-2, -0.8, -0.35], [2, 0.55, 0.35], (count, 3))
+    leaf = np.array([[0, -1, 0], [0.55, -0.2, 0.1], [0, 1, 0], [-0.55, -0.2, 0.1]])
+    tints = rng.uniform(0.5, 1.4, (count, 1)) * [0.12, 0.32, 0.07] + rng.uniform(0, 0.05, (count, 3))
+    plaster = _tiles([0.75, 0.68, 0.6], [0.55, 0.45, 0.38], 14)
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 5},
+        "sky": {"type": "envmap", "bitmap": mi.Bitmap(_sky([0.6, 0.55, 0.35]))},
+        "leaves": _copies("leaves", leaf, [[0, 1, 2], [0, 2, 3]], poses, np.minimum(tints, 0.9)),
+        "wall": {"type": "rectangle", "to_world": place().translate([0, 0, -1.5]).scale([5, 3, 1]), "bsdf": plaster},
+        "ground": _ground(-0.9),
+    }
+
+    def view(t: float) -> Camera:
+        return Camera.from_look_at([1.2 * t - 0.6, 0.3, 3], [0, 0, 0], [0, 1, 0], _FOV, width, height, fov_axis="y")
+
+    return _sequence(scene, frames, view)
+
+
+def _ground(y: float) -> dict[str, Any]:
+    """A tiled floor."""
+    place = _mitsuba().ScalarTransform4f
+    pose = place().translate([0, y, 0]).rotate([1, 0, 0], -90).scale(8)
+    return {"type": "rectangle", "to_world": pose, "bsdf": _tiles([0.5, 0.46, 0.4], [0.3, 0.3, 0.29], 20)}
+
+
+def _upright(rng: np.random.Generator, count: int) -> Matrix:
+    """Rotations that take the y axis into random directions, (count, 4, 4)."""
+    up, side = rng.normal(size=(2, count, 3))
+    up /= np.linalg.norm(up, axis=-1, keepdims=True)
+    across = np.cross(up, side)
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    poses = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
+    poses[:, :3, :3] = np.stack([across, up, np.cross(across, up)], -1)
+    return poses
