@@ -237,7 +237,9 @@ def test_doors(tmp_path):
 def test_groups(tmp_path):
     """Each group of sequences has a name."""
     line = refused("chart", "--sequences", "unkind", "-o", tmp_path / "out")
-    assert all(f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "late-held-out", "thin", "all"))
+    assert all(
+        f"{group}," in line for group in ("tuning", "unkind-tuning", "unkind-held-out", "late-held-out", "thin", "all")
+    )
     assert all(name in line for name in GROUPS["all"] + GROUPS["late-held-out"])
     options = argparse.Namespace(frames=[], sequences=["unkind-tuning", "cut", "grass"], cache=None)
     vars(options).update(size=(8, 6), length=1, reference_spp=1, seeds=1, doors=None, map=None, view=None)
