@@ -42,8 +42,8 @@ mod _core {
     #[pymodule_export]
     use super::judge::{
         alternation_, anti_lag_, blend_factor_, choice_, clip_history_, collocate_,
-        collocation_shares, compare_candidates, exposure_, innovation_, prediction_gain,
-        temporal_gradient,
+        collocation_shares, compare_candidates, exposure_, incoherent_guides_, innovation_,
+        prediction_gain, temporal_gradient,
     };
     #[pymodule_export]
     use super::merge::{Accumulated, accumulate_, blend_, combine_histories, resolve_};
@@ -67,8 +67,8 @@ mod _core {
     use super::scatter::{pull_push_, recirculate_, splat_};
     #[pymodule_export]
     use super::smooth::{
-        atrous_, demodulate_, estimate_variance_, fix_history_, incoherent_guides_,
-        is_reflectance_, morphological_aa_, remodulate_, suppress_fireflies_,
+        atrous_, demodulate_, estimate_variance_, fix_history_, is_reflectance_, morphological_aa_,
+        remodulate_, suppress_fireflies_,
     };
     #[pymodule_export]
     use super::upscale::{disocclusion_, resample_, sharpen_, thin_features_};

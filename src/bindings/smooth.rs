@@ -7,10 +7,8 @@ use pyo3::types::PyTuple;
 use super::arrays::{
     COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, parts, wrong_type,
 };
-use crate::error::Error;
-use crate::image::{Run, Size};
+use crate::image::Size;
 use crate::kernels::fetch::validate::Surface;
-use crate::kernels::smooth::coherence::incoherent;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
 use crate::kernels::smooth::guide::{Guide, Sigmas};
 use crate::kernels::smooth::reflectance::Surfaces;
@@ -675,96 +673,6 @@ pub fn is_reflectance_<'py>(
         let mask = out.bytes()?.fill(py, &shape, |mask| {
             let surfaces = Surfaces::new(albedo.pixels(), ids.pixels());
             mask.copy_from_slice(surfaces.mask().plane(0));
-        })?;
-        (mask, out)
-    };
-    out.array(mask.array()?)
-}
-
-/// Find the tiles in which normals and ids guide no filter: grass, fur and wire that are thinner than a pixel.
-///
-/// Every pixel there shows another surface than its neighbours, and yet another one in the next frame. A filter that
-/// compares normals and ids finds no samples to average, so that depth alone should guide it, and validate history.
-///
-/// Parameters
-/// ----------
-/// normal : (H, W, 3) array_like of float, optional
-///     Only directions count; zero and NaN differ from none. Needed without `ids`.
-/// ids : (H, W) array_like of int, optional
-///     Ids of objects, meshes or materials.
-/// confidence : (H, W) array_like of float, optional
-///     Confidence in history, 0 to 1, as `reproject` returns it. By default, only normals and ids decide.
-/// out : (H, W) bool array, optional
-///     Written and returned instead of a new array.
-///
-/// Returns
-/// -------
-/// mask : (H, W) bool
-///     True in tiles of 16x16 pixels, from the top left, in which more than 0.4 of all pairs of neighbours along x and
-///     y differ, in id or by more than 25 degrees in normal, and the mean confidence is from 0.1 to below 0.5.
-///
-/// Raises
-/// ------
-/// ValueError
-///     On wrong shapes, or if neither `normal` nor `ids` is given.
-/// TypeError
-///     If `out` has another dtype.
-///
-/// See Also
-/// --------
-/// atrous : Compares normals and ids of neighbours.
-///
-/// Notes
-/// -----
-/// Pebbles and leaves of a few pixels differ as much from their neighbours, but are found again in the next frame, and
-/// normals then tell how they are shaded: confidence tells them apart. Where no history is found, at a cut or behind
-/// what moves away, that says nothing of the guides. In these tiles, `SVGF` fetches history again without ids and with
-/// ``normal_angle=180``, and gives its filter normals of zero and the id 2**32 - 2 for all pixels whose id is not 0.
-///
-/// Examples
-/// --------
-/// >>> ids = np.ones((16, 32), np.uint32)
-/// >>> ids[:, 16:] = np.random.default_rng(0).integers(1, 9, (16, 16))
-/// >>> mask = yester.incoherent_guides(ids=ids)
-/// >>> bool(mask[0, 0]), bool(mask[0, 16])
-/// (False, True)
-#[pyfunction]
-#[pyo3(signature = (normal=None, ids=None, *, confidence=None, out=None), name = "incoherent_guides")]
-pub fn incoherent_guides_<'py>(
-    py: Python<'py>,
-    normal: Option<&Bound<'py, PyAny>>,
-    ids: Option<&Bound<'py, PyAny>>,
-    confidence: Option<&Bound<'py, PyAny>>,
-    out: Option<Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
-    let (mask, out) = {
-        let normal =
-            (normal.map(|normal| Input::<f32>::new(normal, "normal", COLOR))).transpose()?;
-        let ids = (ids.map(|ids| Input::<u32>::new(ids, "ids", Channels::One))).transpose()?;
-        let size = (normal.as_ref().map(Input::size)).or(ids.as_ref().map(Input::size));
-        let Some(size) = size else {
-            let expected = "an array where ids are not given";
-            return Err(Error::value("normal", expected, "None").into());
-        };
-        let ids = ids.map(|ids| ids.sized("ids", size)).transpose()?;
-        let confidence = Input::<f32>::optional(confidence, "confidence", Channels::One, size)?;
-        let (normal, ids) = (
-            normal.as_ref().map(Input::data),
-            ids.as_ref().map(Input::data),
-        );
-        let confidence = confidence.as_ref().map(Input::data);
-        let shape = [size.height, size.width];
-        let out = Out::<bool>::given(out, &shape)?;
-        let mask = out.bytes()?.fill(py, &shape, |mask| {
-            let [normal, confidence] =
-                [normal, confidence].map(|image| image.map(Interleaved::pixels));
-            let tiles = incoherent(size, normal, ids.map(Interleaved::pixels), confidence);
-            for (y, row) in mask.chunks_mut(size.width).enumerate() {
-                row.fill(0);
-                for part in tiles.runs(Run::row(y, size.width)) {
-                    row[part.x..][..part.len].fill(1);
-                }
-            }
         })?;
         (mask, out)
     };

@@ -13,8 +13,8 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject, reproject_again};
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
+use crate::kernels::judge::coherence::incoherent;
 use crate::kernels::judge::gradient::{self, temporal_gradient};
-use crate::kernels::smooth::coherence::incoherent;
 use crate::kernels::smooth::reflectance::Surfaces;
 use crate::tiles::Tiles;
 

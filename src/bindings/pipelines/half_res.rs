@@ -58,7 +58,8 @@ use crate::pipelines::svgf;
 /// Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
 /// `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
 /// length, so that a long history converges to the mean of its own samples. The gradient (with windows twice as wide)
-/// and the reflections use traced samples only, and the last stage clips history to 0.6 standard deviations.
+/// and the reflections use traced samples only, guides are compared everywhere (``coherence=False``), and the last
+/// stage clips history to 0.6 standard deviations.
 ///
 /// Examples
 /// --------

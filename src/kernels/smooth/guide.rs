@@ -14,7 +14,7 @@
 //!   itself and divide by the slope: on every inclined surface, each tap then has a weight of 1/e beside the centre's 1.
 //! - **class**: background is one surface, without depth or normal; every id is one, or all that is not background.
 //!
-//! In tiles whose normals and ids change from pixel to pixel ([`coherence`](super::coherence)), depth alone may guide: normals
+//! In tiles whose normals and ids change from pixel to pixel ([`coherence`](crate::kernels::judge::coherence)), depth alone may guide: normals
 //! are then zero, and all ids are one.
 
 use std::ops::Range;

@@ -1,7 +1,6 @@
 //! Combine in space.
 
 pub mod atrous;
-pub mod coherence;
 pub mod demodulate;
 pub mod fireflies;
 pub mod guide;
