@@ -391,11 +391,14 @@ def test_a_method_that_breaks_is_named(recording, tmp_path):
 
 @pytest.mark.parametrize("each", ABLATIONS, ids=lambda each: each.method.name)
 def test_each_component_does_something(each, recording):
-    """At the latest when the light changes, each component changes the output."""
+    """At the latest when the light changes, or most pixels become surfaces of their own, each changes the output."""
     frames = [recording.frame(i) for i in range(6)]
     last = frames[-1]
     bright = last.buffers() | {"color": 4 * last.color}
     frames += [yester.Frame(**bright, camera=last.camera, jitter=last.jitter)] * 2
+    rng = np.random.default_rng(0)
+    own = np.where(rng.random(last.shape) < 0.7, rng.permutation(last.ids.size).reshape(last.shape) + 1000, last.ids)
+    frames.append(replace(frames[-1], ids=own.astype(np.uint32)))
     both = zip(each.whole.run(frames), each.method.run(frames), strict=True)
     assert not all(np.array_equal(one.color, other.color) for one, other in both)
 
