@@ -14,8 +14,8 @@
 //!   itself and divide by the slope: on every inclined surface, each tap then has a weight of 1/e beside the centre's 1.
 //! - **class**: background is one surface, without depth or normal; every id is one, or all that is not background.
 //!
-//! In tiles whose normals and ids change from pixel to pixel ([`coherence`](crate::kernels::judge::coherence)), depth alone may guide: normals
-//! are then zero, and all ids are one.
+//! In tiles whose normals and ids are incoherent ([`coherence`](crate::kernels::judge::coherence)), depth alone guides: their
+//! normals are zeroed, and their surfaces share one class.
 
 use std::ops::Range;
 
