@@ -514,7 +514,8 @@ class SVGF:
         first, second = (smooth(min(passes, usual))[0] for passes in (1, 2))
         if self.chooses and shows:
             series = [smooth(passes) for passes in range(min(usual + 1, 16) + 1)]
-            final, final_variance, shown = self.choose(series, prediction, sample, moved, confidence, bright)
+            known = prediction, sample, moved, confidence, length, bright
+            final, final_variance, shown = self.choose(series, *known)
         else:
             final, final_variance = smooth(usual)
             self.choice = None
@@ -569,14 +570,16 @@ class SVGF:
         self.mixing = self.mixing or Mixing()
         return self.mixing.mix(frame.color, color, motion, shown)
 
-    def choose(self, series: list, prediction, sample, motion, coverage, bright: float) -> tuple:
+    def choose(self, series: list, prediction, sample, motion, coverage, length, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""
         height, width = coverage.shape
         levels = np.full((height, width), self.iterations, np.float32)
         if self.choice is not None:
             chosen, self.choice = yester.choice(self.choice, motion, coverage, usual=self.iterations)
             filled = ~np.isfinite(series[0][0]).all(-1)
-            levels = np.where(filled, levels, between_tiles(chosen, height, width))
+            alone = ((coverage == 0) & (length < 1.5)).astype(np.float32)
+            shown = np.minimum(between_tiles(chosen, height, width) + alone, np.float32(len(series) - 1))
+            levels = np.where(filled, levels, shown)
         candidates = np.dstack([prediction, *(predicted for _, _, predicted in series[1:])])
         known = {"exposure": bright, "usual": self.iterations}
         self.choice = yester.compare_candidates(sample, candidates, self.choice, **known)

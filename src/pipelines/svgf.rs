@@ -479,10 +479,10 @@ fn run(
     let mut choosing = choose(now, prediction, won.as_ref(), choice, &seen, levels);
     let guide = incoherent.map(|tiles| now.guide_in(Some(&tiles)));
     let guide = guide.as_ref().unwrap_or_else(|| now.guide());
+    let mut passes = filter(now, guide, &seen, &mut history, known, choosing.as_mut());
     if let Some(later) = later {
         join_reports(later, &mut seen);
     }
-    let mut passes = filter(now, guide, &mut history, known, choosing.as_mut());
     let choice = choosing.map(|choosing| choosing.judge(now, exposure));
     let (innovation, evidence) = now.innovate(&passes, evidence, exposure, &seen).unzip();
     let mut light = passes.light.take();

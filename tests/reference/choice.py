@@ -153,19 +153,23 @@ class Choosing:
         fresh: Tensor,
         motion: Tensor,
         coverage: Tensor,
+        length: Tensor,
         exposure: float,
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Mixtures of images (H, W, 3) and of variances (H, W) after 0, 1, 2 … passes, and the number of passes (H, W).
 
         The third of each in the series is the prediction (H, W) after so many passes, of which the first is not used:
-        where there is no prediction it is the image's own luminance.
+        where there is no prediction it is the image's own luminance. Where the length (H, W) of the history, which has
+        this frame's sample, says that there is no other, one more pass is shown.
         """
         size = coverage.shape
         passes = torch.full(size, float(self.usual)).to(fresh)  # (H, W)
         if self.evidence is not None:
             chosen, self.evidence = choice(self.evidence, motion, coverage, usual=self.usual)
             present = series[0][0].isfinite().all(-1)  # (H, W)
-            passes = levels(chosen, size).where(present, self.usual)  # (H, W)
+            alone = (coverage == 0) & (length < 1.5)  # (H, W)
+            shown = (levels(chosen, size) + alone).clamp(max=len(series) - 1)  # (H, W)
+            passes = shown.where(present, self.usual)  # (H, W)
         candidates = torch.stack([prediction, *(predicted for _, _, predicted in series[1:])], -1)  # (H, W, K)
         known = {"exposure": exposure, "usual": self.usual}
         self.evidence = compare_candidates(fresh, candidates, self.evidence, **known)

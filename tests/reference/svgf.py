@@ -157,7 +157,7 @@ class SVGF:
 
         if self.chooses:
             series = [filtered(passes) for passes in range(min(self.iterations + 1, 16) + 1)]
-            known = prediction, fresh, motion, confidence, bright
+            known = prediction, fresh, motion, confidence, length, bright
             smooth, smooth_variance, chosen = self.choosing.choose(series, *known)  # (H, W, 3), (H, W), (H, W)
         else:
             smooth, smooth_variance = filtered(self.iterations)  # (H, W, 3), (H, W)

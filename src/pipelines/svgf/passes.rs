@@ -86,6 +86,7 @@ pub struct Passes {
 pub fn filter(
     now: &Current,
     guide: &Guide,
+    seen: &Seen,
     history: &mut Records,
     joined: Option<&Records>,
     mut choosing: Option<&mut Choosing>,
@@ -114,6 +115,9 @@ pub fn filter(
         let keep = Keep {
             pass,
             usual,
+            most: passes,
+            confidence: View::new(size, 1, seen.confidence),
+            length: View::new(size, 1, seen.history_length),
             tiles: tiles.map(|tiles| Levels(tiles.view())),
         };
         let light = light.as_mut().filter(|_| pass == usual.min(2));
@@ -204,6 +208,12 @@ impl<'a> Kernel for Begin<'a> {
 struct Keep<'a> {
     pass: u32,
     usual: u32,
+    /// Passes that are run.
+    most: u32,
+    /// Of the frames before.
+    confidence: View<'a>,
+    /// Of the frames on all sides.
+    length: View<'a>,
     tiles: Option<Levels<'a>>,
 }
 
@@ -256,16 +266,21 @@ impl<'a> Sink for Keep<'a> {
 }
 
 impl Keep<'_> {
-    /// Missing pixels get the usual number of passes, which fills them.
+    /// Missing pixels get the usual number of passes, which fills them. A pixel whose only sample is this frame's gets one
+    /// more than its tile, whose evidence is of pixels that have history.
     #[inline(always)]
     fn find_levels(&self, run: Run, filtered: &FilteredRow, levels: &mut [f32]) {
-        let usual = self.usual as f32;
+        let (usual, most) = (self.usual as f32, self.most as f32);
         levels.fill(usual);
-        if let Some(tiles) = &self.tiles {
-            tiles.read(run, levels);
-            for (level, luminance) in levels.iter_mut().zip(filtered.luminance(run)) {
-                *level = if luminance.is_nan() { usual } else { *level };
-            }
+        let Some(tiles) = &self.tiles else { return };
+        tiles.read(run, levels);
+        let [confidence, length] =
+            [self.confidence, self.length].map(|image| &image.row(0, run.y)[run.x..][..run.len]);
+        let luminance = filtered.luminance(run);
+        for (i, level) in levels.iter_mut().enumerate() {
+            let alone = (confidence[i] == 0.0) & (length[i] < 1.5);
+            let shown = smaller(*level + f32::from(u8::from(alone)), most);
+            *level = if luminance[i].is_nan() { usual } else { shown };
         }
     }
 }
