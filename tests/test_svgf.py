@@ -368,6 +368,8 @@ def test_reference_with_later_frames(named):
         known = source.recall(yester.Frame(**given))
         color, length = known.color.copy(), known.history_length * rng.uniform(0.3, 2, (HEIGHT, WIDTH))
         color[rng.random((HEIGHT, WIDTH)) < 0.05] = np.nan
+        # What earlier frames have not seen, later ones have, in a part of the image.
+        length[: HEIGHT // 2] += 2
         # There, validation fails that of earlier frames passes.
         sure = known.confidence[::-1].copy(), known.rejection[::-1].copy()
         later = color, known.moments, length.astype(np.float32), *sure
