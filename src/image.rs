@@ -417,6 +417,7 @@ impl<T: Value> Pixels<'_, T> {
     /// An interleaved copy.
     pub(crate) fn to_records(self) -> Records<T> {
         if self.strides[0] != self.channels {
+            assert_eq!(self.strides[0], 1, "a part of an interleaved image");
             let planes = &self.data[..self.size.pixels() * self.channels];
             return Records::of(View::new(self.size, self.channels, planes));
         }
@@ -591,22 +592,15 @@ impl<T> BandMut<'_, T> {
         }
     }
 
-    /// Writes a run of interleaved pixels: deinterleaved if the band is planar, as they are if the band is the one plane of
-    /// an interleaved image, whose rows hold `channels` elements a pixel.
+    /// Writes a run of the first channel.
     #[inline(always)]
-    pub(crate) fn put(&mut self, run: Run, records: &[T], channels: usize)
+    pub(crate) fn put(&mut self, run: Run, values: &[T])
     where
         T: Copy,
     {
-        if self.planes.len() == channels {
-            deinterleave(records, self.parts(run));
-            self.prefetch_after(run);
-        } else {
-            let start = (run.y - self.rows.start) * self.width + run.x * channels;
-            let (len, data) = (records.len(), &mut *self.planes[0]);
-            data[start..][..len].copy_from_slice(records);
-            prefetch(data, start + len, len);
-        }
+        let start = (run.y - self.rows.start) * self.width + run.x;
+        self.planes[0][start..][..run.len].copy_from_slice(&values[..run.len]);
+        self.prefetch_after(run);
     }
 
     /// The same row of the first `N` channels.

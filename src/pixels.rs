@@ -8,7 +8,8 @@ use std::ops::RangeInclusive;
 
 use crate::error::Result;
 use crate::image::{
-    BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, check_data, interleave, segments,
+    BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, check_data, deinterleave, interleave,
+    segments,
 };
 use crate::lanes::LANES;
 use crate::memory::prefetch;
@@ -63,6 +64,22 @@ impl<'a> PixelsMut<'a> {
     /// The bands of planar data.
     pub(crate) fn planar(size: Size, data: &'a mut [f32]) -> impl Iterator<Item = PixelsMut<'a>> {
         bands_of(data, size).map(PixelsMut::Planar)
+    }
+
+    /// Writes a run of interleaved pixels of so many channels.
+    #[inline(always)]
+    pub(crate) fn put(&mut self, run: Run, records: &[f32], channels: usize) {
+        match self {
+            Self::Planar(band) => {
+                deinterleave(records, band.parts(run));
+                band.prefetch_after(run);
+            }
+            Self::Interleaved { top, width, data } => {
+                let start = ((run.y - *top) * *width + run.x) * channels;
+                data[start..][..records.len()].copy_from_slice(records);
+                prefetch(data, start + records.len(), records.len());
+            }
+        }
     }
 
     /// Writes a run; each of `rows` is the line buffer of a channel.

@@ -254,8 +254,14 @@ def guides(frame: yester.Frame, incoherent: NDArray | None = None) -> dict[str, 
         if normal is not None:
             normal = np.where(incoherent[..., None], np.float32(0), normal)
         if ids is not None:
-            ids = np.where(incoherent & (ids != 0), np.uint32(2**32 - 2), ids)
+            ids = np.where(incoherent, coarse_ids(frame), ids)
     return {"depth": frame.depth, "normal": normal, "ids": ids}
+
+
+def coarse_ids(frame: yester.Frame) -> NDArray:
+    """One id for all surfaces, and another one for those whose albedo is no reflectance; 0 stays."""
+    reflects = True if frame.albedo is None else yester.is_reflectance(frame.albedo, frame.ids)
+    return np.where(frame.ids == 0, 0, np.where(reflects, 2**32 - 2, 2**32 - 3)).astype(np.uint32)
 
 
 def without_fireflies(frame: yester.Frame, light: NDArray, known: NDArray) -> NDArray:
@@ -452,10 +458,13 @@ class SVGF:
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
             if self.coherence and not (frame.normal is None and frame.ids is None):
                 incoherent = yester.incoherent_guides(frame.normal, frame.ids, confidence=confidence)
-                others = {name: image for name, image in tests.items() if not name.endswith("ids")}
-                again = yester.reproject(planes, motion, **others, **{**self.limits, "normal_angle": 180.0})
-                pairs = zip([*fetched, confidence], [*again[0], again[1]], strict=True)
-                *fetched, confidence = (
+                others = {**tests, **self.limits, "normal_angle": 180.0}
+                if "ids" in tests:
+                    others |= {"ids": coarse_ids(frame), "previous_ids": coarse_ids(self.before)}
+                again = yester.reproject(planes, motion, **others)
+                failed, _ = yester.consistency(motion, **others)
+                pairs = zip([*fetched, confidence, rejection], [*again[0], again[1], failed], strict=True)
+                *fetched, confidence, rejection = (
                     np.where(incoherent.reshape(incoherent.shape + (1,) * (old.ndim - 2)), new, old)
                     for old, new in pairs
                 )

@@ -405,3 +405,13 @@ def test_no_denormals():
     _, got = yester.atrous(np.ones((5, 6, 3), np.float32), variance, iterations=5)
     assert ((got == 0) | (got >= 1e-30)).all()
     assert (got == 0).any()
+
+
+def test_endless_tolerance():
+    """An infinite scale switches a weight off, also where the difference that it divides is 0 of 0."""
+    color = np.random.default_rng(0).uniform(0, 1, (12, 16, 3))
+    flat = {"variance": np.zeros((12, 16)), "depth": np.full((12, 16), 4.0)}
+    endless = dict.fromkeys(("sigma_luminance", "sigma_depth", "sigma_plane"), np.inf)
+    got, _ = yester.atrous(color, **flat, **endless)
+    want, _ = yester.atrous(color, flat["variance"], sigma_luminance=1e30)
+    np.testing.assert_allclose(got, want, rtol=1e-6)

@@ -105,7 +105,7 @@ def test_albedo_that_is_no_reflectance(named, newer):
 
 
 def in_leaves(frames: list[yester.Frame]) -> list[yester.Frame]:
-    """Normals and ids of six surfaces by chance, in some tiles as a whole and in others in part."""
+    """Normals and ids of six surfaces by chance, one of them black, in some tiles as a whole and in others in part."""
     rng, result = np.random.default_rng(2), []
     directions = np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32)
     for frame in frames:
@@ -117,6 +117,8 @@ def in_leaves(frames: list[yester.Frame]) -> list[yester.Frame]:
         if frame.ids is not None:
             changed["ids"] = frame.ids.copy()
             changed["ids"][3:40, 12:55] = leaf[3:40, 12:55] + 1
+            if frame.albedo is not None:
+                changed["albedo"] = np.where((changed["ids"] == 2)[..., None], np.float32(5e-4), frame.albedo)
         result.append(replace(frame, **changed))
     return result
 
@@ -188,7 +190,8 @@ def test_a_dolly_keeps_its_history(channels):
         out = svgf.step(yester.Frame(np.ones((36, 48, 3)), depth=depth, normal=normal, camera=camera, **named))
         before = camera
     np.testing.assert_allclose(out.history_length, 4, rtol=1e-6)
-    assert "plane" in out.used
+    # Of pixels that may move by themselves, the depth is only expected.
+    assert ("plane" in out.used) == (channels != 2)
     assert ("camera" in out.used) == (channels != 3)
 
 
@@ -733,6 +736,7 @@ def test_constant_stays(named):
         ("plane_distance", [0, -1]),
         ("normal_angle", [-1, 181]),
         ("min_length", [-1, np.nan]),
+        ("relative_albedo", [-1, np.inf]),
         ("reflections", [[0.0], [1, -1], [np.nan], [1, -np.inf]]),
     ],
 )

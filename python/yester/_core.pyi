@@ -326,7 +326,7 @@ class Accumulated:
     moments : (H, W, 2) float32
         Means of luminance and of its square.
     history_length : (H, W) float32
-        History length in samples, up to 1/alpha.
+        History length in samples, up to 1/alpha where a sample was merged.
     missing : int
         Pixels whose new sample was not finite.
 
@@ -527,7 +527,6 @@ class History:
         """Names of the buffers that were used."""
     def __getnewargs_ex__(self) -> tuple[tuple[NDArray[Any], ...], dict[str, Any]]: ...
 
-@final
 class SVGF(Pipeline):
     """Spatiotemporal variance-guided filtering of a sequence of frames.
 
@@ -609,7 +608,8 @@ class SVGF(Pipeline):
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
     coherence : bool, default True
         Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
-        frame to frame, as in grass and fur (`incoherent_guides`).
+        frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
+        reflectance (`is_reflectance`) from others.
 
     Raises
     ------
@@ -686,7 +686,7 @@ class SVGF(Pipeline):
         Parameters
         ----------
         frame : Frame
-            The next frame, of the same size as the previous ones.
+            The next frame, of the same size as the previous ones; in `HalfRes`, NaN where nothing was traced.
         out : Output, optional
             An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
             second frame on, no image memory is then allocated.
@@ -744,7 +744,7 @@ class SVGF(Pipeline):
         """Discard all history; the next frame starts a new sequence."""
 
 @final
-class HalfRes(Pipeline):
+class HalfRes(SVGF):
     """Denoise frames of which only a part is traced, such as one pixel of each 2×2, another one in each frame.
 
     All buffers have full resolution, and colour is NaN where no path was traced. Untraced pixels are reconstructed from
@@ -790,6 +790,9 @@ class HalfRes(Pipeline):
 
     Notes
     -----
+    An output's `history_length` counts traced samples, and reconstructed ones by their weight; its `missing` is the number
+    of untraced pixels.
+
     Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
     `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
     length, so that a long history converges to the mean of its own samples. The gradient (with windows twice as wide)
@@ -825,64 +828,6 @@ class HalfRes(Pipeline):
         innovation: bool = True,
         antialias: bool = True,
     ) -> Self: ...
-    def step(self, frame: Frame, out: Output | None = None, *, later: History | None = None) -> Output:
-        """Denoise the next frame of the sequence.
-
-        Parameters
-        ----------
-        frame : Frame
-            The next frame, of the same size as the previous ones; NaN where nothing was traced.
-        out : Output, optional
-            An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
-            second frame on, no image memory is then allocated.
-        later : History, optional
-            What later frames know of this frame's pixels: `recall` of a pipeline that runs backwards. It joins the
-            history before the filter, and the sample counts once. What goes on to the next frame is without it.
-
-        Returns
-        -------
-        Output
-            `history_length` counts traced samples; `missing` is the number of untraced pixels.
-
-        Raises
-        ------
-        ValueError
-            If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not
-            fit.
-        """
-    def recall(self, frame: Frame) -> History:
-        """Go on to the next frame as `step` does, but tell what history expects of its pixels instead of showing it.
-
-        Parameters
-        ----------
-        frame : Frame
-            As for `step`; of a reversed sequence, with the motion to the frame that follows it in time.
-
-        Returns
-        -------
-        History
-            Without the frame's own sample.
-
-        Raises
-        ------
-        ValueError
-            As of `step`.
-        """
-    def split(self) -> tuple[HalfRes, TAA | None]:
-        """Make the pipeline without its output stage, and the stage.
-
-        Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
-        colour as `samples`.
-
-        Returns
-        -------
-        denoiser : Pipeline
-            With the same parameters, but ``antialias=False``.
-        stage : TAA or None
-            For the frames with the denoiser's colours; None without `antialias`.
-        """
-    def reset(self) -> None:
-        """Discard all history; the next frame starts a new sequence."""
     @staticmethod
     def offset(number: int) -> tuple[int, int]:
         """Choose the pixel of each 2×2 to trace in a frame.
@@ -2567,9 +2512,10 @@ def choice(
 
     Notes
     -----
-    A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
-    `strictness` standard errors of the steps between it and the default one wins if that is below 0; with fewer than 16
-    samples in the average, the default candidate stays.
+    A tile's sums are averaged with those of its neighbours, with weights {1, 2, 1}/4 along each axis. The candidate with
+    the least mean gain plus `strictness` standard errors of the steps between it and the default one wins if that is
+    below 0; with fewer than 16 samples in the average, the default candidate stays. The variance of an average is that
+    of a tile, divided by 64/9, the effective number of tiles in it.
 
     Examples
     --------
@@ -2682,10 +2628,10 @@ def collocation_shares(
     Notes
     -----
     Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
-    With ⟨a b⟩ the products, averaged over a tile and its eight neighbours, ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy
-    of the detail in p, whatever motion and resampling have lost: the triple collocation of [1]_. ⟨y q⟩ is at least
-    0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of p's noise, and with
-    ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
+    With ⟨a b⟩ the products, averaged over a tile and its neighbours with weights {1, 2, 1}/4 along each axis,
+    ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of the detail in p, whatever motion and resampling have lost: the triple
+    collocation of [1]_. ⟨y q⟩ is at least 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of
+    p's noise, and with ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
 
     The squared error of b less that of a is then ``E = ⟨b b⟩ - ⟨a a⟩ - 2 (⟨y b⟩ - ⟨y a⟩) / r``, and
     ``λ = 1/2 + E / 2⟨(a - b)²⟩``. The share of samples is Wiener's, ``g = 1 - (N - C) / ⟨(p - m)²⟩``, where
@@ -2906,11 +2852,11 @@ def blend(
         Blend factor: weight of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` returns it. Maps
         are clamped; NaN counts as 1.
     weighting : {"none", "tone", "luminance"}, default "none"
-        "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold where
-        luminances differ.
+        "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold, but to 1
+        at most, where luminances differ.
     flicker : float, default 1.0
-        Factor on alpha, 0 to 1, where history has the lowest or highest luminance of its 3×3 neighbourhood; 1 for no
-        reduction.
+        Factor on alpha, 0 to 1, where history has the lowest or highest luminance of the 3×3 pixels of `color` around;
+        1 for no reduction.
     exposure : float, default 1.0
         The radiance that counts as 1, above 0, as `exposure` returns it.
     out : (H, W, 3) float32 array, optional
@@ -2999,8 +2945,8 @@ def accumulate(
     Returns
     -------
     Accumulated
-        With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged;
-        without history either, colour and moments are NaN and the length is 0.
+        With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged, but for
+        its length, which `gradient` shortens; without history either, colour and moments are NaN and the length is 0.
 
     Raises
     ------
@@ -3076,7 +3022,7 @@ def resample(
     weight : (H', W') float32
         Density of samples near each pixel of the grid, in samples per pixel: each sample contributes a normal
         distribution with a standard deviation of 0.33 pixels of the grid. The average over offsets is the ratio of the
-        pixel counts; the maximum is 1.46, where a sample hits a pixel's centre.
+        pixel counts; on a finer grid the maximum is 1.46, where a sample hits a pixel's centre.
 
     Raises
     ------
@@ -3466,11 +3412,13 @@ def atrous(
     Notes
     -----
     A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
-    zero between different ids or between surface and background, and
+    zero between different ids or between surface and background. Background is one surface, whatever its ids and normals.
+    In the exponent,
 
     - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
       pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):
-      ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over both axes,
+      ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over those axes along which both neighbours are of the
+      pixel's surface,
     - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
       plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
@@ -3571,11 +3519,13 @@ def atrous(
     Notes
     -----
     A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
-    zero between different ids or between surface and background, and
+    zero between different ids or between surface and background. Background is one surface, whatever its ids and normals.
+    In the exponent,
 
     - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
       pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):
-      ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over both axes,
+      ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over those axes along which both neighbours are of the
+      pixel's surface,
     - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
       plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
@@ -3990,8 +3940,9 @@ def suppress_fireflies(
     -----
     Neighbours have the guide weights of `reconstruct`, without the spatial weight. With mean m and standard deviation s
     of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
-    the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). The excess is distributed
-    over the window's pixels by their weights, the centre included.
+    the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). There is none where these
+    neighbours have a weight below 2 in all. The excess is distributed over the window's pixels by their weights, the
+    centre included.
 
     References
     ----------

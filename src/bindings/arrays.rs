@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::Error;
-use crate::image::{Image, Pixels, Size, Value, View};
+use crate::image::{Image, Pixels, Size, Value};
 use crate::memory::OutOfMemory;
 
 impl From<Error> for PyErr {
@@ -373,16 +373,10 @@ impl<'py, T: Number> Input<'py, T> {
         self.channels
     }
 
-    pub fn data(&self) -> Interleaved<'_, T> {
-        let data = self
-            .array
-            .as_slice()
-            .expect("contiguity was established by `array`");
-        Interleaved {
-            data,
-            size: self.size,
-            channels: self.channels,
-        }
+    pub fn pixels(&self) -> Pixels<'_, T> {
+        let data = self.array.as_slice();
+        let data = data.expect("contiguity was established by `array`");
+        Pixels::records(self.size, self.channels, data)
     }
 
     pub fn array(self) -> Bound<'py, PyArrayDyn<T>> {
@@ -397,57 +391,6 @@ fn shape_text(shape: &[usize]) -> String {
         sides.join(", "),
         if sides.len() == 1 { "," } else { "" }
     )
-}
-
-/// The data of an image argument, usable without the interpreter's lock.
-#[derive(Clone, Copy)]
-pub struct Interleaved<'a, T> {
-    data: &'a [T],
-    size: Size,
-    channels: usize,
-}
-
-impl<'a, T: Number> Interleaved<'a, T> {
-    /// The data as a single-channel image of C-fold width, for kernels that treat all channels alike.
-    pub fn flat(self) -> View<'a, T> {
-        let Size { height, width } = self.size;
-        View::new(
-            Size {
-                height,
-                width: width * self.channels,
-            },
-            1,
-            self.data,
-        )
-    }
-
-    pub fn pixels(self) -> Pixels<'a, T> {
-        Pixels::records(self.size, self.channels, self.data)
-    }
-}
-
-impl<'a> Interleaved<'a, f32> {
-    pub fn planes(self) -> Planes<'a> {
-        match self.channels {
-            1 => Planes::Borrowed(View::new(self.size, 1, self.data)),
-            _ => Planes::Owned(self.pixels().to_planes()),
-        }
-    }
-}
-
-/// A planar image; borrowed if the array is planar already.
-pub enum Planes<'a> {
-    Borrowed(View<'a>),
-    Owned(Image),
-}
-
-impl Planes<'_> {
-    pub fn view(&self) -> View<'_> {
-        match self {
-            Self::Borrowed(view) => *view,
-            Self::Owned(image) => image.view(),
-        }
-    }
 }
 
 /// A result to be returned as a numpy array.

@@ -559,7 +559,7 @@ pub fn motion_vectors<'py>(
         let transforms = Transforms::new(transforms)?;
         let shape = [size.height, size.width, 3];
         let out = Out::given(out, &shape)?;
-        let ids = ids.as_ref().map(|ids| ids.data().pixels());
+        let ids = ids.as_ref().map(|ids| ids.pixels());
         let (geometry, camera, previous) =
             (place(&geometry), &camera.inner, &previous_camera.inner);
         out.fill(py, &shape, |motion| {
@@ -572,7 +572,7 @@ pub fn motion_vectors<'py>(
 
 /// Depth, or position of three channels.
 pub fn place<'a>(geometry: &'a Input) -> Geometry<'a> {
-    let pixels = geometry.data().pixels();
+    let pixels = geometry.pixels();
     match geometry.channels() {
         3 => Geometry::Position(pixels),
         _ => Geometry::Depth(pixels),
@@ -650,7 +650,7 @@ pub fn virtual_motion_<'py>(
             .sized("hit_distance", size)?;
         let shape = [size.height, size.width, 2];
         let out = Out::given(out, &shape)?;
-        let distance = distance.data().pixels();
+        let distance = distance.pixels();
         let geometry = place(&geometry);
         let (camera, previous) = (&camera.inner, &previous_camera.inner);
         out.fill(py, &shape, |motion| {
@@ -749,13 +749,13 @@ pub fn dilate_motion<'py>(
             return Err(needs("still", "choose=\"nearest\""));
         }
         let out = Out::given(out, motion.shape())?;
-        let depth = depth.as_ref().filter(|_| nearest).map(Input::data);
-        let still = still.as_ref().map(|still| still.data().pixels());
+        let depth = depth.as_ref().filter(|_| nearest).map(Input::pixels);
+        let still = still.as_ref().map(Input::pixels);
         let choice = depth.map_or(Choice::Longest, |depth| Choice::Nearest {
-            depth: depth.flat(),
+            depth: depth.plane(),
             still,
         });
-        let pixels = motion.data().pixels();
+        let pixels = motion.pixels();
         out.fill(py, motion.shape(), |dilated| {
             let dilated = PixelsMut::bands(pixels.size, pixels.channels, dilated);
             dilate::dilate_motion(pixels, choice, params, dilated);
@@ -830,9 +830,9 @@ pub fn invert_motion_<'py>(
             let (expected, got) = (text(motion.shape()), text(still.shape()));
             return Err(Error::value("still", expected, got).into());
         }
-        let pixels = motion.data().pixels();
-        let depth = depth.as_ref().map(|depth| depth.data().pixels());
-        let still = still.as_ref().map(|still| still.data().pixels());
+        let pixels = motion.pixels();
+        let depth = depth.as_ref().map(|depth| depth.pixels());
+        let still = still.as_ref().map(Input::pixels);
         Out::given(out, motion.shape())?.fill(py, motion.shape(), |inverted| {
             let inverted = PixelsMut::bands(size, pixels.channels, inverted);
             invert_motion(pixels, depth, still, inverted);

@@ -4,9 +4,9 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 
-use super::arrays::{Channels, Direct, Input, Interleaved, MOTION, Out, choice, detached, parts};
+use super::arrays::{Channels, Direct, Input, MOTION, Out, choice, detached, parts};
 use super::camera::Camera;
-use super::validate::{Bounds, SurfaceArgs};
+use super::validate::SurfaceArgs;
 use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::fetch::footprint::Filter;
@@ -106,8 +106,8 @@ use crate::kernels::fetch::validate::{self, Threshold};
 #[pyfunction]
 #[pyo3(signature = (history, motion, *, filter="bilinear", fallback=true, dering=true, depth=None, previous_depth=None, normal=None,
     previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, color=None,
-    previous_color=None, previous_camera=None, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
-    normal_angle=Bounds::Hard(25.0), relative_luminance=Bounds::Hard(0.5), speed=None, out=None))]
+    previous_color=None, previous_camera=None, relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01),
+    normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5), speed=None, out=None))]
 #[pyo3(
     text_signature = "(history, motion, *, filter='bilinear', fallback=True, dering=True, depth=None, previous_depth=None, \
     normal=None, previous_normal=None, ids=None, previous_ids=None, object_normal=None, previous_object_normal=None, \
@@ -133,11 +133,11 @@ pub fn reproject_<'py>(
     color: Option<&Bound<'py, PyAny>>,
     previous_color: Option<&Bound<'py, PyAny>>,
     previous_camera: Option<&Camera>,
-    relative_depth: Bounds,
-    plane_distance: Bounds,
-    normal_angle: Bounds,
-    relative_luminance: Bounds,
-    speed: Option<Bounds>,
+    relative_depth: Threshold,
+    plane_distance: Threshold,
+    normal_angle: Threshold,
+    relative_luminance: Threshold,
+    speed: Option<Threshold>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyArrayDyn<f32>>)> {
     let filter = choice("filter", filter, &Filter::NAMES)?;
@@ -175,16 +175,16 @@ pub fn reproject_<'py>(
             [color, previous_color],
             previous_camera,
             validate::Params {
-                relative_depth: relative_depth.into(),
-                plane_distance: plane_distance.into(),
-                normal_angle: normal_angle.into(),
-                relative_luminance: relative_luminance.into(),
-                speed: speed.map(Threshold::from),
+                relative_depth,
+                plane_distance,
+                normal_angle,
+                relative_luminance,
+                speed,
             },
         )?;
 
-        let data: Vec<Interleaved<f32>> = images.iter().map(Input::data).collect();
-        let (motion, surface) = (motion.data(), surface.data());
+        let history: Vec<_> = images.iter().map(Input::pixels).collect();
+        let (motion, tests) = (motion.pixels(), surface.tests());
         let [first, second] = parts(out.as_ref())?;
         let values = if several {
             listed(first, images.len())?
@@ -208,14 +208,11 @@ pub fn reproject_<'py>(
             let values = values.collect::<PyResult<Vec<_>>>()?;
             let coverage = coverage.data()?;
             detached(py, || {
-                let history: Vec<_> = data.into_iter().map(Interleaved::pixels).collect();
                 let params = reproject::Params {
                     filter,
                     fallback,
                     dering,
                 };
-                let motion = motion.pixels();
-                let tests = surface.tests();
                 reproject_records(&history, motion, tests, params, values, coverage);
             })?;
         }

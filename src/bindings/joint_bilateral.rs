@@ -3,8 +3,8 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{COLOR, Channels, Input, Interleaved, Out, Outgoing, detached, needs, vector};
-use super::smooth::{GuideArgs, GuideData};
+use super::arrays::{COLOR, Channels, Input, Out, Outgoing, detached, needs, vector};
+use super::smooth::GuideArgs;
 use crate::error::Error;
 use crate::image::{Image, Pixels, Size};
 use crate::kernels::fetch::validate::Surface;
@@ -100,9 +100,9 @@ pub fn reconstruct_<'py>(
         let size = color.size();
         let guide = GuideArgs::new(size, depth, normal, ids)?;
         let out = Out::given(out, color.shape())?;
-        let (color, guide) = (color.data().pixels(), guide.data());
+        let (color, guide) = (color.pixels(), guide.surface());
         let filled = detached(py, || {
-            let guide = guide.guide(size, params.radius);
+            let guide = Guide::new(size, params.radius, guide, None);
             Outgoing::new(reconstruct(color, &guide, params))
         })?;
         (filled, out)
@@ -248,16 +248,17 @@ pub fn joint_bilateral_upsample_<'py>(
         let normal = Input::<f32>::optional(low_normal, "low_normal", COLOR, size)?;
         let ids = Input::<u32>::optional(low_ids, "low_ids", Channels::One, size)?;
         let out = Out::given(out, &[full.height, full.width, 3])?;
-        let (color, guide) = (color.data().pixels(), guide.data());
-        let low = GuideData {
-            depth: depth.as_ref().map(Input::data),
-            normal: normal.as_ref().map(Input::data),
-            ids: ids.as_ref().map(Input::data),
+        let (color, guide) = (color.pixels(), guide.surface());
+        let low = Surface {
+            depth: depth.as_ref().map(Input::pixels),
+            normal: normal.as_ref().map(Input::pixels),
+            ids: ids.as_ref().map(Input::pixels),
+            ..Default::default()
         };
         let upsampled = detached(py, || {
             let reach = params.radius * scale;
-            let shown = low.shown(guide, grid, reach);
-            let guide = guide.guide(full, reach);
+            let shown = shown(low, guide, grid, reach);
+            let guide = Guide::new(full, reach, guide, None);
             let guides = [&guide, shown.as_ref().unwrap_or(&guide)];
             Outgoing::new(joint_bilateral_upsample(color, grid, guides, params))
         })?;
@@ -281,31 +282,19 @@ fn check_fits(grid: Grid, low: Size) -> PyResult<()> {
     Err(Error::value("color", expected, text(low)).into())
 }
 
-impl GuideData<'_> {
-    /// Guide of the samples, if it differs from the full guide at their pixels.
-    fn shown(self, full: GuideData, grid: Grid, reach: usize) -> Option<Guide> {
-        let floats = |low: Option<Interleaved<f32>>| low.map(|low| grid.scatter(low.pixels(), 0.0));
-        let (depth, normal) = (floats(self.depth), floats(self.normal));
-        let ids = self.ids.map(|ids| grid.scatter(ids.pixels(), 0));
-        if depth.is_none() && normal.is_none() && ids.is_none() {
-            return None;
-        }
-        fn or<'a>(
-            low: &'a Option<Image>,
-            full: Option<Interleaved<'a, f32>>,
-        ) -> Option<Pixels<'a>> {
-            let low = low.as_ref().map(Image::pixels);
-            low.or(full.map(Interleaved::pixels))
-        }
-        let surface = Surface {
-            depth: or(&depth, full.depth),
-            normal: or(&normal, full.normal),
-            ids: ids
-                .as_ref()
-                .map(Image::pixels)
-                .or(full.ids.map(Interleaved::pixels)),
-            ..Default::default()
-        };
-        Some(Guide::new(grid.full, reach, surface, None))
+/// Guide of the samples, if it differs from the full guide at their pixels.
+fn shown(low: Surface, full: Surface, grid: Grid, reach: usize) -> Option<Guide> {
+    let floats = |low: Option<Pixels>| low.map(|low| grid.scatter(low, 0.0));
+    let (depth, normal) = (floats(low.depth), floats(low.normal));
+    let ids = low.ids.map(|ids| grid.scatter(ids, 0));
+    if depth.is_none() && normal.is_none() && ids.is_none() {
+        return None;
     }
+    let surface = Surface {
+        depth: depth.as_ref().map(Image::pixels).or(full.depth),
+        normal: normal.as_ref().map(Image::pixels).or(full.normal),
+        ids: ids.as_ref().map(Image::pixels).or(full.ids),
+        ..Default::default()
+    };
+    Some(Guide::new(grid.full, reach, surface, None))
 }

@@ -3,13 +3,11 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, MOTION, Out, choice, detached, parts,
-};
+use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, choice, detached, parts};
 use super::merge::AlphaArg;
-use super::validate::Bounds;
 use crate::error::{Error, whole};
 use crate::image::{Records, Run, bands_of};
+use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::coherence::incoherent;
 use crate::kernels::judge::{
     alternation, anti_lag, blend_factor, choice, collocation, exposure, gradient, innovation,
@@ -86,16 +84,15 @@ pub fn incoherent_guides_<'py>(
         let ids = ids.map(|ids| ids.sized("ids", size)).transpose()?;
         let confidence = Input::<f32>::optional(confidence, "confidence", Channels::One, size)?;
         let (normal, ids) = (
-            normal.as_ref().map(Input::data),
-            ids.as_ref().map(Input::data),
+            normal.as_ref().map(Input::pixels),
+            ids.as_ref().map(Input::pixels),
         );
-        let confidence = confidence.as_ref().map(Input::data);
+        let confidence = confidence.as_ref().map(Input::pixels);
         let shape = [size.height, size.width];
         let out = Out::<bool>::given(out, &shape)?;
         let mask = out.bytes()?.fill(py, &shape, |mask| {
-            let [normal, confidence] =
-                [normal, confidence].map(|image| image.map(Interleaved::pixels));
-            let tiles = incoherent(size, normal, ids.map(Interleaved::pixels), confidence);
+            let [normal, confidence] = [normal, confidence].map(|image| image);
+            let tiles = incoherent(size, normal, ids, confidence);
             for (y, row) in mask.chunks_mut(size.width).enumerate() {
                 row.fill(0);
                 for part in tiles.runs(Run::row(y, size.width)) {
@@ -213,7 +210,7 @@ pub fn clip_history_<'py>(
             .map(|alpha| AlphaArg::new(alpha, history.size()))
             .transpose()?;
         let out = Out::given(out, history.shape())?;
-        let [old, new] = [history.data(), color.data()].map(Interleaved::pixels);
+        let [old, new] = [history.pixels(), color.pixels()];
         let alpha = alpha.as_ref().map(AlphaArg::data);
         out.fill(py, history.shape(), |clipped| {
             let clipped = PixelsMut::bands(new.size, 3, clipped);
@@ -270,8 +267,8 @@ pub fn clip_history_<'py>(
 #[pyo3(name = "exposure")]
 pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
     let color = Input::<f32>::new(color, "color", COLOR)?;
-    let color = color.data();
-    detached(py, || exposure::exposure(color.pixels()))
+    let color = color.pixels();
+    detached(py, || exposure::exposure(color))
 }
 
 /// Compute the blend factor of the new sample from the confidence in history and from speed.
@@ -320,7 +317,7 @@ pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
 /// array([[0.125, 0.2  ]], dtype=float32)
 #[pyfunction]
 #[pyo3(name = "blend_factor", signature = (confidence, motion=None, *, alpha=0.05, fast_alpha=0.2,
-    speed=Bounds::Soft(0.0, 1.0), out=None))]
+    speed=Threshold { full: 0.0, none: 1.0 }, out=None))]
 #[pyo3(
     text_signature = "(confidence, motion=None, *, alpha=0.05, fast_alpha=0.2, speed=(0.0, 1.0), out=None)"
 )]
@@ -330,21 +327,21 @@ pub fn blend_factor_<'py>(
     motion: Option<&Bound<'py, PyAny>>,
     alpha: f32,
     fast_alpha: f32,
-    speed: Bounds,
+    speed: Threshold,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let params = blend_factor::Params {
         alpha,
         fast_alpha,
-        speed: speed.into(),
+        speed,
     };
     params.check()?;
     let factor = {
         let confidence = Input::<f32>::new(confidence, "confidence", Channels::One)?;
         let motion = Input::<f32>::optional(motion, "motion", MOTION, confidence.size())?;
         let out = Out::given(out, confidence.shape())?;
-        let motion = motion.as_ref().map(|motion| motion.data().pixels());
-        let known = confidence.data().flat();
+        let motion = motion.as_ref().map(|motion| motion.pixels());
+        let known = confidence.pixels().plane();
         out.fill(py, confidence.shape(), |alpha| {
             let alpha = PixelsMut::bands(known.size, 1, alpha);
             blend_factor::blend_factor(known, motion, params, alpha);
@@ -417,8 +414,8 @@ pub fn anti_lag_<'py>(
         let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
         let clipped = Input::<f32>::new(clipped, "clipped", COLOR)?.sized("clipped", size)?;
         let out = Out::given(out, length.shape())?;
-        let [old, new] = [history.data(), clipped.data()].map(Interleaved::pixels);
-        let lengths = length.data().flat();
+        let [old, new] = [history.pixels(), clipped.pixels()];
+        let lengths = length.pixels().plane();
         out.fill(py, length.shape(), |shortened| {
             let shortened = PixelsMut::bands(size, 1, shortened);
             anti_lag::anti_lag(lengths, old, new, strength, shortened);
@@ -498,14 +495,14 @@ pub fn alternation_<'py>(
         let memory = Input::<f32>::optional(memory, "memory", channels, size)?;
         let shape = [size.height, size.width, alternation::CHANNELS];
         let out = Out::given(out, &shape)?;
-        let (color, memory) = (color.data(), memory.as_ref().map(Input::data));
+        let (color, memory) = (color.pixels(), memory.as_ref().map(Input::pixels));
         let known = memory.map(|memory| alternation::Known {
-            memory: memory.pixels(),
+            memory,
             coverage: None,
         });
         out.fill(py, &shape, |next| {
             let next = PixelsMut::bands(size, alternation::CHANNELS, next);
-            alternation::alternation(color.pixels(), known, exposure, next);
+            alternation::alternation(color, known, exposure, next);
         })?
     };
     next.array()
@@ -583,7 +580,7 @@ pub fn temporal_gradient<'py>(
         let previous = Input::<f32>::new(previous, "previous", COLOR)?.sized("previous", size)?;
         let shape = [size.height, size.width];
         let out = Out::given(out, &shape)?;
-        let [color, previous] = [color.data(), previous.data()].map(Interleaved::pixels);
+        let [color, previous] = [color.pixels(), previous.pixels()];
         out.fill(py, &shape, |gradient| {
             gradient::temporal_gradient(color, previous, None, params, gradient);
         })?
@@ -718,11 +715,11 @@ pub fn innovation_<'py>(
         let out = (Out::given(first, shape)?, Out::given(second, &blocks)?);
         let mut correction = Direct::new(py, out.0, shape)?;
         let mut left = Direct::new(py, out.1, &blocks)?;
-        let [color, prediction] = [color.data(), prediction.data()].map(Interleaved::pixels);
-        let length = length.data().pixels();
-        let motion = motion.as_ref().map(|motion| motion.data().pixels());
+        let [color, prediction] = [color.pixels(), prediction.pixels()];
+        let length = length.pixels();
+        let motion = motion.as_ref().map(|motion| motion.pixels());
         let known = evidence.as_ref().map(|evidence| innovation::Known {
-            evidence: evidence.data().pixels(),
+            evidence: evidence.pixels(),
             motion,
         });
         let (bands, records) = (correction.data()?, left.data()?);
@@ -777,9 +774,10 @@ pub fn innovation_<'py>(
 ///
 /// Notes
 /// -----
-/// A tile's sums are averaged with those of its eight neighbours. The candidate with the least mean gain plus
-/// `strictness` standard errors of the steps between it and the default one wins if that is below 0; with fewer than 16
-/// samples in the average, the default candidate stays.
+/// A tile's sums are averaged with those of its neighbours, with weights {1, 2, 1}/4 along each axis. The candidate with
+/// the least mean gain plus `strictness` standard errors of the steps between it and the default one wins if that is
+/// below 0; with fewer than 16 samples in the average, the default candidate stays. The variance of an average is that
+/// of a tile, divided by 64/9, the effective number of tiles in it.
 ///
 /// Examples
 /// --------
@@ -811,7 +809,7 @@ pub fn choice_<'py>(
         let tiles = choice::tiles(size);
         let evidence = Input::<f32>::new(evidence, "evidence", Channels::Any)?;
         let evidence = evidence.sized("evidence", tiles)?;
-        let numbers = evidence.data().pixels().channels;
+        let numbers = evidence.pixels().channels;
         if numbers < 4 || !numbers.is_multiple_of(2) {
             let got = format!("{numbers} channels");
             return Err(Error::value("evidence", "4, 6, 8, … channels", got).into());
@@ -827,7 +825,7 @@ pub fn choice_<'py>(
         );
         let mut chosen = Direct::new(py, out.0, &shapes[..2])?;
         let mut carried = Direct::new(py, out.1, &shapes)?;
-        let images = [&evidence, &motion, &coverage].map(|input| input.data().pixels());
+        let images = [&evidence, &motion, &coverage].map(|input| input.pixels());
         let (plane, records) = (chosen.data()?, carried.data()?);
         detached(py, || {
             let [evidence, motion, coverage] = images;
@@ -929,11 +927,11 @@ pub fn compare_candidates<'py>(
         }
         let shape = [tiles.height, tiles.width, numbers];
         let out = Out::given(out, &shape)?;
-        let color = color.data().pixels();
-        let candidates = candidates.data();
-        let evidence = evidence.as_ref().map(|evidence| evidence.data().pixels());
+        let color = color.pixels();
+        let candidates = candidates.pixels();
+        let evidence = evidence.as_ref().map(|evidence| evidence.pixels());
         out.fill(py, &shape, |after| {
-            let candidates = candidates.planes();
+            let candidates = candidates.to_planes();
             let views: Vec<_> = (0..count).map(|k| candidates.view().channel(k)).collect();
             let mut sums = match evidence {
                 Some(evidence) => evidence.to_records(),
@@ -1007,8 +1005,8 @@ pub fn collocate_<'py>(
         let evidence = Input::<f32>::optional(evidence, "evidence", EVIDENCE, tiles)?;
         let shape = [tiles.height, tiles.width, collocation::CHANNELS];
         let out = Out::given(out, &shape)?;
-        let planes = planes.data().pixels();
-        let evidence = evidence.as_ref().map(|evidence| evidence.data().pixels());
+        let planes = planes.pixels();
+        let evidence = evidence.as_ref().map(|evidence| evidence.pixels());
         out.fill(py, &shape, |after| {
             let mut sums = match evidence {
                 Some(evidence) => evidence.to_records(),
@@ -1063,10 +1061,10 @@ const EVIDENCE: Channels = Channels::Of(&[collocation::CHANNELS]);
 /// Notes
 /// -----
 /// Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
-/// With ⟨a b⟩ the products, averaged over a tile and its eight neighbours, ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy
-/// of the detail in p, whatever motion and resampling have lost: the triple collocation of [1]_. ⟨y q⟩ is at least
-/// 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of p's noise, and with
-/// ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
+/// With ⟨a b⟩ the products, averaged over a tile and its neighbours with weights {1, 2, 1}/4 along each axis,
+/// ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of the detail in p, whatever motion and resampling have lost: the triple
+/// collocation of [1]_. ⟨y q⟩ is at least 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of
+/// p's noise, and with ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
 ///
 /// The squared error of b less that of a is then ``E = ⟨b b⟩ - ⟨a a⟩ - 2 (⟨y b⟩ - ⟨y a⟩) / r``, and
 /// ``λ = 1/2 + E / 2⟨(a - b)²⟩``. The share of samples is Wiener's, ``g = 1 - (N - C) / ⟨(p - m)²⟩``, where
@@ -1110,7 +1108,7 @@ pub fn collocation_shares<'py>(
         );
         let mut shares = Direct::new(py, out.0, &shapes[0])?;
         let mut carried = Direct::new(py, out.1, &shapes[1])?;
-        let images = [&evidence, &motion, &coverage].map(|input| input.data().pixels());
+        let images = [&evidence, &motion, &coverage].map(|input| input.pixels());
         let (found, records) = (shares.data()?, carried.data()?);
         detached(py, || {
             let [evidence, motion, coverage] = images;
@@ -1193,9 +1191,8 @@ pub fn prediction_gain<'py>(
         let ids = Input::<u32>::optional(ids, "ids", Channels::One, size)?;
         let shape = [size.height, size.width];
         let out = Out::given(out, &shape)?;
-        let [candidate, base, color] =
-            [&candidate, &base, &color].map(|image| image.data().pixels());
-        let ids = ids.as_ref().map(|ids| ids.data().pixels());
+        let [candidate, base, color] = [&candidate, &base, &color].map(|image| image.pixels());
+        let ids = ids.as_ref().map(|ids| ids.pixels());
         out.fill(py, &shape, |gain| {
             let gain = bands_of(gain, size);
             prediction::prediction_gain(candidate, base, color, ids, radius, standardized, gain);

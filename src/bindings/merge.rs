@@ -3,9 +3,7 @@
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray};
 use pyo3::prelude::*;
 
-use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, Out, choice, detached, parts, points,
-};
+use super::arrays::{COLOR, Channels, Direct, Input, Out, choice, detached, parts, points};
 use crate::error::Error;
 use crate::image::Size;
 use crate::kernels::merge::{accumulate, blend, combine, resolve};
@@ -22,7 +20,7 @@ pub const MOMENTS: Channels = Channels::Of(&[2]);
 /// moments : (H, W, 2) float32
 ///     Means of luminance and of its square.
 /// history_length : (H, W) float32
-///     History length in samples, up to 1/alpha.
+///     History length in samples, up to 1/alpha where a sample was merged.
 /// missing : int
 ///     Pixels whose new sample was not finite.
 ///
@@ -92,8 +90,8 @@ impl Accumulated {
 /// Returns
 /// -------
 /// Accumulated
-///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged;
-///     without history either, colour and moments are NaN and the length is 0.
+///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged, but for
+///     its length, which `gradient` shortens; without history either, colour and moments are NaN and the length is 0.
 ///
 /// Raises
 /// ------
@@ -169,10 +167,15 @@ pub fn accumulate_<'py>(
         let weight = Input::<f32>::optional(weight, "weight", Channels::One, size)?;
         let gradient = Input::<f32>::optional(gradient, "gradient", Channels::One, size)?;
         let confidence = Input::<f32>::optional(confidence, "confidence", Channels::One, size)?;
-        let data = [color.data(), history.data(), moments.data(), length.data()];
-        let [color, history @ ..] = data.map(Interleaved::pixels);
+        let data = [
+            color.pixels(),
+            history.pixels(),
+            moments.pixels(),
+            length.pixels(),
+        ];
+        let [color, history @ ..] = data;
         let [weight, gradient, confidence] = [&weight, &gradient, &confidence]
-            .map(|image| image.as_ref().map(|image| image.data().flat()));
+            .map(|image| image.as_ref().map(|image| image.pixels().plane()));
         let Size { height, width } = size;
         let [first, second, third] = parts(out.as_ref())?;
         let out = (
@@ -313,8 +316,8 @@ pub fn combine_histories<'py>(
         let [colors, moments, lengths] = combined.each_mut().map(Direct::data);
         let (colors, moments, lengths) = (colors?, moments?, lengths?);
         let [first, second] =
-            [&first, &second].map(|inputs| inputs.each_ref().map(|input| input.data().pixels()));
-        let gradient = gradient.as_ref().map(|image| image.data().flat());
+            [&first, &second].map(|inputs| inputs.each_ref().map(|input| input.pixels()));
+        let gradient = gradient.as_ref().map(|image| image.pixels().plane());
         detached(py, || {
             let outs = PixelsMut::bands(size, 3, colors)
                 .zip(PixelsMut::bands(size, 2, moments))
@@ -417,7 +420,7 @@ pub fn resolve_<'py>(
         let out = Out::given(out, shape)?;
         let (size, channels) = (images[0].size(), images[0].channels());
         let frames: Vec<_> = (images.iter())
-            .map(|image| image.data().pixels())
+            .map(|image| image.pixels())
             .zip(offsets)
             .collect();
         out.fill(py, shape, |image| {
@@ -439,11 +442,11 @@ pub fn resolve_<'py>(
 ///     Blend factor: weight of the new sample, 0 to 1, for all pixels or for each, as `blend_factor` returns it. Maps
 ///     are clamped; NaN counts as 1.
 /// weighting : {"none", "tone", "luminance"}, default "none"
-///     "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold where
-///     luminances differ.
+///     "tone" weights both sides by 1/(exposure + luminance) as well; "luminance" raises alpha up to fourfold, but to 1
+///     at most, where luminances differ.
 /// flicker : float, default 1.0
-///     Factor on alpha, 0 to 1, where history has the lowest or highest luminance of its 3×3 neighbourhood; 1 for no
-///     reduction.
+///     Factor on alpha, 0 to 1, where history has the lowest or highest luminance of the 3×3 pixels of `color` around;
+///     1 for no reduction.
 /// exposure : float, default 1.0
 ///     The radiance that counts as 1, above 0, as `exposure` returns it.
 /// out : (H, W, 3) float32 array, optional
@@ -514,7 +517,7 @@ pub fn blend_<'py>(
             Some(alpha) => AlphaArg::new(alpha, size)?,
         };
         let out = Out::given(out, color.shape())?;
-        let [new, old] = [color.data(), history.data()].map(Interleaved::pixels);
+        let [new, old] = [color.pixels(), history.pixels()];
         let alpha = alpha.data();
         out.fill(py, color.shape(), |blended| {
             blend::blend(new, old, alpha, params, PixelsMut::bands(size, 3, blended));
@@ -552,7 +555,7 @@ impl<'py> AlphaArg<'py> {
     pub fn data(&self) -> blend::Alpha<'_> {
         match self {
             Self::Constant(share) => blend::Alpha::Constant(*share),
-            Self::Map(map) => blend::Alpha::Map(map.data().flat()),
+            Self::Map(map) => blend::Alpha::Map(map.pixels().plane()),
         }
     }
 }

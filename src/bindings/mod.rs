@@ -1,5 +1,5 @@
-//! Python bindings, numpy in, numpy out: one file per kernel folder and one per pipeline. Every argument is checked
-//! once, here or in a kernel's `Params::check`. Kernels run without the interpreter's lock.
+//! Python bindings, numpy in, numpy out: a file or a few for each folder of kernels, and one for each pipeline. Every argument
+//! is checked once, here or in a kernel's `Params::check`. Kernels run without the interpreter's lock.
 
 // Classes have the names that Python has.
 #![allow(clippy::upper_case_acronyms)]

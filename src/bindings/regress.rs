@@ -3,9 +3,7 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
-use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, Out, choice, detached, needs, parts,
-};
+use super::arrays::{COLOR, Channels, Direct, Input, Out, choice, detached, needs, parts};
 use super::camera::{Camera, check_size, place};
 use crate::image::Size;
 use crate::kernels::camera::pinhole;
@@ -134,11 +132,11 @@ pub fn regress_<'py>(
         );
         let rays = camera.map(|camera| pinhole::Camera::rays(&camera.inner));
         let given = Features {
-            normal: normal.as_ref().map(|normal| normal.data().pixels()),
+            normal: normal.as_ref().map(|normal| normal.pixels()),
             place: (geometry.as_ref()).and_then(|geometry| Place::new(place(geometry), rays)),
         };
-        let weight = weight.as_ref().map(|weight| weight.data().pixels());
-        let color = Interleaved::pixels(color.data());
+        let weight = weight.as_ref().map(|weight| weight.pixels());
+        let color = color.pixels();
         let mut fitted = Direct::new(py, out.0, &[height, width, 3])?;
         let mut used = Direct::new(py, out.1, &[height, width])?;
         let (colors, counts) = (fitted.data()?, used.data()?);

@@ -119,11 +119,11 @@ pub fn splat_<'py>(
         let drift = Input::<f32>::optional(drift, "drift", MOTION, size)?;
         let quality = Input::<f32>::optional(quality, "quality", Channels::One, size)?;
         let points = Points {
-            color: color.data().pixels(),
-            depth: depth.data().pixels(),
-            offset: offset.as_ref().map(|offset| offset.data().pixels()),
-            drift: drift.as_ref().map(|drift| drift.data().pixels()),
-            quality: quality.as_ref().map(|quality| quality.data().pixels()),
+            color: color.pixels(),
+            depth: depth.pixels(),
+            offset: offset.as_ref().map(|offset| offset.pixels()),
+            drift: drift.as_ref().map(|drift| drift.pixels()),
+            quality: quality.as_ref().map(|quality| quality.pixels()),
         };
         let Size { height, width } = size;
         let shapes: [&[usize]; 4] = [
@@ -231,8 +231,8 @@ pub fn pull_push_<'py>(
         let mut results = room(py, out.as_ref(), shapes)?;
         let [filled, known] = results.each_mut().map(Direct::data);
         let (filled, known) = (filled?, known?);
-        let color = color.data().pixels();
-        let quality = quality.as_ref().map(|quality| quality.data().pixels());
+        let color = color.pixels();
+        let quality = quality.as_ref().map(|quality| quality.pixels());
         detached(py, || pull_push(color, quality, params, filled, known))?;
         results
     };
@@ -353,10 +353,10 @@ pub fn recirculate_<'py>(
             (&reprojected, &reprojected_quality),
         ]
         .map(|(color, quality)| Known {
-            color: color.data().pixels(),
-            quality: quality.data().pixels(),
+            color: color.pixels(),
+            quality: quality.pixels(),
         });
-        let motion = motion.data().pixels();
+        let motion = motion.pixels();
         detached(py, || {
             let color = PixelsMut::bands(size, 3, color);
             let quality = PixelsMut::bands(size, 1, quality);

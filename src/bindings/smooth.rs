@@ -4,9 +4,7 @@ use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, Out, Outgoing, Planes, detached, parts, wrong_type,
-};
+use super::arrays::{COLOR, Channels, Direct, Input, Out, Outgoing, detached, parts, wrong_type};
 use crate::image::Size;
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::smooth::demodulate::{self, Texture, Way};
@@ -37,33 +35,13 @@ impl<'py> GuideArgs<'py> {
         })
     }
 
-    pub(super) fn data(&self) -> GuideData<'_> {
-        GuideData {
-            depth: self.depth.as_ref().map(Input::data),
-            normal: self.normal.as_ref().map(Input::data),
-            ids: self.ids.as_ref().map(Input::data),
-        }
-    }
-}
-
-/// The guide's data, usable without the interpreter's lock.
-#[derive(Clone, Copy)]
-pub(super) struct GuideData<'a> {
-    pub depth: Option<Interleaved<'a, f32>>,
-    pub normal: Option<Interleaved<'a, f32>>,
-    pub ids: Option<Interleaved<'a, u32>>,
-}
-
-impl GuideData<'_> {
-    /// Builds the guide with a halo of `reach` pixels.
-    pub(super) fn guide(self, size: Size, reach: usize) -> Guide {
-        let surface = Surface {
-            depth: self.depth.map(Interleaved::pixels),
-            normal: self.normal.map(Interleaved::pixels),
-            ids: self.ids.map(Interleaved::pixels),
+    pub(super) fn surface(&self) -> Surface<'_> {
+        Surface {
+            depth: self.depth.as_ref().map(Input::pixels),
+            normal: self.normal.as_ref().map(Input::pixels),
+            ids: self.ids.as_ref().map(Input::pixels),
             ..Default::default()
-        };
-        Guide::new(size, reach, surface, None)
+        }
     }
 }
 
@@ -163,10 +141,10 @@ pub fn estimate_variance_<'py>(
         let guide = GuideArgs::new(size, depth, normal, ids)?;
         let shape = [size.height, size.width];
         let out = Out::given(out, &shape)?;
-        let (moments, length, guide) = (moments.data(), length.data(), guide.data());
+        let (moments, length, guide) = (moments.pixels(), length.pixels(), guide.surface());
         out.fill(py, &shape, |variance| {
-            let guide = guide.guide(size, params.radius);
-            let estimate = Estimate::new(moments.pixels(), length.pixels(), &guide, params);
+            let guide = Guide::new(size, params.radius, guide, None);
+            let estimate = Estimate::new(moments, length, &guide, params);
             estimate_variance(&estimate, variance);
         })?
     };
@@ -229,11 +207,13 @@ pub fn estimate_variance_<'py>(
 /// Notes
 /// -----
 /// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
-/// zero between different ids or between surface and background, and
+/// zero between different ids or between surface and background. Background is one surface, whatever its ids and normals.
+/// In the exponent,
 ///
 /// - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
 ///   pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):
-///   ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over both axes,
+///   ``½ Σ min(|n₋ - n|², |n₊ - n|², ⅓|n₋ - 2n + n₊|²)`` over those axes along which both neighbours are of the
+///   pixel's surface,
 /// - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
 ///   plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
 /// - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
@@ -319,15 +299,15 @@ pub fn atrous_<'py>(
                 .transpose()?,
         );
         let source = atrous::Source {
-            color: color.data().pixels(),
-            variance: variance.data().pixels(),
-            prediction: prediction.as_ref().map(|image| image.data().pixels()),
+            color: color.pixels(),
+            variance: variance.pixels(),
+            prediction: prediction.as_ref().map(|image| image.pixels()),
         };
-        let guide = guide.data();
+        let guide = guide.surface();
         let (filtered, filtered_variance) = (out.0.data()?, out.1.data()?);
         let filtered_prediction = out.2.as_mut().map(Direct::data).transpose()?;
         detached(py, || {
-            let guide = guide.guide(size, params.reach());
+            let guide = Guide::new(size, params.reach(), guide, None);
             let filtered = PixelsMut::bands(size, 3, filtered);
             atrous::atrous(
                 source,
@@ -393,8 +373,9 @@ pub fn atrous_<'py>(
 /// -----
 /// Neighbours have the guide weights of `reconstruct`, without the spatial weight. With mean m and standard deviation s
 /// of the luminance in the window without its centre, the limit is ``max(m + threshold s, (1 + threshold) l)``, l being
-/// the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). The excess is distributed
-/// over the window's pixels by their weights, the centre included.
+/// the expected luminance (NRD's anti-firefly [1]_: 9×9 pixels, 2 deviations, no history). There is none where these
+/// neighbours have a weight below 2 in all. The excess is distributed over the window's pixels by their weights, the
+/// centre included.
 ///
 /// References
 /// ----------
@@ -450,13 +431,12 @@ pub fn suppress_fireflies_<'py>(
         let shape = color.shape();
         let out = (Out::given(first, shape)?, Out::given(second, &shape[..2])?);
         let mut held = Direct::new(py, out.0, shape)?;
-        let (color, guide) = (color.data().pixels(), guide.data());
-        let expected = expected.as_ref().map(Input::data);
+        let (color, guide) = (color.pixels(), guide.surface());
+        let expected = expected.as_ref().map(Input::pixels);
         let bands = held.data()?;
         let removed = detached(py, || {
-            let guide = guide.guide(size, params.radius);
+            let guide = Guide::new(size, params.radius, guide, None);
             let bands = PixelsMut::bands(size, 3, bands);
-            let expected = expected.map(Interleaved::pixels);
             let removed = fireflies::suppress_fireflies(color, expected, &guide, params, bands);
             Outgoing::new(removed)
         })?;
@@ -558,12 +538,16 @@ pub fn fix_history_<'py>(
             .sized("history_length", size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
         let out = Out::given(out, color.shape())?;
-        let (data, guide) = ([color.data(), length.data()], guide.data());
+        let (color, length, guide) = (color.pixels(), length.pixels().plane(), guide.surface());
         let fixed = detached(py, || {
-            let planes = data.map(Interleaved::planes);
-            let [color, length] = planes.each_ref().map(Planes::view);
-            let guide = guide.guide(size, params.reach());
-            Outgoing::new(history_fix::fix_history(color, length, &guide, params))
+            let color = color.to_planes();
+            let guide = Guide::new(size, params.reach(), guide, None);
+            Outgoing::new(history_fix::fix_history(
+                color.view(),
+                length,
+                &guide,
+                params,
+            ))
         })?;
         (fixed, out)
     };
@@ -590,9 +574,9 @@ fn modulate<'py>(
             })
             .transpose()?;
         let out = Out::given(out, image.shape())?;
-        let [values, albedo] = [&image, &albedo].map(|input| input.data().pixels());
-        let emission = emission.as_ref().map(|input| input.data().pixels());
-        let mask = mask.as_ref().map(|input| input.data().flat());
+        let [values, albedo] = [&image, &albedo].map(|input| input.pixels());
+        let emission = emission.as_ref().map(|input| input.pixels());
+        let mask = mask.as_ref().map(|input| input.pixels().plane());
         let texture = Texture {
             albedo,
             emission,
@@ -667,11 +651,11 @@ pub fn is_reflectance_<'py>(
         let albedo = Input::<f32>::new(albedo, "albedo", COLOR)?;
         let size = albedo.size();
         let ids = Input::<u32>::new(ids, "ids", Channels::One)?.sized("ids", size)?;
-        let (albedo, ids) = (albedo.data(), ids.data());
+        let (albedo, ids) = (albedo.pixels(), ids.pixels());
         let shape = [size.height, size.width];
         let out = Out::<bool>::given(out, &shape)?;
         let mask = out.bytes()?.fill(py, &shape, |mask| {
-            let surfaces = Surfaces::new(albedo.pixels(), ids.pixels());
+            let surfaces = Surfaces::new(albedo, ids);
             mask.copy_from_slice(surfaces.mask().plane(0));
         })?;
         (mask, out)
@@ -882,9 +866,9 @@ pub fn morphological_aa_<'py>(
     let (smooth, out) = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let out = Out::given(out, color.shape())?;
-        let data = color.data();
+        let color = color.pixels();
         let smooth = detached(py, || {
-            let color = data.planes();
+            let color = color.to_planes();
             Outgoing::new(morphological::morphological_aa(color.view(), params))
         })?;
         (smooth, out)

@@ -35,7 +35,7 @@ use crate::pixels::PixelsMut;
 /// weight : (H', W') float32
 ///     Density of samples near each pixel of the grid, in samples per pixel: each sample contributes a normal
 ///     distribution with a standard deviation of 0.33 pixels of the grid. The average over offsets is the ratio of the
-///     pixel counts; the maximum is 1.46, where a sample hits a pixel's centre.
+///     pixel counts; on a finer grid the maximum is 1.46, where a sample hits a pixel's centre.
 ///
 /// Raises
 /// ------
@@ -115,7 +115,7 @@ pub fn resample_<'py>(
         ];
         let [resampled, weight] = results.each_mut().map(Direct::data);
         let (resampled, weight) = (resampled?, weight?);
-        let pixels = image.data().pixels();
+        let pixels = image.pixels();
         detached(py, || {
             let resampled = PixelsMut::bands(size, pixels.channels, resampled);
             let weight = PixelsMut::bands(size, 1, weight);
@@ -190,7 +190,7 @@ pub fn disocclusion_<'py>(
         let size = depth.size();
         let motion = Input::<f32>::new(motion, "motion", MOTION)?.sized("motion", size)?;
         let out = Out::given(out, depth.shape())?;
-        let (depths, motions) = (depth.data().flat(), motion.data().pixels());
+        let (depths, motions) = (depth.pixels().plane(), motion.pixels());
         out.fill(py, depth.shape(), |share| {
             let share = PixelsMut::bands(size, 1, share);
             disocclusion::disocclusion(depths, motions, separation, share);
@@ -257,7 +257,7 @@ pub fn thin_features_<'py>(
         let size = color.size();
         let shape = [size.height, size.width];
         let out = Out::given(out, &shape)?;
-        let pixels = color.data().pixels();
+        let pixels = color.pixels();
         out.fill(py, &shape, |thin| {
             let thin = PixelsMut::bands(size, 1, thin);
             thin_features::thin_features(pixels, similarity, thin);
@@ -327,7 +327,7 @@ pub fn sharpen_<'py>(
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
         let out = Out::given(out, color.shape())?;
-        let pixels = color.data().pixels();
+        let pixels = color.pixels();
         out.fill(py, color.shape(), |sharpened| {
             sharpen::sharpen(pixels, params, PixelsMut::bands(size, 3, sharpened));
         })?

@@ -4,46 +4,29 @@ use numpy::PyArrayDyn;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use super::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, detached, needs, parts,
-};
+use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Number, Out, detached, needs, parts};
 use super::camera::{Camera, check_size};
 use crate::error::Error;
 use crate::image::{Pixels, bands_of};
-use crate::kernels::camera::pinhole::{self, Rays};
+use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
 use crate::kernels::judge::consistency;
 
-/// A threshold: a number, or a ramp's ends (full trust up to the first, none beyond the second).
-#[derive(Clone, Copy)]
-pub enum Bounds {
-    Hard(f32),
-    Soft(f32, f32),
-}
-
-impl FromPyObject<'_, '_> for Bounds {
+/// A number, or a ramp's ends: full trust up to the first, none beyond the second.
+impl FromPyObject<'_, '_> for Threshold {
     type Error = PyErr;
 
     fn extract(value: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
         if let Ok(at) = value.extract() {
-            Ok(Self::Hard(at))
+            Ok(Self::hard(at))
         } else if let Ok((full, none)) = value.extract() {
-            Ok(Self::Soft(full, none))
+            Ok(Self { full, none })
         } else {
             let text = format!(
                 "expected a number or a pair of numbers, got {}",
                 value.repr()?
             );
             Err(PyTypeError::new_err(text))
-        }
-    }
-}
-
-impl From<Bounds> for Threshold {
-    fn from(bounds: Bounds) -> Self {
-        match bounds {
-            Bounds::Hard(at) => Self::hard(at),
-            Bounds::Soft(full, none) => Self { full, none },
         }
     }
 }
@@ -121,19 +104,19 @@ impl<'py> SurfaceArgs<'py> {
         })
     }
 
-    pub fn data(&self) -> SurfaceData<'_> {
-        fn data<'a, T: Number>(pair: &'a Pair<Input<'_, T>>) -> Pair<Interleaved<'a, T>> {
-            pair.as_ref().map(|pair| pair.each_ref().map(Input::data))
+    pub fn tests(&self) -> Tests<'_> {
+        fn part<'a, T: Number>(pair: &'a Pair<Input<'_, T>>, i: usize) -> Option<Pixels<'a, T>> {
+            pair.as_ref().map(|pair| pair[i].pixels())
         }
-        SurfaceData {
-            depth: data(&self.depth),
-            normal: data(&self.normal),
-            ids: data(&self.ids),
-            object_normal: data(&self.object_normal),
-            color: data(&self.color),
-            rays: self.camera.as_ref().map(pinhole::Camera::rays),
-            params: self.params,
-        }
+        let buffers = |i: usize| Surface {
+            depth: part(&self.depth, i),
+            normal: part(&self.normal, i),
+            ids: part(&self.ids, i),
+            object_normal: part(&self.object_normal, i),
+            color: part(&self.color, i),
+        };
+        let rays = self.camera.as_ref().map(pinhole::Camera::rays);
+        Tests::new(buffers(0), buffers(1), rays, &self.params)
     }
 }
 
@@ -148,34 +131,6 @@ fn pair<'py, T>(
         [None, None] => Ok(None),
         [Some(_), None] => Err(needs(names[0], names[1])),
         [None, Some(_)] => Err(needs(names[1], names[0])),
-    }
-}
-
-/// The tests' data, usable without the interpreter's lock.
-#[derive(Clone, Copy)]
-pub struct SurfaceData<'a> {
-    depth: Pair<Interleaved<'a, f32>>,
-    normal: Pair<Interleaved<'a, f32>>,
-    ids: Pair<Interleaved<'a, u32>>,
-    object_normal: Pair<Interleaved<'a, f32>>,
-    color: Pair<Interleaved<'a, f32>>,
-    rays: Option<Rays>,
-    params: validate::Params,
-}
-
-impl<'a> SurfaceData<'a> {
-    pub fn tests(self) -> Tests<'a> {
-        fn part<'a, T: Number>(pair: Pair<Interleaved<'a, T>>, i: usize) -> Option<Pixels<'a, T>> {
-            pair.map(|pair| pair[i].pixels())
-        }
-        let buffers = |i: usize| Surface {
-            depth: part(self.depth, i),
-            normal: part(self.normal, i),
-            ids: part(self.ids, i),
-            object_normal: part(self.object_normal, i),
-            color: part(self.color, i),
-        };
-        Tests::new(buffers(0), buffers(1), self.rays, &self.params)
     }
 }
 
@@ -260,8 +215,8 @@ impl<'a> SurfaceData<'a> {
 #[pyfunction]
 #[pyo3(name = "consistency", signature = (motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None,
     previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None,
-    previous_camera=None, relative_depth=Bounds::Hard(0.1), plane_distance=Bounds::Hard(0.01),
-    normal_angle=Bounds::Hard(25.0), relative_luminance=Bounds::Hard(0.5), speed=None, out=None))]
+    previous_camera=None, relative_depth=Threshold::hard(0.1), plane_distance=Threshold::hard(0.01),
+    normal_angle=Threshold::hard(25.0), relative_luminance=Threshold::hard(0.5), speed=None, out=None))]
 #[pyo3(
     text_signature = "(motion, *, depth=None, previous_depth=None, normal=None, previous_normal=None, ids=None, \
     previous_ids=None, object_normal=None, previous_object_normal=None, color=None, previous_color=None, \
@@ -282,11 +237,11 @@ pub fn consistency_<'py>(
     color: Option<&Bound<'py, PyAny>>,
     previous_color: Option<&Bound<'py, PyAny>>,
     previous_camera: Option<&Camera>,
-    relative_depth: Bounds,
-    plane_distance: Bounds,
-    normal_angle: Bounds,
-    relative_luminance: Bounds,
-    speed: Option<Bounds>,
+    relative_depth: Threshold,
+    plane_distance: Threshold,
+    normal_angle: Threshold,
+    relative_luminance: Threshold,
+    speed: Option<Threshold>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyArrayDyn<u8>>, Bound<'py, PyArrayDyn<f32>>)> {
     let (rejection, confidence) = {
@@ -300,18 +255,18 @@ pub fn consistency_<'py>(
             [color, previous_color],
             previous_camera,
             validate::Params {
-                relative_depth: relative_depth.into(),
-                plane_distance: plane_distance.into(),
-                normal_angle: normal_angle.into(),
-                relative_luminance: relative_luminance.into(),
-                speed: speed.map(Threshold::from),
+                relative_depth,
+                plane_distance,
+                normal_angle,
+                relative_luminance,
+                speed,
             },
         )?;
         let size = motion.size();
         let shape = [size.height, size.width];
         let [first, second] = parts(out.as_ref())?;
         let out = (Out::given(first, &shape)?, Out::given(second, &shape)?);
-        let (motion, tests) = (motion.data().pixels(), surface.data().tests());
+        let (motion, tests) = (motion.pixels(), surface.tests());
         let mut rejection = Direct::new(py, out.0, &shape)?;
         let mut confidence = Direct::new(py, out.1, &shape)?;
         {

@@ -14,18 +14,19 @@ use std::ops::Range;
 use self::fit::{accumulate_fits, fit};
 use super::correction::{correct, innovate};
 use super::frame::{Frame, Motion, Output, Pipeline, Steps, Summary, Upkeep, names, show};
-use super::illumination::{self, Illumination, illumination, surfaces, without_fireflies};
-use super::recall::{Memory, Recalled, recall};
+use super::illumination::{
+    self, Illumination, illumination, modulated, surfaces, without_fireflies,
+};
+use super::recall::{self, Memory, Recalled};
 use super::svgf;
-use super::taa::{self, AFTER_DENOISER, Stage};
+use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Pixels, Records, View};
-use crate::kernels::camera::dilate::Choice;
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::{gradient, innovation};
 use crate::kernels::merge::accumulate::{self, Images, Samples, accumulate};
-use crate::kernels::smooth::demodulate::{Texture, Way, modulate};
+use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::reflectance::Surfaces;
 use crate::kernels::smooth::regress::{self, Features, Place};
@@ -158,12 +159,14 @@ impl Steps for Bmfr {
         let evidence = (params.history.innovation.filter(|_| !first))
             .map(|params| inputs.correct(params, evidence.as_ref(), &mut history));
         let light = history.channels(FITS);
-        let textured = texture.map(|texture| remodulate(light, texture));
+        let textured = texture.map(|texture| modulated(light.into(), texture, Way::Back));
         let color = textured.as_ref().map_or(light, Image::view);
         match &mut self.antialias {
             Some(stage) => {
-                let correction = params.history.innovation.map(|_| AFTER_DENOISER);
-                inputs.antialias(stage, color, correction, output.color);
+                let (before, corrects) =
+                    (inputs.before.as_ref(), params.history.innovation.is_some());
+                let motion = &inputs.motion;
+                stage.show(frame, before, motion, color.into(), corrects, output.color);
             }
             None => show(color, output.color),
         }
@@ -201,11 +204,13 @@ impl<'a> Inputs<'a> {
         let place = (frame.geometry()).and_then(|geometry| Place::new(geometry, rays));
         let (continues, turned) = (memory.is_some(), surface.object_normal.is_some());
         let replays = frame.replay.is_some() && memory.is_some_and(Memory::expects_replay);
+        let planes = memory.is_some_and(|memory| memory.tests_planes(frame, &motion));
         used.extend(names([
             ("albedo", textured),
             ("emission", textured && frame.emission.is_some()),
             ("normal", surface.normal.is_some()),
             ("depth", surface.depth.is_some()),
+            ("plane", planes),
             ("ids", continues && surface.ids.is_some()),
             ("position", matches!(place, Some(Place::Position(_)))),
             ("object_normal", continues && turned),
@@ -232,10 +237,16 @@ impl<'a> Inputs<'a> {
         sample: &Image,
         output: &mut Output,
     ) -> Recalled {
-        let Self { frame, motion, .. } = self;
+        let now = recall::Now {
+            params,
+            frame: self.frame,
+            motion: &self.motion,
+            texture: self.texture,
+            sample,
+        };
         let hold = |known: Option<Pixels>| {
             let limits = params.fireflies?;
-            let guide = Guide::new(sample.size, limits.radius, frame.surface, None);
+            let guide = Guide::new(sample.size, limits.radius, self.frame.surface, None);
             Some(without_fireflies(
                 sample,
                 known,
@@ -245,13 +256,10 @@ impl<'a> Inputs<'a> {
             ))
         };
         let mut memory = memory;
-        recall(
-            params,
+        recall::recall(
+            &now,
             memory.as_mut(),
             CHANNELS,
-            frame,
-            motion,
-            sample,
             hold,
             output.confidence,
             output.rejection,
@@ -274,23 +282,6 @@ impl<'a> Inputs<'a> {
         let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
         correct(&found, size, fits, accumulated);
         rest
-    }
-
-    fn antialias(
-        &self,
-        stage: &mut Stage,
-        color: View,
-        correction: Option<innovation::Params>,
-        shown: &mut [f32],
-    ) {
-        let depth = self.frame.surface.depth.map(Pixels::plane);
-        let still = stage.still(self.frame, self.before.as_ref());
-        let choice = Choice::of(depth, still.as_ref());
-        let out = PixelsMut::bands(color.size, 3, shown);
-        stage.step(color.into(), self.motion.pixels(), choice, out, None);
-        let (samples, motion) = (self.frame.color, self.motion.pixels());
-        stage.correct(correction, samples, &self.motion, shown);
-        stage.mix(samples, color.into(), motion, shown);
     }
 }
 
@@ -318,12 +309,4 @@ fn merge(
     let nothing = std::iter::repeat(());
     let missing = accumulate(samples, &known, params.accumulate, merged, nothing);
     (history, missing)
-}
-
-/// Light with its texture put back.
-fn remodulate(light: View, texture: Texture) -> Image {
-    let mut color = Image::blank(light.size, 3);
-    let out = color.bands().map(PixelsMut::Planar);
-    modulate(light.into(), texture, Way::Back, out);
-    color
 }

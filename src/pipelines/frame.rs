@@ -510,9 +510,9 @@ pub struct Report<'a> {
 impl Report<'_> {
     #[inline(always)]
     pub fn write(&mut self, run: Run, length: &Row, confidence: &Row, rejection: &[u8; SEGMENT]) {
-        self.history_length.put(run, &length[..run.len], 1);
-        self.confidence.put(run, &confidence[..run.len], 1);
-        self.rejection.put(run, &rejection[..run.len], 1);
+        self.history_length.put(run, length);
+        self.confidence.put(run, confidence);
+        self.rejection.put(run, rejection);
     }
 }
 

@@ -19,14 +19,6 @@ impl<'a> Illumination<'a> {
     pub fn of(color: Pixels<'a>, texture: Option<Texture<'a>>) -> Self {
         Self { color, texture }
     }
-
-    /// Of an image that is demodulated already.
-    pub fn ready(image: &'a Image) -> Self {
-        Self {
-            color: image.pixels(),
-            texture: None,
-        }
-    }
 }
 
 impl Colors for Illumination<'_> {
@@ -60,7 +52,8 @@ pub fn illumination(color: Pixels, texture: Option<Texture>) -> Image {
     }
 }
 
-fn modulated(image: Pixels, texture: Texture, way: Way) -> Image {
+/// An image with its texture divided out, or put back.
+pub fn modulated(image: Pixels, texture: Texture, way: Way) -> Image {
     let mut result = Image::blank(image.size, 3);
     modulate(image, texture, way, result.bands().map(PixelsMut::Planar));
     result

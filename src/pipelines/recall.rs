@@ -9,12 +9,14 @@ use super::replay;
 use super::svgf::Params;
 use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Records, View};
-use crate::kernels::camera::pinhole::Camera;
+use crate::kernels::camera::pinhole::{Camera, Rays};
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject, reproject_again};
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
-use crate::kernels::judge::coherence::incoherent;
+use crate::kernels::judge::coherence::{coarse_ids, incoherent};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::smooth::demodulate::Texture;
+use crate::kernels::smooth::guide::Coarse;
 use crate::kernels::smooth::reflectance::Surfaces;
 use crate::tiles::Tiles;
 
@@ -108,28 +110,89 @@ impl Memory {
         motion: &Motion,
         limits: &validate::Params,
     ) -> Tests<'a> {
-        let camera = self.camera.as_ref().filter(|_| motion.tells_depth());
-        let rays = camera.map(Camera::rays);
-        Tests::new(frame.surface, self.surface.surface(), rays, limits)
+        Tests::new(
+            frame.surface,
+            self.surface.surface(),
+            self.rays(motion),
+            limits,
+        )
     }
 
-    /// The same without the tests of ids and of the directions of normals.
-    fn tests_of_depth<'a>(
+    /// The same by coarse ids, and without the test of the directions of normals.
+    fn coarse_tests<'a>(
         &'a self,
-        frame: &Frame<'a>,
-        motion: &Motion,
-        limits: &validate::Params,
+        now: &Now<'a>,
+        [here, before]: [Option<&'a Image<u32>>; 2],
     ) -> Tests<'a> {
-        let surface = Surface {
-            ids: None,
-            ..frame.surface
+        let with = |surface, ids: Option<&'a Image<u32>>| Surface {
+            ids: ids.map(Image::pixels),
+            ..surface
         };
         let limits = validate::Params {
             normal_angle: Threshold::hard(180.0),
-            ..*limits
+            ..now.params.surface
         };
-        self.tests(&Frame { surface, ..*frame }, motion, &limits)
+        let (here, before) = (
+            with(now.frame.surface, here),
+            with(self.surface.surface(), before),
+        );
+        Tests::new(here, before, self.rays(now.motion), &limits)
     }
+
+    /// Whether history is tested by its distance from this frame's planes.
+    pub fn tests_planes(&self, frame: &Frame, motion: &Motion) -> bool {
+        let tests = self.tests(frame, motion, &validate::Params::default());
+        tests.used().contains(&"plane")
+    }
+
+    /// The coarse ids of the frame before.
+    fn coarse_ids(&self) -> Option<Image<u32>> {
+        let reflects = self.surfaces.as_ref().map(Surfaces::mask);
+        let ids = self.surface.surface().ids;
+        ids.map(|ids| coarse_ids(ids, reflects))
+    }
+
+    /// The rays of the frame before, if history is tested by its distance from planes.
+    fn rays(&self, motion: &Motion) -> Option<Rays> {
+        let camera = self.camera.as_ref().filter(|_| motion.tells_depth());
+        camera.map(Camera::rays)
+    }
+}
+
+/// Where normals and ids are incoherent, and what tells surfaces apart there.
+pub struct Incoherent {
+    tiles: Tiles,
+    ids: Option<Image<u32>>,
+}
+
+impl Incoherent {
+    /// None if all is coherent.
+    fn find(now: &Now, confidence: Pixels) -> Option<Self> {
+        let Surface { normal, ids, .. } = now.frame.surface;
+        let tiles = incoherent(confidence.size, normal, ids, Some(confidence));
+        let reflects = now.texture.and_then(|texture| texture.mask);
+        tiles.any().then(|| Self {
+            tiles,
+            ids: ids.map(|ids| coarse_ids(ids, reflects)),
+        })
+    }
+
+    pub fn guide(&self) -> Coarse<'_> {
+        Coarse {
+            tiles: &self.tiles,
+            ids: self.ids.as_ref().map(Image::pixels),
+        }
+    }
+}
+
+/// What history is fetched for.
+pub struct Now<'a> {
+    pub params: &'a Params,
+    pub frame: &'a Frame<'a>,
+    pub motion: &'a Motion<'a>,
+    pub texture: Option<Texture<'a>>,
+    /// The illumination as it was sampled.
+    pub sample: &'a Image,
 }
 
 /// What the memory knows of the current frame's pixels.
@@ -140,23 +203,25 @@ pub struct Recalled {
     pub held: Option<Image>,
     pub gradient: Option<Image>,
     pub reflections: Option<reflections::Won>,
-    /// Where depth alone tells surfaces apart.
-    pub incoherent: Option<Tiles>,
+    pub incoherent: Option<Incoherent>,
 }
 
 /// Brings history to the current frame. `hold` suppresses fireflies, given the history's illumination. Writes how much of
 /// each pixel's footprint was accepted, and the tests that the rest failed.
 pub fn recall(
-    params: &Params,
+    now: &Now,
     memory: Option<&mut Memory>,
     channels: usize,
-    frame: &Frame,
-    motion: &Motion,
-    sample: &Image,
     hold: impl FnOnce(Option<Pixels>) -> Option<Image>,
     coverage: &mut [f32],
     rejection: &mut [u8],
 ) -> Recalled {
+    let Now {
+        params,
+        frame,
+        sample,
+        ..
+    } = *now;
     let Some(memory) = memory else {
         coverage.fill(0.0);
         rejection.fill(0);
@@ -173,24 +238,21 @@ pub fn recall(
         let corrects = params.innovation.is_some();
         replay::relight(replay, shown, &mut memory.history, light, corrects)
     });
-    let tests = memory.tests(frame, motion, &params.surface);
-    let (given, motion) = (motion, motion.pixels());
+    let tests = memory.tests(frame, now.motion, &params.surface);
+    let motion = now.motion.pixels();
 
     let mut planes = vec![memory.history.pixels()];
     planes.extend(replayed.as_ref().map(Image::pixels));
     let mut values = reproject(&planes, motion, tests, BILINEAR, coverage, rejection);
-    let incoherent = params.coherence.then(|| {
-        let Surface { normal, ids, .. } = frame.surface;
-        let confidence = View::new(motion.size, 1, coverage).into();
-        incoherent(motion.size, normal, ids, Some(confidence))
-    });
-    let incoherent = incoherent.filter(Tiles::any);
-    if let Some(tiles) = &incoherent {
-        let (values, tests) = (
-            &mut values,
-            memory.tests_of_depth(frame, given, &params.surface),
+    let confidence = View::new(motion.size, 1, coverage).into();
+    let incoherent = (params.coherence.then(|| Incoherent::find(now, confidence))).flatten();
+    if let Some(found) = &incoherent {
+        let before = memory.coarse_ids();
+        let tests = memory.coarse_tests(now, [found.ids.as_ref(), before.as_ref()]);
+        let (tiles, values) = (&found.tiles, &mut values);
+        reproject_again(
+            tiles, &planes, motion, tests, BILINEAR, values, coverage, rejection,
         );
-        reproject_again(tiles, &planes, motion, tests, BILINEAR, values, coverage);
     }
     let mut values = values.into_iter();
     let mut next = || values.next().expect("an image for each that is fetched");

@@ -36,10 +36,9 @@ use crate::kernels::judge::innovation::Innovation;
 use crate::kernels::judge::{choice, gradient, innovation, neighborhood};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::Texture;
-use crate::kernels::smooth::guide::{Guide, Sigmas};
+use crate::kernels::smooth::guide::{Coarse, Guide, Sigmas};
 use crate::kernels::smooth::{atrous, fireflies, lend, variance};
 use crate::pixels::Colors;
-use crate::tiles::Tiles;
 
 /// Parameters of [`Svgf`].
 #[derive(Clone, Debug)]
@@ -99,10 +98,6 @@ const SIGMAS: Sigmas = Sigmas {
 impl Default for Params {
     fn default() -> Self {
         Self {
-            accumulate: accumulate::Params {
-                alpha: 0.2,
-                ..Default::default()
-            },
             variance: variance::Params {
                 sigmas: SIGMAS,
                 ..Default::default()
@@ -119,22 +114,26 @@ impl Default for Params {
             innovation: Some(innovation::Params::default()),
             reflections: vec![0.5, 2.0],
             antialias: Some(taa::Params::DENOISED),
+            feedback: false,
             ..Self::textbook()
         }
     }
 }
 
 impl Params {
-    /// The paper's passes: accumulation, variance and filter, without the others.
+    /// The paper's passes: accumulation by its α, variance, and filter, whose first pass feeds back.
     pub fn textbook() -> Self {
         Self {
             surface: validate::Params::default(),
-            accumulate: accumulate::Params::default(),
+            accumulate: accumulate::Params {
+                alpha: 0.2,
+                ..Default::default()
+            },
             average_still: false,
             coherence: false,
             variance: variance::Params::default(),
             atrous: atrous::Params::default(),
-            feedback: false,
+            feedback: true,
             same_albedo: false,
             by_confidence: false,
             gradient: None,
@@ -156,10 +155,6 @@ impl Params {
             ..taa::Params::DENOISED.clip
         };
         Self {
-            accumulate: accumulate::Params {
-                alpha: 0.2,
-                ..Default::default()
-            },
             variance: variance::Params {
                 sigmas: SIGMAS,
                 ..Default::default()
@@ -184,6 +179,7 @@ impl Params {
             }),
             lend: Some(lend),
             innovation: Some(innovation::Params::default()),
+            feedback: false,
             ..Self::textbook()
         }
     }
@@ -449,6 +445,7 @@ fn run(
         None => (None, None, None),
     };
     let replays = now.frame.replay.is_some() && memory.as_ref().is_some_and(Memory::expects_replay);
+    let planes = (memory.as_ref()).is_some_and(|memory| memory.tests_planes(now.frame, now.motion));
     let Merged {
         mut history,
         missing,
@@ -477,7 +474,7 @@ fn run(
     let levels = shown.as_mut().and_then(|shown| shown.choice.take());
     let prediction = joined.prediction;
     let mut choosing = choose(now, prediction, won.as_ref(), choice, &seen, levels);
-    let guide = incoherent.map(|tiles| now.guide_in(Some(&tiles)));
+    let guide = incoherent.map(|found| now.guide_by(Some(found.guide())));
     let guide = guide.as_ref().unwrap_or_else(|| now.guide());
     let mut passes = filter(now, guide, &seen, &mut history, known, choosing.as_mut());
     if let Some(later) = later {
@@ -497,7 +494,7 @@ fn run(
         shown,
     );
     Left {
-        used: now.used(replays, won.is_some()),
+        used: now.used([planes, replays, won.is_some()]),
         reflections: light.map(|light| now.remember(light, won)),
         history,
         evidence,
@@ -530,18 +527,18 @@ impl Current<'_> {
     }
 
     fn guide(&self) -> &Guide {
-        self.guide.get_or_init(|| self.guide_in(None))
+        self.guide.get_or_init(|| self.guide_by(None))
     }
 
-    fn guide_in(&self, incoherent: Option<&Tiles>) -> Guide {
+    fn guide_by(&self, coarse: Option<Coarse>) -> Guide {
         let reach = self.params.reach();
-        Guide::new(self.size(), reach, self.frame.surface, incoherent)
+        Guide::new(self.size(), reach, self.frame.surface, coarse)
     }
 
     /// The illumination as it was sampled.
     fn fresh(&self) -> Illumination<'_> {
         match self.sample {
-            Some(image) => Illumination::ready(image),
+            Some(image) => Illumination::of(image.pixels(), None),
             None => Illumination::of(self.frame.color, self.texture),
         }
     }
@@ -587,17 +584,8 @@ impl Current<'_> {
         reflections::Memory { light, scores }
     }
 
-    /// Whether history is tested by its distance from this frame's planes.
-    fn tests_planes(&self) -> bool {
-        let Frame {
-            surface, camera, ..
-        } = self.frame;
-        let planes = surface.depth.is_some() && surface.normal.is_some();
-        self.continues && planes && camera.is_some()
-    }
-
     /// The names of the buffers that take part, beside those of which motion is made.
-    fn used(&self, replays: bool, reflects: bool) -> Vec<&'static str> {
+    fn used(&self, [planes, replays, reflects]: [bool; 3]) -> Vec<&'static str> {
         let Frame { surface, .. } = self.frame;
         let albedo = self.frame.albedo.is_some();
         let turned = surface.object_normal.is_some();
@@ -606,7 +594,7 @@ impl Current<'_> {
             ("emission", albedo && self.frame.emission.is_some()),
             ("normal", surface.normal.is_some()),
             ("depth", surface.depth.is_some()),
-            ("plane", self.tests_planes()),
+            ("plane", planes),
             ("ids", surface.ids.is_some()),
             ("object_normal", self.continues && turned),
             ("replay", replays),

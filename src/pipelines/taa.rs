@@ -50,7 +50,7 @@ const GRADIENT: gradient::Params = gradient::Params {
 /// How the last stage of a denoiser is corrected by the innovation: its history lags behind light that moves, too. Antialiased
 /// edges differ from single samples even where nothing changes, and at a strictness of 8 still images became worse. Changes
 /// of light are far above that, so that the newest frame may count for more than in the denoiser.
-pub(crate) const AFTER_DENOISER: innovation::Params = innovation::Params {
+const AFTER_DENOISER: innovation::Params = innovation::Params {
     strictness: 12.0,
     share: 0.7,
     ..innovation::Params::DEFAULT
@@ -88,8 +88,29 @@ impl Stage {
         self.history = None;
     }
 
+    /// The whole stage behind a denoiser: antialiases its colour, corrects the result by what the frame's samples show to be
+    /// wrong with it, and mixes them in. `before` is the camera of the frame before.
+    pub fn show(
+        &mut self,
+        frame: &Frame,
+        before: Option<&Camera>,
+        motion: &Motion,
+        denoised: Pixels,
+        corrects: bool,
+        shown: &mut [f32],
+    ) {
+        let depth = frame.surface.depth.map(Pixels::plane);
+        let still = self.still(frame, before);
+        let choice = Choice::of(depth, still.as_ref());
+        let out = PixelsMut::bands(denoised.size, 3, shown);
+        self.step(denoised, motion.pixels(), choice, out, None);
+        let correction = corrects.then_some(AFTER_DENOISER);
+        self.correct(correction, frame.color, motion, shown);
+        self.mix(frame.color, denoised, motion.pixels(), shown);
+    }
+
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
-    pub fn still(&self, frame: &Frame, before: Option<&Camera>) -> Option<Image> {
+    fn still(&self, frame: &Frame, before: Option<&Camera>) -> Option<Image> {
         let asks = self.params.dilate.is_some() && !self.params.dilate_movers;
         // Without motion of their own, no surfaces move by themselves.
         let moves = asks && frame.surface.depth.is_some() && frame.motion.is_some();
@@ -98,7 +119,7 @@ impl Stage {
 
     /// Merges a colour into the history, and makes pixels black that no frame had a sample for. `choice` is that of the
     /// dilation; `tested` are the surface tests, and where to report on them. Returns the number of missing samples.
-    pub fn step<'a>(
+    fn step<'a>(
         &mut self,
         color: Pixels<'a>,
         motion: Pixels<'a>,
@@ -149,7 +170,7 @@ impl Stage {
     }
 
     /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so.
-    pub fn mix(&mut self, samples: Pixels, denoised: Pixels, motion: Pixels, shown: &mut [f32]) {
+    fn mix(&mut self, samples: Pixels, denoised: Pixels, motion: Pixels, shown: &mut [f32]) {
         if let Some(history) = self.history.as_mut().filter(|_| self.params.choice) {
             history.seen = Some(mix(history.seen.take(), samples, denoised, motion, shown));
         }
@@ -157,7 +178,7 @@ impl Stage {
 
     /// Corrects what [`Self::step`] has shown by the innovation of the frame's samples, and with it the history if that is fed
     /// back.
-    pub fn correct(
+    fn correct(
         &mut self,
         params: Option<innovation::Params>,
         fresh: Pixels,

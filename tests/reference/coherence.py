@@ -1,11 +1,13 @@
 import torch
 from torch import Tensor
 
+from .demodulate import is_reflectance
+
 SIDE = 16  # of a tile
 DIFFERING = 0.4  # share of pairs of neighbours
 COSINE = torch.tensor(25.0).to(torch.float64).deg2rad().cos().item()  # of the angle of like normals
 FOUND = 0.1, 0.5  # confidence
-MIXED = 2**32 - 2  # the id of all surfaces in incoherent tiles
+DIVIDED, WHOLE = 2**32 - 2, 2**32 - 3  # ids of surfaces in incoherent tiles, by whether their light is divided
 
 
 def incoherent_guides(normal: Tensor | None, ids: Tensor | None, *, confidence: Tensor | None = None) -> Tensor:
@@ -42,8 +44,17 @@ def _pairs(image: Tensor, axis: int) -> tuple[Tensor, Tensor]:
     return image.narrow(axis, 0, count), image.narrow(axis, image.shape[axis] - count, count)
 
 
-def coherent_guides(normal: Tensor | None, ids: Tensor | None, mask: Tensor) -> tuple[Tensor | None, Tensor | None]:
-    """Normals (H, W, 3) and ids (H, W), in the mask (H, W) zero, and the same but for the sky's 0."""
-    normal = None if normal is None else normal.masked_fill(mask[..., None], 0)
-    ids = None if ids is None else ids.masked_fill(mask & (ids != 0), MIXED)
+def coherent_guides(frame, mask: Tensor) -> tuple[Tensor | None, Tensor | None]:
+    """The normals (H, W, 3) and ids (H, W) of a frame, in the mask (H, W) zero and the coarse ids."""
+    normal = None if frame.normal is None else frame.normal.masked_fill(mask[..., None], 0)
+    ids = None if frame.ids is None else coarse_ids(frame).where(mask, frame.ids)
     return normal, ids
+
+
+def coarse_ids(frame) -> Tensor:
+    """Ids (H, W) that tell apart which light is divided by albedo; 0 stays."""
+    divided = torch.ones_like(frame.ids, dtype=torch.bool)  # (H, W)
+    if frame.albedo is not None:
+        divided = is_reflectance(frame.albedo, frame.ids)  # (H, W)
+    ids = torch.full_like(frame.ids, WHOLE).masked_fill(divided, DIVIDED)  # (H, W)
+    return ids.where(frame.ids != 0, 0)

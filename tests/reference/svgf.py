@@ -6,7 +6,7 @@ from torch import Tensor
 from .accumulate import accumulate, luminance
 from .atrous import atrous
 from .choice import Choosing
-from .coherence import coherent_guides, incoherent_guides
+from .coherence import coarse_ids, coherent_guides, incoherent_guides
 from .combine import combine_histories
 from .consistency import consistency
 from .demodulate import demodulate, disowned, remodulate, texture_of
@@ -107,11 +107,14 @@ class SVGF:
             rejection, _ = consistency(motion, **tests)  # (H, W)
             if self.coherence and not (frame.normal is None and frame.ids is None):
                 incoherent = incoherent_guides(frame.normal, frame.ids, confidence=confidence)  # (H, W)
-                others = {name: value for name, value in tests.items() if not name.endswith("ids")}
-                again, found = reproject(planes, motion, **{**others, "normal_angle": 180.0})
+                others = {**tests, "normal_angle": 180.0}
+                if "ids" in tests:
+                    others |= {"ids": coarse_ids(frame), "previous_ids": coarse_ids(self.previous)}
+                again, found = reproject(planes, motion, **others)
                 shapes = [incoherent.view(*incoherent.shape, *[1] * (image.ndim - 2)) for image in again]
                 fetched = [new.where(where, old) for new, where, old in zip(again, shapes, fetched, strict=True)]
                 confidence = found.where(incoherent, confidence)  # (H, W)
+                rejection = consistency(motion, **others)[0].where(incoherent, rejection)  # (H, W)
             history = fetched[:3]
         fresh = light  # (H, W, 3)
         if self.fireflies:
@@ -126,7 +129,7 @@ class SVGF:
 
         guides = frame.normal, frame.ids  # (H, W, 3), (H, W)
         if incoherent is not None:
-            guides = coherent_guides(*guides, incoherent)
+            guides = coherent_guides(frame, incoherent)
         similarity = {"depth": frame.depth, "normal": guides[0], "ids": guides[1], **self.sigmas}
         missing = int((~light.isfinite().all(-1)).sum())
         light, weight = self.fill(light, history[2], similarity)  # (H, W, 3), (H, W)

@@ -4,8 +4,8 @@ use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline};
 use crate::bindings::arrays::choice;
-use crate::bindings::validate::Bounds;
 use crate::kernels::fetch::validate;
+use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::innovation;
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{fireflies, regress};
@@ -88,8 +88,8 @@ pub struct BMFR {
 #[pymethods]
 impl BMFR {
     #[new]
-    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Bounds::Hard(0.1),
-        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), by_confidence=false, gradient=true, fireflies=false,
+    #[pyo3(signature = (*, alpha=0.05, fitted_alpha=0.1, block=16, features="fewest", relative_depth=Threshold::hard(0.1),
+        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), by_confidence=false, gradient=true, fireflies=false,
         innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.05, fitted_alpha=0.1, block=16, features='fewest', relative_depth=0.1, \
@@ -101,9 +101,9 @@ impl BMFR {
         fitted_alpha: f32,
         block: i64,
         features: &str,
-        relative_depth: Bounds,
-        plane_distance: Bounds,
-        normal_angle: Bounds,
+        relative_depth: Threshold,
+        plane_distance: Threshold,
+        normal_angle: Threshold,
         by_confidence: bool,
         gradient: bool,
         fireflies: bool,
@@ -113,9 +113,9 @@ impl BMFR {
         let params = bmfr::Params {
             history: svgf::Params {
                 surface: validate::Params {
-                    relative_depth: relative_depth.into(),
-                    plane_distance: plane_distance.into(),
-                    normal_angle: normal_angle.into(),
+                    relative_depth,
+                    plane_distance,
+                    normal_angle,
                     ..Default::default()
                 },
                 accumulate: accumulate::Params {

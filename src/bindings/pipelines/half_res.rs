@@ -2,12 +2,12 @@
 
 use pyo3::prelude::*;
 
-use super::{FrameArgs, History, Output, Parts, Pipeline, split};
+use super::Pipeline;
+use super::svgf::SVGF;
 use crate::error::whole;
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::{atrous, fireflies, joint_bilateral, lend};
-use crate::pipelines::Pipeline as _;
 use crate::pipelines::svgf;
 
 /// Denoise frames of which only a part is traced, such as one pixel of each 2×2, another one in each frame.
@@ -55,6 +55,9 @@ use crate::pipelines::svgf;
 ///
 /// Notes
 /// -----
+/// An output's `history_length` counts traced samples, and reconstructed ones by their weight; its `missing` is the number
+/// of untraced pixels.
+///
 /// Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
 /// `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
 /// length, so that a long history converges to the mean of its own samples. The gradient (with windows twice as wide)
@@ -74,10 +77,8 @@ use crate::pipelines::svgf;
 /// >>> output.history_length[:2, :2]
 /// array([[1.1464, 1.2366],
 ///        [1.2749, 1.1942]], dtype=float32)
-#[pyclass(extends = Pipeline, module = "yester")]
-pub struct HalfRes {
-    inner: svgf::Svgf,
-}
+#[pyclass(extends = SVGF, module = "yester")]
+pub struct HalfRes;
 
 #[pymethods]
 impl HalfRes {
@@ -125,82 +126,7 @@ impl HalfRes {
             ..whole
         };
         let inner = svgf::Svgf::new(params)?;
-        Ok(Pipeline::made(Self { inner }))
-    }
-
-    /// Denoise the next frame of the sequence.
-    ///
-    /// Parameters
-    /// ----------
-    /// frame : Frame
-    ///     The next frame, of the same size as the previous ones; NaN where nothing was traced.
-    /// out : Output, optional
-    ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
-    ///     second frame on, no image memory is then allocated.
-    /// later : History, optional
-    ///     What later frames know of this frame's pixels: `recall` of a pipeline that runs backwards. It joins the
-    ///     history before the filter, and the sample counts once. What goes on to the next frame is without it.
-    ///
-    /// Returns
-    /// -------
-    /// Output
-    ///     `history_length` counts traced samples; `missing` is the number of untraced pixels.
-    ///
-    /// Raises
-    /// ------
-    /// ValueError
-    ///     If the size changes, or albedo appears or vanishes, without `reset` in between; if `out` or `later` does not
-    ///     fit.
-    #[pyo3(signature = (frame, out=None, *, later=None))]
-    fn step<'py>(
-        &mut self,
-        py: Python<'py>,
-        frame: &Bound<'py, PyAny>,
-        out: Option<&Bound<'py, Output>>,
-        later: Option<&Bound<'py, History>>,
-    ) -> PyResult<Output> {
-        FrameArgs::new(frame)?.step_between(py, out, later, &mut self.inner)
-    }
-
-    /// Go on to the next frame as `step` does, but tell what history expects of its pixels instead of showing it.
-    ///
-    /// Parameters
-    /// ----------
-    /// frame : Frame
-    ///     As for `step`; of a reversed sequence, with the motion to the frame that follows it in time.
-    ///
-    /// Returns
-    /// -------
-    /// History
-    ///     Without the frame's own sample.
-    ///
-    /// Raises
-    /// ------
-    /// ValueError
-    ///     As of `step`.
-    fn recall<'py>(&mut self, py: Python<'py>, frame: &Bound<'py, PyAny>) -> PyResult<History> {
-        FrameArgs::new(frame)?.recall(py, &mut self.inner)
-    }
-
-    /// Make the pipeline without its output stage, and the stage.
-    ///
-    /// Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
-    /// colour as `samples`.
-    ///
-    /// Returns
-    /// -------
-    /// denoiser : Pipeline
-    ///     With the same parameters, but ``antialias=False``.
-    /// stage : TAA or None
-    ///     For the frames with the denoiser's colours; None without `antialias`.
-    fn split<'py>(slf: &Bound<'py, Self>) -> PyResult<Parts<'py>> {
-        let params = slf.borrow().inner.params().clone();
-        split(slf.as_super(), &params)
-    }
-
-    /// Discard all history; the next frame starts a new sequence.
-    fn reset(&mut self) {
-        self.inner.reset();
+        Ok(Pipeline::made(SVGF { inner }).add_subclass(Self))
     }
 
     /// Choose the pixel of each 2×2 to trace in a frame.

@@ -16,12 +16,12 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::bindings::arrays::{
-    COLOR, Channels, Direct, Input, Interleaved, MOTION, Number, Out, detached, wrong_type,
+    COLOR, Channels, Direct, Input, MOTION, Number, Out, detached, wrong_type,
 };
 use crate::bindings::camera::Camera;
 use crate::bindings::merge::MOMENTS;
 use crate::error::Error;
-use crate::image::{Size, Value};
+use crate::image::{Pixels, Size, Value};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::validate::Surface;
 use crate::pipelines::{self, Extras, Pipeline as _, Svgf};
@@ -483,11 +483,11 @@ impl<'py> HistoryArgs<'py> {
 
     fn history(&self) -> pipelines::History<'_> {
         pipelines::History {
-            color: self.color.data().pixels(),
-            moments: self.moments.data().pixels(),
-            length: self.length.data().pixels(),
-            confidence: self.confidence.data().flat(),
-            rejection: self.rejection.data().flat(),
+            color: self.color.pixels(),
+            moments: self.moments.pixels(),
+            length: self.length.pixels(),
+            confidence: self.confidence.pixels().plane(),
+            rejection: self.rejection.pixels().plane(),
         }
     }
 }
@@ -547,14 +547,14 @@ impl<'py> FrameArgs<'py> {
         })
     }
 
-    fn buffer(&self, name: &str) -> Option<Interleaved<'_, f32>> {
+    fn buffer(&self, name: &str) -> Option<Pixels<'_>> {
         let place = Self::FLOATS.iter().position(|(known, _)| *known == name)?;
-        self.floats[place].as_ref().map(Input::data)
+        self.floats[place].as_ref().map(Input::pixels)
     }
 
     fn size(&self) -> Size {
         let color = self.buffer("color").expect("every frame has colour");
-        color.pixels().size
+        color.size
     }
 
     /// Runs `step` on the frame without the interpreter's lock.
@@ -610,7 +610,7 @@ impl<'py> FrameArgs<'py> {
         let samples = Input::<f32>::new(samples, "samples", COLOR)?.sized("samples", size)?;
         let mut room = Room::new(py, out, size, pipeline.extras())?;
         let output = room.data()?;
-        let (frame, noisy) = (self.frame(), samples.data().pixels());
+        let (frame, noisy) = (self.frame(), samples.pixels());
         let (summary, mistake) = detached(py, || pipeline.step_denoised(&frame, noisy, output))??;
         drop((self, samples));
         room.output(py, summary, mistake)
@@ -646,24 +646,23 @@ impl<'py> FrameArgs<'py> {
     }
 
     fn frame(&self) -> pipelines::Frame<'_> {
-        let buffer = |name| self.buffer(name).map(Interleaved::pixels);
         let surface = Surface {
-            depth: buffer("depth"),
-            normal: buffer("normal"),
-            ids: self.ids.as_ref().map(|ids| ids.data().pixels()),
-            object_normal: buffer("object_normal"),
+            depth: self.buffer("depth"),
+            normal: self.buffer("normal"),
+            ids: self.ids.as_ref().map(Input::pixels),
+            object_normal: self.buffer("object_normal"),
             color: None,
         };
         pipelines::Frame {
-            color: buffer("color").expect("every frame has colour"),
-            albedo: buffer("albedo"),
-            emission: buffer("emission"),
+            color: self.buffer("color").expect("every frame has colour"),
+            albedo: self.buffer("albedo"),
+            emission: self.buffer("emission"),
             surface,
-            position: buffer("position"),
-            motion: buffer("motion"),
-            replay: buffer("replay"),
-            hit_distance: buffer("hit_distance"),
-            reactive: buffer("reactive"),
+            position: self.buffer("position"),
+            motion: self.buffer("motion"),
+            replay: self.buffer("replay"),
+            hit_distance: self.buffer("hit_distance"),
+            reactive: self.buffer("reactive"),
             camera: self.camera,
             jitter: self.jitter,
         }

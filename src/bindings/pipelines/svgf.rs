@@ -3,8 +3,8 @@
 use pyo3::prelude::*;
 
 use super::{FrameArgs, History, Output, Parts, Pipeline, split};
-use crate::bindings::validate::Bounds;
 use crate::kernels::fetch::validate;
+use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
@@ -92,7 +92,8 @@ use crate::pipelines::{svgf, taa};
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
 /// coherence : bool, default True
 ///     Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
-///     frame to frame, as in grass and fur (`incoherent_guides`).
+///     frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
+///     reflectance (`is_reflectance`) from others.
 ///
 /// Raises
 /// ------
@@ -135,17 +136,17 @@ use crate::pipelines::{svgf, taa};
 /// True
 /// >>> outputs[-1].used
 /// ()
-#[pyclass(extends = Pipeline, module = "yester")]
+#[pyclass(extends = Pipeline, subclass, module = "yester")]
 pub struct SVGF {
-    inner: svgf::Svgf,
+    pub(super) inner: svgf::Svgf,
 }
 
 #[pymethods]
 impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
-        sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Bounds::Hard(0.1),
-        plane_distance=Bounds::Hard(0.01), normal_angle=Bounds::Hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
+        sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
+        plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
         by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true,
         average_still=false, coherence=true))]
     #[pyo3(
@@ -164,10 +165,10 @@ impl SVGF {
         sigma_normal: f32,
         sigma_depth: f32,
         sigma_plane: f32,
-        relative_depth: Bounds,
-        plane_distance: Bounds,
-        normal_angle: Bounds,
-        relative_albedo: Option<Bounds>,
+        relative_depth: Threshold,
+        plane_distance: Threshold,
+        normal_angle: Threshold,
+        relative_albedo: Option<Threshold>,
         min_length: f32,
         feedback: bool,
         by_confidence: bool,
@@ -186,12 +187,15 @@ impl SVGF {
             plane: sigma_plane,
         };
         let limits = validate::Params::default();
+        if let Some(albedo) = relative_albedo {
+            albedo.check_luminance("relative_albedo")?;
+        }
         let params = svgf::Params {
             surface: validate::Params {
-                relative_depth: relative_depth.into(),
-                plane_distance: plane_distance.into(),
-                normal_angle: normal_angle.into(),
-                relative_luminance: relative_albedo.map_or(limits.relative_luminance, Bounds::into),
+                relative_depth,
+                plane_distance,
+                normal_angle,
+                relative_luminance: relative_albedo.unwrap_or(limits.relative_luminance),
                 ..limits
             },
             same_albedo: relative_albedo.is_some(),
@@ -235,7 +239,7 @@ impl SVGF {
     /// Parameters
     /// ----------
     /// frame : Frame
-    ///     The next frame, of the same size as the previous ones.
+    ///     The next frame, of the same size as the previous ones; in `HalfRes`, NaN where nothing was traced.
     /// out : Output, optional
     ///     An earlier step's output whose arrays are overwritten and returned, instead of new ones. From the
     ///     second frame on, no image memory is then allocated.

@@ -4,8 +4,8 @@ use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline, renamed};
 use crate::bindings::arrays::choice as one_of;
-use crate::bindings::validate::Bounds;
 use crate::kernels::fetch::footprint::Filter;
+use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::{innovation, neighborhood};
 use crate::kernels::merge::blend;
 use crate::pipelines::Pipeline as _;
@@ -131,7 +131,7 @@ impl TAA {
         preset: &str,
         alpha: Option<f32>,
         fast_alpha: Option<f32>,
-        speed: Option<Bounds>,
+        speed: Option<Threshold>,
         dilate: Option<&str>,
         dilate_margin: Option<f32>,
         dilate_movers: Option<bool>,
@@ -143,10 +143,10 @@ impl TAA {
         response: Option<&str>,
         weighting: Option<&str>,
         flicker: Option<f32>,
-        relative_depth: Option<Bounds>,
-        plane_distance: Option<Bounds>,
-        normal_angle: Option<Bounds>,
-        relative_albedo: Option<Bounds>,
+        relative_depth: Option<Threshold>,
+        plane_distance: Option<Threshold>,
+        normal_angle: Option<Threshold>,
+        relative_albedo: Option<Threshold>,
         ids: bool,
         gradient: bool,
         anti_lag: f32,
@@ -192,10 +192,10 @@ impl TAA {
         params.blend.weighting = or(weighting, "weighting", weightings, params.blend.weighting)?;
         params.blend.flicker = flicker.unwrap_or(params.blend.flicker);
         params.limits = taa::Limits {
-            relative_depth: relative_depth.map(Bounds::into),
-            plane_distance: plane_distance.map(Bounds::into),
-            normal_angle: normal_angle.map(Bounds::into),
-            relative_albedo: relative_albedo.map(Bounds::into),
+            relative_depth,
+            plane_distance,
+            normal_angle,
+            relative_albedo,
             ids,
         };
         params.gradient = gradient;

@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use super::{FrameArgs, Output, Pipeline};
-use crate::bindings::validate::Bounds;
+use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::blend_factor;
 use crate::pipelines::Pipeline as _;
 use crate::pipelines::upscaler;
@@ -73,7 +73,7 @@ pub struct Upscaler {
 #[pymethods]
 impl Upscaler {
     #[new]
-    #[pyo3(signature = (scale=2.0, *, alpha=0.06, fast_alpha=0.5, speed=Bounds::Soft(0.0, 1.0), separation=0.05,
+    #[pyo3(signature = (scale=2.0, *, alpha=0.06, fast_alpha=0.5, speed=Threshold { full: 0.0, none: 1.0 }, separation=0.05,
         lifetime=16.0, sharpness=0.0))]
     #[pyo3(
         text_signature = "(scale=2.0, *, alpha=0.06, fast_alpha=0.5, speed=(0.0, 1.0), separation=0.05, \
@@ -83,7 +83,7 @@ impl Upscaler {
         scale: f64,
         alpha: f32,
         fast_alpha: f32,
-        speed: Bounds,
+        speed: Threshold,
         separation: f32,
         lifetime: f32,
         sharpness: f32,
@@ -93,7 +93,7 @@ impl Upscaler {
             blend_factor: blend_factor::Params {
                 alpha,
                 fast_alpha,
-                speed: speed.into(),
+                speed,
             },
             separation,
             lifetime,

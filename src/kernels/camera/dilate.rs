@@ -192,11 +192,10 @@ fn rank(motion: &Pixels, choice: Choice, row: Run, [ranks, offered, x, y, z]: [&
     let n = row.len;
     let offered = &mut offered[..n];
     let (ranks, x, y, z) = (&mut ranks[..n], &mut x[..n], &mut y[..n], &mut z[..n]);
-    motion.load(row, 0, x);
-    motion.load(row, 1, y);
     if motion.channels == 3 {
-        motion.load(row, 2, z);
+        motion.read(row, [&mut *x, y, z]);
     } else {
+        motion.read(row, [&mut *x, y]);
         z.fill(0.0);
     }
     match choice {

@@ -20,7 +20,7 @@ use super::spans::{Span, Spans};
 use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, record, segments};
 use crate::kernels::fetch::validate::Tests;
 use crate::memory::prefetch;
-use crate::pixels::{Motion, MotionLanes, Row};
+use crate::pixels::{Motion, MotionLanes, PixelsMut, Row};
 use crate::rows::{self, Kernel, Outlined, Simd};
 use crate::tiles::Tiles;
 
@@ -635,7 +635,7 @@ struct Reproject<'a> {
 
 impl<'a> Kernel for Reproject<'a> {
     /// The images of the history, the coverage, and the rejection mask if it is wanted.
-    type Out = (Vec<BandMut<'a>>, BandMut<'a>, Option<BandMut<'a, u8>>);
+    type Out = (Vec<PixelsMut<'a>>, BandMut<'a>, Option<BandMut<'a, u8>>);
 
     #[inline(always)]
     fn rows<S: Simd>(
@@ -662,11 +662,26 @@ impl<'a> Kernel for Reproject<'a> {
                 let channels = self.fetch.history[part].channels;
                 out.put(run, &fetched.values(part)[..run.len * channels], channels);
             }
-            coverage.put(run, &fetched.coverage[..run.len], 1);
+            coverage.put(run, &fetched.coverage);
             if let Some(rejection) = &mut rejection {
-                rejection.put(run, &fetched.rejection[..run.len], 1);
+                rejection.put(run, &fetched.rejection);
             }
         }
+    }
+}
+
+impl Reproject<'_> {
+    fn run<'a>(
+        &self,
+        values: Vec<impl Iterator<Item = PixelsMut<'a>>>,
+        coverage: &'a mut [f32],
+        rejection: Option<&'a mut [u8]>,
+    ) {
+        let size = self.motion.size;
+        let rejection = rows::optional(rejection.map(|rejection| bands_of(rejection, size)));
+        let outs = zip_all(values).zip(bands_of(coverage, size)).zip(rejection);
+        let outs = outs.map(|((values, coverage), rejection)| (values, coverage, rejection));
+        rows::run(self, size.height, outs);
     }
 }
 
@@ -681,23 +696,20 @@ pub fn reproject(
     rejection: &mut [u8],
 ) -> Vec<Image> {
     let size = motion.size;
-    let fetch = Fetch::new(history, size, tests, params);
-    let values = (fetch.history.iter()).map(|image| Image::blank(size, image.channels));
-    let mut values: Vec<_> = values.collect();
-    let parts = values.iter_mut().map(Image::bands).collect();
-    let (coverage, rejection) = (bands_of(coverage, size), bands_of(rejection, size));
-    let outs = zip_all(parts).zip(coverage).zip(rejection.map(Some));
-    let outs = outs.map(|((values, coverage), rejection)| (values, coverage, rejection));
     let kernel = Reproject {
-        fetch,
+        fetch: Fetch::new(history, size, tests, params),
         motion,
         tiles: None,
     };
-    rows::run(&kernel, size.height, outs);
+    let images = kernel.fetch.history.iter();
+    let mut values: Vec<_> = images
+        .map(|image| Image::blank(size, image.channels))
+        .collect();
+    kernel.run(planar(&mut values), coverage, Some(rejection));
     values
 }
 
-/// Fetches again, with other tests, in some tiles of what [`reproject`] has returned, and of its coverage.
+/// Fetches again, with other tests, in some tiles of what [`reproject`] has returned and written.
 pub fn reproject_again(
     tiles: &Tiles,
     history: &[Pixels],
@@ -706,17 +718,14 @@ pub fn reproject_again(
     params: Params,
     values: &mut [Image],
     coverage: &mut [f32],
+    rejection: &mut [u8],
 ) {
-    let size = motion.size;
     let kernel = Reproject {
-        fetch: Fetch::new(history, size, tests, params),
+        fetch: Fetch::new(history, motion.size, tests, params),
         motion,
         tiles: Some(tiles),
     };
-    let parts = values.iter_mut().map(Image::bands).collect();
-    let outs = zip_all(parts).zip(bands_of(coverage, size));
-    let outs = outs.map(|(values, coverage)| (values, coverage, None));
-    rows::run(&kernel, size.height, outs);
+    kernel.run(planar(values), coverage, Some(rejection));
 }
 
 /// [`reproject`] of interleaved images to interleaved outputs that the caller owns; writes no rejection mask. Panics if an
@@ -731,21 +740,20 @@ pub fn reproject_records(
 ) {
     let interleaved = |image: &Pixels| image.elements().1 == image.channels;
     assert!(history.iter().all(interleaved));
-    let size = motion.size;
-    let fetch = Fetch::new(history, size, tests, params);
-    let bands = values.into_iter().zip(history).map(|(values, image)| {
-        // A row of interleaved pixels is written like a row of one wider channel.
-        let width = size.width * image.channels;
-        bands_of(values, Size { width, ..size })
-    });
-    let outs = zip_all(bands.collect()).zip(bands_of(coverage, size));
-    let outs = outs.map(|(values, coverage)| (values, coverage, None));
     let kernel = Reproject {
-        fetch,
+        fetch: Fetch::new(history, motion.size, tests, params),
         motion,
         tiles: None,
     };
-    rows::run(&kernel, size.height, outs);
+    let values = values.into_iter().zip(history);
+    let values =
+        values.map(|(values, image)| PixelsMut::bands(motion.size, image.channels, values));
+    kernel.run(values.collect(), coverage, None);
+}
+
+fn planar(images: &mut [Image]) -> Vec<impl Iterator<Item = PixelsMut<'_>>> {
+    let bands = images.iter_mut().map(Image::bands);
+    bands.map(|bands| bands.map(PixelsMut::Planar)).collect()
 }
 
 /// Zips any number of iterators.

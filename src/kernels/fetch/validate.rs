@@ -76,6 +76,11 @@ impl Threshold {
         Ok(())
     }
 
+    /// An error if it is no threshold of luminance, which pipelines call one of albedo.
+    pub(crate) fn check_luminance(self, name: &'static str) -> Result<()> {
+        self.check(name, "a finite share from 0", |v| v >= 0.0 && v.is_finite())
+    }
+
     /// The trust in a difference, with the bounds in multiples of `unit`; 0 for NaN.
     #[inline(always)]
     pub(crate) fn trust(self, difference: f32, unit: f32) -> f32 {
@@ -138,9 +143,7 @@ impl Params {
                 (0.0..=180.0).contains(&v)
             })?;
         self.relative_luminance
-            .check("relative_luminance", "a finite share from 0", |v| {
-                v >= 0.0 && v.is_finite()
-            })?;
+            .check_luminance("relative_luminance")?;
         self.speed.map_or(Ok(()), |speed| {
             speed.check("speed", "pixels from 0", |v| v >= 0.0)
         })

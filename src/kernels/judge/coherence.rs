@@ -11,10 +11,14 @@
 //!   again, at a cut or behind what moves away, that says nothing of the guides.
 //!
 //! Inputs: normal (3), ids (1), confidence (1), each optional. Output: a mask of tiles. Normals of zero or NaN differ from none.
+//!
+//! Coarse ids then stand in for the frame's: all that they tell apart are surfaces whose light is divided by their albedo from
+//! those whose light is not ([`reflectance`](crate::kernels::smooth::reflectance)), whose numbers have another meaning. 0, the
+//! id of what is no surface, stays.
 
 use std::ops::Range;
 
-use crate::image::{Pixels, Run, Size};
+use crate::image::{BandMut, Image, Pixels, Run, Size, View};
 use crate::rows::{self, Kernel, Simd};
 use crate::tiles::Tiles;
 
@@ -23,6 +27,10 @@ const DIFFERING: f32 = 0.4;
 const FOUND: Range<f32> = 0.1..0.5;
 /// The cosine of 25°: normals farther apart differ.
 const COSINE: f32 = 0.906_307_8;
+
+/// The ids of surfaces whose light is divided, and of those whose light is not. Few frames use ids as large.
+const DIVIDED: u32 = u32::MAX - 1;
+const WHOLE: u32 = u32::MAX - 2;
 
 /// The tiles whose guides are incoherent.
 pub fn incoherent(
@@ -163,4 +171,36 @@ impl<'a> Count<'a> {
 #[inline(always)]
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// What tells surfaces apart in incoherent tiles, beside depth. Without a mask of those whose albedo is a reflectance, all are.
+pub fn coarse_ids(ids: Pixels<u32>, reflects: Option<View<u8>>) -> Image<u32> {
+    let mut coarse = Image::blank(ids.size, 1);
+    rows::run(&Coarsen { ids, reflects }, ids.size.height, coarse.bands());
+    coarse
+}
+
+struct Coarsen<'a> {
+    ids: Pixels<'a, u32>,
+    reflects: Option<View<'a, u8>>,
+}
+
+impl<'a> Kernel for Coarsen<'a> {
+    type Out = BandMut<'a, u32>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut coarse: Self::Out) {
+        for y in rows {
+            let row = coarse.row(0, y);
+            row.fill(DIVIDED);
+            if let Some(reflects) = self.reflects {
+                for (coarse, &reflects) in row.iter_mut().zip(reflects.row(0, y)) {
+                    *coarse = if reflects == 0 { WHOLE } else { DIVIDED };
+                }
+            }
+            for (coarse, &id) in row.iter_mut().zip(self.ids.row(y)) {
+                *coarse = if id == 0 { 0 } else { *coarse };
+            }
+        }
+    }
 }

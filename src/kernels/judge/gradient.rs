@@ -78,6 +78,7 @@ pub fn temporal_gradient(
         previous,
         coverage,
         params,
+        squares: (0..=params.widest).map(sum_of_squares).collect(),
     };
     let bands = gradient.chunks_mut(BAND * size.width);
     let jobs = rows::tall_jobs(size.height, reach(params.widest), bands);
@@ -111,6 +112,8 @@ struct Gradient<'a> {
     previous: Pixels<'a>,
     coverage: Option<View<'a>>,
     params: Params,
+    /// [`sum_of_squares`] after 0, 1, 2 … passes.
+    squares: Vec<f32>,
 }
 
 /// A row of each channel.
@@ -256,7 +259,7 @@ impl Gradient<'_> {
             gradient.fill(0.0);
         }
         let noise = self.params.noise;
-        let squares = sum_of_squares(pass);
+        let squares = self.squares[pass as usize];
         for x in 0..n {
             // Numerator and denominator of the relative change are both scaled by the weight, which cancels.
             let variance = square[x] - delta[x] * delta[x] / weight[x];

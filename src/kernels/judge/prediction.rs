@@ -196,7 +196,7 @@ impl<'a> Kernel for Gain<'a> {
                 } else {
                     &gains.mean
                 };
-                out.put(run, &gain[..run.len], 1);
+                out.put(run, gain);
             }
         }
     }

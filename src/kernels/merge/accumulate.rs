@@ -7,11 +7,12 @@
 //! Where a temporal gradient λ says that the light has changed, history is shortened before and its share falls:
 //!   N ← N (1 − λ)¹⁰,  a ← lerp(a, 1, λ)
 //! (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*; the exponent
-//! as in Q2RTX). Where the history is confident by c only, the sample's share rises: a ← lerp(a, 1, 1 − c). A colour that is less than a sample, such as one lent by neighbours, has a weight w below 1:
+//! as in Q2RTX). Where confidence in history, c, is below 1, the sample's share rises: a ← lerp(a, 1, 1 − c). A colour that
+//! counts for less than a sample, such as one that neighbours lend, has a weight w below 1:
 //!   N ← min(N + w, 1/α),  a = w/N,  and max(w αₘ, w/N) for the moments,
 //! so that what is reconstructed helps where little is known, and hardly shows among samples. A pixel without history
 //! starts at N = w. A sample with NaN or infinity, or without weight, is missing: history is kept as it is, and where there is
-//! none, colour and moments are NaN and N = 0, the mark of a pixel that nobody has seen.
+//! none, colour and moments are NaN and N = 0, the mark of a pixel without any sample so far.
 //!
 //! Inputs: colour (3), w (1) in [0, 1], optional; history: colour (3), moments (2), length (1); λ and c (1) in [0, 1], optional.
 //! Outputs: the history, and the number of missing samples.

@@ -32,7 +32,7 @@ pub struct Params {
     pub blur: f32,
     /// s₀ and s₁: range of the blend factor where both images are valid; 0 to 1; (0, 1).
     pub share: [f32; 2],
-    /// h: motion in pixels over which quality falls to a half; above 0; infinity (quality does not fall).
+    /// h: motion in pixels over which quality falls to a half; above 0, with infinity for never; 64.
     pub fade: f32,
     /// Upper bound of the quality passed on; above 0; 8.
     pub limit: f32,

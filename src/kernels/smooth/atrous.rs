@@ -351,7 +351,7 @@ impl<'a> Kernel for Unload<'a> {
                 .copy_from_slice(self.image.row(y).variance);
             for run in segments(y, self.image.size().width) {
                 if let Some(prediction) = &mut out.prediction {
-                    prediction.put(run, self.image.row(y).luminance(run), 1);
+                    prediction.put(run, self.image.row(y).luminance(run));
                 }
                 self.image.colors(run, &mut values);
                 out.color.write(run, values.each_ref().map(Row::as_slice));
@@ -398,7 +398,8 @@ impl<K: Sink> Pass<'_, K> {
             step: self.step as isize,
             variance: self.variance,
             guide: self.guide.compare(&self.params.sigmas, RADIUS * self.step),
-            sigma_luminance: self.params.sigma_luminance,
+            // Infinity times a variance of 0 would be NaN.
+            sigma_luminance: self.params.sigma_luminance.min(f32::MAX),
         };
         around.rows(simd, rows, self.sink);
     }

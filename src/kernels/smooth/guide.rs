@@ -14,8 +14,8 @@
 //!   itself and divide by the slope: on every inclined surface, each tap then has a weight of 1/e beside the centre's 1.
 //! - **class**: background is one surface, without depth or normal; every id is one, or all that is not background.
 //!
-//! In tiles whose normals and ids are incoherent ([`coherence`](crate::kernels::judge::coherence)), depth alone guides: their
-//! normals are zeroed, and their surfaces share one class.
+//! In tiles whose normals and ids are incoherent ([`coherence`](crate::kernels::judge::coherence)), depth guides: their normals
+//! are zeroed, and coarser ids stand in for theirs.
 
 use std::ops::Range;
 
@@ -64,6 +64,15 @@ impl Sigmas {
     }
 }
 
+/// What guides where normals and ids are incoherent.
+#[derive(Clone, Copy)]
+pub struct Coarse<'a> {
+    /// The tiles in which that is so.
+    pub tiles: &'a Tiles,
+    /// The ids that stand in for the frame's there, if it has any.
+    pub ids: Option<Pixels<'a, u32>>,
+}
+
 /// A frame's guide buffers, padded and free of NaN and infinity.
 pub struct Guide {
     pub(crate) layout: Layout,
@@ -77,8 +86,8 @@ pub struct Guide {
 }
 
 impl Guide {
-    /// For taps up to `reach` pixels to the side. In tiles that are `incoherent`, depth alone guides.
-    pub fn new(size: Size, reach: usize, surface: Surface, incoherent: Option<&Tiles>) -> Self {
+    /// For taps up to `reach` pixels to the side.
+    pub fn new(size: Size, reach: usize, surface: Surface, coarse: Option<Coarse>) -> Self {
         let Surface {
             depth, normal, ids, ..
         } = surface;
@@ -104,7 +113,7 @@ impl Guide {
             depth,
             normal,
             ids,
-            incoherent,
+            coarse,
         };
         rows::run(&kernel, size.height, outs);
         if let Some(normal) = &guide.normal {
@@ -139,8 +148,9 @@ impl Guide {
                 }),
             sigma_normal: sigmas.normal,
             depth: self.depth.as_ref().map(Bordered::planes),
-            sigma_plane: sigmas.plane,
-            sigma_slope: sigmas.depth * reach as f32,
+            // Infinity times a slope of 0 would be NaN.
+            sigma_plane: sigmas.plane.min(f32::MAX),
+            sigma_slope: (sigmas.depth * reach as f32).min(f32::MAX),
         }
     }
 }
@@ -285,7 +295,7 @@ struct Fill<'a> {
     depth: Option<Pixels<'a>>,
     normal: Option<Pixels<'a>>,
     ids: Option<Pixels<'a, u32>>,
-    incoherent: Option<&'a Tiles>,
+    coarse: Option<Coarse<'a>>,
 }
 
 /// A band of each image of a guide.
@@ -304,22 +314,25 @@ impl<'a> Kernel for Fill<'a> {
             let depth = self.depth.map(|depth| depth.row(y));
             let class = out.class.row(0, y);
             let run = Run::row(y, class.len());
-            let incoherent = || {
-                self.incoherent
-                    .into_iter()
-                    .flat_map(|tiles| tiles.runs(run))
+            let parts = || {
+                (self.coarse.into_iter())
+                    .flat_map(|coarse| coarse.tiles.runs(run))
+                    .map(|run| run.x..run.x + run.len)
             };
             classes(depth, self.ids.map(|ids| ids.row(y)), class);
-            for part in incoherent().filter(|_| self.ids.is_some()) {
-                unite(&mut class[part.x..][..part.len]);
+            if let Some(ids) = self.coarse.and_then(|coarse| coarse.ids) {
+                for part in parts() {
+                    let depth = depth.map(|depth| &depth[part.clone()]);
+                    classes(depth, Some(&ids.row(y)[part.clone()]), &mut class[part]);
+                }
             }
             if let Some((normal, out)) = self.normal.zip(out.normal.as_mut()) {
                 let mut out = out.rows(y);
                 normal.read(run, out.each_mut().map(|row| &mut **row));
                 normals(depth.map(|_| &*class), out.each_mut().map(|row| &mut **row));
-                for part in incoherent() {
+                for part in parts() {
                     for row in &mut out {
-                        row[part.x..][..part.len].fill(0.0);
+                        row[part.clone()].fill(0.0);
                     }
                 }
             }
@@ -352,14 +365,6 @@ fn classes(depth: Option<&[f32]>, ids: Option<&[u32]>, class: &mut [u32]) {
             // 0 is the background. The id 2³² − 1 would wrap around to it and is merged with id 0 instead.
             *class = if is_surface(z) { (*class).max(1) } else { 0 };
         }
-    }
-}
-
-/// Makes one class of all ids but 0, which is what has none: that of the id 2³² − 2.
-#[inline(always)]
-fn unite(class: &mut [u32]) {
-    for class in class {
-        *class = if *class > 1 { u32::MAX } else { *class };
     }
 }
 

@@ -4,19 +4,18 @@ use std::ops::Range;
 
 use super::passes::Passes;
 use super::{Current, Shown};
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, bands_of, segments};
-use crate::kernels::camera::dilate::Choice;
+use crate::image::{BandMut, Image, Records, SEGMENT, bands_of, segments};
 use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::{correct_history, correct_light};
 use crate::pipelines::frame::blacken_missing;
-use crate::pipelines::taa::{AFTER_DENOISER, Stage};
+use crate::pipelines::taa::Stage;
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
-/// Corrects history, and the light in which reflections are looked for, in place. Writes colour and variance, if anybody
-/// wants to see them.
+/// Corrects history, and the light in which reflections are looked for, in place. Writes colour and variance if the frame is
+/// shown.
 pub fn finish(
     now: &Current,
     passes: Passes,
@@ -57,15 +56,15 @@ pub fn finish(
     // The next images take its place.
     drop(passes);
     if let Some(((stage, color), show)) = antialias.zip(aliased).zip(show) {
-        let depth = now.frame.surface.depth.map(Pixels::plane);
-        let still = stage.still(now.frame, now.before.as_ref());
-        let choice = Choice::of(depth, still.as_ref());
-        let out = PixelsMut::bands(size, 3, show);
-        stage.step(color.pixels(), now.motion.pixels(), choice, out, None);
-        let correction = now.params.innovation.map(|_| AFTER_DENOISER);
-        let samples = now.frame.color;
-        stage.correct(correction, samples, now.motion, show);
-        stage.mix(samples, color.pixels(), now.motion.pixels(), show);
+        let (color, corrects) = (color.pixels(), now.params.innovation.is_some());
+        stage.show(
+            now.frame,
+            now.before.as_ref(),
+            now.motion,
+            color,
+            corrects,
+            show,
+        );
     }
 }
 

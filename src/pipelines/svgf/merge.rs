@@ -6,7 +6,7 @@ use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::merge::accumulate::{self, CHANNELS, History, Images, Samples, accumulate};
 use crate::kernels::smooth::lend;
 use crate::pipelines::illumination::without_fireflies;
-use crate::pipelines::recall::{Memory, Recalled, recall};
+use crate::pipelines::recall::{self, Memory, Recalled};
 use crate::pixels::{MotionLanes, PixelsMut, Row};
 
 /// The history with a frame's samples in it.
@@ -25,25 +25,23 @@ pub fn merge(
     memory: Option<&mut Memory>,
     seen: &mut Seen,
 ) -> Merged {
-    let Current {
-        params,
-        frame,
-        motion,
-        texture,
-        ..
-    } = *now;
+    let (params, texture) = (now.params, now.texture);
     let size = now.size();
     let hold = |known: Option<Pixels>| {
         (params.fireflies)
             .map(|params| without_fireflies(sample, known, texture, now.guide(), params))
     };
-    let recalled = recall(
+    let frame = recall::Now {
         params,
+        frame: now.frame,
+        motion: now.motion,
+        texture,
+        sample,
+    };
+    let recalled = recall::recall(
+        &frame,
         memory,
         CHANNELS,
-        frame,
-        motion,
-        sample,
         hold,
         seen.confidence,
         seen.rejection,
@@ -137,15 +135,15 @@ impl<'a> History for Along<'a> {
     ) {
         let Some((fetch, fetched)) = self.fetch.as_ref().zip(fetched.as_mut()) else {
             history.iter_mut().for_each(|row| row.fill(0.0));
-            covered.put(run, &history[0][..run.len], 1);
-            rejected.put(run, &[0; SEGMENT][..run.len], 1);
+            covered.put(run, &history[0]);
+            rejected.put(run, &[0; SEGMENT]);
             return;
         };
         fetch.run(run, lanes.load(&self.motion, run), fetched);
         let records = &fetched.values(0)[..run.len * CHANNELS];
         deinterleave(records, history.iter_mut().map(|row| &mut row[..run.len]));
-        covered.put(run, &fetched.coverage[..run.len], 1);
-        rejected.put(run, &fetched.rejection[..run.len], 1);
+        covered.put(run, &fetched.coverage);
+        rejected.put(run, &fetched.rejection);
         if self.by_confidence {
             *confidence = fetched.coverage;
         }

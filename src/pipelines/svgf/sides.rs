@@ -213,10 +213,10 @@ impl<'a> Kernel for Join<'a> {
             if let Some(joined) = &mut out.history {
                 combine_rows(&later, &mut history);
                 joined.write(run, history.iter().map(Row::as_slice));
-                out.length.put(run, &history[5][..run.len], 1);
+                out.length.put(run, &history[5]);
             }
             if let Some(out) = &mut out.prediction {
-                out.put(run, &predict(&expected, &history)[..run.len], 1);
+                out.put(run, &predict(&expected, &history));
             }
         }
     }

@@ -262,6 +262,8 @@ impl Params {
         (self.dilation().iter()).try_for_each(|dilation| dilation.check("dilate_margin"))?;
         self.clip.check()?;
         (self.innovation.iter()).try_for_each(innovation::Params::check)?;
+        (self.limits.relative_albedo.iter())
+            .try_for_each(|albedo| albedo.check_luminance("relative_albedo"))?;
         self.limits.thresholds().check()?;
         anti_lag::check("anti_lag", self.anti_lag)?;
         self.blend_factor.check()?;

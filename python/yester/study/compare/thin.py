@@ -1,8 +1,8 @@
 """What is thinner than a pixel: ``python -m yester.study.compare.thin``.
 
 Printed are the metrics of `SVGF` with and without its coherence of guides, and of Open Image Denoise, for sequences of
-fence, fur, grass and thicket, where normals and ids are not found again from frame to frame, and of gravel and a hedge,
-where they are.
+fence, net, fur, grass and thicket, where normals and ids are not found again from frame to frame, and of gravel and a
+hedge, where they are.
 """
 
 from __future__ import annotations

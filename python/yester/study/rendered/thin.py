@@ -1,8 +1,9 @@
-"""Sequences of things that are thinner than a pixel, or hardly thicker: wire, fur, pebbles, broad leaves.
+"""Sequences of things that are thinner than a pixel, or hardly thicker: wire, net, fur, pebbles, broad leaves.
 
-In the first two, normals and ids change from pixel to pixel and from frame to frame, and tell a filter nothing. In the
-others they change as much from pixel to pixel, but are found again, and tell how light falls. The rule by which `SVGF`
-tells them apart was set on these.
+In the first three, normals and ids change from pixel to pixel and from frame to frame, and tell a filter nothing. In
+the others they change as much from pixel to pixel, but are found again, and tell how light falls. The rule by which
+`SVGF` tells them apart was set on all but the net. It showed that even there, light that is divided by albedo must not
+mix with light that is not.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from yester import Camera
 
 from .scenes import Matrix, Sequence, _copies, _mitsuba, _paint, _picture, _sequence, _sky, _tiles
 
-__all__ = ["NAMES", "fence", "fur", "gravel", "hedge"]
+__all__ = ["NAMES", "fence", "fur", "gravel", "hedge", "net"]
 
-NAMES = ("fence", "fur", "gravel", "hedge")
+NAMES = ("fence", "net", "fur", "gravel", "hedge")
 
 _FOV = 36
 
@@ -40,6 +41,33 @@ def fence(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
     ImportError
         If Mitsuba is not installed.
     """
+    return _crossed(_paint([0.35, 0.36, 0.38]), frames, width, height)
+
+
+def net(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
+    """A net of black rubber, its cords half a pixel wide, before a painted wall.
+
+    Parameters
+    ----------
+    frames, width, height : int
+        As for `scenes.cornell_box`.
+
+    Returns
+    -------
+    Sequence
+        Only the camera moves. The albedo of the cords, a two-thousandth, is too dark to be divided by.
+
+    Raises
+    ------
+    ImportError
+        If Mitsuba is not installed.
+    """
+    rubber = {"type": "plastic", "diffuse_reflectance": {"type": "rgb", "value": [0.0005] * 3}}
+    return _crossed(rubber, frames, width, height)
+
+
+def _crossed(bsdf: dict[str, Any], frames: int, width: int, height: int) -> Sequence:
+    """Crossed bars of a material before a painted wall."""
     mi = _mitsuba()
     place = mi.ScalarTransform4f
     scene = {
@@ -56,7 +84,7 @@ def fence(frames: int = 24, width: int = 320, height: int = 240) -> Sequence:
                 "p0": [x, -1.2, 0],
                 "p1": [x + lean, 1.2, 0.024 * lean],
                 "radius": 0.009,
-                "bsdf": _paint([0.35, 0.36, 0.38]),
+                "bsdf": bsdf,
             }
 
     def view(t: float) -> Camera:

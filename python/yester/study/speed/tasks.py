@@ -187,7 +187,7 @@ _TEXTBOOK: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp
 _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {
-    **{"radius": 2, "sigma_luminance": 4.0, "sigma_normal": 128.0, "alpha": 0.05, "reflections": ()},
+    **{"radius": 2, "sigma_luminance": 4.0, "sigma_normal": 128.0, "feedback": True, "reflections": ()},
     **dict.fromkeys(("gradient", "fireflies", "choice", "innovation", "antialias", "coherence"), False),
 }
 
