@@ -20,6 +20,7 @@ import pytest
 import yester
 import zarr
 from compare import assert_close
+from yester import cli
 from yester.io import read_exr, write_exr
 from yester.io.noisebase import decode_color, layout, read_noisebase
 from yester.prepare import CHANNELS, Source, derive, find_sequences, halve, prepare, run, store
@@ -31,6 +32,12 @@ def shots(count: int, width: int = WIDTH, height: int = HEIGHT, seed: int = 0) -
     rng = np.random.default_rng(seed)
     clean = (flight.shoot(number, width, height) for number in range(count))
     return [replace(frame, color=flight.noisy(frame, rng)) for frame in clean]
+
+
+def still(count: int, width: int = 10, height: int = 8) -> list[yester.Frame]:
+    """Noise that does not move, without cameras."""
+    color = np.random.default_rng(0).exponential(1, (count, height, width, 3)).astype(np.float32)
+    return [yester.Frame(each, motion=np.zeros((height, width, 2))) for each in color]
 
 
 def write(folder: Path, frames: list[yester.Frame]) -> None:
@@ -111,6 +118,17 @@ def test_motion_is_computed_from_cameras():
     want = yester.motion_vectors(second.position, second.camera, first.camera)[..., :2]
     np.testing.assert_array_equal(images["motion"], want)
     assert want.any()
+
+
+def test_only_a_first_frame_may_lack_motion():
+    frames = still(3)
+    frames[0] = replace(frames[0], motion=None)
+    assert len([*derive(frames, CHANNELS)]) == 3
+    frames[2] = replace(frames[2], motion=None)
+    assert len([*derive(frames, {"color"})]) == 3
+    for name in ("motion", "history", "denoised"):
+        with pytest.raises(ValueError, match=r"^no motion, and no camera"):
+            list(derive(frames, {name}))
 
 
 def test_a_still_view_has_the_mean_of_its_frames():
@@ -246,9 +264,80 @@ def test_sequences_are_found(tmp_path):
         find_sequences(tmp_path / "empty")
     with pytest.raises(FileNotFoundError, match="nowhere"):
         find_sequences(tmp_path / "nowhere")
+    frame = tmp_path / "in" / "b" / "9" / "frame_0000.exr"
+    with pytest.raises(ValueError, match=f"^{frame}: expected a folder of EXR files or a Noisebase store"):
+        find_sequences(frame)
+
+
+def test_links_are_followed(tmp_path):
+    write(tmp_path / "far" / "a", still(1))
+    (tmp_path / "in").mkdir()
+    # The last two lead back to folders that they lie in.
+    (tmp_path / "in" / "one").symlink_to(tmp_path / "far")
+    (tmp_path / "in" / "two").symlink_to(tmp_path / "far" / "a")
+    (tmp_path / "far" / "back").symlink_to(tmp_path / "in")
+    (tmp_path / "far" / "a" / "up").symlink_to(tmp_path / "far")
+    found, aside = find_sequences(tmp_path / "in")
+    assert ([source.name for source in found], aside) == (["one/a", "two"], {})
+
+
+def test_folders_that_cannot_be_read_are_set_aside(inputs, monkeypatch):
+    scan, closed = os.scandir, inputs / "set"
+
+    def scandir(path):
+        if Path(path) == closed:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return scan(path)
+
+    # Nothing is closed to the superuser.
+    monkeypatch.setattr(os, "scandir", scandir)
+    found, aside = find_sequences(inputs)
+    assert [source.name for source in found] == ["one"]
+    assert aside == {"set": [f"{closed}: {os.strerror(errno.EACCES)}"]}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file names are UTF-8")
+def test_names_that_are_not_utf_8_are_set_aside(tmp_path):
+    name = os.fsdecode(b"caf\xe9")
+    for folder in ("café", name):
+        write(tmp_path / folder, still(2))
+    frames = tmp_path / "in"
+    frames.mkdir()
+    for folder in ("café", name):
+        shutil.move(tmp_path / folder, frames)
+    done = prepare(frames, tmp_path / "out", jobs=1)
+    assert done.sequences == ("café",)
+    assert done.set_aside == {name: (f"{frames / name / 'frame_0000.exr'}: expected a name in UTF-8",)}
+    text = (tmp_path / "out" / "manifest.json").read_text("utf-8")
+    assert "café" in text
+    assert list(json.loads(text)["set_aside"]) == [name]
 
 
 # Sets
+
+
+@pytest.mark.parametrize("format", ["zarr", "exr"])
+def test_a_sequence_above_others(tmp_path, format):
+    """Its images lie beside those of the others, whatever they are called."""
+    for name in ("a", "a/full", "a-1/b"):
+        write(tmp_path / "in" / name, still(2))
+    done = prepare(tmp_path / "in", tmp_path / "out", format=format, jobs=1)
+    assert (done.sequences, done.frames) == (("a-1-1", "a/full", "a-1/b"), 6)
+    assert prepare(tmp_path / "in", tmp_path / "out", format=format, jobs=1, resume=True) == done
+
+
+def test_a_first_frame_without_motion(tmp_path):
+    frames = still(3)
+    bare = [replace(frame, motion=None) for frame in frames]
+    for name, some in {"a": [bare[0], *frames[1:]], "b": frames, "c": [frames[0], bare[1], frames[2]]}.items():
+        write(tmp_path / "in" / name, some)
+    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    assert done.sequences == ("a", "b")
+    lacking = tmp_path / "in" / "c" / "frame_0001.exr"
+    assert done.set_aside == {"c": (f"{lacking}: no motion, and no camera with depth or position to compute it from",)}
+    made = [tree(tmp_path / "out" / name) for name in "ab"]
+    assert "data.zarr/full/denoised/c.2.0.0.0" in made[0]
+    assert made[0] == made[1]
 
 
 @pytest.mark.slow
@@ -301,6 +390,8 @@ def test_references(inputs, tmp_path):
     data = zarr.open_group(tmp_path / "out" / "one" / "data.zarr", mode="r")["full"]
     assert set(data.array_keys()) == {"color", "reference"}
     assert (data["reference"][:] == 0.5).all()
+    with pytest.raises(ValueError, match="got references True, now False"):
+        prepare(inputs, tmp_path / "out", jobs=1, resume=True)
     (tmp_path / "clean" / "one" / "frame_0001.exr").unlink()
     done = prepare(inputs, tmp_path / "again", **named)
     assert done.sequences == ("set/two",)
@@ -326,10 +417,41 @@ def test_the_manifest(inputs, tmp_path):
     assert str(tmp_path) not in (tmp_path / "out" / "manifest.json").read_text()
 
 
+@pytest.fixture
+def upwards(tmp_path) -> Path:
+    """A sequence with motion whose y axis points up."""
+    turn = np.array([1, -1, 1], np.float32)
+    write(tmp_path / "up" / "one", [replace(frame, motion=frame.motion * turn) for frame in shots(3)])
+    return tmp_path / "up"
+
+
+def test_wrong_motion_is_told(upwards, tmp_path):
+    with pytest.warns(UserWarning, match="^one: motion: expected .* y up: multiply") as told:
+        prepare(upwards, tmp_path / "out", jobs=1)
+    known = json.loads((tmp_path / "out" / "one" / "manifest.json").read_text())
+    assert [f"one: {text}" for text in known["warnings"]] == [str(one.message) for one in told]
+
+
+def test_channels_are_mapped(inputs, upwards, tmp_path):
+    mapping = {"motion": ["motion.X", "-motion.Y", "motion.Z"]}
+    prepare(upwards, tmp_path / "out", mapping=mapping, jobs=1)
+    prepare(inputs, tmp_path / "right", jobs=1)
+    assert tree(tmp_path / "out" / "one" / "data.zarr") == tree(tmp_path / "right" / "one" / "data.zarr")
+    with pytest.raises(ValueError, match=r"same parameters to resume, got mapping \{'motion'.* now None"):
+        prepare(upwards, tmp_path / "out", resume=True)
+    arguments = [str(upwards), "-o", str(tmp_path / "out"), "--resume", "--map", "motion=motion.X,-motion.Y,motion.Z"]
+    assert cli.main(["prepare", *arguments]) == 0
+    done = prepare(upwards, tmp_path / "none", mapping={"motion": ["speed.X", "speed.Y"]})
+    assert done.set_aside["one"][0].startswith(f"{upwards / 'one' / 'frame_0000.exr'}: mapping: motion: no channel")
+
+
 @pytest.mark.slow
-def test_processes_write_the_same_bytes(inputs, tmp_path):
-    prepare(inputs, tmp_path / "one", jobs=1)
-    prepare(inputs, tmp_path / "two", jobs=2)
+def test_processes_write_the_same_bytes(inputs, upwards, tmp_path):
+    # Warnings are among them.
+    (upwards / "one").rename(inputs / "upwards")
+    for name, jobs in (("one", 1), ("two", 2)):
+        with pytest.warns(UserWarning, match="^upwards: motion: expected"):
+            prepare(inputs, tmp_path / name, jobs=jobs)
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
 
 
@@ -427,7 +549,77 @@ def test_space_is_looked_at_first(inputs, tmp_path, monkeypatch):
     with pytest.raises(OSError, match=r"up to 0\.00\d+ GB are needed and 1e-06 GB are free") as caught:
         prepare(inputs, tmp_path / "out", jobs=1)
     assert caught.value.errno == errno.ENOSPC
-    assert list(tree(tmp_path / "out")) == ["manifest.json"]
+    assert not tree(tmp_path / "out")
+
+
+def test_a_refused_run_settles_nothing(tmp_path):
+    """What it was told, such as a crop that fits no sequence, binds no later run."""
+    write(tmp_path / "in" / "a", still(2))
+    write(tmp_path / "in" / "b", [yester.Frame(np.ones((8, 10, 3)))] * 2)
+    first = tmp_path / "in" / "a" / "frame_0000.exr"
+    whole, out = first.read_bytes(), tmp_path / "out"
+    first.write_bytes(whole[:100])
+    done = prepare(tmp_path / "in" / "a", out, jobs=1)
+    assert (done.sequences, list(done.set_aside)) == ((), ["a"])
+    assert list(prepare(tmp_path / "in", out, crop=(100, 100), jobs=1).set_aside) == ["a", "b"]
+    with pytest.raises(FileNotFoundError, match=r"^nowhere: no such folder"):
+        prepare(tmp_path / "in", out, references="nowhere", jobs=1)
+    assert not out.exists()
+    # The images are those of b, also when a is repaired.
+    assert prepare(tmp_path / "in", out, jobs=1, resume=True).sequences == ("b",)
+    first.write_bytes(whole)
+    assert prepare(tmp_path / "in", out, jobs=1, resume=True).sequences == ("a", "b")
+    assert json.loads((out / "manifest.json").read_text())["parameters"]["buffers"] == ["color"]
+
+
+# Inputs and outputs that change
+
+
+def test_sequences_whose_inputs_changed_are_prepared_again(tmp_path):
+    frames = still(6)
+    write(tmp_path / "in" / "a", frames)
+    write(tmp_path / "in" / "b", frames[:2])
+    later = [tmp_path / "in" / "a" / f"frame_{i:04}.exr" for i in (2, 3, 5)]
+    for path in later:
+        path.rename(tmp_path / path.name)
+    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    assert (done.sequences, done.frames) == (("a", "a-2", "b"), 5)
+    kept = (tmp_path / "out" / "b").stat().st_ino
+    for path in later:
+        (tmp_path / path.name).rename(path)
+    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
+    assert (done.sequences, done.frames) == (("a", "b"), 8)
+    assert (tmp_path / "out" / "b").stat().st_ino == kept
+    # Only the user knows whether its inputs are elsewhere.
+    about = f"{tmp_path / 'out' / 'a-2'}: of an earlier run, and not in the inputs: give them, or remove it"
+    assert done.set_aside == {"a-2": (about,)}
+    shutil.rmtree(tmp_path / "out" / "a-2")
+    assert not prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True).set_aside
+    prepare(tmp_path / "in", tmp_path / "fresh", jobs=1)
+    assert tree(tmp_path / "out") == tree(tmp_path / "fresh")
+
+
+def test_sequences_with_empty_files_are_prepared_again(tmp_path):
+    """As a machine that loses power may leave them."""
+    write(tmp_path / "in" / "a", still(2))
+    prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    made = tree(tmp_path / "out")
+    for name in ("data.zarr/full/color/c.1.0.0.0", "manifest.json"):
+        (tmp_path / "out" / "a" / name).write_bytes(b"")
+        prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
+        assert tree(tmp_path / "out") == made
+    (tmp_path / "out" / "manifest.json").write_bytes(b"")
+    with pytest.raises(ValueError, match=f"^{tmp_path / 'out' / 'manifest.json'}: truncated or corrupt"):
+        prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
+
+
+def test_what_a_lost_process_wrote_is_removed(tmp_path):
+    """And not what another one writes, whose sequence has a longer name."""
+    own, other = (tmp_path / f".{name}.{'0' * 32}.tmp" for name in ("shot", "shot.1"))
+    own.mkdir()
+    other.mkdir()
+    run._clear(tmp_path, "shot")
+    assert [*tmp_path.iterdir()] == [other]
 
 
 @pytest.mark.parametrize("format", ["zarr", "exr"])

@@ -43,6 +43,9 @@ CHANNELS: dict[str, int] = {
 #: Those that are computed.
 DERIVED = ("demodulated", "history", "history_length", "validity", "difference", "variance", "denoised")
 _TEMPORAL = {"history", "history_length", "validity", "difference", "variance"}
+#: Those that need the motion of every frame but the first.
+_MOVING = {"motion", "denoised", *_TEMPORAL}
+_UNMOVED = "no motion, and no camera with depth or position to compute it from"
 
 #: Smallest weight of the new sample in the history: that of `SVGF`.
 ALPHA = 0.2
@@ -54,9 +57,8 @@ _OF_ONE = {"normal", "depth", "motion", "ids", "position", "object_normal", "hit
 def needs(name: str, known: Collection[str]) -> str | None:
     """What is missing for an image, given a sequence's buffers (and ``"camera"``); None if nothing is."""
     places = "camera" in known and ("depth" in known or "position" in known)
-    if name == "motion" or name in _TEMPORAL or name == "denoised":
-        known_motion = "motion" in known or places
-        return None if known_motion else "no motion, and no camera with depth or position to compute it from"
+    if name in _MOVING:
+        return None if "motion" in known or places else _UNMOVED
     if name == "demodulated":
         return None if "albedo" in known else "no albedo"
     return None if name in known else f"no {name}"
@@ -79,6 +81,11 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
     missing : int
         The number of pixels without a finite colour, which are 0 in ``color``, ``demodulated`` and ``difference``.
 
+    Raises
+    ------
+    ValueError
+        If frames differ in size, or an image needs the motion of a frame, other than the first, that is unknown.
+
     Notes
     -----
     With c the colour, m the motion and h the mean of the earlier frames (`accumulate` with alpha 0.2):
@@ -90,7 +97,7 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
     - ``variance`` is that of a sample's luminance, over the frames until this one (`estimate_variance`).
     - ``denoised`` is what ``SVGF()`` makes of this frame and the earlier ones.
     - ``demodulated`` is c divided by the albedo, as `demodulate` does; with ids, where it `is_reflectance`.
-    - ``motion`` is computed from the cameras where frames have none; 0 where it is unknown, and in the first frame.
+    - ``motion`` is computed from the cameras where frames have none; 0 where it is not finite, and in the first frame.
     """
     wanted = set(wanted)
     denoiser = SVGF() if "denoised" in wanted else None
@@ -102,14 +109,15 @@ def derive(frames: Iterable[Frame], wanted: Collection[str]) -> Iterator[tuple[I
             expected = f"height {height} and width {width}, as in earlier frames"
             raise ValueError(f"expected {expected}, got height {own} and width {across}")
         motion = None if before is None else known_motion(before, frame)
+        if before is not None and motion is None and wanted & _MOVING:
+            raise ValueError(_UNMOVED)
         images: Images = dict(frame.buffers())
         seen = np.isfinite(frame.color).all(-1)
         images["color"] = present(frame)
         if "motion" in wanted:
-            given = frame.motion if motion is None else motion
             images["motion"] = np.zeros((*frame.shape, 2), np.float32)
-            if before is not None and given is not None:
-                np.copyto(images["motion"], given[..., :2], where=np.isfinite(given[..., :2]))
+            if motion is not None:
+                np.copyto(images["motion"], motion[..., :2], where=np.isfinite(motion[..., :2]))
         if "demodulated" in wanted and frame.albedo is not None:
             where = None if frame.ids is None else is_reflectance(frame.albedo, frame.ids)
             images["demodulated"] = demodulate(images["color"], frame.albedo, emission=frame.emission, where=where)

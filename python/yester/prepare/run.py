@@ -11,11 +11,12 @@ import platform
 import shutil
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from glob import escape
 from importlib import metadata
 from pathlib import Path
@@ -25,9 +26,10 @@ from uuid import uuid4
 
 import numpy as np
 
-from .. import __version__
+from .. import Frame, __version__
 from ..io.ahead import ahead
 from ..io.files import beside
+from ..io.mapping import Mapped, load
 from .buffers import CHANNELS, DERIVED, derive, halve, needs
 from .sources import Damaged, Known, Source, find_sequences
 from .store import EXRFiles, Writer, ZarrStore, checksums, stored
@@ -40,6 +42,8 @@ _ATTEMPTS = 3
 #: Seconds to wait for a scheduler.
 _PATIENCE = 10
 _MANIFEST = "manifest.json"
+#: Held while warnings are caught: that is for all threads of a process, and a Dask worker may have several.
+_CATCHING = threading.Lock()
 
 _Path = str | os.PathLike[str]
 
@@ -55,6 +59,9 @@ class Parameters:
     seed: int
     half: bool
     format: str
+    references: bool
+    mapping: dict[str, Any] | None
+    view: str | None
 
     def groups(self, source: str, known: Known) -> Iterator[tuple[str, slice, slice]]:
         """The crops of a sequence: name, rows and columns. The same window in every frame, at even places."""
@@ -94,7 +101,8 @@ class Prepared:
     frames : int
         Their frames in all, those of an earlier run among them.
     set_aside : dict of str to tuple of str
-        The sequences that could not be prepared, and why: a message for each damaged file.
+        The sequences that could not be prepared, and why: a message for each damaged file. On `resume`, also those of
+        the earlier run that are not in the inputs.
     """
 
     folder: Path
@@ -110,6 +118,21 @@ class _Task:
     folder: Path
     parameters: Parameters
 
+    @property
+    def target(self) -> Path:
+        """The sequence's folder."""
+        return self.folder / self.source.name
+
+    def inputs(self) -> dict[str, Any]:
+        """What the sequence's manifest has about its inputs."""
+        return {
+            "frames": self.known.frames,
+            "height": self.known.height,
+            "width": self.known.width,
+            "inputs": [path.name for path in self.source.files],
+            "references": [path.name for path in self.source.references],
+        }
+
 
 @dataclass(frozen=True)
 class _Done:
@@ -117,6 +140,7 @@ class _Done:
 
     name: str
     frames: int = 0
+    warned: tuple[str, ...] = ()
     damaged: tuple[str, ...] = ()
     failed: tuple[int, str, str] | None = None
 
@@ -133,6 +157,8 @@ def prepare(
     half: bool = False,
     format: Literal["zarr", "exr"] = "zarr",
     references: _Path | None = None,
+    mapping: Mapped | None = None,
+    view: str | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
@@ -148,7 +174,7 @@ def prepare(
     buffers : sequence of str, optional
         The images of each frame: buffers of `Frame`, ``"reference"``, and any of ``"demodulated"``, ``"history"``,
         ``"history_length"``, ``"validity"``, ``"difference"``, ``"variance"`` and ``"denoised"``, as `derive` defines
-        them. By default all that the first sequence allows.
+        them. By default all that the first sequence that can be read allows.
     sizes : sequence of {"full", "half"}, default ("full",)
         Half size is made of full size, as `halve` does.
     crop : (int, int), optional
@@ -163,6 +189,8 @@ def prepare(
         A Zarr store with arrays (F, C, H, W) for each sequence, or multi-layer EXR files.
     references : path-like, optional
         For EXR inputs: a folder with files of the same paths and names, without noise.
+    mapping, view : optional
+        For EXR inputs: as for `yester.io.read_exr`. References are read without the mapping.
     jobs : int, optional
         Processes, each of which takes one sequence at a time and its share of the cores. By default as many as there
         are cores, but no more than sequences.
@@ -170,7 +198,8 @@ def prepare(
         Address of a Dask scheduler, such as ``"tcp://node1:8786"``, whose workers do the work instead. They must see
         the inputs and `folder` under the same paths.
     resume : bool, default False
-        Go on where an earlier run with the same parameters stopped.
+        Go on where an earlier run with the same parameters stopped; its `buffers` are the default then. A sequence
+        whose inputs are others by now, in their names, number or size, is prepared again.
 
     Returns
     -------
@@ -179,7 +208,7 @@ def prepare(
     Raises
     ------
     FileNotFoundError
-        If an input is not there.
+        If an input is not there, or `references` is no folder.
     FileExistsError
         If `folder` has something in it and `resume` is not set.
     OSError
@@ -187,16 +216,22 @@ def prepare(
         `resume` goes on from there.
     ValueError
         If a parameter is out of range; if the folder lies in the inputs; if there are no sequences; on `resume`, if the
-        parameters or versions are others.
+        parameters or versions are others, or the manifest is damaged.
     ImportError
         If zarr, OpenEXR or distributed is needed and not installed.
+
+    Warns
+    -----
+    UserWarning
+        If the motion of a sequence seems wrong, with the sequence's name.
 
     Notes
     -----
     Every sequence is written beside its place and renamed when it is complete, with its ``manifest.json``: the SHA-256
-    of every file, the names of the inputs, the windows' places. The one in `folder` has the parameters, the versions,
-    the sequences and those set aside. Neither depends on the number of processes, on interruptions, or on time. A
-    sequence is tried up to three times where the process that works on it dies.
+    of every file, the names of the inputs, the windows' places, the warnings. The one in `folder` has the parameters,
+    the versions, the sequences and those set aside. Neither depends on the number of processes, on interruptions, or on
+    time. A sequence is tried up to three times where the process that works on it dies. Where no sequence can be
+    prepared, nothing is written.
     """
     folder = Path(folder)
     given = [Path(inputs)] if isinstance(inputs, str | os.PathLike) else [Path(path) for path in inputs]
@@ -215,7 +250,10 @@ def prepare(
             raise ValueError(f"{folder}: lies in {path}, which is read; choose a folder elsewhere")
     if folder.is_dir() and any(folder.iterdir()) and not resume:
         raise FileExistsError(errno.EEXIST, "exists already and is not empty; --resume goes on with it", str(folder))
+    former = _former(folder) if resume else {}
+    reading: dict[str, Any] = {"mapping": load(mapping) or None, "view": view}
     sources, found_aside = find_sequences(given, references)
+    sources = [replace(source, reading=reading) for source in sources]
     known: dict[str, Known] = {}
     aside = {name: tuple(messages) for name, messages in found_aside.items()}
     for source in sources:
@@ -223,6 +261,8 @@ def prepare(
             known[source.name] = source.look()
         except Damaged as error:
             aside[source.name] = error.args
+    if buffers is None and former:
+        buffers = former["parameters"].get("buffers")
     parameters = Parameters(
         _chosen(buffers, [*known.values()]),
         tuple(size for size in ("full", "half") if size in sizes),
@@ -231,7 +271,15 @@ def prepare(
         seed,
         half,
         format,
+        references is not None,
+        **reading,
     )
+    about = _about(parameters)
+    for kind, values in former.items():
+        for name, value in about[kind].items():
+            if (got := values.get(name)) != value:
+                where = folder / _MANIFEST
+                raise ValueError(f"{where}: expected the same {kind} to resume, got {name} {got}, now {value}")
     tasks = []
     for source in sources:
         if source.name not in known:
@@ -242,11 +290,16 @@ def prepare(
             aside[source.name] = error.args
             continue
         tasks.append(_Task(source, known[source.name], folder.resolve(), parameters))
+    if not tasks and not former:
+        return Prepared(folder, (), 0, dict(sorted(aside.items())))
     folder.mkdir(parents=True, exist_ok=True)
-    _begin(folder, parameters)
-    done = {task.source.name: task.known.frames for task in tasks if _finished(folder / task.source.name)}
+    _clear(folder)
+    done = {task.source.name: task.known.frames for task in tasks if _finished(task)}
     waiting = [task for task in tasks if task.source.name not in done]
     _space(folder, sum(parameters.bytes(task.known) for task in waiting))
+    if not former:
+        # Written last, as a later run is held to these parameters.
+        _write(folder / _MANIFEST, {**about, "complete": False})
     results = _run(waiting, jobs, scheduler, done=sum(done.values()))
     try:
         with closing(results):
@@ -257,10 +310,15 @@ def prepare(
                     aside[result.name] = result.damaged
                 else:
                     done[result.name] = result.frames
+                    for message in result.warned:
+                        warnings.warn(f"{result.name}: {message}", stacklevel=2)
     finally:
         _clear(folder)
+    for name in _others(folder, {source.name for source in sources}):
+        message = f"{folder / name}: of an earlier run, and not in the inputs: give them, or remove it"
+        aside.setdefault(name, (message,))
     names = [task.source.name for task in tasks if task.source.name in done]
-    _end(folder, parameters, names, aside)
+    _end(folder, about, names, aside)
     return Prepared(folder, tuple(names), sum(done.values()), dict(sorted(aside.items())))
 
 
@@ -295,27 +353,32 @@ def _about(parameters: Parameters) -> dict[str, Any]:
     return {"parameters": json.loads(json.dumps(asdict(parameters))), "versions": versions}
 
 
-def _begin(folder: Path, parameters: Parameters) -> None:
-    """Check what an earlier run left, remove what it had not finished, and note the parameters."""
+def _former(folder: Path) -> dict[str, dict[str, Any]]:
+    """Parameters and versions of the earlier run; empty if there was none."""
     path = folder / _MANIFEST
-    about = _about(parameters)
-    if path.exists():
+    if not path.exists():
+        if folder.is_dir() and any(folder.iterdir()):
+            raise ValueError(f"{folder}: nothing to resume: it has no {_MANIFEST}, but other files")
+        return {}
+    try:
         former = json.loads(path.read_text("utf-8"))
-        for kind, values in about.items():
-            for name, value in values.items():
-                if former.get(kind, {}).get(name) != value:
-                    got = former.get(kind, {}).get(name)
-                    raise ValueError(f"{path}: expected the same {kind} to resume, got {name} {got}, now {value}")
-    elif any(folder.iterdir()):
-        raise ValueError(f"{folder}: nothing to resume: it has no {_MANIFEST}, but other files")
-    else:
-        _write(path, {**about, "complete": False})
-    _clear(folder)
-    for item in folder.glob(f".{_MANIFEST}.*.tmp"):
-        item.unlink(missing_ok=True)
+        return {kind: dict(former[kind]) for kind in ("parameters", "versions")}
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: truncated or corrupt: {error}; prepare into another folder") from None
 
 
-def _end(folder: Path, parameters: Parameters, names: list[str], aside: dict[str, tuple[str, ...]]) -> None:
+def _others(folder: Path, known: set[str]) -> Iterator[str]:
+    """The sequences that a folder has besides the known ones."""
+    for where, inner, names in os.walk(folder):
+        if where != str(folder) and _MANIFEST in names:
+            # Arrays have many files, and no sequences.
+            inner.clear()
+            name = Path(where).relative_to(folder).as_posix()
+            if name not in known:
+                yield name
+
+
+def _end(folder: Path, about: dict[str, Any], names: list[str], aside: dict[str, tuple[str, ...]]) -> None:
     sequences = {}
     for name in names:
         path = folder / name / _MANIFEST
@@ -325,17 +388,25 @@ def _end(folder: Path, parameters: Parameters, names: list[str], aside: dict[str
     # Where inputs lie is no business of the set's: names are enough, and paths would differ from disk to disk.
     _write(
         folder / _MANIFEST,
-        {**_about(parameters), "complete": not aside, "sequences": sequences, "set_aside": dict(sorted(aside.items()))},
+        {**about, "complete": not aside, "sequences": sequences, "set_aside": dict(sorted(aside.items()))},
     )
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:
     with beside(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8")
+        # Of a name that is not UTF-8, the escapes are those of JSON.
+        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8", "backslashreplace")
 
 
-def _finished(folder: Path) -> bool:
-    return (folder / _MANIFEST).is_file()
+def _finished(task: _Task) -> bool:
+    """Whether a sequence is there, made of these inputs, and none of its files is absent or empty."""
+    try:
+        known = json.loads((task.target / _MANIFEST).read_text("utf-8"))
+        return task.inputs().items() <= known.items() and all(
+            (task.target / path).stat().st_size for path in known["sha256"]
+        )
+    except (OSError, ValueError):
+        return False
 
 
 def _space(folder: Path, needed: int) -> None:
@@ -350,21 +421,22 @@ def _space(folder: Path, needed: int) -> None:
 
 def _work(task: _Task, told: Callable[[], object] = lambda: None) -> _Done:
     """Prepare one sequence: written beside and renamed."""
-    name = task.source.name
-    target = task.folder / name
-    if _finished(target):  # by a worker that had been given up
+    name, target = task.source.name, task.target
+    if _finished(task):  # by a worker that had been given up
         return _Done(name, task.known.frames)
     temporary = task.folder / f".{_flat(name)}.{uuid4().hex}.tmp"
     try:
         temporary.mkdir()
-        _fill(task, temporary, told)
+        warned = _fill(task, temporary, told)
         target.parent.mkdir(parents=True, exist_ok=True)
+        if (target / _MANIFEST).is_file() and not _finished(task):
+            shutil.rmtree(target)  # made of other inputs, or damaged
         try:
             temporary.rename(target)
-        except OSError:
-            if not _finished(target):
-                raise
-        return _Done(name, task.known.frames)
+        except OSError as error:
+            if not _finished(task):
+                raise OSError(error.errno, error.strerror, str(target)) from None
+        return _Done(name, task.known.frames, warned)
     except Damaged as error:
         return _Done(name, damaged=error.args)
     except OSError as error:
@@ -380,68 +452,64 @@ def _flat(name: str) -> str:
 
 def _clear(folder: Path, name: str | None = None) -> None:
     """Remove what is half-written: of one sequence, or of all."""
-    for item in folder.glob(f".{'*' if name is None else escape(_flat(name))}.*.tmp"):
-        shutil.rmtree(item, ignore_errors=True)
+    for item in folder.glob(".*.tmp" if name is None else f".{escape(_flat(name))}.{'?' * 32}.tmp"):
+        if item.is_dir():
+            shutil.rmtree(item, ignore_errors=True)
+        else:
+            item.unlink(missing_ok=True)
 
 
-def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> None:
+def _fill(task: _Task, folder: Path, told: Callable[[], object]) -> tuple[str, ...]:
+    """Write the images of a sequence and its manifest; the warnings."""
     source, known, parameters = task.source, task.known, task.parameters
     groups = [*parameters.groups(source.name, known)]
     writer = _WRITERS[parameters.format](folder, known.frames, parameters.half)
-    references: list[Any] = []
-    missing = []
-
-    def frames() -> Iterator[Any]:
-        with closing(ahead(source.read())) as pairs:
-            for frame, reference in pairs:
-                references.append(reference)
-                yield frame
-
+    missing: list[int] = []
+    warned: dict[str, None] = {}
     wanted = {*parameters.buffers, "depth"} if "half" in parameters.sizes else {*parameters.buffers}
-    made = derive(frames(), wanted)
-    for index in range(known.frames + 1):
-        try:
-            images, absent = next(made)
-        except StopIteration:
-            if index < known.frames:
-                raise Damaged(f"{source.files[0]}: expected {known.frames} frames, got {index}") from None
-            break
-        except (TypeError, ValueError) as error:
+    read: list[Frame] = []
+    made = derive(iter(read.pop, None), wanted)
+    with closing(ahead(source.read())) as pairs:
+        for index, (frame, reference) in enumerate(pairs):
             path = source.files[min(index, len(source.files) - 1)]
-            raise Damaged(f"{path}: {error}") from None
-        missing.append(absent)
-        reference = references.pop()
-        if "reference" in wanted:
-            if reference is None or reference.shape != (known.height, known.width, 3):
-                raise Damaged(f"{source.files[0]}: frame {index}: no reference of the same size")
-            images["reference"] = reference
-        lacks = [name for name in parameters.buffers if name not in images]
-        if lacks:
-            path = source.files[min(index, len(source.files) - 1)]
-            raise Damaged(f"{path}: no {lacks[0]}, which the first frame of the sequence has")
-        depth = images.get("depth")
-        images = {name: images[name] for name in parameters.buffers}
-        for group, rows, columns in groups:
-            cut = {name: image[rows, columns] for name, image in images.items()}
-            if "full" in parameters.sizes:
-                writer.write(index, "/".join(filter(None, (group, "full"))), cut)
-            if "half" in parameters.sizes:
-                small = halve(cut, None if depth is None else depth[rows, columns])
-                writer.write(index, "/".join(filter(None, (group, "half"))), small)
-        told()
+            read.append(frame)
+            try:
+                with _CATCHING, warnings.catch_warnings(record=True) as caught:
+                    warnings.simplefilter("always")
+                    images, absent = next(made)
+            except (TypeError, ValueError) as error:
+                raise Damaged(f"{path}: {error}") from None
+            warned |= dict.fromkeys(str(each.message) for each in caught)
+            missing.append(absent)
+            if "reference" in wanted:
+                if reference is None or reference.shape != (known.height, known.width, 3):
+                    raise Damaged(f"{source.files[0]}: frame {index}: no reference of the same size")
+                images["reference"] = reference
+            if lacks := [name for name in parameters.buffers if name not in images]:
+                raise Damaged(f"{path}: no {lacks[0]}, which the first frame of the sequence has")
+            depth = images.get("depth")
+            images = {name: images[name] for name in parameters.buffers}
+            for group, rows, columns in groups:
+                cut = {name: image[rows, columns] for name, image in images.items()}
+                if "full" in parameters.sizes:
+                    writer.write(index, "/".join(filter(None, (group, "full"))), cut)
+                if "half" in parameters.sizes:
+                    small = halve(cut, None if depth is None else depth[rows, columns])
+                    writer.write(index, "/".join(filter(None, (group, "half"))), small)
+            told()
+    if len(missing) < known.frames:
+        raise Damaged(f"{source.files[0]}: expected {known.frames} frames, got {len(missing)}")
     _write(
         folder / _MANIFEST,
         {
-            "frames": known.frames,
-            "height": known.height,
-            "width": known.width,
-            "inputs": [path.name for path in source.files],
-            "references": [path.name for path in source.references],
+            **task.inputs(),
             "missing_pixels": missing,
+            "warnings": [*warned],
             "crops": {g: {"x": c.start, "y": r.start} for g, r, c in groups if g},
             "sha256": checksums(folder),
         },
     )
+    return tuple(warned)
 
 
 # Many sequences
@@ -558,9 +626,9 @@ def _on_cluster(tasks: list[_Task], address: str) -> Generator[_Done, None, None
                 result = future.result()
             except KilledWorker:
                 result = _lost(task.source.name)
-            if not result.damaged and not result.failed and not _finished(task.folder / task.source.name):
+            if not result.damaged and not result.failed and not _finished(task):
                 raise OSError(
-                    f"{task.folder / task.source.name}: not here, though a worker wrote it: the workers and this "
-                    "machine must share the folder"
+                    f"{task.target}: not here, though a worker wrote it: the workers and this machine must share the "
+                    "folder"
                 )
             yield result

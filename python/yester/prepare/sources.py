@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frame import Frame
-from ..io import describe, read_exr, sequence_paths
+from ..io import Description, describe, read_exr, sequence_paths
 from ..io.noisebase import layout, read_noisebase
 from ..io.shots import breaks
 
@@ -47,11 +49,14 @@ class Source:
         EXR files, one a frame; or a store of the sequence, or stores of its frames.
     references : tuple of Path
         EXR files without noise, one a frame, or none.
+    reading : dict
+        Arguments of `read_exr`; references are read without the mapping.
     """
 
     name: str
     files: tuple[Path, ...]
     references: tuple[Path, ...] = ()
+    reading: dict[str, Any] = field(default_factory=dict)
 
     @property
     def stores(self) -> bool:
@@ -59,13 +64,18 @@ class Source:
         return self.files[0].suffix.lower() == ".zip"
 
     def look(self) -> Known:
-        """Read the first file's header; of each, if frames have stores of their own.
+        """Read the first file's header, and that of the second file if the first one has no motion.
 
         Raises
         ------
         Damaged
-            If it cannot be read.
+            If it cannot be read, or the name of a file is not UTF-8, which OpenEXR needs.
         """
+        for path in (*self.files, *self.references):
+            try:
+                str(path).encode()
+            except UnicodeEncodeError:
+                raise Damaged(f"{path}: expected a name in UTF-8") from None
         try:
             if self.stores:
                 found = layout(self.files[0])
@@ -73,12 +83,15 @@ class Source:
                 names |= {"reference"} if found.reference else set()
                 count = found.frames if len(self.files) == 1 else len(self.files)
                 return Known(count, found.height, found.width, frozenset(names))
-            known = describe(self.files[0])
+            known = _describe(self.files[0], self.reading)
             names = {
                 *known.channels,
                 *(("camera",) if known.camera else ()),
                 *(("reference",) if self.references else ()),
             }
+            # The first frame of a sequence may lack motion, as there is no frame before it.
+            if "motion" not in names and len(self.files) > 1:
+                names |= _describe(self.files[1], self.reading).channels.keys() & {"motion"}
             return Known(len(self.files), known.height, known.width, frozenset(names))
         except (OSError, ValueError) as error:
             raise Damaged(str(error)) from None
@@ -96,21 +109,46 @@ class Source:
                 yield from read_noisebase(self.files)
             else:
                 for index, path in enumerate(self.files):
-                    yield read_exr(path), self._reference(index)
+                    yield _read(path, self.reading), self._reference(index)
         except (OSError, ValueError) as error:
             raise Damaged(*dict.fromkeys([str(error), *self._damaged()])) from None
 
     def _reference(self, index: int) -> NDArray[np.float32] | None:
-        return read_exr(self.references[index]).color if self.references else None
+        return _read(self.references[index], self._plain).color if self.references else None
+
+    @property
+    def _plain(self) -> dict[str, Any]:
+        """Arguments of `read_exr` for references."""
+        return {**self.reading, "mapping": None}
 
     def _damaged(self) -> Iterator[str]:
         """The files that cannot be read."""
-        for path in (*self.files, *self.references):
+        files = [(path, self.reading) for path in self.files] + [(path, self._plain) for path in self.references]
+        for path, reading in files:
             try:
-                for _ in read_noisebase(path) if self.stores else (read_exr(path),):
+                for _ in read_noisebase(path) if self.stores else (_read(path, reading),):
                     pass
             except (OSError, ValueError) as error:
                 yield str(error)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Name the file in an error that does not, such as that of a mapping."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+
+
+def _describe(path: Path, reading: dict[str, Any]) -> Description:
+    with _named(path):
+        return describe(path, **reading)
+
+
+def _read(path: Path, reading: dict[str, Any]) -> Frame:
+    with _named(path):
+        return read_exr(path, **reading)
 
 
 def find_sequences(
@@ -121,39 +159,43 @@ def find_sequences(
     Parameters
     ----------
     inputs : path-like or iterable of path-like
-        Folders, searched with all folders in them, and Noisebase stores. The EXR files of a folder are a sequence, or
-        several where their numbers jump; so are zip files whose arrays have no axis of frames. Every other zip file is
-        a sequence of its own.
+        Folders, searched with all folders in them and all that links lead to, and Noisebase stores. The EXR files of a
+        folder are a sequence, or several where their numbers jump; so are zip files whose arrays have no axis of
+        frames. Every other zip file is a sequence of its own.
     references : path-like, optional
         A folder in which EXR files have the paths that they have in `inputs`, and no noise.
 
     Returns
     -------
     sequences : list of Source
-        In natural order, no two of the same name.
+        In natural order, no two of the same name. Where a folder has a sequence, and others in its folders, the name of
+        the first one ends in ``-1``.
     set_aside : dict of str to list of str
-        Sequences that cannot be used, and why.
+        Sequences that cannot be used, and folders that cannot be read, and why.
 
     Raises
     ------
     FileNotFoundError
-        If an input is not there.
+        If an input is not there, or `references` is no folder.
     ValueError
-        If two sequences would have the same name, or there are none.
+        If an input is a file of another kind; if two sequences would have the same name, or there are none.
     """
     given = [inputs] if isinstance(inputs, str | os.PathLike) else [*inputs]
     found: list[Source] = []
     aside: dict[str, list[str]] = {}
+    if references is not None and not Path(references).is_dir():
+        raise FileNotFoundError(f"{references}: no such folder")
     for root in map(Path, given):
         if not root.exists():
             raise FileNotFoundError(f"{root}: no such file or folder")
         if root.is_file():
+            if root.suffix.lower() != ".zip":
+                raise ValueError(f"{root}: expected a folder of EXR files or a Noisebase store (zip file), got a file")
             found += _stores([root], root.stem, aside)
             continue
-        for folder, inner, names in os.walk(root):
-            inner.sort(key=lambda name: _natural(name))
-            path = Path(folder)
-            name = path.relative_to(root).as_posix() if path != root else root.resolve().name
+        unread: list[OSError] = []
+        for path, names in _folders(root, unread):
+            name = _name(path, root)
             if any(each.lower().endswith(".exr") for each in names):
                 found += _shots(path, name, root, references, aside)
             zips = sorted(
@@ -161,15 +203,35 @@ def find_sequences(
             )
             if zips:
                 found += _stores(zips, name, aside, inside=path != root)
+        aside |= {_name(Path(error.filename), root): [f"{error.filename}: {error.strerror}"] for error in unread}
+    # The output of a sequence must not lie in that of another one.
+    above = {str(folder) for source in found for folder in PurePosixPath(source.name).parents}
     seen: dict[str, Source] = {}
     for source in found:
-        if source.name in seen:
-            both = f"{seen[source.name].files[0]} and {source.files[0]}"
-            raise ValueError(f"two sequences would have the name {source.name}: {both}; prepare them into two folders")
-        seen[source.name] = source
+        name = source.name
+        while name in above:
+            name += "-1"
+        if name in seen:
+            both = f"{seen[name].files[0]} and {source.files[0]}"
+            raise ValueError(f"two sequences would have the name {name}: {both}; prepare them into two folders")
+        seen[name] = replace(source, name=name)
     if not found and not aside:
         raise ValueError(f"{', '.join(map(str, given))}: no EXR files and no Noisebase stores found")
-    return found, aside
+    return [*seen.values()], aside
+
+
+def _name(folder: Path, root: Path) -> str:
+    return folder.relative_to(root).as_posix() if folder != root else root.resolve().name
+
+
+def _folders(root: Path, unread: list[OSError]) -> Iterator[tuple[Path, list[str]]]:
+    """A folder and all folders in it, each with the names of its files; links are followed."""
+    for folder, inner, names in os.walk(root, onerror=unread.append, followlinks=True):
+        path = Path(folder)
+        # A link to a folder that it lies in would be followed without end.
+        above = {each.resolve() for each in (path, *path.parents[: len(path.relative_to(root).parts)])}
+        inner[:] = sorted((name for name in inner if (path / name).resolve() not in above), key=_natural)
+        yield path, names
 
 
 def _natural(name: str) -> tuple[int, str]:
