@@ -12,10 +12,13 @@ from compare import assert_same_bits
 from hypothesis import given
 from hypothesis import strategies as st
 from yester import io
+from yester.io import layout
 from yester.io import mitsuba as door
 
 COMMON = ("albedo", "normal", "depth", "motion", "ids", "position", "emission")
 BUFFERS = (*COMMON, "object_normal", "replay", "hit_distance")
+#: From clip space, for column vectors.
+TO_NDC = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 def buffers(rng, height, width, *, motion=3):
@@ -100,14 +103,28 @@ def test_camera(tmp_path, camera):
     same_camera(io.describe(path).camera, camera)
 
 
+def test_cameras_are_stored_for_row_vectors(tmp_path):
+    """In the bytes of the file, which OpenEXR reads by rows: the translation is in the last one."""
+    camera = cameras()[0]
+    io.write_exr(tmp_path / "a.exr", yester.Frame(np.zeros((17, 31, 3)), camera=camera))
+    data = (tmp_path / "a.exr").read_bytes()
+    (header, *_), _ = layout.headers(data)
+    matrices = {"worldToCamera": camera.world_to_camera, "worldToNDC": TO_NDC @ camera.world_to_clip}
+    for name, matrix in matrices.items():
+        stored = np.frombuffer(data, "<f4", 16, header[name].start).reshape(4, 4)
+        assert_same_bits(stored, matrix.T.astype(np.float32))
+
+
 @pytest.mark.parametrize("scale", [1.0, -40.0, 1e-3])
-@pytest.mark.parametrize("layout", ["imath", "pbrt"])
+@pytest.mark.parametrize("convention", ["imath", "pbrt"])
 @pytest.mark.parametrize("camera", cameras(), ids=str)
-def test_camera_of_others(tmp_path, camera, layout, scale):
-    """Either layout, any scale of the projection."""
-    ndc = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]]) @ camera.world_to_clip
-    matrices = {"worldToCamera": camera.world_to_camera, "worldToNDC": abs(scale) * ndc}
-    header = {name: (m if layout == "pbrt" else m.T).astype(np.float32) for name, m in matrices.items()}
+def test_camera_of_others(tmp_path, camera, convention, scale):
+    """Either layout, any scale of the projection. Files of version 0.2 and before have that of pbrt."""
+    matrices = {"worldToCamera": camera.world_to_camera, "worldToNDC": abs(scale) * TO_NDC @ camera.world_to_clip}
+    header = {
+        name: np.ascontiguousarray(matrix if convention == "pbrt" else matrix.T, np.float32)
+        for name, matrix in matrices.items()
+    }
     store(tmp_path / "a.exr", header, rgb(17, 31))
     same_camera(io.read_exr(tmp_path / "a.exr").camera, camera)
     del header["worldToCamera"]

@@ -1,5 +1,6 @@
 """Files in, files out: what the command line makes of renderers' sequences, of interruptions and of damage."""
 
+import os
 import re
 import resource
 import subprocess
@@ -20,6 +21,18 @@ from yester.io.shots import breaks
 
 def run(*arguments, code=0):
     assert main([str(argument) for argument in arguments]) == code
+
+
+STILL = {"depth": np.full((12, 16), 2.0), "motion": np.zeros((12, 16, 2))}
+
+
+def short(folder, *names, **buffers):
+    """Small frames of a shot that stands still."""
+    folder.mkdir()
+    for i, name in enumerate(names or ("a1", "a2", "a3", "a4")):
+        named = {"color": noise(12, 16, seed=i).color} | STILL | buffers
+        io.write_exr(folder / f"{name}.exr", yester.Frame(**named))
+    return folder
 
 
 def contents(folder):
@@ -93,6 +106,43 @@ def test_resume_of_another_run(shots, tmp_path, capsys):
     assert len(contents(tmp_path / "out")) == 11
 
 
+@pytest.mark.parametrize(
+    ("change", "lookahead", "first"), [("options", 0, "a2"), ("a frame", 0, "a3"), ("a further frame", 1, "a6")]
+)
+def test_resume_notices_any_change(tmp_path, capsys, change, lookahead, first):
+    """Every frame that is there is compared: the first ones may be the same."""
+    frames = short(tmp_path / "in", *(f"a{i}" for i in range(1, 7)))
+    given = "denoise", frames, "-o", tmp_path / "out", "--method", "taa", "--lookahead", lookahead, "--alpha"
+    run(*given, 0.05)
+    if change == "a further frame":
+        io.write_exr(frames / "a7.exr", noise(12, 16, seed=7, **STILL))
+    else:
+        (tmp_path / "out" / "a6.exr").unlink()
+    if change == "a frame":
+        io.write_exr(frames / "a3.exr", noise(12, 16, seed=7, **STILL))
+    before = contents(tmp_path / "out")
+    capsys.readouterr()
+    run(*given, 0.9 if change == "options" else 0.05, "--resume", code=2)
+    want = f"{tmp_path / 'out' / first}.exr: is of a run with other inputs or options: --overwrite replaces"
+    assert want in capsys.readouterr().err
+    assert contents(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:400]])
+def test_damaged_outputs_are_written_again(tmp_path, capsys, damage):
+    given = "denoise", short(tmp_path / "in"), "-o", tmp_path / "out"
+    run(*given)
+    whole = contents(tmp_path / "out")
+    broken = tmp_path / "out" / "a3.exr"
+    broken.write_bytes(damage(whole["a3.exr"]))
+    capsys.readouterr()
+    run(*given, "--resume")
+    said = capsys.readouterr().err
+    assert f"damaged, written again: {broken}: " in said
+    assert "resumed: 3 of 4 frames are there" in said
+    assert contents(tmp_path / "out") == whole
+
+
 @pytest.mark.slow
 def test_resume_of_an_upscaled_and_an_automatic_run(shots, tmp_path):
     for given in (("upscale",), ("denoise", "--method", "auto")):
@@ -114,7 +164,8 @@ def test_outputs_that_exist(shots, tmp_path, capsys):
     for command in ("denoise", "upscale"):
         run(command, shots, "-o", tmp_path / "out", code=2)
         said = capsys.readouterr().err
-        assert said.startswith(f"yester: error: {tmp_path / 'out' / 'a2.exr'} and 1 more: exists already: --resume")
+        there = ", ".join(str(tmp_path / "out" / name) for name in ("a2.exr", "b3.exr"))
+        assert said.startswith(f"yester: error: {there}: exists already: --resume")
     assert contents(tmp_path / "out") == {"a2.exr": b"mine", "b3.exr": b"mine"}
     run("denoise", shots, "-o", tmp_path / "out", "--overwrite")
     assert len(contents(tmp_path / "out")) == 11
@@ -140,6 +191,21 @@ def test_a_full_disk_and_then_room(shots, tmp_path, capsys):
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
+def test_names_that_are_no_folders(tmp_path, capsys):
+    """A name that means a picture or a film is no folder's."""
+    frames = short(tmp_path / "in")
+    for given in (
+        ("denoise", frames, "-o", tmp_path / "clean.tif"),
+        ("upscale", frames / "a1.exr", "-o", tmp_path / "single.PNG"),
+        ("picture", frames, "-o", tmp_path / "film.gif"),
+    ):
+        run(*given, code=2)
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"yester: error: -o {given[-1]}: expected a folder, or a name that ends in .")
+    assert line.endswith(".png or .webp or .mp4")
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
 # Damage
 
 
@@ -152,6 +218,18 @@ def test_damaged_files_are_all_named(shots, tmp_path, capsys):
     assert f"so are 1 more: {shots / 'b2.exr'}" in line
     assert "--keep-going" in line
     assert not (tmp_path / "out").exists()
+
+
+def test_damaged_pixels_are_noticed_when_they_are_read(tmp_path, capsys):
+    """Frames before are written; the message says how to go on."""
+    frames = short(tmp_path / "in", color=np.ones((12, 16, 3)))
+    damaged = frames / "a3.exr"
+    damaged.write_bytes(damaged.read_bytes()[:-16] + bytes(16))
+    run("denoise", frames, "-o", tmp_path / "out", "--method", "svgf", "--lookahead", 0, code=2)
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith(f"yester: error: {damaged}: truncated or corrupt: ")
+    assert line.endswith("(--keep-going leaves it out, --resume goes on once it is repaired)")
+    assert contents(tmp_path / "out").keys() == {"a1.exr", "a2.exr"}
 
 
 def test_the_others_go_on(shots, tmp_path, capsys):
@@ -217,7 +295,9 @@ def test_cycles_round_trip(tmp_path, capsys, parts):
         assert [part.name() for part in before] == [part.name() for part in after]
         replaced = 0
         for one, other in zip(before, after, strict=True):
-            assert one.header.keys() == other.header.keys()
+            # A result says so, since the noisy image stays beside it.
+            marked = {"yester.color"} if "ViewLayer.Combined.R" in one.channels else set()
+            assert other.header.keys() == one.header.keys() | marked
             assert all(str(one.header[name]) == str(other.header[name]) for name in one.header if name != "channels")
             assert one.channels.keys() == other.channels.keys()
             for name, channel in one.channels.items():
@@ -228,6 +308,7 @@ def test_cycles_round_trip(tmp_path, capsys, parts):
                 else:
                     assert_same_bits(other.channels[name].pixels, channel.pixels)
         assert replaced == 3
+        assert_same_bits(io.read_exr(tmp_path / "out" / f"frame.{i}.exr").color, output.color)
 
 
 @pytest.mark.slow
@@ -242,9 +323,7 @@ def test_every_renderer_is_denoised(tmp_path, name):
     run("denoise", tmp_path / "in", "-o", tmp_path / "out", *given.get(name, ()))
     shot = layouts.flight.shoot(3, layouts.WIDTH, layouts.HEIGHT)
     hit = shot.ids > 0
-    mapping = {"color": ["ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"]}
-    clean = io.read_exr(tmp_path / "out" / "frame.3.exr", mapping=mapping if name == "cycles" else None).color
-    noisy = io.read_exr(tmp_path / "in" / "frame.3.exr").color
+    clean, noisy = (io.read_exr(tmp_path / place / "frame.3.exr").color for place in ("out", "in"))
     error, before = (np.mean((image - shot.color)[hit] ** 2) for image in (clean, noisy))
     assert error < 0.2 * before
 
@@ -270,6 +349,8 @@ def test_bad_options(tmp_path, capsys):
         (("--map", "normals=N.X,N.Y,N.Z"), "got 'normals' (perhaps normal)"),
         (("--map", "normal=M.X,M.Y,M.Z"), "normal: no channel 'M.X'"),
         (("--map", "depth.near=far"), "--map depth.near: expected numbers"),
+        (("--map", "depth.near=nan"), "depth.near: expected a number"),
+        (("--map", "motion.scale=nan"), "motion.scale: expected numbers"),
         (("--map", "none.toml"), "none.toml: No such file"),
         (("--view", "left"), "the file has no views"),
     ):
@@ -339,3 +420,126 @@ def test_plan_and_chart_take_mappings(tmp_path, capsys):
     assert (tmp_path / "chart" / "points.csv").exists()
     run("chart", "-o", tmp_path / "chart", "--map", mapping, code=2)
     assert "expected FRAMES that they are about" in capsys.readouterr().err
+
+
+# Motion
+
+
+@pytest.mark.filterwarnings("ignore:frames. later frames are not used")
+def test_the_first_frame_needs_no_motion(tmp_path, capsys):
+    """Elsewhere, a file without it is named, and parts two histories: the results are those of `yester.denoise`."""
+    frames = short(tmp_path / "in", "a1", "a2", "a3", "b1", "b2", "b3", "b4")
+    for i, name in enumerate(("a1", "b3")):
+        io.write_exr(frames / f"{name}.exr", noise(12, 16, seed=i, depth=STILL["depth"]))
+    run("denoise", frames, "-o", tmp_path / "out")
+    said = capsys.readouterr().err.splitlines()
+    (warned,) = [line for line in said if line.startswith("warning: ") and "not the same shot" not in line]
+    assert warned.startswith(f"warning: {frames / 'b3.exr'}: no motion, and no camera")
+    (missing,) = [line for line in said if line.startswith("missing") and ": motion: " in line]
+    assert missing.startswith(f"missing in {frames / 'b3.exr'}: motion: history is accumulated in place")
+    for shot in ("a?.exr", "b?.exr"):
+        paths = io.sequence_paths(frames / shot)
+        for path, want in zip(paths, yester.denoise(io.read_sequence(paths)), strict=True):
+            assert_same_bits(io.read_exr(tmp_path / "out" / path.name).color, want.color)
+
+
+def test_check_needs_no_motion_of_the_first_frame(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    texture = rng.random((80, 120, 3), np.float32)
+    places = [(i * i, 2 * i + i * i) for i in range(4)]
+    for i, (down, right) in enumerate(places):
+        image = np.roll(texture, (down, right), (0, 1))
+        steps = np.subtract(places[i - 1], places[i])
+        motion = None if i == 0 else np.full((80, 120, 2), (steps[1], -steps[0]), np.float32)
+        io.write_exr(tmp_path / f"{i}.exr", yester.Frame(image, albedo=image, motion=motion))
+    run("check", tmp_path, code=1)
+    said = capsys.readouterr().out
+    assert "looked at 1.exr to 3.exr" in said
+    assert "motion   wrong     y up" in said
+
+
+def test_a_data_window_that_moves(tmp_path, capsys):
+    """Motion between such images must have its shift, which the files do not tell."""
+    for i in range(1, 4):
+        corner = np.array([max(i, 2), 0], np.int32)
+        header = {"dataWindow": (corner, corner + np.array([15, 11], np.int32))}
+        header["displayWindow"] = (np.array([0, 0], np.int32), np.array([31, 23], np.int32))
+        named = {"RGB": noise(12, 16, seed=i).color, "motion.XY": STILL["motion"]}
+        layouts.store(tmp_path / f"{i}.exr", layouts.layers(named), header)
+    run("denoise", tmp_path, "-o", tmp_path / "out")
+    warned = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning: ")]
+    assert warned == [
+        f"warning: {tmp_path / '3.exr'}: the data window has moved since the frame before: "
+        "motion must contain that shift"
+    ]
+
+
+# Names
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere, names are Unicode")
+def test_names_that_are_not_utf8(tmp_path, capsys):
+    names = [os.fsdecode(b"caf\xe9.%d" % i) for i in range(2)]
+    frames = short(tmp_path / "in", *names)
+    run("denoise", frames, "-o", tmp_path / "out")
+    for path, want in zip(io.sequence_paths(frames), yester.denoise(io.read_sequence(frames)), strict=True):
+        assert_same_bits(io.read_plate(tmp_path / "out" / path.name).frame.color, want.color)
+    run("info", frames / f"{names[0]}.exr")
+    assert "caf\\udce9.0.exr: 16 x 12" in capsys.readouterr().out
+
+
+def test_files_as_a_shell_lists_them(tmp_path):
+    """In natural order within a folder; folders in the order in which they are given."""
+    names = [f"f{i}" for i in range(7, 13)]
+    frames, others = short(tmp_path / "a", *names), short(tmp_path / "b", "f1")
+    run("denoise", others / "f1.exr", *sorted(frames.iterdir()), "-o", tmp_path / "out", "--lookahead", 0)
+    svgf = yester.SVGF()
+    for name in names:
+        want = svgf.step(io.read_exr(frames / f"{name}.exr")).color
+        assert_same_bits(io.read_exr(tmp_path / "out" / f"{name}.exr").color, want)
+
+
+def test_outputs_of_one_name(tmp_path, capsys):
+    one, other = (short(tmp_path / name, "f1") / "f1.exr" for name in "ab")
+    for command in ("denoise", "picture"):
+        run(command, one, other, "-o", tmp_path / "out", code=2)
+        assert f"{other}: its output would overwrite that of {one}" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_plan_replaces_nothing(tmp_path, capsys):
+    frames, mine = short(tmp_path / "in"), tmp_path / "notes.txt"
+    mine.write_text("mine")
+    run("plan", frames, "-o", mine, code=2)
+    assert f"{mine}: exists already: --overwrite replaces" in capsys.readouterr().err
+    assert mine.read_text() == "mine"
+    run("plan", frames, "-o", mine, "--overwrite")
+    assert yester.Plan.load(mine).reason.startswith("expected at least 5 frames")
+
+
+# Files that differ
+
+
+def test_another_size_is_named(tmp_path, capsys):
+    frames = short(tmp_path / "in")
+    io.write_exr(frames / "a3.exr", noise(12, 18))
+    for given in (("check",), ("plan",), ("picture", "-o", tmp_path / "film.webp")):
+        run(given[0], frames, *given[1:], code=2)
+        line = capsys.readouterr().err.splitlines()[-1]
+        assert line.startswith(f"yester: error: {frames / 'a3.exr'}: expected height and width (12, 16)")
+
+
+def test_a_buffer_that_some_files_lack(tmp_path, capsys):
+    """They are named, and by a mapping of it the first one."""
+    frames = short(tmp_path / "in", normal=np.ones((12, 16, 3)))
+    io.write_exr(frames / "a3.exr", noise(12, 16, **STILL))
+    run("denoise", frames, "-o", tmp_path / "out")
+    said = capsys.readouterr().err
+    assert f"missing in {frames / 'a3.exr'}: normal: creases" in said
+    assert "missing: albedo: " in said
+    mapping = "--map", "normal=normal.X,normal.Y,normal.Z"
+    for given in (("-o", tmp_path / "mapped"), ("-o", tmp_path / "mapped", "--keep-going")):
+        run("denoise", frames, *given, *mapping, code=2)
+        line = capsys.readouterr().err
+        assert line.startswith(f"yester: error: {frames / 'a3.exr'}: mapping: normal: no channel 'normal.X'")
+        assert "leaves" not in line

@@ -98,6 +98,11 @@ def test_a_denoised_render_is_not_what_is_denoised(tmp_path, shot):
             assert (after[name].pixels == 0.5).all()
         else:
             assert_same_bits(after[name].pixels, before[name].pixels)
+    assert (io.read_exr(tmp_path / "b.exr").color == 0.5).all()
+    assert io.describe(tmp_path / "b.exr").notes["color"] == "a result of Yester"
+    # Denoised once more, it is the one that is replaced.
+    io.write_exr(tmp_path / "c.exr", np.ones_like(shot.color), like=io.read_plate(tmp_path / "b.exr"))
+    assert (io.read_exr(tmp_path / "c.exr").color == 1).all()
 
 
 def test_of_two_view_layers_the_one_with_more_buffers(tmp_path, shot):

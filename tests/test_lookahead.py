@@ -342,6 +342,23 @@ def test_without_motion_and_cameras_it_warns_once_and_goes_forward_only():
         assert_same_bits(output.color, finish(stage, want, frame).color)
 
 
+@pytest.mark.parametrize(
+    "pipeline", [None, yester.SVGF(antialias=False), yester.TAA()], ids=["SVGF", "no stage", "TAA"]
+)
+def test_the_warning_names_the_line_that_asks_for_results(pipeline):
+    with pytest.warns(UserWarning, match="later frames are not used") as caught:
+        list(yester.denoise([Frame(np.ones((4, 5, 3)))] * 3, pipeline))
+    assert [warning.filename for warning in caught] == [__file__]
+
+
+def test_frames_that_do_not_help_are_not_waited_for():
+    """Nor held: a result comes as soon as it is known that no motion leads to its frame from the next one."""
+    given = iter([without(frame, "motion", "camera", "jitter") for frame in frames(9)])
+    with pytest.warns(UserWarning, match="later frames are not used"):
+        next(yester.denoise(given))
+    assert len([*given]) == 7
+
+
 def test_a_frame_without_camera_separates_both_directions_only_there():
     given = still(6)
     given[2] = without(given[2], "camera")
@@ -368,6 +385,10 @@ def test_bad_input():
     with pytest.raises(TypeError):
         yester.denoise([], lookahead=1.5)
     small = Frame(np.ones((4, 5, 3), np.float32))
+    with pytest.raises(
+        TypeError, match=r"^frames: expected yester\.Frame, got ndarray at 1: pass yester\.Frame\(color\)"
+    ):
+        list(yester.denoise([small, small.color]))
     with pytest.raises(
         ValueError, match="frames: expected height 43 and width 61, as in earlier frames, got height 4 and width 5"
     ):

@@ -28,6 +28,8 @@ def test_what_is_displayed():
     given = one([np.nan, -1, np.inf, -np.inf, 1e30, 0])
     for curve in ("clip", "reinhard", "aces"):
         assert displayed(given, exposure=3, curve=curve).ravel().tolist() == [0, 0, 255, 0, 255, 0]
+    for exposure, shown in ((1e6, [255, 0, 255]), (-1e6, [0, 0, 0])):
+        assert displayed(one([1e-5, 0, 1e5]), exposure=exposure).ravel().tolist() == shown
 
 
 def test_png(tmp_path):
@@ -126,9 +128,10 @@ def test_the_command(tmp_path):
     told("picture", tmp_path / "in", "-o", tmp_path / "film.webp", "--fps", 5)
     with Image.open(tmp_path / "film.webp") as film:
         assert film.n_frames == 3
-    for name, more in (("film.webp", ""), ("out", "/f0.png and 2 more")):
+    pictures = ", ".join(str(tmp_path / "out" / f"f{i}.png") for i in range(3))
+    for name, there in (("film.webp", tmp_path / "film.webp"), ("out", pictures)):
         said = told("picture", tmp_path / "in", "-o", tmp_path / name, code=2)
-        assert f"{tmp_path / name}{more}: exists already: --overwrite replaces" in said
+        assert f"{there}: exists already: --overwrite replaces" in said
     told("picture", tmp_path / "in", "-o", tmp_path / "out", "--overwrite")
     with Image.open(tmp_path / "out" / "f2.png") as picture:
         np.testing.assert_array_equal(np.asarray(picture), displayed(images[2]))

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from yester.io.shots import breaks
+from yester.io.shots import breaks, natural
 
 CASES = {
     "one shot": (["a.0008.exr", "a.0009.exr", "a.0010.exr"], {}),
@@ -17,6 +17,8 @@ CASES = {
     "shots that meet": (["s1_4.exr", "s1_5.exr", "s2_5.exr", "s2_6.exr"], {2: "not the same shot"}),
     "a version behind": (["a_0001_v3.exr", "a_0002_v3.exr"], {}),
     "another version": (["a_0001_v3.exr", "a_0002_v3.exr", "a_0003_v4.exr"], {2: "not the same shot"}),
+    "below zero": (["shot.-002.exr", "shot.-001.exr", "shot.0000.exr", "shot.0001.exr"], {}),
+    "a number behind a dash": (["shot-001.exr", "shot-002.exr"], {}),
     "folders": (["1/a.exr", "2/a.exr", "3/a.exr"], {}),
     "no numbers": (["a.exr", "b.exr"], {1: "not the same shot"}),
     "one file": (["a.exr"], {}),
@@ -34,3 +36,16 @@ def test_breaks(name):
         assert want[index] in about
         assert str(paths[index]) in about
         assert str(paths[index - 1]) in about
+
+
+def test_natural_order():
+    """A minus is a sign at the start and behind a separator, and a dash behind a letter or a number."""
+    for names in (
+        ["shot.-010.exr", "shot.-2.exr", "shot.0.exr", "shot.3.exr", "shot.20.exr"],
+        ["-2.exr", "-1.exr", "1.exr"],
+        ["shots_-2/a.exr", "shots_-1/a.exr"],
+        ["shot-1.exr", "shot-2.exr", "shot-10.exr"],
+        ["v2-1.exr", "v2-10.exr"],
+        ["a01.exr", "a1.exr"],
+    ):
+        assert sorted(map(Path, reversed(names)), key=natural) == [*map(Path, names)]

@@ -14,6 +14,7 @@ from dataclasses import replace
 from functools import partial
 from glob import escape
 from importlib.util import find_spec
+from io import TextIOWrapper
 from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -57,6 +58,16 @@ _METHODS: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
     "temporal-oidn": (partial(OIDN, temporal=True), ("quality", "fireflies", "innovation")),
 }
 
+#: Endings of animations.
+_FILMS = (".webp", ".mp4")
+#: Endings of names that are meant for a picture or a film, not for a folder.
+_PICTURES = {
+    *(".exr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".gif", ".bmp", ".hdr", ".tga", ".dpx"),
+    *(*_FILMS, ".mov", ".avi", ".mkv", ".webm"),
+}
+#: Files that a message names; of more, it has the number.
+_SHOWN = 3
+
 # Each command imports its slow dependencies itself, so that the others start quickly.
 
 
@@ -74,6 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0; 1 if damaged files were left out, or a check found something wrong; 2 for invalid input, after
         one line on stderr; 130 if interrupted.
     """
+    if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
+        # Names of files may have bytes that are no characters.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
@@ -177,6 +191,7 @@ def _parser() -> argparse.ArgumentParser:
     plan = command(_plan, "plan", "find out which stages of svgf and which buffers a sequence needs")
     plan.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     plan.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plan, for yester denoise --plan")
+    plan.add_argument("--overwrite", action="store_true", help="replace a plan that exists")
     channels(plan)
 
     upscale = command(_upscale, "upscale", "temporally upscale a sequence of jittered EXR frames")
@@ -239,6 +254,7 @@ def _parser() -> argparse.ArgumentParser:
     ready.add_argument("--jobs", metavar="N", type=_count, help="processes; by default, one per core")
     ready.add_argument("--scheduler", metavar="ADDRESS", help="let the workers of this Dask scheduler do it")
     ready.add_argument("--resume", action="store_true", help="go on where an earlier run stopped")
+    channels(ready)
 
     info = command(_info, "info", "list the buffers of an EXR file, and the consequences of each missing one")
     info.add_argument("file", metavar="FILE", type=Path)
@@ -358,18 +374,16 @@ def _denoise(options: argparse.Namespace) -> int:
     pipeline = _pipeline(options)
     # Without temporal stages, later frames change nothing.
     lookahead = 0 if options.method == "oidn" else options.lookahead
+    # The files that lack motion are named instead.
+    warnings.filterwarnings("ignore", "frames: later frames are not used")
 
-    def look(files: list[Description]) -> list[str]:
-        for known in files if options.method == "recirculation" else ():
+    def look(shots: list[list[Description]]) -> list[str]:
+        for known in chain(*shots) if options.method == "recirculation" else ():
             if not known.camera or not known.channels.keys() & {"depth", "position"}:
                 raise ValueError(f"{known.path}: expected a camera, and depth or position, for --method recirculation")
         if options.method == "oidn":  # has no history, so that only albedo and normals matter
-            return _missing(files, ("albedo", "normal"))
-        in_place = _in_place(files)
-        if in_place:  # without motion, history of later frames cannot be fetched either
-            nonlocal lookahead
-            lookahead = 0
-        return [*in_place, *_missing(files)]
+            return _missing(shots, ("albedo", "normal"))
+        return [*_unmoved(shots), *_missing(shots)]
 
     def run(frames: Iterator[Frame], used: dict[str, None]) -> Iterator[Output]:
         method = copy(pipeline)
@@ -387,17 +401,18 @@ def _denoise(options: argparse.Namespace) -> int:
 
 def _plan(options: argparse.Namespace) -> None:
     _need("exr", "OpenEXR", "tqdm")
-    from .io import read_exr, sequence_paths
+    from .io import read_sequence
     from .io.shots import breaks
 
     reading = _reading(options)
-    paths = sequence_paths(options.inputs)
+    paths = _files(options.inputs)
     if options.output:
         if options.output.resolve() in {path.resolve() for path in paths}:
             raise ValueError(f"{options.output}: the plan would overwrite this input; choose another name")
+        _spare([options.output], options)
         _writable(options.output.parent)
     end, *_ = [*breaks(paths), len(paths)]
-    found = _planned(read_exr(path, **reading) for path in paths[:end])
+    found = _planned(read_sequence(paths[:end], **reading))
     if options.output:
         found.save(options.output)
     print(found)
@@ -430,11 +445,11 @@ def _upscale(options: argparse.Namespace) -> int:
         height, width, _ = output.color.shape
         return Frame(output.color, camera=frame.camera and Camera(frame.camera.world_to_clip, width, height))
 
-    def look(files: list[Description]) -> list[str]:
-        notes = [*_in_place(files), *_missing(files)]
-        if not any(known.jitter for known in files):
+    def look(shots: list[list[Description]]) -> list[str]:
+        notes = [*_unmoved(shots), *_missing(shots)]
+        if not any(known.jitter for known in chain(*shots)):
             notes += ["no jitter found in the headers; assuming zero, so no sub-pixel detail can be recovered"]
-        if dropped := list(dict.fromkeys(name for known in files for name in _layers(known))):
+        if dropped := list(dict.fromkeys(name for known in chain(*shots) for name in _layers(known))):
             notes += [f"only colour is upscaled; left out: {' '.join(dropped)}"]
         return notes
 
@@ -445,14 +460,14 @@ def _picture(options: argparse.Namespace) -> int:
     _need("picture", "OpenEXR", "PIL", "tqdm")
     from tqdm import tqdm
 
-    from .io import read_exr, sequence_paths
+    from .io import read_exr
     from .io.ahead import ahead
     from .io.pictures import write_animation, write_png
 
-    paths = sequence_paths(options.inputs)
+    paths = _files(options.inputs)
     look = {"exposure": options.exposure, "curve": options.curve}
-    film = options.output.suffix.lower() in (".webp", ".mp4")
-    targets = [options.output] if film else _targets(paths, options.output, ".png")
+    film = options.output.suffix.lower() in _FILMS
+    targets = [options.output] if film else _targets(paths, options.output, ".png", *_FILMS)
     _spare(targets, options)
     for folder in {target.parent for target in targets}:
         _writable(folder)
@@ -466,10 +481,19 @@ def _picture(options: argparse.Namespace) -> int:
             tqdm.write(f"left out: {error}", file=sys.stderr)
             return None
 
+    def of_one_size(images: Iterable[NDArray[np.float32] | None]) -> Iterator[NDArray[np.float32]]:
+        size = None
+        for path, image in zip(paths, images, strict=True):
+            if image is not None:
+                if size not in (None, image.shape[:2]):
+                    raise ValueError(f"{path}: expected height and width {size} as before, got {image.shape[:2]}")
+                size = image.shape[:2]
+                yield image
+
     read = ahead(map(color, paths))
     with closing(read), tqdm(read, "picture", len(paths), unit="frame", disable=None) as images:
         if film:
-            write_animation(options.output, (one for one in images if one is not None), fps=options.fps, **look)
+            write_animation(options.output, of_one_size(images), fps=options.fps, **look)
         else:
             for target, image in zip(targets, images, strict=True):
                 if image is not None:
@@ -511,7 +535,8 @@ def _prepare(options: argparse.Namespace) -> int:
     from .prepare import prepare
 
     names = "buffers", "sizes", "crop", "crops", "seed", "half", "format", "references", "jobs", "scheduler", "resume"
-    done = prepare(options.inputs, options.output, **{name: getattr(options, name) for name in names})
+    named = {name: getattr(options, name) for name in names}
+    done = prepare(options.inputs, options.output, **named, **_reading(options))
     for message in (message for messages in done.set_aside.values() for message in messages):
         print(f"set aside: {message}", file=sys.stderr)
     print(f"{done.folder}: {len(done.sequences)} sequences, {done.frames} frames")
@@ -534,19 +559,54 @@ def _layers(known: Description) -> list[str]:
     return [*recognised, *known.unused, *known.unrecognised]
 
 
-def _in_place(files: list[Description]) -> list[str]:
-    """A warning if history cannot follow motion. A single file has no history."""
-    for known in files if len(files) > 1 else ():
-        if "motion" not in known.channels and not (known.camera and known.channels.keys() & {"depth", "position"}):
-            why = "no motion, and no camera with depth or position to compute it from"
-            return [f"warning: {known.path}: {why}: {known.missing['motion']}"]
-    return []
+def _unmoved(shots: list[list[Description]]) -> list[str]:
+    """Warnings of frames to which history cannot follow motion. A shot's first frame has no history."""
+    lacking, shifted = [], []
+    for before, known in chain.from_iterable(map(pairwise, shots)):
+        if "motion" not in known.channels:
+            cameras = before.camera and known.camera
+            if not (cameras and known.channels.keys() & {"depth", "position"}):
+                lacking.append(known)
+        elif known.corner != before.corner:
+            shifted.append(known.path)
+    found = []
+    if lacking:
+        why = "no motion, and no camera with depth or position to compute it from"
+        files = _named([known.path for known in lacking])
+        found += [f"warning: {files}: {why}: {lacking[0].missing['motion']}"]
+    if shifted:
+        why = "the data window has moved since the frame before: motion must contain that shift"
+        found += [f"warning: {_named(shifted)}: {why}"]
+    return found
 
 
-def _missing(files: list[Description], names: Iterable[str] | None = None) -> list[str]:
+def _missing(shots: list[list[Description]], names: Iterable[str] | None = None) -> list[str]:
     """A line for each buffer that some file lacks, with the consequence; with `names`, for these buffers only."""
-    costs = {name: cost for known in files for name, cost in known.missing.items()}
-    return [f"missing: {name}: {cost}" for name, cost in costs.items() if names is None or name in names]
+    lines = []
+    for name in dict.fromkeys(name for known in chain(*shots) for name in known.missing):
+        # Nothing leads from a shot's first frame to an earlier one.
+        files = [known for shot in shots for known in shot[name in ("motion", "position") :]]
+        lacking = [known for known in files if name in known.missing]
+        if lacking and (names is None or name in names):
+            where = f" in {_named([known.path for known in lacking])}" if len(lacking) < len(files) else ""
+            lines.append(f"missing{where}: {name}: {lacking[0].missing[name]}")
+    return lines
+
+
+def _named(paths: list[Path]) -> str:
+    """The first ones of some files, and how many more there are."""
+    more = f" and {len(paths) - _SHOWN} more" if len(paths) > _SHOWN else ""
+    return f"{', '.join(map(str, paths[:_SHOWN]))}{more}"
+
+
+def _files(inputs: Iterable[str]) -> list[Path]:
+    """The files of a sequence; those of a folder in natural order, which is not that of a shell's pattern."""
+    from .io import sequence_paths
+    from .io.shots import natural
+
+    paths = sequence_paths(inputs)
+    folders = {folder: number for number, folder in enumerate(dict.fromkeys(path.parent for path in paths))}
+    return sorted(paths, key=lambda path: (folders[path.parent], natural(path)))
 
 
 def _reading(options: argparse.Namespace) -> dict[str, Any]:
@@ -561,12 +621,12 @@ def _convert(
     what: str,
     run: Callable[[Iterator[Frame], dict[str, None]], Iterator[Output]],
     result: Callable[[Output, Frame], Frame],
-    look: Callable[[list[Description]], list[str]],
+    look: Callable[[list[list[Description]]], list[str]],
 ) -> int:
     """Run a method on the frames of each shot, from input files to output files of the same names."""
     from tqdm import tqdm
 
-    from .io import Plate, read_plate, sequence_paths, write_exr
+    from .io import Plate, read_plate, write_exr
     from .io.ahead import ahead
     from .io.exr import COMPRESSIONS
     from .io.shots import breaks
@@ -574,21 +634,21 @@ def _convert(
     if options.compression not in (None, *COMPRESSIONS):
         raise ValueError(f"--compression: expected one of {', '.join(COMPRESSIONS)}, got {options.compression}")
     reading = _reading(options)
-    paths = sequence_paths(options.inputs)
+    paths = _files(options.inputs)
     files, damaged = _check(paths, _targets(paths, options.output), reading, keep_going=options.keep_going)
     paths = [known.path for known in files]
     targets = _targets(paths, options.output)
     anew = breaks(paths)
     shots = [range(*ends) for ends in pairwise([0, *sorted(anew), len(paths)])]
-    there = {i for i, target in enumerate(targets) if target.is_file()}
-    if not options.resume:
-        _spare(targets, options, "--resume goes on where a run stopped, --overwrite replaces")
+    notes = [*_recognised(files), *look([[files[i] for i in shot] for shot in shots])]
+    there: set[int] = set()
     if options.resume:
+        there, broken = _there(targets)
+        notes += broken
         # History begins with a shot: those that lack a frame are computed from there.
         shots = [shot for shot in shots if not there.issuperset(shot)]
     else:
-        there = set()
-    notes = [*_recognised(files), *look(files)]
+        _spare(targets, options, "--resume goes on where a run stopped, --overwrite replaces")
     for folder in {target.parent for target in targets}:
         _writable(folder)
     for note in [*damaged, *notes, *(f"warning: {about}" for about in anew.values())]:
@@ -603,9 +663,11 @@ def _convert(
         try:
             return read_plate(paths[index], **reading)
         except (OSError, ValueError) as error:
-            if not options.keep_going:
+            if options.keep_going:
+                return error
+            if isinstance(error, OSError):
                 raise
-            return error
+            raise ValueError(f"{error} (--keep-going leaves it out, --resume goes on once it is repaired)") from None
 
     def results(plates: Iterator[Plate | OSError | ValueError]) -> Iterator[tuple[int, Frame, Plate | None]]:
         for shot in shots:
@@ -635,13 +697,10 @@ def _convert(
     read = ahead(map(load, todo))
     made = ahead(results(read))
     writing = {"half": options.half, "compression": options.compression}
-    unsure = {min(kept) for shot in shots if (kept := there.intersection(shot))}
     with closing(read), closing(made), tqdm(made, what, len(todo), unit="frame", disable=None) as frames:
         for index, frame, plate in frames:
             path, target = paths[index], targets[index]
-            if index in there and index not in unsure:
-                continue
-            with _compared(target) if index in unsure else nullcontext(target) as at:
+            with _compared(target) if index in there else nullcontext(target) as at:
                 write_exr(at, frame, **writing, like=plate or read_plate(path, **reading))
     if todo:
         print(f"used: {', '.join(used) or 'colour alone'}", file=sys.stderr)
@@ -650,12 +709,27 @@ def _convert(
 
 @contextmanager
 def _compared(target: Path) -> Iterator[Path]:
-    """Where to write a file that was there once more; raises if it is another one: then its run was another one."""
+    """Where to write a file once more that is there; raises if it is another one: then its run was another one."""
     with tempfile.TemporaryDirectory() as folder:
         again = Path(folder) / target.name
         yield again
         if again.read_bytes() != target.read_bytes():
-            raise ValueError(f"{target}: is of a run with other inputs or options: remove it, or use --overwrite")
+            raise ValueError(f"{target}: is of a run with other inputs or options: --overwrite replaces all frames")
+
+
+def _there(targets: list[Path]) -> tuple[set[int], list[str]]:
+    """The outputs that are there, by index; a line for each damaged one, such as an empty file, which is not."""
+    from .io.layout import check
+
+    there, broken = set(), []
+    for i, target in enumerate(targets):
+        if target.is_file():
+            try:
+                check(target)
+                there.add(i)
+            except ValueError as error:
+                broken.append(f"damaged, written again: {error}")
+    return there, broken
 
 
 def _remove_unfinished(targets: list[Path]) -> None:
@@ -686,13 +760,26 @@ def _recognised(files: list[Description]) -> list[str]:
     return list(lines)
 
 
-def _targets(paths: list[Path], output: Path, suffix: str = ".exr") -> list[Path]:
-    """The output path of each input: in a folder under its own name, or, for a single file, the given name."""
-    if output.suffix.lower() != suffix or output.is_dir():
-        return [output / (path.name if suffix == ".exr" else f"{path.stem}{suffix}") for path in paths]
-    if len(paths) > 1:
-        raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got a file name")
-    return [output]
+def _targets(paths: list[Path], output: Path, suffix: str = ".exr", *others: str) -> list[Path]:
+    """The output path of each input: in a folder under its own name, or, for a single file, the given name.
+
+    `others` are further endings that the command takes, for the message.
+    """
+    if not output.is_dir():
+        if output.suffix.lower() == suffix:
+            if len(paths) > 1:
+                raise ValueError(f"-o {output}: expected a folder for {len(paths)} files, got a file name")
+            return [output]
+        if output.suffix.lower() in _PICTURES:
+            known = " or ".join((suffix, *others))
+            raise ValueError(f"-o {output}: expected a folder, or a name that ends in {known}")
+    targets: dict[Path, Path] = {}
+    for path in paths:
+        target = output / (path.name if suffix == ".exr" else f"{path.stem}{suffix}")
+        if target in targets:
+            raise ValueError(f"{path}: its output would overwrite that of {targets[target]}, which has the same name")
+        targets[target] = path
+    return [*targets]
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -734,12 +821,12 @@ def _info(options: argparse.Namespace) -> None:
 
 def _checked(options: argparse.Namespace) -> int:
     _need("exr", "OpenEXR")
-    from .io import describe, read_exr, sequence_paths
+    from .io import describe, read_sequence
     from .io.mapping import load
     from .io.shots import breaks
 
     reading = _reading(options)
-    paths = sequence_paths(options.inputs)
+    paths = _files(options.inputs)
     end, *_ = [*breaks(paths), len(paths)]
     start = max(end - options.frames, 0) // 2
     chosen = paths[start : min(start + options.frames, end)]
@@ -755,7 +842,10 @@ def _checked(options: argparse.Namespace) -> int:
         for buffer, channels in known.channels.items()
         if buffer in ("motion", "depth", "normal")
     }
-    found = check((read_exr(path, **reading) for path in chosen), channels=stored)
+    # A shot's first frame needs no motion: without it, the others have it.
+    if len(chosen) > 2 and "motion" in known.channels and "motion" not in describe(chosen[0], **reading).channels:
+        del chosen[0]
+    found = check(read_sequence(chosen, **reading), channels=stored)
     print(f"{known.renderer or 'no renderer'} recognised; looked at {chosen[0].name} to {chosen[-1].name}")
     print(*found, sep="\n")
     return int(any(finding.verdict == "wrong" for finding in found))
@@ -856,7 +946,8 @@ def _recordings(options: argparse.Namespace) -> Iterable[Any]:
     from .study.rendered.recording import open_recording, record
 
     if options.frames:
-        return [open_recording(options.frames, options.references, **_reading(options))]
+        references = options.references and _files(options.references)
+        return [open_recording(_files(options.frames), references, **_reading(options))]
     if options.map or options.view:
         raise ValueError("--map, --view: expected FRAMES that they are about, got none")
     _need("study", "mitsuba")
@@ -920,24 +1011,20 @@ def _check(
     Without `keep_going`, damaged files are an error, which names all of them.
     """
     from .io import describe
-    from .io.exr import without_colour
+    from .io.exr import UnsuitedError, without_colour
 
     files: list[Description] = []
     damaged: list[OSError | ValueError] = []
-    seen: dict[str, Path] = {}
     for path, target in zip(paths, targets, strict=True):
-        if path.name in seen:
-            raise ValueError(f"{path}: its output would overwrite that of {seen[path.name]}, which has the same name")
-        seen[path.name] = path
         if target.resolve() == path.resolve():
             raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
         try:
             known = describe(path, **reading)
-        except ValueError as error:
-            if str(error).startswith(f"{path}: "):  # not of the mapping or the view
-                damaged.append(error)
-                continue
+        except UnsuitedError:
             raise
+        except ValueError as error:
+            damaged.append(error)
+            continue
         files.append(known)
         first = files[0]
         if "color" not in known.channels:
@@ -960,8 +1047,7 @@ def _spare(targets: Iterable[Path], options: argparse.Namespace, remedy: str = "
     """Refuse to replace files unless that is asked for."""
     there = [target for target in targets if target.is_file()]
     if there and not options.overwrite:
-        more = f" and {len(there) - 1} more" if len(there) > 1 else ""
-        raise ValueError(f"{there[0]}{more}: exists already: {remedy}")
+        raise ValueError(f"{_named(there)}: exists already: {remedy}")
 
 
 def _writable(folder: Path) -> Path:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from itertools import islice
 from operator import index
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -83,6 +83,8 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
 
     Raises
     ------
+    TypeError
+        If one is no `Frame`.
     ValueError
         If lookahead is negative, or frames differ in size; and what `step` raises.
 
@@ -107,8 +109,8 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     without confidence anywhere, at an end of the sequence or at a cut, does not count.
 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
-    behind its end. At most ``6 * lookahead`` frames are held, and as many results, histories and, for the output stage,
-    colours with depth, motion and samples.
+    behind its end. A chunk ends early at a frame from which no motion leads to the next one. At most ``6 * lookahead``
+    frames are held, and as many results, histories and, for the output stage, colours with depth, motion and samples.
 
     Examples
     --------
@@ -139,7 +141,10 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
     """Add `motion_next` to every frame but the last, if it is known or can be computed."""
     warned, before = False, None
-    for frame in frames:
+    for number, frame in enumerate(frames):
+        if not isinstance(frame, Frame):
+            got = f"{type(frame).__name__} at {number}"
+            raise TypeError(f"frames: expected yester.Frame, got {got}: pass yester.Frame(color) for an image")
         if before is not None:
             if frame.shape != before.shape:
                 (height, width), (own, across) = before.shape, frame.shape
@@ -149,11 +154,19 @@ def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
             if motion is None and not warned:
                 warned = True
                 unknown = "frames without motion, and without cameras and depth or position to compute it from"
-                warnings.warn(f"frames: later frames are not used, as there are {unknown}", stacklevel=2)
+                warnings.warn(f"frames: later frames are not used, as there are {unknown}", stacklevel=_outside())
             yield _with(before, motion_next=motion)
         before = frame
     if before is not None:
         yield _with(before, motion_next=None)
+
+
+def _outside() -> int:
+    """The level in the caller's stack of the function outside this module, for a warning that should name its line."""
+    level, frame = 0, inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename == __file__:
+        level, frame = level + 1, frame.f_back
+    return level
 
 
 def _motion_next(frame: Frame, following: Frame) -> NDArray[np.float32] | None:
@@ -177,22 +190,34 @@ def _with(frame: Frame, **changed: NDArray[np.float32] | None) -> Frame:
     return Frame(**buffers, camera=frame.camera, jitter=frame.jitter)
 
 
+def _alone(frame: Frame) -> bool:
+    """Whether no later frame can help."""
+    return frame.motion_next is None
+
+
 def _turned(frame: Frame) -> Frame:
     """The frame as one of the reversed sequence."""
     return _with(frame, motion=frame.motion_next, motion_next=None, replay=None)
 
 
-def _chunks(frames: Iterator[_Item], lookahead: int) -> Iterator[tuple[list[_Item], int]]:
-    """Yield the frames of each chunk and its lookahead, and the length of the chunk; the lookahead is repeated next."""
+def _chunks(
+    frames: Iterator[_Item], lookahead: int, alone: Callable[[_Item], bool]
+) -> Iterator[tuple[list[_Item], int]]:
+    """Yield the frames of each chunk and its lookahead, and the length of the chunk; the lookahead is repeated next.
+
+    `alone` tells whether no motion leads from a frame to the next one. It ends a chunk, since none of the later frames
+    helps; so does the sequence's last frame.
+    """
     chunk = _CHUNK * lookahead
     window: list[_Item] = []
-    while True:
-        window.extend(islice(frames, chunk + lookahead - len(window)))
-        ended = len(window) < chunk + lookahead
-        yield window, len(window) if ended else chunk
-        del window[:chunk]
-        if ended:
-            return
+    for frame in frames:
+        window.append(frame)
+        if alone(frame):
+            yield window, len(window)
+            window.clear()
+        elif len(window) == chunk + lookahead:
+            yield window, chunk
+            del window[:chunk]
 
 
 def _backwards(
@@ -219,7 +244,7 @@ def _backwards(
 
 def _joined(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iterator[tuple[Frame, Output]]:
     """Yield each frame, and its output with the histories of both sides joined."""
-    for window, ready in _chunks(frames, lookahead):
+    for window, ready in _chunks(frames, lookahead, _alone):
         histories = _backwards(window, pipeline, lambda back, frame, _: back.recall(frame))
         del histories[: len(window) - ready]
         for frame in window[:ready]:
@@ -228,7 +253,7 @@ def _joined(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iter
 
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
     """Yield the means of the results from both sides."""
-    for window, ready in _chunks(frames, lookahead):
+    for window, ready in _chunks(frames, lookahead, _alone):
         results = _backwards(window, pipeline, lambda back, frame, _: back.step(frame))
         del results[: len(window) - ready]
         for frame in window[:ready]:
@@ -248,7 +273,7 @@ def _finished(joined: Iterator[tuple[Frame, Output]], stage: _Stage, lookahead: 
     def look(samples: list[NDArray[np.float32]], back: _Stage, frame: Frame, number: int) -> Output:
         return back.step(frame, samples=samples[number])
 
-    for window, ready in _chunks(shown(), lookahead):
+    for window, ready in _chunks(shown(), lookahead, lambda item: _alone(item[0])):
         samples = [noisy for _, noisy, _ in window]
         results = _backwards([frame for frame, _, _ in window], stage, partial(look, samples))
         del results[: len(window) - ready]

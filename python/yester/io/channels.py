@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from itertools import chain, takewhile
 from typing import Any
@@ -443,6 +443,7 @@ def recognise(
     names: Mapping[str, str] | Iterable[str],
     header: Mapping[str, Any] | None = None,
     half: Collection[str] = (),
+    results: Collection[str] = (),
 ) -> Recognised:
     """Recognise the renderer and the buffers of a file.
 
@@ -454,6 +455,8 @@ def recognise(
         Its attributes.
     half : collection of str, optional
         The channels that are half floats.
+    results : collection of str, optional
+        The channels that hold a result of ours. They are read instead of those that it was made of.
 
     Returns
     -------
@@ -472,6 +475,8 @@ def recognise(
         where = None if layer.buffer in found else _where(layer, layers, prefix)
         if where and layer.form.cryptomatte and any(name in half for name in where.channels):
             unused |= dict.fromkeys(where.channels, "a cryptomatte in half floats, which cannot hold its ids")
+        elif where and where.target != where.channels and all(name in results for name in where.target):
+            found[layer.buffer] = replace(where, channels=where.target, note="a result of Yester")
         elif where:
             found[layer.buffer] = where
     for name, why in chosen.unused.items():

@@ -2,14 +2,14 @@
 
 Cameras are kept in the standard attributes ``worldToCamera`` (to +X right, +Y up, +Z forward) and ``worldToNDC`` (to
 [0, 1] over the display window, y down), both as Imath has them: for row vectors, in single precision. The jitter of a
-frame's samples is in an attribute of ours, ``jitter``: two numbers, in pixels, x right, y down.
+frame's samples is in an attribute of ours, ``jitter``: two numbers, in pixels, x right, y down. Another one,
+``yester.color``, lists the channels of a result beside which the noisy colour is kept.
 """
 
 from __future__ import annotations
 
 import glob
 import os
-import re
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -29,6 +29,7 @@ from .channels import CANONICAL, Recognised, guesses, missing, recognise
 from .convert import View, canonical, multipliers, notes
 from .files import beside
 from .mapping import Mapped, apply, load
+from .shots import natural
 from .stdout import kept_output
 
 Source = str | os.PathLike[str]
@@ -36,6 +37,8 @@ Source = str | os.PathLike[str]
 _HALVED = {"color", "albedo", "normal", "emission", "object_normal", "replay"}
 #: Attributes of the storage layout, which is not preserved.
 _STORAGE = {"channels", "chunkCount", "compression", "lineOrder", "tiles", "type", "version"}
+#: Attribute that lists the channels of a result, if the noisy colour is in others.
+_RESULT = "yester.color"
 _HALF_MAX = float(np.finfo(np.float16).max)
 #: Compressions that keep pixels, or that keep those that they have once stored, by the names that OpenEXR gives them.
 _LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "HTJ2K256", "HTJ2K32", "ZSTD")
@@ -83,6 +86,8 @@ class Description:
         On choices among several layers.
     factors : dict of str to tuple of float
         By buffer, what the stored components are multiplied by.
+    corner : (int, int)
+        First column and row of the data window.
 
     See Also
     --------
@@ -106,6 +111,7 @@ class Description:
     view: str = ""
     remarks: tuple[str, ...] = ()
     factors: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    corner: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True)
@@ -122,6 +128,9 @@ class Plate:
         The one that has the colour.
     color : tuple of str
         The channels of that part which a result replaces.
+    kept : bool, default False
+        Whether the frame's colour is in other channels, which a result does not replace. The header of the result then
+        says so, and the result is read instead of them.
 
     See Also
     --------
@@ -133,6 +142,11 @@ class Plate:
     parts: tuple[Any, ...]
     main: Any
     color: tuple[str, ...] = CANONICAL["color"]
+    kept: bool = False
+
+
+class UnsuitedError(ValueError):
+    """An intact file lacks the view, or the channels of the mapping, that were asked for."""
 
 
 def read_exr(path: Source, *, mapping: Mapped | None = None, view: str | None = None) -> Frame:
@@ -226,10 +240,12 @@ def read_plate(path: Source, *, mapping: Mapped | None = None, view: str | None 
     contents = _look(path, mapping, view)
     parts = _pixels(contents)
     frame = _frame(contents, parts)
-    target = [contents.places[name] for name in contents.known.buffers["color"].target]
+    color = contents.known.buffers["color"]
+    target = [contents.places[name] for name in color.target]
     # A colour whose components are in several parts is written beside them.
-    color = CANONICAL["color"] if {part for part, _ in target} - {contents.main} else tuple(name for _, name in target)
-    return Plate(frame, tuple(parts[i] for i in range(len(parts))), parts[contents.main], color)
+    names = CANONICAL["color"] if {part for part, _ in target} - {contents.main} else tuple(name for _, name in target)
+    every = tuple(parts[i] for i in range(len(parts)))
+    return Plate(frame, every, parts[contents.main], names, color.target != color.channels)
 
 
 def write_exr(
@@ -261,8 +277,9 @@ def write_exr(
     like : Plate, optional
         Everything that `frame` lacks is copied from here, bit for bit and in its own type: channels (alpha, other
         layers), windows, the remaining attributes of the header, and all other parts. Colour replaces the channels that
-        it was read from. If `frame` has another size, the windows are scaled to it, and the other channels, the other
-        parts and the jitter are left out. Pixels are stored as scanlines, whatever the source used.
+        it was read from; of a file of Blender, those of the denoised image, which `read_exr` then reads. If `frame` has
+        another size, the windows are scaled to it, and the other channels, the other parts and the jitter are left out.
+        Pixels are stored as scanlines, whatever the source used.
 
     Raises
     ------
@@ -300,10 +317,13 @@ def write_exr(
     if frame.camera is not None:
         crop = _crop(header) if like is not None else np.eye(4)
         to_ndc = np.linalg.inv(_NDC_TO_CLIP @ crop) @ frame.camera.world_to_clip
-        header["worldToCamera"] = frame.camera.world_to_camera.T.astype(np.float32)
-        header["worldToNDC"] = to_ndc.T.astype(np.float32)
+        for name, matrix in {"worldToCamera": frame.camera.world_to_camera, "worldToNDC": to_ndc}.items():
+            # For row vectors. OpenEXR copies the memory of an array, whatever its strides.
+            header[name] = np.ascontiguousarray(matrix.T, np.float32)
     if frame.jitter is not None:
         header["jitter"] = np.array(frame.jitter)
+    if like is not None and like.kept:
+        header[_RESULT] = [*_results(header), *like.color]
     replaced = {} if like is None else like.main.channels
     for buffer, values in frame.buffers().items():
         names = like.color if like is not None and buffer == "color" else CANONICAL[buffer]
@@ -318,7 +338,10 @@ def write_exr(
         parts = [main if part is like.main else _copy(exr, part, compression) for part in like.parts]
     with beside(path) as temporary:
         try:
-            exr.File(parts).write(str(temporary))
+            target = _openable(temporary)
+            exr.File(parts).write(target)
+            if isinstance(target, BytesIO):
+                temporary.write_bytes(target.getbuffer())
         except (RuntimeError, TypeError, ValueError) as error:
             raise OSError(f"{path}: cannot be written: {error}") from None
 
@@ -367,7 +390,7 @@ def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
         raise FileNotFoundError(f"{path}: no such file or folder")
     if not found:
         raise ValueError(f"{path}: no EXR files found")
-    return sorted(found, key=_natural)
+    return sorted(found, key=natural)
 
 
 def read_sequence(
@@ -506,6 +529,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
     used = {name for one in known.buffers.values() for name in (*one.channels, *one.plus, *one.target)}
     unrecognised = tuple(name for name in contents.places if name not in used and name not in known.unused)
     height, width = _size(contents.header)
+    (left, top), _ = _window(contents.header, "dataWindow")
     _, (across, down) = _window(contents.header, "displayWindow")
     display = float(across), float(down)
     return Description(
@@ -529,6 +553,7 @@ def describe(path: Source, *, mapping: Mapped | None = None, view: str | None = 
             buffer: tuple(multipliers(buffer, found.form, len(found.channels), display).tolist())
             for buffer, found in known.buffers.items()
         },
+        corner=(int(left), int(top)),
     )
 
 
@@ -572,12 +597,12 @@ def _look(path: Path, mapping: Mapped | None, view: str | None) -> _Contents:
     halved = layout.check(path)
     exr = _openexr()
     with _decoding(path):
-        headers = [part.header for part in exr.File(str(path), header_only=True).parts]
+        headers = [part.header for part in exr.File(_openable(path), header_only=True).parts]
         if not headers:
             raise ValueError("no part")
     views = _views(headers)
     if view is not None and view not in views:
-        raise ValueError(
+        raise UnsuitedError(
             f"{path}: view: expected {' or '.join(views) or 'none, as the file has no views'}, got {view!r}"
         )
     chosen = view or ("left" if "left" in views else next(iter(views), ""))
@@ -589,9 +614,14 @@ def _look(path: Path, mapping: Mapped | None, view: str | None) -> _Contents:
     others = [i for i in range(len(headers)) if i not in parts]
     bare = _viewless(places, views, default, chosen)
     half = {name for name, (part, own) in places.items() if own in halved[part]}
+    results = {name for name, (part, own) in places.items() if own in _results(headers[part])}
     attributes = {name: value for i in reversed(range(len(headers))) for name, value in headers[i].items()}
-    known = recognise(bare, attributes, half)
-    known = apply(load(mapping), known, places) if mapping else known
+    known = recognise(bare, attributes, half, results)
+    given = load(mapping)
+    try:
+        known = apply(given, known, places)
+    except ValueError as error:
+        raise UnsuitedError(f"{path}: {error}") from None
     if known.buffers.get("color"):
         target = places[known.buffers["color"].target[0]][0]
         main = target
@@ -616,6 +646,12 @@ def _main(headers: list[dict[str, Any]], parts: list[int], views: tuple[str, ...
     # A part such as "albedo" has these components as well.
     other = {places[name][0] for buffer in known.buffers.values() for name in buffer.channels}
     return next((i for i in coloured if i not in other), (coloured or parts)[0])
+
+
+def _results(header: dict[str, Any]) -> list[str]:
+    """The channels of a part that hold a result."""
+    given = header.get(_RESULT)
+    return given if isinstance(given, list) else []
 
 
 def _names(header: dict[str, Any]) -> list[str]:
@@ -691,6 +727,15 @@ def _openexr() -> Any:
         raise ImportError("EXR files need the OpenEXR package: pip install 'yester[exr]'") from error
 
 
+def _openable(path: Path) -> str | BytesIO:
+    """A file as OpenEXR takes it: a name in UTF-8, or else a stream of what is in it."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return BytesIO(path.read_bytes())
+    return str(path)
+
+
 @contextmanager
 def _decoding(path: Path) -> Iterator[None]:
     """Raise whatever OpenEXR raises as ValueError that names the file."""
@@ -705,7 +750,7 @@ def _pixels(contents: _Contents, keep: set[int] | None = None) -> dict[int, Any]
     exr, path, count = _openexr(), contents.path, len(contents.headers)
     numbers = sorted(keep) if keep and len(keep) < count else list(range(count))
     with _decoding(path):
-        source = str(path) if len(numbers) == count else BytesIO(layout.subset(path, numbers))
+        source = _openable(path) if len(numbers) == count else BytesIO(layout.subset(path, numbers))
         with kept_output() as said:
             parts = exr.File(source, separate_channels=True).parts
         if len(parts) < len(numbers):
@@ -818,8 +863,3 @@ def _implausibility(matrices: list[NDArray[np.float64]]) -> float:
     ahead = to_ndc[[0, 1, 3], :3] @ axis[:3]
     middle = np.abs(ahead[:2] / ahead[2] - 0.5).max()
     return float(middle + sum(np.abs(matrix[2] - axis).max() for matrix in to_camera))
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Key for natural sorting: digits compare as numbers."""
-    return [(int(part), part) if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path))]

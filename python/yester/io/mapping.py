@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -144,12 +145,12 @@ def _entry(entry: Any, buffer: str, where: str) -> dict[str, Any]:
             raise ValueError(f"{where}: expected some of {known}, got {name!r}{_like(name, _PROPERTIES)}")
         if name in VALUES and value not in VALUES[name]:
             raise ValueError(f"{where}.{name}: expected {' or '.join(VALUES[name])}, got {value!r}")
-        if name == "near" and not isinstance(value, int | float):
+        if name == "near" and not _finite(value):
             raise ValueError(f"{where}.near: expected a number, got {value!r}")
     if "scale" in table:
         scale = table["scale"]
         several = scale if isinstance(scale, list | tuple) else [scale] * len(CANONICAL[buffer])
-        if not several or not all(isinstance(one, int | float) and one for one in several):
+        if not several or not all(_finite(one) and one for one in several):
             raise ValueError(f"{where}.scale: expected numbers other than 0, got {scale!r}")
         table["scale"] = tuple(float(one) for one in several)
     if "channels" in table:
@@ -162,6 +163,10 @@ def _entry(entry: Any, buffer: str, where: str) -> dict[str, Any]:
             raise ValueError(f"{where}: expected {count} channels, got {len(given)}: {', '.join(given)}")
         table["channels"] = tuple(given)
     return table
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def _product(signs: tuple[float, ...], scale: tuple[float, ...]) -> tuple[float, ...]:

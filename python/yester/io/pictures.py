@@ -78,8 +78,10 @@ def displayed(image: ArrayLike, *, exposure: float = 0.0, curve: Curve = "clip")
         raise ValueError(f"curve: expected one of {', '.join(CURVES)}, got {curve}")
     if not np.isfinite(exposure):
         raise ValueError(f"exposure: expected a finite number of stops, got {exposure}")
-    # Beyond this, all curves are at their end.
-    scaled = np.nan_to_num(linear, nan=0, posinf=1e30, neginf=0).clip(0, 1e30) * 2.0**exposure
+    # Beyond these, all curves are at their end.
+    bounded = np.nan_to_num(linear, nan=0, posinf=1e30, neginf=0).clip(0, 1e30)
+    with np.errstate(over="ignore"):
+        scaled = bounded * 2.0 ** min(exposure, 1000)
     return np.asarray(srgb(CURVES[curve](scaled.clip(0, 1e30))) * 255 + 0.5).astype(np.uint8)
 
 

@@ -1,4 +1,4 @@
-"""Detects shot boundaries and missing frames from the numbers in file names."""
+"""The numbers in file names: they order frames, and tell shot boundaries and missing frames."""
 
 from __future__ import annotations
 
@@ -6,6 +6,14 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+
+#: A number. Between a separator and digits, or at the start, a minus is its sign: "shot.-006", but not "shot-006".
+_NUMBER = re.compile(r"((?:(?<![^\W_])-)?\d+)")
+
+
+def natural(path: Path) -> list[tuple[int, str]]:
+    """Key for natural sorting: numbers compare as such."""
+    return [(int(piece) if i % 2 else -1, piece) for i, piece in enumerate(_NUMBER.split(str(path)))]
 
 
 def breaks(paths: Sequence[Path]) -> dict[int, str]:
@@ -57,5 +65,4 @@ def breaks(paths: Sequence[Path]) -> dict[int, str]:
 
 def _pieces(path: Path) -> list[str]:
     """Text and numbers in turn. A number with more zeros in front is the same."""
-    pieces = re.split(r"(\d+)", str(path))
-    return [piece.lstrip("0") or "0" if i % 2 else piece for i, piece in enumerate(pieces)]
+    return [str(int(piece)) if i % 2 else piece for i, piece in enumerate(_NUMBER.split(str(path)))]
