@@ -1,14 +1,17 @@
 """Every planted mistake is named, and none is found without one."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import yester
 from yester import cli
+from yester.check import _judged
 from yester.io import write_sequence
 from yester.study.compare import mistakes
 from yester.study.compare.mistakes import MISTAKES, findings, sequence
+from yester.study.synthetic.raycast import Rectangle, Scene, Sphere, Thing, checker, shoot, translate
 
 #: One of each kind for the quick part of the suite.
 QUICK = ("NDC, y up", "transposed matrix")
@@ -91,6 +94,45 @@ def test_a_still_scene_tells_nothing():
     assert "and" in str(finding)
 
 
+def slow(step, count=4):
+    """Exact motion of fractions of a pixel before sharp texture, which no interpolation reproduces."""
+    things = (
+        Thing(Rectangle(20, 20), translate(0, 0, -1), checker((0.8, 0.7, 0.6), (0.2, 0.3, 0.4), 0.25)),
+        Thing(Sphere(0.5), translate(0, 0, 0.2)),
+    )
+    eyes = [(step * i, 0.7 * step * i, 0) for i in range(count)]
+    cameras = [yester.Camera.from_look_at((x, y, 3), (x, y, 0), (0, 1, 0), 45, 64, 48) for x, y, _ in eyes]
+    scenes = [Scene(things, camera, ambient=(1, 1, 1)) for camera in cameras]
+    rng = np.random.default_rng(0)
+    return [shoot(now, before, rng, jitter=(0, 0)) for before, now in pairwise([scenes[0], *scenes])]
+
+
+@pytest.mark.parametrize("step", [0.006, 0.012])
+def test_slow_motion_is_not_wrong(step):
+    """It blurs more than it moves: images prefer history in place, but cameras tell."""
+    frames = slow(step)
+    assert np.linalg.norm(frames[-1].motion[..., :2], axis=-1).max() < 0.6
+    for geometry in ("position", "depth"):
+        left_out = {"depth", "position"} - {geometry}
+        finding = yester.check_motion(replace(frame, **dict.fromkeys(left_out)) for frame in frames)
+        assert (finding.verdict, finding.witnesses) == ("right", ("camera", geometry))
+    for left_out in (("camera",), ("position", "depth"), ("position", "depth", "normal", "ids")):
+        finding = yester.check_motion(replace(frame, **dict.fromkeys(left_out)) for frame in frames)
+        assert (finding.verdict, finding.remedy) == ("unclear", "")
+        assert "unrelated: history in place agrees better" in finding.rivals
+    # Wrong motion is not found right.
+    wrong = (replace(frame, motion=frame.motion * np.float32([1, -1, 1])) for frame in frames)
+    assert yester.check_motion(wrong).verdict == "unclear"
+
+
+def test_no_relation_must_beat_all_others():
+    rng = np.random.default_rng(0)
+    for other, verdict in ((0.7, "wrong"), (0.4, "unclear")):
+        means = np.array([0.7, 0.4, other])[:, None]
+        finding, chosen = _judged("motion", "abc", "123", means + rng.normal(0, 0.01, (3, 50)), ["ids"], null=1)
+        assert (finding.verdict, chosen) == (verdict, int(verdict == "wrong"))
+
+
 def test_a_cut_is_no_mistake():
     rng = np.random.default_rng(0)
     frames = [replace(f, albedo=rng.random(f.color.shape)) for f in shifted(lambda x, y: (x, y))]
@@ -122,6 +164,8 @@ def test_bad_input():
             check([frame])
         with pytest.raises(ValueError, match="frames: expected one size"):
             check([frame, yester.Frame(other.color[1:])])
+        with pytest.raises(TypeError, match=r"frames: expected yester\.Frame, got ndarray at 1"):
+            check([frame, frame.color])
     with pytest.raises(ValueError, match="frames: expected motion"):
         yester.check_motion([frame, replace(other, motion=None)])
 

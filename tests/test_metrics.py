@@ -561,6 +561,17 @@ def test_values_that_are_not_finite_are_counted(measure, value):
         measure(np.zeros((4, 5, 3)), bad)
 
 
+@pytest.mark.parametrize("measure", [*OF_PAIRS, Picture, srgb])
+def test_values_that_are_no_floats_are_named(measure):
+    floats = [np.zeros((11, 11, 3))] * (measure in OF_PAIRS)
+    for dtype in (np.uint8, np.uint16, np.int64, bool, complex):
+        most = {np.uint8: 255, np.uint16: 65535}.get(dtype)
+        advice = rf": colours of whole numbers are gamma-encoded; \(x / {most}\) \*\* 2.2 is linear" if most else ""
+        with pytest.raises(TypeError, match=rf"^image: expected floats, got {np.dtype(dtype)}{advice}$"):
+            measure(np.ones((11, 11, 3), dtype), *floats)
+    assert Picture(np.ones((1, 1, 3), np.float16)).linear.dtype == np.float64
+
+
 def test_flip_without_its_package_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "flip_evaluator", None)
     with pytest.raises(ImportError, match=r"pip install 'yester\[demo\]'"):

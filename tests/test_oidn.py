@@ -125,6 +125,8 @@ def test_wrong_arguments():
         yester.OIDN("best")
     with pytest.raises(TypeError, match=r"^frame: .*ndarray"):
         yester.OIDN("fast").step(np.ones((8, 9, 3)))
+    with pytest.raises(TypeError, match=r"^out: expected a yester\.Output, got str"):
+        yester.OIDN("fast").step(yester.Frame(np.ones((8, 9, 3))), "x")
 
 
 def test_without_the_package():

@@ -130,7 +130,7 @@ def test_a_plan_has_evidence(moving):
     assert by_name["pass 3"].loss > 2 * by_name["pass 3"].error > 0
     assert all(stage.error >= 0 for stage in found.stages)
     again = yester.plan(iter(moving))
-    assert [stage._replace(ms=0) for stage in again.stages] == [stage._replace(ms=0) for stage in found.stages]
+    assert [replace(stage, ms=0) for stage in again.stages] == [replace(stage, ms=0) for stage in found.stages]
     assert (again.options, again.without) == (found.options, found.without)
 
 
@@ -199,9 +199,12 @@ def test_saved_and_loaded(still, moving, tmp_path):
         found.save(path)
         assert yester.Plan.load(path) == found
         assert str(yester.Plan.load(path)) == str(found)
-    odd = yester.Plan(stages=(yester.plan(still).stages[0]._replace(loss=float("-inf"), error=float("inf")),))
+    odd = yester.Plan(stages=(replace(yester.plan(still).stages[0], loss=float("-inf"), error=float("inf")),))
     odd.save(path)
     assert yester.Plan.load(path) == odd
+    given = yester.Plan(options={"relative_depth": (0.1, 0.2), "reflections": (), "alpha": np.float64(0.1)})
+    given.save(path)
+    assert yester.Plan.load(path) == given
     assert [each.name for each in tmp_path.iterdir()] == ["plan.toml"]
 
 
@@ -215,8 +218,10 @@ def test_saved_and_loaded(still, moving, tmp_path):
         ("static = true", "static = 1", "static: expected bool, got int"),
         ("ms = ", "msec = 1.0\nms = ", "stages.msec: unknown key"),
         ("used = false", 'used = "no"', "stages.used: expected bool, got str"),
-        ("average_still = ", "averages_still = ", "averages_still"),
-        ("average_still = true", "alpha = 3.0", "alpha: expected"),
+        ("average_still = ", "averages_still = ", "options.averages_still: "),
+        ("average_still = true", "alpha = 3.0", "options.alpha: expected"),
+        ("average_still = true", 'alpha = "x"', "options.alpha: must be real number"),
+        ("average_still = true", 'relative_depth = [1, "x"]', "options.relative_depth: expected a number or a pair"),
         ('"ids"', '"idols"', "buffers: expected names of buffers, got 'idols'"),
         ("version = 1", "version = ", "not a plan: "),
     ],

@@ -69,7 +69,7 @@ from ._core import (
 from .check import Finding, check, check_motion
 from .frame import Frame
 from .oidn import OIDN
-from .plan import Plan, plan
+from .plan import Plan, Planned, Stage, plan
 from .sequence import denoise
 
 
@@ -134,8 +134,10 @@ __all__ = [
     "Output",
     "Pipeline",
     "Plan",
+    "Planned",
     "Recirculation",
     "Rejection",
+    "Stage",
     "Upscaler",
     "__version__",
     "accumulate",

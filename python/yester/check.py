@@ -38,6 +38,9 @@ _TILES = 8
 _SIGMAS, _LEAST = 3.0, 0.001
 #: With more disagreement than this, absolutely or relative to that of no relation, no hypothesis explains the data.
 _POOR, _VAIN = 0.6, 0.9
+#: Vectors that are fewer pixels apart are not told apart by images, as interpolation blurs by as much. Where they are
+#: hardly apart at all does not count.
+_PIXEL, _HARDLY = 1.0, 0.05
 #: Less of the image than this must not be lost by warping.
 _INSIDE = 0.75
 #: Images with more pixels are thinned for the first comparison of hypotheses of motion.
@@ -60,14 +63,15 @@ class Finding:
     verdict : {"right", "wrong", "unclear", "unchecked"}
         ``"right"``: as expected, and all else is excluded. ``"wrong"``: another convention fits clearly better.
         ``"unclear"``: as expected as far as can be told, but others fit as well, or nothing fits. ``"unchecked"``:
-        buffers are missing. Motion is right even if that of a neighbouring frame fits as well, as at a steady pace.
+        buffers are missing. Motion is right even if that of a neighbouring frame fits as well, as at a steady pace. It
+        is wrong only if the vectors of the other convention differ by a pixel or more.
     stored : str
         The convention that the data support, or what is missing.
     remedy : str
         What to change; empty if nothing.
     margin, error : float
-        By how much the disagreement of the next hypothesis is larger, from 0 to 1, and the standard error of that over
-        tiles; NaN if nothing was compared.
+        By how much the disagreement of the next hypothesis is larger, up to 1, and the standard error of that over
+        tiles; NaN if nothing was compared. Below 0 where a rival agrees better.
     rivals : tuple of str
         Other conventions that the data do not exclude.
     witnesses : tuple of str
@@ -116,7 +120,8 @@ def check_motion(frames: Iterable[Frame], *, channels: Channels | None = None) -
     frames : iterable of Frame
         Consecutive frames of one shot with `motion`, at least two; from three on, motion that belongs to another frame
         is recognised. The guides `ids`, `position`, `depth`, `normal` and `albedo` are the witnesses; colour is used
-        if there are none. Frames should show motion in both axes that is not constant.
+        if there are none. Frames should show motion in both axes that is not constant. Where motion is so slow that
+        images tell nothing, that of the cameras is the witness, if these and depth or position are known.
     channels : mapping of str to sequence of (float, str), optional
         For ``"motion"``, the file's channels that its components were made of, with the factors that were applied: the
         remedy names them. By default ``motion.X`` and ``motion.Y``.
@@ -128,6 +133,8 @@ def check_motion(frames: Iterable[Frame], *, channels: Channels | None = None) -
 
     Raises
     ------
+    TypeError
+        If one is no `Frame`.
     ValueError
         If there are fewer than two frames, of several sizes, or some without motion.
 
@@ -174,6 +181,8 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
 
     Raises
     ------
+    TypeError
+        If one is no `Frame`.
     ValueError
         If there are fewer than two frames, or of several sizes.
 
@@ -210,6 +219,9 @@ def _named(channels: Channels | None) -> dict[str, Sequence[tuple[float, str]]]:
 
 def _shot(frames: Iterable[Frame]) -> list[Frame]:
     shot = list(frames)
+    for number, frame in enumerate(shot):
+        if not isinstance(frame, Frame):
+            raise TypeError(f"frames: expected yester.Frame, got {type(frame).__name__} at {number}")
     if len(shot) < 2:
         raise ValueError(f"frames: expected at least two, got {len(shot)}")
     if len({frame.shape for frame in shot}) > 1:
@@ -229,12 +241,14 @@ def _judged(
     *,
     poor: str = "no known convention fits",
     null: int | None = None,
+    near: Collection[int] = (),
     minor: Collection[int] = (),
 ) -> tuple[Finding, int]:
     """The finding and the index of the hypothesis that is chosen. Hypotheses come in order, the expected one first.
 
     `residuals` are the disagreements of each hypothesis in each tile, (hypotheses, tiles). `null` is the hypothesis of
-    no relation, which any other must beat. Rivals among the `minor` ones leave the verdict as it is.
+    no relation, which any other must beat, and which is chosen only if it beats all others. Those that are `near` the
+    expected one are never chosen instead of it. Rivals among the `minor` ones leave the verdict as it is.
     """
     residuals = residuals[:, np.isfinite(residuals).all(0)]
     told = tuple(witnesses)
@@ -247,19 +261,20 @@ def _judged(
         mean, error = float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(count))
         return mean, error, mean > max(_LEAST, _SIGMAS * error)
 
-    best = int(residuals.mean(1).argmin())
-    chosen = next(i for i in range(len(names)) if not worse(i, best)[2])
+    def not_excluded(chosen: int) -> list[int]:
+        return [i for i in range(len(names)) if i != chosen and not worse(i, chosen)[2]]
+
     means = residuals.mean(1)
-    fits = bool(means[chosen] < (_POOR if null is None else _VAIN * means[null]))
+    eligible = [0, *(i for i in range(1, len(names)) if i not in near)]
+    best = min(eligible, key=lambda i: means[i])
+    chosen = next(i for i in eligible if not worse(i, best)[2])
+    fits = bool(means[chosen] < (_VAIN * means[null] if null in eligible else _POOR))
     if not fits and null is not None and chosen:
-        chosen = null if means[null] < _VAIN and worse(0, null)[2] else 0
+        chosen = null if null in eligible and means[null] < _VAIN and not not_excluded(null) else 0
     others = [i for i in range(len(names)) if np.abs(residuals[i] - residuals[chosen]).max() > 1e-6]
-    pairs = {i: worse(i, chosen) for i in others}
-    doubtful = [i for i in range(len(names)) if i != chosen and not (i in pairs and pairs[i][2])]
+    doubtful = not_excluded(chosen)
     rivals = tuple(names[i] for i in doubtful)
-    margin, error = min(
-        ((m, e) for i, (m, e, _) in pairs.items() if chosen in minor or i not in minor), default=(0.0, 0.0)
-    )
+    margin, error = min((worse(i, chosen)[:2] for i in others if chosen in minor or i not in minor), default=(0.0, 0.0))
     verdict: Verdict = "wrong" if chosen else "unclear" if not fits or set(doubtful) - set(minor) else "right"
     stored = names[chosen]
     if not chosen and means[0] > _POOR and not fits:
@@ -392,7 +407,15 @@ def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]
     # At a steady pace, motion of neighbouring frames is the same.
     timed_ones = [i for i, hypothesis in enumerate(every) if hypothesis.file]
     poor = "no hypothesis explains the frames, as at a cut"
-    finding, chosen = _judged("motion", names, remedies, residuals, guides[0], poor=poor, null=1, minor=timed_ones)
+    near = _near(every, bases, stored)
+    finding, chosen = _judged(
+        "motion", names, remedies, residuals, guides[0], poor=poor, null=1, near=near, minor=timed_ones
+    )
+    geometry = next((name for name in ("position", "depth") if _all(shot, name, "camera")), None)
+    if finding.verdict == "unclear" and geometry is not None:
+        residuals = _beside_cameras(every, bases, shot, stored)
+        second, _ = _judged("motion", names, remedies, residuals, ["camera", geometry], minor=timed_ones)
+        finding = second if second.verdict == "right" else finding
     right = every[chosen]
     finding = replace(finding, matrix=right.matrix)
     if not chosen:
@@ -401,6 +424,40 @@ def _motion(shot: list[Frame], channels: Channels) -> tuple[Finding, list[Frame]
         return finding, [replace(frame, motion=None) for frame in shot]
     files = {i: i + right.file for i in range(len(shot)) if 0 <= i + right.file < len(shot)}
     return finding, [replace(shot[i], motion=_applied(right, stored[file])) for i, file in files.items()]
+
+
+def _seen(hypothesis: _Motion, stored: Sequence[Floats], t: int) -> Floats:
+    """The vectors of frame t as a hypothesis has them, approximately if they belong to the pixels of another frame."""
+    vectors = _applied(hypothesis, stored[t + hypothesis.file])
+    return -vectors if hypothesis.here else vectors
+
+
+def _near(hypotheses: list[_Motion], bases: Sequence[int], stored: Sequence[Floats]) -> list[int]:
+    """The hypotheses whose vectors are less than a pixel from those of the first one, typically, where they differ."""
+    found = []
+    for number, hypothesis in enumerate(hypotheses):
+        pairs = [_seen(hypothesis, stored, t) - _seen(hypotheses[0], stored, t) for t in bases]
+        apart = np.linalg.norm(np.concatenate(pairs), axis=-1)
+        apart = apart[apart > _HARDLY]
+        if not apart.size or np.median(apart) < _PIXEL:
+            found.append(number)
+    return found
+
+
+def _beside_cameras(
+    hypotheses: list[_Motion], bases: Iterable[int], shot: list[Frame], stored: Sequence[Floats]
+) -> NDArray[np.float64]:
+    """Difference of the vectors from the motion of a still scene between the cameras, (hypotheses, tiles)."""
+    found: list[list[NDArray[np.float64]]] = [[] for _ in hypotheses]
+    for t in bases:
+        camera, before = shot[t].camera, shot[t - 1].camera
+        assert camera is not None
+        assert before is not None
+        still = _still(shot[t], camera, before)
+        known = np.asarray(np.isfinite(still).all(-1))
+        for tiles, hypothesis in zip(found, hypotheses, strict=True):
+            tiles.append(_means(_apart(_seen(hypothesis, stored, t), still), known))
+    return np.array([np.concatenate(tiles) for tiles in found])
 
 
 def _applied(hypothesis: _Motion, stored: Floats) -> NDArray[np.float32]:
@@ -678,16 +735,15 @@ def _cameras_by_motion(shot: list[Frame]) -> tuple[Finding, list[Frame]]:
         known = np.isfinite(np.asarray(frame.motion)).all(-1)
         if camera is None or before is None or not number[id(frame)]:
             return _means(np.ones(frame.shape), known)
-        return _means(_apart(_still(frame, camera, before), frame), known)
+        return _means(_apart(_still(frame, camera, before), np.asarray(frame.motion)[..., :2]), known)
 
     return _layout(shot, slice(2, -1) if len(shot) > 3 else slice(1, None), distance, ["motion", "depth"], cameras)
 
 
-def _apart(expected: Floats, frame: Frame) -> NDArray[np.float64]:
-    """Difference of a motion from a frame's, relative to its length."""
-    motion = np.asarray(frame.motion)[..., :2].astype(np.float64)
+def _apart(vectors: Floats, motion: Floats) -> NDArray[np.float64]:
+    """Difference of vectors from a motion, relative to its length."""
     length = np.linalg.norm(motion, axis=-1)
-    return _clipped(np.linalg.norm(expected - motion, axis=-1), 0.25 * length + 0.1)
+    return _clipped(np.linalg.norm(vectors - motion.astype(np.float64), axis=-1), 0.25 * length + 0.1)
 
 
 def _layout(

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,6 +60,8 @@ class Picture:
 
     Raises
     ------
+    TypeError
+        If it is not of floats.
     ValueError
         If the shape is not (H, W, 3), or a value is not finite.
 
@@ -73,12 +75,11 @@ class Picture:
     """
 
     def __init__(self, image: ArrayLike, name: str = "image") -> None:
-        array = np.asarray(image)
+        array = _floats(name, image)
         if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
             raise ValueError(f"{name}: expected shape (H, W, 3), got {array.shape}")
-        array = array.astype(np.float64, order="C", copy=False)
-        _finite(name, array)
-        self.linear: NDArray[np.float64] = array
+        self.linear: NDArray[np.float64] = array.astype(np.float64, order="C", copy=False)
+        _finite(name, self.linear)
 
     @cached_property
     def srgb(self) -> NDArray[np.float64]:
@@ -102,6 +103,11 @@ def srgb(image: ArrayLike) -> NDArray[np.float64]:
     ndarray of float64
         Of the same shape, 0 to 1.
 
+    Raises
+    ------
+    TypeError
+        If it is not of floats.
+
     Notes
     -----
     ``12.92 x`` up to 0.0031308, above ``1.055 x**(1 / 2.4) - 0.055`` [1]_.
@@ -116,7 +122,7 @@ def srgb(image: ArrayLike) -> NDArray[np.float64]:
     >>> metrics.srgb([0.0, 0.18, 1.0, 5.0])
     array([0.    , 0.4614, 1.    , 1.    ])
     """
-    linear = np.clip(np.asarray(image, np.float64), 0, 1)
+    linear = np.clip(_floats("image", image).astype(np.float64, copy=False), 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
@@ -138,6 +144,8 @@ def psnr(image: Image, reference: Image) -> float:
 
     Raises
     ------
+    TypeError
+        If an image is not of floats.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
@@ -172,6 +180,8 @@ def relmse(image: Image, reference: Image) -> float:
 
     Raises
     ------
+    TypeError
+        If an image is not of floats.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
@@ -214,6 +224,8 @@ def smape(image: Image, reference: Image) -> float:
 
     Raises
     ------
+    TypeError
+        If an image is not of floats.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
@@ -257,6 +269,8 @@ def ssim(image: Image, reference: Image) -> float:
 
     Raises
     ------
+    TypeError
+        If an image is not of floats.
     ValueError
         If the shapes differ, are not (H, W, 3) or smaller than the window, or a value is not finite.
     ImportError
@@ -311,6 +325,8 @@ def flip(image: Image, reference: Image) -> float:
 
     Raises
     ------
+    TypeError
+        If an image is not of floats.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
     ImportError
@@ -350,7 +366,7 @@ def flip_map(image: Image, reference: Image) -> NDArray[np.float32]:
 
     Raises
     ------
-    ValueError, ImportError
+    TypeError, ValueError, ImportError
         As `flip`.
 
     See Also
@@ -396,6 +412,8 @@ def temporal_error(image: Image, before: Image, reference: Image, reference_befo
 
     Raises
     ------
+    TypeError
+        If an image is not of floats.
     ValueError
         If the shapes differ or are not (H, W, 3), or a value is not finite.
 
@@ -435,7 +453,7 @@ def tpsnr(image: Image, before: Image, reference: Image, reference_before: Image
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         As `temporal_error`.
 
     See Also
@@ -490,7 +508,7 @@ def warped_error(image: Image, before: Image, motion: ArrayLike, valid: ArrayLik
     ValueError
         If shapes do not fit, a value of an image is not finite, or no pixel is both valid and inside.
     TypeError
-        If `valid` is not of bool.
+        If `valid` is not of bool, or an image not of floats.
 
     See Also
     --------
@@ -550,7 +568,7 @@ def flicker(images: Iterable[Image], mask: ArrayLike | None = None) -> float:
     ValueError
         If there are fewer than two images, shapes do not fit, a value is not finite, or the mask is empty.
     TypeError
-        If `mask` is not of bool.
+        If `mask` is not of bool, or an image not of floats.
 
     Examples
     --------
@@ -591,7 +609,7 @@ def ghost(image: Image, reference: Image, former: Image, mask: ArrayLike | None 
     ValueError
         If shapes do not fit, a value is not finite, or `former` looks like the reference in all chosen pixels.
     TypeError
-        If `mask` is not of bool.
+        If `mask` is not of bool, or an image not of floats.
 
     See Also
     --------
@@ -673,6 +691,8 @@ def edge_sharpness(image: Image, reference: Image, share: float = 0.05) -> float
 
     Raises
     ------
+    TypeError
+        If an image is not of floats.
     ValueError
         If the shapes differ, are not (H, W, 3) or smaller than 3×3, a value is not finite, `share` is out of range, or
         the reference has no edges.
@@ -775,6 +795,16 @@ def metric(key: str) -> Metric:
     if key not in METRICS:
         raise ValueError(f"metric: expected one of {', '.join(METRICS)}, got {key!r}")
     return METRICS[key]
+
+
+def _floats(name: str, image: ArrayLike) -> NDArray[np.floating[Any]]:
+    """The image as an array, if its values are floats."""
+    array = np.asarray(image)
+    if array.dtype.kind != "f":
+        most = {"uint8": 255, "uint16": 65535}.get(array.dtype.name)
+        advice = f": colours of whole numbers are gamma-encoded; (x / {most}) ** 2.2 is linear" if most else ""
+        raise TypeError(f"{name}: expected floats, got {array.dtype}{advice}")
+    return array
 
 
 def _finite(name: str, array: NDArray[np.float64]) -> None:

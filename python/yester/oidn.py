@@ -96,12 +96,16 @@ class OIDN(Pipeline):
 
         Raises
         ------
+        TypeError
+            If `frame` is no `Frame`, or `out` no `Output`.
         ValueError
             With `temporal`, if the size changes, or albedo appears or vanishes, without `reset` in between; if `out`
             does not fit.
         """
         if not isinstance(frame, Frame):
             raise TypeError(f"frame: expected a yester.Frame, got {type(frame).__name__}")
+        if out is not None and not isinstance(out, Output):
+            raise TypeError(f"out: expected a yester.Output, got {type(out).__name__}")
         if out is not None and (out.variance is not None or out.color.shape != frame.color.shape):
             expected = f"one of this pipeline with color of shape {frame.color.shape}"
             raise ValueError(f"out: expected {expected}, got one of shape {out.color.shape}")

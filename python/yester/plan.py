@@ -10,7 +10,7 @@ import time
 import tomllib
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -58,10 +58,11 @@ _GROUPS = {
 }
 
 
-class Stage(NamedTuple):
+@dataclass(frozen=True)
+class Stage:
     """A stage or a buffer, and the evidence for its use.
 
-    Attributes
+    Parameters
     ----------
     name : str
         A stage of `SVGF`, or a buffer of `Frame`.
@@ -77,6 +78,15 @@ class Stage(NamedTuple):
         Milliseconds of a frame that are saved without it, as estimated from the parts of the image that were judged:
         small ones take up to twice the time of large ones by the pixel. Around 0, and below, it costs less than the
         machine's other load hides.
+
+    See Also
+    --------
+    Plan : Has one for each stage and buffer that was judged.
+
+    Examples
+    --------
+    >>> yester.Stage("ids", used=True, loss=0.2, error=0.05, ms=1.5).used
+    True
     """
 
     name: str
@@ -126,10 +136,10 @@ class Plan:
         """A table with a line for each stage: use, evidence with its standard error, and milliseconds of a frame."""
         width = max((len(stage.name) for stage in self.stages), default=0)
         lines = [self.summary()]
-        for name, used, loss, error, ms in self.stages:
+        for stage in self.stages:
             lines.append(
-                f"{name:<{width}}  {'used' if used else 'left out':<8}  "
-                f"{100 * loss:+7.1f} % ± {100 * error:5.1f} %  {ms:8.2f} ms"
+                f"{stage.name:<{width}}  {'used' if stage.used else 'left out':<8}  "
+                f"{100 * stage.loss:+7.1f} % ± {100 * stage.error:5.1f} %  {stage.ms:8.2f} ms"
             )
         return "\n".join(lines)
 
@@ -189,7 +199,7 @@ class Plan:
             *(f"{name} = {value}" for name, value in named.items()),
         ]
         for stage in self.stages:
-            lines += ["", "[[stages]]", *(f"{name} = {_toml(value)}" for name, value in stage._asdict().items())]
+            lines += ["", "[[stages]]", *(f"{name} = {_toml(value)}" for name, value in vars(stage).items())]
         with beside(Path(path)) as temporary:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -226,14 +236,14 @@ class Plan:
             _check_keys({"stages": [], **found}, _KINDS)
             for stage in found.setdefault("stages", []):
                 _check_keys(stage, _STAGE_KINDS, "stages.")
-            SVGF(**found["options"])
+            found["options"] = {n: tuple(v) if isinstance(v, list) else v for n, v in found["options"].items()}
+            _check_options(found["options"])
             for name in ("buffers", "without"):
                 found[name] = tuple(found[name])
                 if strange := [one for one in found[name] if one not in (*BUFFERS, "camera")]:
                     raise ValueError(f"{name}: expected names of buffers, got {strange[0]!r}")
         except (TypeError, ValueError) as error:
             raise ValueError(f"{path}: {error}") from None
-        found["options"] = {n: tuple(v) if isinstance(v, list) else v for n, v in found["options"].items()}
         return Plan(**found | {"stages": tuple(Stage(**stage) for stage in found["stages"])})
 
 
@@ -244,6 +254,18 @@ class Planned:
     ----------
     plan : Plan
         As `plan` or `Plan.load` returns it.
+
+    See Also
+    --------
+    Plan.pipeline : Makes it, too.
+    denoise : Runs it over a sequence, from both sides.
+
+    Examples
+    --------
+    >>> pipeline = yester.Planned(yester.Plan(options={"iterations": 2}, without=("ids",)))
+    >>> frame = yester.Frame(np.ones((4, 4, 3)), ids=np.ones((4, 4), np.uint32), depth=np.ones((4, 4)))
+    >>> pipeline.step(frame).used
+    ('depth',)
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -495,7 +517,7 @@ class _Planning:
         for trials in rounds:
             found = self.judge(base, [trial.beside(base) for trial in trials])
             useless = {stage.name for stage in found if not stage.used}
-            evidence += [stage._replace(used=stage.name not in useless) for stage in found]
+            evidence += [replace(stage, used=stage.name not in useless) for stage in found]
             for trial in trials:
                 if trial.name in useless:
                     bounds = max(trial.allowed, _MARGIN), min(trial.errors, base.errors)
@@ -503,7 +525,7 @@ class _Planning:
         if sum(not stage.used for stage in evidence) > 1:
             (together,) = self.judge(default, [base])
             if together.used:
-                base, evidence = default, [stage._replace(used=True) for stage in evidence]
+                base, evidence = default, [replace(stage, used=True) for stage in evidence]
         return Plan(dict(base.options), self.given, base.without, "average_still" in base.options, tuple(evidence))
 
     def judge(self, base: _Trial, trials: Sequence[_Trial]) -> list[Stage]:
@@ -642,8 +664,16 @@ def _check_keys(found: Any, kinds: Mapping[str, type], prefix: str = "") -> None
             raise ValueError(f"{prefix}{name}: expected {kind.__name__}, got {type(found[name]).__name__}")
 
 
+def _check_options(options: Mapping[str, Any]) -> None:
+    for name, value in options.items():
+        try:
+            SVGF(**{name: value})
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"options.{name}: {str(error).removeprefix(f'{name}: ')}") from None
+
+
 def _toml(value: Any) -> str:
     """A value as TOML writes it: numbers as Python does, the rest as JSON."""
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
-    return repr(value) if isinstance(value, float) else json.dumps(value)
+    return repr(float(value)) if isinstance(value, float) else json.dumps(value)
