@@ -112,3 +112,11 @@ def test_reprojected_positions_are_the_right_ones():
         inside = (now.ids == name) & (coverage == 1)
         assert inside.sum() > 100
         assert np.median(np.linalg.norm((values - was)[inside], axis=-1)) < 2e-3
+
+
+@pytest.mark.parametrize("number", [-1, 2**32])
+def test_ids_of_transforms(number):
+    now, before = flight.shoot(1, 8, 6), flight.shoot(0, 8, 6)
+    moves = {number: np.eye(4)}
+    with pytest.raises(ValueError, match=f"^transforms: expected ids from 0 to 4294967295, got {number}"):
+        yester.motion_vectors(now.position, now.camera, before.camera, ids=now.ids, transforms=moves)

@@ -527,6 +527,7 @@ class History:
         """Names of the buffers that were used."""
     def __getnewargs_ex__(self) -> tuple[tuple[NDArray[Any], ...], dict[str, Any]]: ...
 
+@disjoint_base
 class SVGF(Pipeline):
     """Spatiotemporal variance-guided filtering of a sequence of frames.
 
@@ -790,8 +791,8 @@ class HalfRes(SVGF):
 
     Notes
     -----
-    An output's `history_length` counts traced samples, and reconstructed ones by their weight; its `missing` is the number
-    of untraced pixels.
+    An output's `history_length` counts traced samples, and reconstructed ones by their weight; its `missing` is the
+    number of untraced pixels.
 
     Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
     `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
@@ -2512,10 +2513,10 @@ def choice(
 
     Notes
     -----
-    A tile's sums are averaged with those of its neighbours, with weights {1, 2, 1}/4 along each axis. The candidate with
-    the least mean gain plus `strictness` standard errors of the steps between it and the default one wins if that is
-    below 0; with fewer than 16 samples in the average, the default candidate stays. The variance of an average is that
-    of a tile, divided by 64/9, the effective number of tiles in it.
+    A tile's sums are averaged with those of its neighbours, with weights {1, 2, 1}/4 along each axis. The candidate
+    with the least mean gain plus `strictness` standard errors of the steps between it and the default one wins if that
+    is below 0; with fewer than 16 samples in the average, the default candidate stays. The variance of an average is
+    that of a tile, divided by 64/9, the effective number of tiles in it.
 
     Examples
     --------
@@ -2630,8 +2631,8 @@ def collocation_shares(
     Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
     With ⟨a b⟩ the products, averaged over a tile and its neighbours with weights {1, 2, 1}/4 along each axis,
     ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of the detail in p, whatever motion and resampling have lost: the triple
-    collocation of [1]_. ⟨y q⟩ is at least 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of
-    p's noise, and with ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
+    collocation of [1]_. ⟨y q⟩ is at least 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy
+    of p's noise, and with ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
 
     The squared error of b less that of a is then ``E = ⟨b b⟩ - ⟨a a⟩ - 2 (⟨y b⟩ - ⟨y a⟩) / r``, and
     ``λ = 1/2 + E / 2⟨(a - b)²⟩``. The share of samples is Wiener's, ``g = 1 - (N - C) / ⟨(p - m)²⟩``, where
@@ -2945,8 +2946,9 @@ def accumulate(
     Returns
     -------
     Accumulated
-        With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged, but for
-        its length, which `gradient` shortens; without history either, colour and moments are NaN and the length is 0.
+        With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged, but
+        for its length, which `gradient` shortens; without history either, colour and moments are NaN and the length
+        is 0.
 
     Raises
     ------
@@ -3412,8 +3414,8 @@ def atrous(
     Notes
     -----
     A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
-    zero between different ids or between surface and background. Background is one surface, whatever its ids and normals.
-    In the exponent,
+    zero between different ids or between surface and background. Background is one surface, whatever its ids and
+    normals. In the exponent,
 
     - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
       pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):
@@ -3519,8 +3521,8 @@ def atrous(
     Notes
     -----
     A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
-    zero between different ids or between surface and background. Background is one surface, whatever its ids and normals.
-    In the exponent,
+    zero between different ids or between surface and background. Background is one surface, whatever its ids and
+    normals. In the exponent,
 
     - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
       pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):

@@ -533,7 +533,7 @@ pub fn motion_vectors<'py>(
     camera: &Camera,
     previous_camera: &Camera,
     ids: Option<&Bound<'py, PyAny>>,
-    transforms: Option<BTreeMap<u32, Bound<'py, PyAny>>>,
+    transforms: Option<BTreeMap<i64, Bound<'py, PyAny>>>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let motion = {
@@ -550,7 +550,7 @@ pub fn motion_vectors<'py>(
         let transforms: Vec<_> = transforms
             .map(|(id, matrix)| {
                 Ok((
-                    id,
+                    whole("transforms", id, "ids from 0 to 4294967295", |_: &u32| true)?,
                     DMat4::from_cols_array_2d(&matrix4(&matrix, &format!("transforms[{id}]"))?)
                         .transpose(),
                 ))

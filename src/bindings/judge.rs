@@ -774,10 +774,10 @@ pub fn innovation_<'py>(
 ///
 /// Notes
 /// -----
-/// A tile's sums are averaged with those of its neighbours, with weights {1, 2, 1}/4 along each axis. The candidate with
-/// the least mean gain plus `strictness` standard errors of the steps between it and the default one wins if that is
-/// below 0; with fewer than 16 samples in the average, the default candidate stays. The variance of an average is that
-/// of a tile, divided by 64/9, the effective number of tiles in it.
+/// A tile's sums are averaged with those of its neighbours, with weights {1, 2, 1}/4 along each axis. The candidate
+/// with the least mean gain plus `strictness` standard errors of the steps between it and the default one wins if that
+/// is below 0; with fewer than 16 samples in the average, the default candidate stays. The variance of an average is
+/// that of a tile, divided by 64/9, the effective number of tiles in it.
 ///
 /// Examples
 /// --------
@@ -1063,8 +1063,8 @@ const EVIDENCE: Channels = Channels::Of(&[collocation::CHANNELS]);
 /// Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
 /// With ⟨a b⟩ the products, averaged over a tile and its neighbours with weights {1, 2, 1}/4 along each axis,
 /// ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of the detail in p, whatever motion and resampling have lost: the triple
-/// collocation of [1]_. ⟨y q⟩ is at least 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy of
-/// p's noise, and with ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
+/// collocation of [1]_. ⟨y q⟩ is at least 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy
+/// of p's noise, and with ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
 ///
 /// The squared error of b less that of a is then ``E = ⟨b b⟩ - ⟨a a⟩ - 2 (⟨y b⟩ - ⟨y a⟩) / r``, and
 /// ``λ = 1/2 + E / 2⟨(a - b)²⟩``. The share of samples is Wiener's, ``g = 1 - (N - C) / ⟨(p - m)²⟩``, where

@@ -90,8 +90,9 @@ impl Accumulated {
 /// Returns
 /// -------
 /// Accumulated
-///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged, but for
-///     its length, which `gradient` shortens; without history either, colour and moments are NaN and the length is 0.
+///     With `color`, `moments`, `history_length` and `missing`. Where a sample is missing, history is unchanged, but
+///     for its length, which `gradient` shortens; without history either, colour and moments are NaN and the length
+///     is 0.
 ///
 /// Raises
 /// ------

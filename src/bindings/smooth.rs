@@ -207,8 +207,8 @@ pub fn estimate_variance_<'py>(
 /// Notes
 /// -----
 /// A tap's weight is ``k(dx) k(dy) exp(-(en + ez + el))`` with the kernel k = {1, 2/3, 1/6}, or {1, 1/2} for 3×3 taps,
-/// zero between different ids or between surface and background. Background is one surface, whatever its ids and normals.
-/// In the exponent,
+/// zero between different ids or between surface and background. Background is one surface, whatever its ids and
+/// normals. In the exponent,
 ///
 /// - ``en = sigma_normal · ½|n - n'|² / (1 + sigma_normal · ρ)``, where the roughness ρ is how much normals change from
 ///   pixel to pixel where that is neither an edge nor curvature, as bumps and noise do (after Rousselle et al. [1]_):

@@ -55,8 +55,8 @@ use crate::pipelines::svgf;
 ///
 /// Notes
 /// -----
-/// An output's `history_length` counts traced samples, and reconstructed ones by their weight; its `missing` is the number
-/// of untraced pixels.
+/// An output's `history_length` counts traced samples, and reconstructed ones by their weight; its `missing` is the
+/// number of untraced pixels.
 ///
 /// Each step is that of `SVGF` with one more function: the demodulated colour goes through `reconstruct`, then to
 /// `accumulate` with weight 1 where it was traced and ``weight / (1 + N)`` elsewhere, N being the reprojected history
