@@ -523,7 +523,9 @@ class SVGF:
         first, second = (smooth(min(passes, usual))[0] for passes in (1, 2))
         if self.chooses and shows:
             series = [smooth(passes) for passes in range(min(usual + 1, 16) + 1)]
-            known = prediction, sample, moved, confidence, length, bright
+            # One pass more where there is no history, but not to blur texture.
+            samples = length if frame.albedo is not None else np.full_like(length, np.inf)
+            known = prediction, sample, moved, confidence, samples, bright
             final, final_variance, shown = self.choose(series, *known)
         else:
             final, final_variance = smooth(usual)

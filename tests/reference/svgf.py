@@ -160,7 +160,9 @@ class SVGF:
 
         if self.chooses:
             series = [filtered(passes) for passes in range(min(self.iterations + 1, 16) + 1)]
-            known = prediction, fresh, motion, confidence, length, bright
+            # One pass more where there is no history, but not to blur texture.
+            samples = length if frame.albedo is not None else torch.full_like(length, torch.inf)  # (H, W)
+            known = prediction, fresh, motion, confidence, samples, bright
             smooth, smooth_variance, chosen = self.choosing.choose(series, *known)  # (H, W, 3), (H, W), (H, W)
         else:
             smooth, smooth_variance = filtered(self.iterations)  # (H, W, 3), (H, W)

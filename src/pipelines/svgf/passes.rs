@@ -118,6 +118,7 @@ pub fn filter(
             most: passes,
             confidence: View::new(size, 1, seen.confidence),
             length: View::new(size, 1, seen.history_length),
+            textured: now.texture.is_some(),
             tiles: tiles.map(|tiles| Levels(tiles.view())),
         };
         let light = light.as_mut().filter(|_| pass == usual.min(2));
@@ -214,6 +215,8 @@ struct Keep<'a> {
     confidence: View<'a>,
     /// Of the frames on all sides.
     length: View<'a>,
+    /// Whether texture is divided out of the light.
+    textured: bool,
     tiles: Option<Levels<'a>>,
 }
 
@@ -267,7 +270,7 @@ impl<'a> Sink for Keep<'a> {
 
 impl Keep<'_> {
     /// Missing pixels get the usual number of passes, which fills them. A pixel whose only sample is this frame's gets one
-    /// more than its tile, whose evidence is of pixels that have history.
+    /// more than its tile, whose evidence is of pixels that have history; not where that would blur texture.
     #[inline(always)]
     fn find_levels(&self, run: Run, filtered: &FilteredRow, levels: &mut [f32]) {
         let (usual, most) = (self.usual as f32, self.most as f32);
@@ -278,7 +281,7 @@ impl Keep<'_> {
             [self.confidence, self.length].map(|image| &image.row(0, run.y)[run.x..][..run.len]);
         let luminance = filtered.luminance(run);
         for (i, level) in levels.iter_mut().enumerate() {
-            let alone = (confidence[i] == 0.0) & (length[i] < 1.5);
+            let alone = self.textured & (confidence[i] == 0.0) & (length[i] < 1.5);
             let shown = smaller(*level + f32::from(u8::from(alone)), most);
             *level = if luminance[i].is_nan() { usual } else { shown };
         }
