@@ -3,8 +3,7 @@
 use pyo3::prelude::*;
 
 use super::{FrameArgs, History, Output, Parts, Pipeline, split};
-use crate::kernels::fetch::validate;
-use crate::kernels::fetch::validate::Threshold;
+use crate::kernels::fetch::validate::{self, Threshold};
 use crate::kernels::judge::{choice, innovation};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::guide::Sigmas;
@@ -76,11 +75,12 @@ use crate::pipelines::{svgf, taa};
 ///     scenes. Frames with a `hit_distance` use that distance alone. Needs cameras and depth.
 /// choice : bool, default True
 ///     Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
-///     history best predicted the samples of earlier frames (`choice`), and pixels without history one pass more than
-///     their tile. Mirrors, texture that is not in the albedo and fine shadows keep their detail, and uniform surfaces
-///     are smoothed more. The filter then compares the luminance that history predicts, where that is worth 2.5 samples
-///     and the new one is no outlier, instead of the merged one. The output stage's result is mixed with the denoised
-///     colour and the samples, by tiles, as new samples tell (`TAA`): frames of many samples need little of it.
+///     history best predicted the samples of earlier frames (`choice`). With albedo, pixels without history get one
+///     pass more than their tile. Mirrors, texture that is not in the albedo and fine shadows keep their detail, and
+///     uniform surfaces are smoothed more. The filter then compares the luminance that history predicts, where that
+///     is worth 2.5 samples and the new one is no outlier, instead of the merged one. The output stage's result is
+///     mixed with the denoised colour and the samples, by tiles, as new samples tell (`TAA`): frames of many samples
+///     need little of it.
 /// innovation : bool, default True
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
