@@ -125,12 +125,21 @@ class Mixing:
         self.luminances = self.samples_before = self.evidence = None
         self.rest = 0
 
-    def mix(self, samples: NDArray, denoised: NDArray, motion: NDArray, shown: NDArray) -> NDArray:
+    def mix(self, samples: NDArray, denoised: NDArray, motion: NDArray, shown: NDArray, *, repeats: bool) -> NDArray:
+        if repeats:
+            self.__init__()
+            self.rest = 5
+            return shown
         if self.rest > 0:
             self.rest -= 1
             return shown
-        shares, three = None, [samples, denoised, shown]
-        with np.errstate(invalid="ignore"):
+        bright = np.float32(yester.exposure(shown))
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            # No sample counts for more than eight times the result.
+            most = np.float32(8) * (np.maximum(luminance(shown), np.float32(0)) + bright / np.float32(16))
+            light = luminance(samples)
+            samples = samples * np.where(light > most, most / light, np.float32(1))[..., None]
+            shares, three = None, [samples, denoised, shown]
             light = [luminance(image) for image in three]
             if self.luminances is not None:
                 fetched, coverage = fetch_known(self.luminances, motion)
@@ -145,7 +154,7 @@ class Mixing:
                 if self.samples_before is not None:
                     older, _ = fetch_known(self.samples_before, motion)
                     planes = np.dstack([light[0], fetched[..., 0], older, fetched[..., 1:]])
-                    self.evidence = yester.collocate(planes, self.evidence, exposure=yester.exposure(shown))
+                    self.evidence = yester.collocate(planes, self.evidence, exposure=float(bright))
                 self.samples_before = fetched[..., 0]
             self.luminances = np.dstack(light)
             if shares is None:
@@ -154,6 +163,20 @@ class Mixing:
             mixed = shown + first * (denoised - shown)
             mixed = mixed + second * (samples - mixed)
         return np.where(np.isfinite(mixed).all(-1, keepdims=True), mixed, shown)
+
+
+class Noise:
+    """Whether the noise of a sequence's frames repeats."""
+
+    def __init__(self):
+        self.before = self.deviation = None
+
+    def repeats(self, color: NDArray, motion: NDArray) -> bool:
+        before, self.before = self.before, color
+        if before is None:
+            return False
+        share, self.deviation = yester.repetition(color, before, motion, self.deviation)
+        return share > 0.3
 
 
 def agree(asks: NDArray) -> NDArray:
@@ -421,6 +444,7 @@ class SVGF:
         self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
         self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
+        self.noise, self.repeats = Noise(), False
         self.asked, self.won = [], []  # weights of the pixels, by frame
 
     def step(self, frame: yester.Frame, later=None) -> SimpleNamespace:
@@ -435,6 +459,10 @@ class SVGF:
         incoherent = None
         still = find_still(frame, self.before)
         moved = motion
+        self.repeats = self.chooses and shows and self.noise.repeats(frame.color, motion)
+        chooses, min_length = self.chooses and shows and not self.repeats, self.min_length
+        if self.repeats:  # history counts for no more than one sample
+            min_length = float(np.float32(1) / np.float32(self.alpha["alpha"]) * np.float32(min_length))
         if self.before is None:
             shape = sample.shape[:2]
             history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), ())]
@@ -502,13 +530,13 @@ class SVGF:
                 joins = later.color, later.moments, np.minimum(later.history_length, longest - 1)
                 expected = yester.combine_histories(*expected, *joins)
                 color, moments, length = yester.combine_histories(*kept, *joins)
-            variance = yester.estimate_variance(moments, length, min_length=self.min_length, **alike)
+            variance = yester.estimate_variance(moments, length, min_length=min_length, **alike)
             if later is not None:
                 variance = variance * np.minimum(longest / length, np.float32(1))
 
         usual, shown, prediction = self.iterations, None, None
         bright = yester.exposure(color)
-        if self.chooses and shows:
+        if chooses:
             prediction, (first, second) = luminance(expected[0]), np.moveaxis(expected[1], -1, 0)
             with np.errstate(invalid="ignore", over="ignore"):
                 deviation = np.sqrt(np.fmax(second - first * first, np.float32(0)))
@@ -521,7 +549,7 @@ class SVGF:
             return yester.atrous(color, variance, iterations=passes, **known, **self.filter, **alike)
 
         first, second = (smooth(min(passes, usual))[0] for passes in (1, 2))
-        if self.chooses and shows:
+        if chooses:
             series = [smooth(passes) for passes in range(min(usual + 1, 16) + 1)]
             # One pass more where there is no history, but not to blur texture.
             samples = length if frame.albedo is not None else np.full_like(length, np.inf)
@@ -530,6 +558,8 @@ class SVGF:
         else:
             final, final_variance = smooth(usual)
             self.choice = None
+            if self.chooses and shows:
+                shown = np.full(length.shape, usual, np.float32)
         self.history = [first if self.feedback and later is None else kept[0], *kept[1:]]
         if len(self.distances) > 0:
             self.mirrored = mirrored or SimpleNamespace(scores=None, tiles=None, age=0)
@@ -579,7 +609,7 @@ class SVGF:
         if not stage["choice"]:
             return shown
         self.mixing = self.mixing or Mixing()
-        return self.mixing.mix(frame.color, color, motion, shown)
+        return self.mixing.mix(frame.color, color, motion, shown, repeats=self.repeats)
 
     def choose(self, series: list, prediction, sample, motion, coverage, length, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""
@@ -719,6 +749,7 @@ class BMFR:
         self.innovation, self.antialias = innovation, antialias
         self.by_confidence, self.same_albedo = by_confidence, False
         self.before = self.antialiased = self.evidence = self.lag = self.mixing = None
+        self.noise, self.repeats = Noise(), False
         self.age = 0
 
     def step(self, frame: yester.Frame) -> SimpleNamespace:
@@ -727,6 +758,7 @@ class BMFR:
         if frame.albedo is not None:
             weight = np.where((frame.albedo > 1 / 1024).any(-1), np.float32(1), np.float32(np.nan))
         motion, still, gradient = find_motion(frame, self.before), find_still(frame, self.before), None
+        self.repeats = self.antialias and self.noise.repeats(frame.color, motion)
         if self.before is None:
             history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), (), (3,))]
             confidence, rejection = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)

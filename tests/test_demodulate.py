@@ -1,4 +1,7 @@
+from dataclasses import replace
+
 import compare
+import flight
 import numpy as np
 import pytest
 import reference
@@ -96,14 +99,33 @@ def test_reflectance_reference(height, width):
 
 
 def test_a_surface_is_reflectance_as_a_whole():
-    """Anywhere in the image, and whatever its other pixels have."""
-    ids = np.ones((50, 400), np.uint32)
+    """Anywhere in the image, and whatever its other pixels have: above 5/4, if they are more than one in 64."""
+    ids = np.ones((64, 300), np.uint32)
     ids[:, ::3] = 2
+    ids[:, 1::3] = 3
     albedo = np.full((*ids.shape, 3), 1e-6, np.float32)
-    albedo[49, 398, 1], albedo[0, 0, 2] = 1.25, 1.26
+    albedo[63, 299, 1] = 1.25
+    albedo[0, ::3, 2] = albedo[0, 1::3, 0] = 1.26
+    albedo[40, 4, 1] = 30
     mask = yester.is_reflectance(albedo, ids)
     assert mask[ids == 1].all()
-    assert not mask[ids == 2].any()
+    assert mask[ids == 2].all()
+    assert not mask[ids == 3].any()
+
+
+def test_one_pixel_of_many_keeps_the_texture_out_of_the_light():
+    """An albedo that overshoots at one pixel does not change how its surface is denoised, nor cut its history."""
+    frames = [flight.shoot(number, 96, 72) for number in range(4)]
+    shown = []
+    for odd in (False, True):
+        svgf = yester.SVGF(antialias=False)
+        for number, frame in enumerate(frames):
+            albedo = frame.albedo.copy()
+            albedo[60, 20] = 1.6 if odd and number % 2 else 1
+            output = svgf.step(replace(frame, albedo=albedo))
+        shown.append(output)
+    np.testing.assert_array_equal(shown[0].color, shown[1].color)
+    np.testing.assert_array_equal(shown[0].history_length, shown[1].history_length)
 
 
 def test_where_is_boolean():

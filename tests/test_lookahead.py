@@ -3,7 +3,7 @@
 import copy
 import pickle
 import warnings
-from itertools import islice
+from itertools import cycle, islice
 from types import SimpleNamespace
 
 import composed
@@ -400,7 +400,6 @@ def test_frames_are_read_when_they_are_wanted():
     given = still(2)
 
     def endless():
-        while True:
-            yield given[0]
+        yield from cycle(given)
 
     assert len(list(islice(yester.denoise(endless(), lookahead=1), 7))) == 7

@@ -29,6 +29,11 @@ def frames(count=8, *, moving=True, light=lambda t: 1.0, size=SIZE, **changes):
     return result
 
 
+def one_seed():
+    """The same noise in every frame, on the screen."""
+    return frames(color=lambda _, shot: flight.noisy(shot, np.random.default_rng(7)))
+
+
 @pytest.fixture(scope="module")
 def moving():
     return frames()
@@ -277,8 +282,10 @@ def test_motion_to_the_next_frame_is_not_needed_backwards(moving):
         (lambda: frames(light=lambda t: np.nan), "no frame has finite samples"),
         (lambda: frames(light=lambda t: 0), "nothing changes from frame to frame"),
         (lambda: frames(moving=False, color=np.full((64, 96, 3), 0.5)), "nothing changes from frame to frame"),
+        (lambda: one_seed(), "frames have the noise of the frame before"),
+        (lambda: [frame for frame in frames(4, moving=False) for _ in range(2)], "frames have the noise of the frame"),
     ],
-    ids=["few", "none", "no guides", "NaN", "black", "constant"],
+    ids=["few", "none", "no guides", "NaN", "black", "constant", "one seed", "twice"],
 )
 def test_nothing_to_judge_by(given, reason):
     """The plan says so and is the default."""

@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, Camera, History, Output
+from ._core import SVGF, TAA, Camera, History, Output, repetition
 from .frame import BUFFERS, Frame
 from .io.files import beside
-from .judge import estimate, sums
+from .judge import estimate, known_motion, sums
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan"]
 
@@ -41,6 +41,8 @@ _STRICTNESS, _MARGIN = 2.0, 0.05
 _HARM, _SURFACE_HARM = -0.125, -0.5
 #: Squared change between frames, relative to the squared radiance, below which nothing changes but by rounding.
 _NOTHING = 1e-8
+#: Repetition of noise above which frames cannot judge, as in the pipelines.
+_REPEATS = 0.3
 #: The name of the stage that gives new samples more weight than old ones.
 _FORGETTING = "forgetting"
 #: Mean history length, relative to the longest, above which the light counts as constant.
@@ -386,7 +388,8 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     -------
     Plan
         The default, with a `UserWarning` and a ``reason``, if nothing can be judged: fewer than five frames, no depth,
-        normals or ids, no finite samples, or nothing that changes from frame to frame, as in black or constant images.
+        normals or ids, no finite samples, noise that is the same in most frames, or nothing that changes from frame to
+        frame, as in black or constant images.
 
     Raises
     ------
@@ -440,7 +443,22 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
         return _default(buffers, "neither depth nor normals nor ids tell surfaces apart")
     if not any(np.isfinite(window.color).all(-1).any() for each in windows for window in each):
         return _default(buffers, "no frame has finite samples")
-    return _Planning([*zip(*windows, strict=True)], buffers, shape).plan()
+    shown = [*zip(*windows, strict=True)]
+    if float(np.median([_repetition(window) for window in shown])) > _REPEATS:
+        return _default(buffers, "frames have the noise of the frame before, and cannot judge")
+    return _Planning(shown, buffers, shape).plan()
+
+
+def _repetition(frames: Sequence[Frame]) -> float:
+    """How much of the noise of most frames is that of the frame before."""
+    found, deviation = [], None
+    for before, frame in pairwise(frames):
+        motion = known_motion(before, frame)
+        if motion is None:
+            motion = np.zeros((*frame.shape, 2), np.float32)
+        share, deviation = repetition(frame.color, before.color, motion, deviation)
+        found.append(share)
+    return float(np.median(found))
 
 
 def _default(buffers: tuple[str, ...], reason: str) -> Plan:

@@ -18,6 +18,7 @@ use super::illumination::{
     self, Illumination, illumination, modulated, surfaces, without_fireflies,
 };
 use super::recall::{self, Memory, Recalled};
+use super::repetition::Noise;
 use super::svgf;
 use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
@@ -97,6 +98,8 @@ struct State {
     memory: Memory,
     /// The innovation that was found and not corrected.
     evidence: Option<Records>,
+    /// Of the samples, if they are mixed in.
+    noise: Option<Noise>,
     /// Frames since the sequence began.
     age: usize,
 }
@@ -137,9 +140,9 @@ impl Steps for Bmfr {
     fn next(&mut self, frame: &Frame, mut output: Output) -> Result<Summary> {
         (self.state.iter()).try_for_each(|state| state.memory.check(frame))?;
         let params = &self.params;
-        let (mut memory, evidence, age) = match self.state.take() {
-            Some(state) => (Some(state.memory), state.evidence, state.age),
-            None => (None, None, 0),
+        let (mut memory, evidence, noise, age) = match self.state.take() {
+            Some(state) => (Some(state.memory), state.evidence, state.noise, state.age),
+            None => (None, None, None, 0),
         };
         let first = memory.is_none();
         let surfaces = surfaces(frame);
@@ -161,12 +164,15 @@ impl Steps for Bmfr {
         let light = history.channels(FITS);
         let textured = texture.map(|texture| modulated(light.into(), texture, Way::Back));
         let color = textured.as_ref().map_or(light, Image::view);
+        let mixes = params.antialias.is_some_and(|stage| stage.choice);
+        let seen = mixes.then(|| Noise::see(noise, frame.color, inputs.motion.pixels()));
+        let (noise, repeats) = seen.unzip();
+        let repeats = repeats.unwrap_or(false);
         match &mut self.antialias {
             Some(stage) => {
-                let (before, corrects) =
-                    (inputs.before.as_ref(), params.history.innovation.is_some());
-                let motion = &inputs.motion;
-                stage.show(frame, before, motion, color.into(), corrects, output.color);
+                let how = [params.history.innovation.is_some(), repeats];
+                let (before, motion) = (inputs.before.as_ref(), &inputs.motion);
+                stage.show(frame, before, motion, color.into(), how, output.color);
             }
             None => show(color, output.color),
         }
@@ -177,9 +183,14 @@ impl Steps for Bmfr {
         self.state = Some(State {
             memory: Memory::new(frame, surfaces, kept, &params.history, first),
             evidence,
+            noise,
             age: age + 1,
         });
-        Ok(Summary { used, missing })
+        Ok(Summary {
+            used,
+            missing,
+            repeats,
+        })
     }
 }
 

@@ -549,6 +549,9 @@ pub struct Summary {
     pub used: Vec<&'static str>,
     /// The number of missing samples: pixels whose colour was not finite.
     pub missing: usize,
+    /// Whether the samples have the noise of the frame before, where the pipeline looks: frames of one seed, or one that is
+    /// shown twice.
+    pub repeats: bool,
 }
 
 /// The names of the buffers that took part, given whether each did.

@@ -19,6 +19,7 @@ mod motion_check;
 mod recall;
 pub mod recirculation;
 mod reflections;
+mod repetition;
 mod replay;
 pub mod svgf;
 pub mod taa;

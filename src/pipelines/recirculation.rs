@@ -201,7 +201,11 @@ impl Steps for Recirculation {
             ("motion", frame.motion.is_some() && previous.is_some()),
             ("jitter", frame.jitter.is_some()),
         ]);
-        Ok(Summary { used, missing })
+        Ok(Summary {
+            used,
+            missing,
+            repeats: false,
+        })
     }
 }
 

@@ -4,6 +4,9 @@
 //!     → (temporal gradient) → (reflections) → (lend) → accumulate → (join later frames) → (choice) → estimate variance
 //!     → à-trous → (innovation) → remodulate → (antialias → (innovation) → (mix))
 //!
+//! Where the noise of a frame is that of the frame before, its samples do not judge: no choice, no mix, and the variance is
+//! estimated in space.
+//!
 //! Every buffer but colour is optional; what is absent drops out of the tests and weights that would use it.
 
 mod finish;
@@ -26,6 +29,7 @@ use super::illumination::{Illumination, illumination, surfaces, texture};
 use super::motion_check::Mistake;
 use super::recall::Memory;
 use super::reflections;
+use super::repetition::Noise;
 use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
 use crate::image::{Image, Records, Size, View};
@@ -38,6 +42,7 @@ use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::{Coarse, Guide, Sigmas};
 use crate::kernels::smooth::{atrous, fireflies, lend, variance};
+use crate::math::smaller;
 use crate::pixels::Colors;
 
 /// Parameters of [`Svgf`].
@@ -67,7 +72,8 @@ pub struct Params {
     pub gradient: Option<gradient::Params>,
     /// Whether outliers are held down.
     pub fireflies: Option<fireflies::Params>,
-    /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best.
+    /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best; not where
+    /// the noise of frames repeats, which is looked for.
     pub choice: Option<choice::Params>,
     /// Whether what new samples say of the result corrects it, and the history.
     pub innovation: Option<innovation::Params>,
@@ -87,6 +93,9 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     passes: 3,
     widest: 5,
 };
+
+/// Samples, as many as no history has.
+const LONGEST: f32 = 1e6;
 
 /// Normals are compared half as strictly as by the paper.
 const SIGMAS: Sigmas = Sigmas {
@@ -184,6 +193,20 @@ impl Params {
         }
     }
 
+    /// For a frame whose noise is that of the frame before. History is then no longer than one sample, whatever it counts, and
+    /// its variance shows in space only.
+    fn repeated(&self) -> Self {
+        let longest = 1.0 / self.accumulate.alpha;
+        Self {
+            choice: None,
+            variance: variance::Params {
+                min_length: smaller(longest, LONGEST) * self.variance.min_length,
+                ..self.variance
+            },
+            ..self.clone()
+        }
+    }
+
     /// How the samples of a frame join the history, with the camera of the frame before.
     fn accumulate_in(&self, frame: &Frame, before: Option<&Camera>) -> accumulate::Params {
         match self.average_still && frame.rests(before) {
@@ -248,6 +271,8 @@ struct State {
     evidence: Option<Records>,
     /// What speaks for more or fewer passes.
     choice: Option<Records>,
+    /// Of the samples, if they judge.
+    noise: Option<Noise>,
 }
 
 /// What a step is for.
@@ -380,14 +405,16 @@ impl Svgf {
         self.advance(frame, Task::Show(shown, later), seen)
     }
 
-    fn advance(&mut self, frame: &Frame, task: Task, seen: Seen) -> Result<Summary> {
+    fn advance(&mut self, frame: &Frame, mut task: Task, seen: Seen) -> Result<Summary> {
         (self.state.iter()).try_for_each(|state| state.memory.check(frame))?;
-        let params = &self.params;
         let mut past = self.state.take();
         let first = past.is_none();
         let before = past.as_ref().and_then(|past| past.memory.camera);
         let mut used = vec![];
         let motion = frame.motion(before.as_ref(), &mut used);
+        let (noise, repeats) = self.listen(past.as_mut(), frame, &motion, &mut task);
+        let repeated = repeats.then(|| self.params.repeated());
+        let params = repeated.as_ref().unwrap_or(&self.params);
         let accumulate = params.accumulate_in(frame, before.as_ref());
         let surfaces = surfaces(frame);
         (past.iter_mut()).for_each(|past| past.memory.disown(surfaces.as_ref()));
@@ -404,6 +431,7 @@ impl Svgf {
             guide: OnceCell::new(),
             sample: sample.as_ref(),
             continues: !first,
+            repeats,
         };
 
         let left = run(&now, past, task, seen, self.antialias.as_mut());
@@ -415,8 +443,40 @@ impl Svgf {
             memory,
             evidence: left.evidence,
             choice: left.choice,
+            noise,
         });
-        Ok(Summary { used, missing })
+        Ok(Summary {
+            used,
+            missing,
+            repeats,
+        })
+    }
+
+    /// Whether a frame that is shown has the noise of the frame before, if its samples are to judge; and what the next frame
+    /// compares itself with. A frame that does shows the usual number of passes.
+    fn listen(
+        &self,
+        past: Option<&mut State>,
+        frame: &Frame,
+        motion: &Motion,
+        task: &mut Task,
+    ) -> (Option<Noise>, bool) {
+        let Task::Show(shown, _) = task else {
+            return (None, false);
+        };
+        let Some(choice) = shown
+            .choice
+            .as_mut()
+            .filter(|_| self.params.choice.is_some())
+        else {
+            return (None, false);
+        };
+        let before = past.and_then(|past| past.noise.take());
+        let (noise, repeats) = Noise::see(before, frame.color, motion.pixels());
+        if repeats {
+            choice.fill(self.params.atrous.iterations as f32);
+        }
+        (Some(noise), repeats)
     }
 }
 
@@ -519,6 +579,8 @@ struct Current<'a> {
     sample: Option<&'a Image>,
     /// Whether there is a history.
     continues: bool,
+    /// Whether the samples have the noise of the frame before.
+    repeats: bool,
 }
 
 impl Current<'_> {

@@ -25,6 +25,7 @@ use super::frame::{
 };
 use super::motion_check::Mistake;
 use super::recall::find_gradient;
+use super::repetition::Noise;
 use crate::error::{Error, Result};
 use crate::image::{Image, Pixels, Records};
 use crate::kernels::camera::dilate::{self, Choice, dilate_motion};
@@ -89,14 +90,14 @@ impl Stage {
     }
 
     /// The whole stage behind a denoiser: antialiases its colour, corrects the result by what the frame's samples show to be
-    /// wrong with it, and mixes them in. `before` is the camera of the frame before.
+    /// wrong with it, and mixes them in, unless their noise `repeats`. `before` is the camera of the frame before.
     pub fn show(
         &mut self,
         frame: &Frame,
         before: Option<&Camera>,
         motion: &Motion,
         denoised: Pixels,
-        corrects: bool,
+        [corrects, repeats]: [bool; 2],
         shown: &mut [f32],
     ) {
         let depth = frame.surface.depth.map(Pixels::plane);
@@ -106,7 +107,7 @@ impl Stage {
         self.step(denoised, motion.pixels(), choice, out, None);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, shown);
-        self.mix(frame.color, denoised, motion.pixels(), shown);
+        self.mix(frame.color, denoised, motion.pixels(), repeats, shown);
     }
 
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
@@ -170,9 +171,17 @@ impl Stage {
     }
 
     /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so.
-    fn mix(&mut self, samples: Pixels, denoised: Pixels, motion: Pixels, shown: &mut [f32]) {
+    fn mix(
+        &mut self,
+        samples: Pixels,
+        denoised: Pixels,
+        motion: Pixels,
+        repeats: bool,
+        shown: &mut [f32],
+    ) {
         if let Some(history) = self.history.as_mut().filter(|_| self.params.choice) {
-            history.seen = Some(mix(history.seen.take(), samples, denoised, motion, shown));
+            let seen = history.seen.take();
+            history.seen = Some(mix(seen, samples, denoised, motion, repeats, shown));
         }
     }
 
@@ -254,6 +263,8 @@ fn find_alternation(color: Pixels, known: Option<(Image, Image)>, exposure: f32)
 struct State {
     camera: Option<Camera>,
     surface: SurfaceRecords,
+    /// Of the samples that a denoiser had, if they are mixed in.
+    noise: Option<Noise>,
 }
 
 /// Temporal antialiasing.
@@ -329,7 +340,7 @@ impl Taa {
         if let Some(history) = &self.stage.history {
             check_size(history.merged.size, size)?;
         }
-        let before = self.state.take();
+        let mut before = self.state.take();
         let mut used = vec![];
         let resolved = resolve_jitter(frame, params.reconstruct, &mut used);
         let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
@@ -355,15 +366,26 @@ impl Taa {
             None => (frame.color, params.innovation),
         };
         (self.stage).correct(correction, fresh, &motion, output.color);
-        if let Some(samples) = samples {
-            (self.stage).mix(samples, color, motion.pixels(), output.color);
-        }
+        let (noise, repeats) = (samples.filter(|_| params.choice))
+            .map(|samples| {
+                let motion = motion.pixels();
+                let noise = before.as_mut().and_then(|before| before.noise.take());
+                let (noise, repeats) = Noise::see(noise, samples, motion);
+                (self.stage).mix(samples, color, motion, repeats, output.color);
+                (noise, repeats)
+            })
+            .unzip();
         self.state = Some(State {
             camera: frame.camera,
             surface: params.limits.keep(frame.surface),
+            noise,
         });
         let missing = resolved.map_or(missing, |(_, missing)| missing);
-        Ok(Summary { used, missing })
+        Ok(Summary {
+            used,
+            missing,
+            repeats: repeats.unwrap_or(false),
+        })
     }
 }
 

@@ -204,7 +204,11 @@ impl Steps for Upscaler {
             camera: frame.camera,
         });
         let missing = missing(fresh);
-        Ok(Summary { used, missing })
+        Ok(Summary {
+            used,
+            missing,
+            repeats: false,
+        })
     }
 }
 

@@ -37,6 +37,7 @@ from .pull_push import pull_push
 from .recirculate import recirculate
 from .recirculation import Recirculation
 from .regress import regress
+from .repetition import repetition
 from .reproject import reproject
 from .resample import resample
 from .resolve import resolve
@@ -94,6 +95,7 @@ __all__ = [
     "reconstruct",
     "regress",
     "remodulate",
+    "repetition",
     "reproject",
     "resample",
     "resolve",

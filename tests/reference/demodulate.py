@@ -2,16 +2,18 @@ import torch
 from torch import Tensor
 
 LEAST = 1 / 32  # the smallest divisor
-USUAL = 1e-3, 1.25  # bounds of the largest value of a reflectance
+LOW, HIGH = 1e-3, 1.25  # a surface with a reflectance has at least the one somewhere, and the other nearly nowhere
 
 
 def is_reflectance(albedo: Tensor, ids: Tensor) -> Tensor:
-    """Mask (H, W) of the surfaces whose largest albedo lies in `USUAL`."""
+    """Mask (H, W) of the surfaces whose largest albedo is at least `LOW`, and that of one in 64 pixels above `HIGH`."""
     most = albedo.where(albedo.isfinite(), 0).amax(-1)  # (H, W)
     known, index = ids.unique(return_inverse=True)  # (N,), (H, W)
     brightest = torch.zeros(len(known)).to(most).scatter_reduce(0, index.flatten(), most.flatten(), "amax")  # (N,)
-    low, high = (torch.tensor(bound, dtype=torch.float32).to(most) for bound in USUAL)
-    return ((brightest >= low) & (brightest <= high))[index]  # (H, W)
+    low, high = (torch.tensor(bound, dtype=torch.float32).to(most) for bound in (LOW, HIGH))
+    above = (most > high).flatten().long()  # (H W)
+    above, pixels = (torch.bincount(index.flatten(), each, len(known)) for each in (above, None))  # (N,) each
+    return ((brightest >= low) & (64 * above <= pixels))[index]  # (H, W)
 
 
 def divisor(albedo: Tensor, where: Tensor | None) -> Tensor:

@@ -14,6 +14,7 @@ from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .innovation import correct, innovation
+from .repetition import Noise
 from .reproject import reproject
 from .taa import PRESETS, Mixing, antialias, find_motion, find_still, tells_depth
 from .variance import estimate_variance
@@ -84,7 +85,8 @@ class SVGF:
 
     def reset(self) -> None:
         self.previous = self.antialiased = self.evidence = self.lag = None
-        self.choosing, self.mixing = Choosing(self.iterations), Mixing()
+        self.choosing, self.mixing, self.noise = Choosing(self.iterations), Mixing(), Noise()
+        self.repeats = False
 
     def step(self, frame, later=None) -> Output:
         emission = frame.emission if frame.albedo is not None else None  # (H, W, 3)
@@ -93,6 +95,10 @@ class SVGF:
             light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
         motion, gradient, incoherent = find_motion(frame, self.previous), None, None  # (H, W, 2|3)
         still = find_still(frame, self.previous)  # (H, W, 3)
+        self.repeats = self.chooses and self.noise.repeats(frame.color, motion)
+        chooses, min_length = self.chooses and not self.repeats, self.min_length
+        if self.repeats:  # history counts for no more than one sample
+            min_length /= self.blend["alpha"]
         if self.previous is None:
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), torch.zeros_like(light[..., 0])]
             confidence = torch.zeros_like(light[..., 0])  # (H, W)
@@ -144,12 +150,12 @@ class SVGF:
             joins = later.color, later.moments, later.history_length.clamp(max=longest - 1)
             expected = combine_histories(*expected, *joins)
             color, moments, length = combine_histories(*kept, *joins)
-        if self.chooses:
+        if chooses:
             predicted, (first, second) = luminance(expected[0]), expected[1].unbind(-1)  # (H, W) each
             most = MOST * (second - first * first).clamp(min=0).sqrt() + 1e-3 * predicted.abs()  # (H, W)
             near = luminance(color) - predicted <= most  # (H, W)
             prediction = predicted.where(near & (expected[2] >= FEWEST), torch.nan)  # (H, W)
-        variance = estimate_variance(moments, length, min_length=self.min_length, **similarity)  # (H, W)
+        variance = estimate_variance(moments, length, min_length=min_length, **similarity)  # (H, W)
         if later is not None:
             variance = variance * (longest / length).clamp(max=1)  # (H, W)
         bright, chosen = exposure(color), None
@@ -158,7 +164,7 @@ class SVGF:
             named = {"prediction": prediction, "iterations": passes, **self.filter, **similarity}
             return atrous(color, variance, **named)  # (H, W, 3), (H, W), and (H, W) if anything is predicted
 
-        if self.chooses:
+        if chooses:
             series = [filtered(passes) for passes in range(min(self.iterations + 1, 16) + 1)]
             # One pass more where there is no history, but not to blur texture.
             samples = length if frame.albedo is not None else torch.full_like(length, torch.inf)  # (H, W)
@@ -166,6 +172,8 @@ class SVGF:
             smooth, smooth_variance, chosen = self.choosing.choose(series, *known)  # (H, W, 3), (H, W), (H, W)
         else:
             smooth, smooth_variance = filtered(self.iterations)  # (H, W, 3), (H, W)
+            if self.chooses:
+                self.choosing, chosen = Choosing(self.iterations), torch.full_like(length, self.iterations)
         if self.feedback and self.iterations > 0 and later is None:
             kept[0] = filtered(1)[0]
         found = self.find_innovation(fresh, smooth, length, motion, bright)  # (H, W, 3)
@@ -199,7 +207,9 @@ class SVGF:
             found, self.lag = innovation(frame.color, shown, length, **known)  # (H, W, 3), (h, w, 4)
             (color, _), (shown, _) = correct(color, found), correct(shown, found)  # (H, W, 3) twice
         self.antialiased = [color, length]
-        return self.mixing.mix(frame.color, smooth, motion, shown) if stage["choice"] else shown
+        if not stage["choice"]:
+            return shown
+        return self.mixing.mix(frame.color, smooth, motion, shown, repeats=self.repeats)
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""

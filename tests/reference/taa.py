@@ -182,11 +182,19 @@ class Mixing:
         self.luminances = self.samples_before = self.evidence = None
         self.rest = 0
 
-    def mix(self, samples: Tensor, denoised: Tensor, motion: Tensor, shown: Tensor) -> Tensor:
-        """The mixture (H, W, 3), of samples, denoised colour and result (H, W, 3 each)."""
+    def mix(self, samples: Tensor, denoised: Tensor, motion: Tensor, shown: Tensor, *, repeats: bool) -> Tensor:
+        """The mixture (H, W, 3), of samples, denoised colour and result (H, W, 3 each); the result if noise repeats."""
+        if repeats:
+            self.__init__()
+            self.rest = 5
+            return shown
         if self.rest > 0:
             self.rest -= 1
             return shown
+        # No sample counts for more than eight times the result.
+        bright = luminance(samples)  # (H, W)
+        most = 8 * (luminance(shown).clamp(min=0) + exposure(shown) / 16)  # (H, W)
+        samples = samples * torch.where(bright > most, most / bright, 1)[..., None]  # (H, W, 3)
         light = [luminance(image) for image in (samples, denoised, shown)]  # 3 of (H, W)
         shares = None
         if self.luminances is not None:

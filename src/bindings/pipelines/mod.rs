@@ -243,7 +243,7 @@ impl<'py> Room<'py> {
         })
     }
 
-    /// Makes the output, and says what seems wrong with the frame's motion.
+    /// Makes the output, and says what seems wrong with the frame.
     fn output(
         self,
         py: Python<'py>,
@@ -262,7 +262,12 @@ impl<'py> Room<'py> {
             used: PyTuple::new(py, summary.used)?.unbind(),
             missing: summary.missing,
         };
-        warn(py, mistake)?;
+        if let Some(mistake) = mistake {
+            warn(py, &mistake.to_string())?;
+        }
+        if summary.repeats {
+            warn(py, REPEATS)?;
+        }
         Ok(output)
     }
 }
@@ -634,7 +639,9 @@ impl<'py> FrameArgs<'py> {
         };
         let frame = self.frame();
         let (summary, mistake) = detached(py, || pipeline.recall(&frame, expected))??;
-        warn(py, mistake)?;
+        if let Some(mistake) = mistake {
+            warn(py, &mistake.to_string())?;
+        }
         Ok(History {
             color: color.array()?.unbind(),
             moments: moments.array()?.unbind(),
@@ -700,13 +707,13 @@ fn split<'py>(
     Ok((denoiser, Some(stage)))
 }
 
-/// Says what seems wrong with the frame's motion.
-fn warn(py: Python<'_>, mistake: Option<pipelines::Mistake>) -> PyResult<()> {
-    let Some(mistake) = mistake else {
-        return Ok(());
-    };
+/// What a user should know of frames whose noise repeats.
+const REPEATS: &str = "color: expected new noise in every frame, got that of the frame before, which hides as much as one \
+                       frame alone: render each with another seed, and none twice";
+
+fn warn(py: Python<'_>, message: &str) -> PyResult<()> {
     let category = py.get_type::<PyUserWarning>();
-    PyErr::warn(py, &category, &CString::new(mistake.to_string())?, 1)
+    PyErr::warn(py, &category, &CString::new(message)?, 1)
 }
 
 fn read<'py, T: Number>(

@@ -15,4 +15,5 @@ pub(crate) mod hull;
 pub mod innovation;
 pub mod neighborhood;
 pub mod prediction;
+pub mod repetition;
 pub mod thin_features;

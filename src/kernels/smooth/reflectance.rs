@@ -1,28 +1,55 @@
 //! Which surfaces have an albedo that is a reflectance, so that their texture can be divided out
 //! ([`demodulate`](super::demodulate)).
 //!
-//! A surface, all pixels of one id, counts as one whose albedo is a reflectance if the largest value of any channel at any
-//! of its pixels lies between 1/1000 and 5/4. Under the name of albedo, renderers store other things as well. The value of
+//! A surface, all pixels of one id, counts as one whose albedo is a reflectance if some channel of some pixel is at least
+//! 1/1000, and no more than one in 64 of its pixels has a channel above 5/4. Under the name of albedo, renderers store other things as well. The value of
 //! a BSDF at one pair of directions, which Mitsuba's integrator `aov` writes for rough metal, follows a highlight: from
 //! below a millionth to tens, from one pixel to the next. Light that is divided by it changes as much. Glass, mirrors,
 //! lamps and sky have 0. No reflectance is above 1, but the reconstruction filters of renderers overshoot, by a tenth or
-//! so; and nothing that is used for a material reflects less than a thousandth.
+//! so; and nothing that is used for a material reflects less than a thousandth. Single pixels above that, at a seam or by a
+//! sample gone wrong, do not count: highlights of rough metals cover a 25th of their surface and more.
 //!
-//! The largest value of a surface, not the pixel's own: a highlight's slopes pass through all values that reflectances have,
+//! The surface decides, not the pixel: a highlight's slopes pass through all values that reflectances have,
 //! and a decision that changes within a surface would divide the light of neighbours by different numbers.
 //!
 //! Inputs: albedo (3), ids (1). Values that are not finite count as 0.
 
 use std::collections::HashMap;
-use std::ops::{Range, RangeInclusive};
+use std::ops::Range;
 
 use crate::image::{BandMut, Image, Pixels, SEGMENT, View, segments};
 use crate::math::larger;
 use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
-/// Largest values that surfaces with a reflectance have.
-const USUAL: RangeInclusive<f32> = 1e-3..=1.25;
+/// A surface with a reflectance has one of at least this somewhere.
+const LEAST: f32 = 1e-3;
+/// Larger values are no reflectance,
+const MOST: f32 = 1.25;
+/// unless no more than one in so many pixels of the surface has them.
+const RARE: usize = 64;
+
+/// What decides for a surface.
+#[derive(Clone, Copy, Default)]
+struct Kind {
+    /// The largest value.
+    most: f32,
+    /// Pixels with a value above [`MOST`].
+    above: usize,
+    pixels: usize,
+}
+
+impl Kind {
+    fn add(&mut self, other: Self) {
+        self.most = larger(self.most, other.most);
+        self.above += other.above;
+        self.pixels += other.pixels;
+    }
+
+    fn reflects(&self) -> bool {
+        self.most >= LEAST && RARE * self.above <= self.pixels
+    }
+}
 
 /// The surfaces of a frame, and whether their albedo is a reflectance.
 pub struct Surfaces {
@@ -36,20 +63,15 @@ impl Surfaces {
     /// The surfaces of a frame with this albedo.
     pub fn new(albedo: Pixels, ids: Pixels<u32>) -> Self {
         let size = albedo.size;
-        let mut brightest: Vec<HashMap<u32, f32>> = vec![];
-        brightest.resize_with(rows::bands(size.height).count(), HashMap::new);
-        rows::run(
-            &Brightest { albedo, ids },
-            size.height,
-            brightest.iter_mut(),
-        );
-        let mut all = HashMap::new();
-        for (id, value) in brightest.into_iter().flatten() {
-            let most = all.entry(id).or_insert(value);
-            *most = larger(*most, value);
+        let mut kinds: Vec<HashMap<u32, Kind>> = vec![];
+        kinds.resize_with(rows::bands(size.height).count(), HashMap::new);
+        rows::run(&Kinds { albedo, ids }, size.height, kinds.iter_mut());
+        let mut all = HashMap::<u32, Kind>::new();
+        for (id, kind) in kinds.into_iter().flatten() {
+            all.entry(id).or_default().add(kind);
         }
         let reflecting = (all.into_iter())
-            .map(|(id, most)| (id, USUAL.contains(&most)))
+            .map(|(id, kind)| (id, kind.reflects()))
             .collect();
         let mut mask = Image::blank(size, 1);
         let kernel = Mark {
@@ -84,17 +106,17 @@ impl Surfaces {
     }
 }
 
-/// The largest albedo of each surface in a band.
-struct Brightest<'a> {
+/// What decides for each surface in a band.
+struct Kinds<'a> {
     albedo: Pixels<'a>,
     ids: Pixels<'a, u32>,
 }
 
-impl<'a> Kernel for Brightest<'a> {
-    type Out = &'a mut HashMap<u32, f32>;
+impl<'a> Kernel for Kinds<'a> {
+    type Out = &'a mut HashMap<u32, Kind>;
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, brightest: Self::Out) {
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, kinds: Self::Out) {
         let (mut albedo, mut ids) = ([[0.0; SEGMENT]; 3], [0; SEGMENT]);
         let mut largest = [0.0; SEGMENT];
         for run in rows.flat_map(|y| segments(y, self.albedo.size.width)) {
@@ -109,9 +131,12 @@ impl<'a> Kernel for Brightest<'a> {
             }
             let mut x = 0;
             for same in ids.chunk_by(|a, b| a == b) {
-                let most = largest[x..][..same.len()].iter().copied().fold(0.0, larger);
-                let known = brightest.entry(same[0]).or_insert(0.0);
-                *known = larger(*known, most);
+                let values = &largest[x..][..same.len()];
+                kinds.entry(same[0]).or_default().add(Kind {
+                    most: values.iter().copied().fold(0.0, larger),
+                    above: values.iter().map(|&value| usize::from(value > MOST)).sum(),
+                    pixels: same.len(),
+                });
                 x += same.len();
             }
         }

@@ -56,15 +56,9 @@ pub fn finish(
     // The next images take its place.
     drop(passes);
     if let Some(((stage, color), show)) = antialias.zip(aliased).zip(show) {
-        let (color, corrects) = (color.pixels(), now.params.innovation.is_some());
-        stage.show(
-            now.frame,
-            now.before.as_ref(),
-            now.motion,
-            color,
-            corrects,
-            show,
-        );
+        let how = [now.params.innovation.is_some(), now.repeats];
+        let (before, color) = (now.before.as_ref(), color.pixels());
+        stage.show(now.frame, before, now.motion, color, how, show);
     }
 }
 

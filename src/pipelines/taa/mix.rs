@@ -5,7 +5,11 @@
 //! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
 //! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
 //! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
-//! Where fewer than one in [`FEWEST`] shows anything else, none does, and the next [`REST`] frames are not judged.
+//! Where fewer than one in [`FEWEST`] shows anything else, none does, and the next [`REST`] frames are not judged. So it is
+//! where the noise of frames repeats, which looks like detail.
+//!
+//! A sample counts for no more than [`BRIGHTEST`] times the result, which no result that counts it for an eighth or more notices:
+//! a firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
 //!
 //! Inputs: samples (3), denoised colour (3), motion (2 or 3), of the frame before: luminances (3), luminance of the samples
 //! before it (1), evidence (of an eighth of the size). In place: result (3). Outputs: what the next frame needs of these.
@@ -19,7 +23,7 @@ use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::choice::Levels;
 use crate::kernels::judge::collocation::{self, PLANES, collocate};
 use crate::kernels::judge::exposure::exposure;
-use crate::math::luminance;
+use crate::math::{larger, luminance};
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -37,6 +41,9 @@ const FEWEST: usize = 8;
 /// It takes four frames to ask again, so that in five of nine nothing is done.
 const REST: u32 = 5;
 
+/// Of the result's luminance and a sixteenth of the exposure: samples are held to it.
+const BRIGHTEST: f32 = 8.0;
+
 /// What the next frame needs to judge this one.
 #[derive(Default)]
 pub struct Seen {
@@ -48,22 +55,36 @@ pub struct Seen {
     rest: u32,
 }
 
-/// Mixes samples and denoised colour into the result. Returns what the next frame needs.
+/// Mixes samples and denoised colour into the result, unless the noise of the samples `repeats`. Returns what the next frame
+/// needs.
 pub fn mix(
     before: Option<Seen>,
     samples: Pixels,
     denoised: Pixels,
     motion: Pixels,
+    repeats: bool,
     shown: &mut [f32],
 ) -> Seen {
     let size = samples.size;
     let before = before.unwrap_or_default();
+    let resting = Seen {
+        rest: REST,
+        ..Seen::default()
+    };
+    if repeats {
+        return resting;
+    }
     if let Some(rest) = before.rest.checked_sub(1) {
         return Seen {
             rest,
             ..Seen::default()
         };
     }
+    let bright = exposure(Pixels::records(size, 3, shown));
+    let held = Held {
+        samples,
+        black: bright / 16.0,
+    };
     let (mut shares, mut evidence, mut samples_before) = (None, None, None);
     if let Some(luminances) = &before.luminances {
         let recent = fetch(luminances.pixels(), motion, Tests::none(), Filter::Bilinear);
@@ -72,17 +93,18 @@ pub fn mix(
         });
         let (mut found, left) = carried.unzip();
         if found.as_mut().is_some_and(|shares| !agree(shares)) {
-            return Seen {
-                rest: REST,
-                ..Seen::default()
-            };
+            return resting;
         }
         let older = (before.samples_before.as_ref())
             .map(|plane| fetch(plane.pixels(), motion, Tests::none(), Filter::Bilinear));
-        let planes = planes(samples, &recent, older.as_ref());
+        let planes = planes(
+            &held,
+            Pixels::records(size, 3, shown),
+            &recent,
+            older.as_ref(),
+        );
         if older.is_some() {
             let mut sums = left.unwrap_or_else(|| collocation::nothing(size));
-            let bright = exposure(Pixels::records(size, 3, shown));
             collocate(planes.pixels(), bright, &mut sums);
             evidence = Some(sums);
         }
@@ -92,7 +114,7 @@ pub fn mix(
     let mut luminances = Records::blank(size, LUMINANCES);
     let [first, second] = [0, 1].map(|c| (shares.as_ref()).map(|shares| shares.channels(c..c + 1)));
     let kernel = Mix {
-        samples,
+        held,
         denoised,
         shares: first.zip(second).map(|(a, b)| [a, b].map(Levels)),
     };
@@ -143,11 +165,17 @@ fn agree(shares: &mut Image) -> bool {
 
 /// What the evidence compares, each with its coverage: luminances of new samples, of those of the frame before, of those
 /// before that, and of denoised colour and result of the frame before. NaN where a pixel was not there.
-fn planes(samples: Pixels, recent: &(Image, Image), older: Option<&(Image, Image)>) -> Image {
-    let size = samples.size;
+fn planes(
+    held: &Held,
+    result: Pixels,
+    recent: &(Image, Image),
+    older: Option<&(Image, Image)>,
+) -> Image {
+    let size = result.size;
     let mut planes = Image::blank(size, PLANES);
     let kernel = Planes {
-        samples,
+        held,
+        result,
         recent: [&recent.0, &recent.1].map(Image::view),
         older: older.map(|(older, coverage)| [older, coverage].map(Image::view)),
     };
@@ -155,8 +183,29 @@ fn planes(samples: Pixels, recent: &(Image, Image), older: Option<&(Image, Image
     planes
 }
 
-struct Planes<'a> {
+/// Samples, none of them much brighter than the result.
+struct Held<'a> {
     samples: Pixels<'a>,
+    /// Light below it is black.
+    black: f32,
+}
+
+impl Held<'_> {
+    /// The sample beside a result, each with its luminance.
+    #[inline(always)]
+    fn beside(&self, sample: [f32; 3], result: f32) -> ([f32; 3], f32) {
+        let [r, g, b] = sample;
+        let bright = luminance(r, g, b);
+        let most = BRIGHTEST * (larger(result, 0.0) + self.black);
+        let factor = if bright > most { most / bright } else { 1.0 };
+        let held = sample.map(|value| value * factor);
+        (held, luminance(held[0], held[1], held[2]))
+    }
+}
+
+struct Planes<'a> {
+    held: &'a Held<'a>,
+    result: Pixels<'a>,
     recent: [View<'a>; 2],
     older: Option<[View<'a>; 2]>,
 }
@@ -166,15 +215,17 @@ impl<'a> Kernel for Planes<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut planes: BandMut<'a>) {
-        let width = self.samples.size.width;
-        let mut colors = [[0.0; SEGMENT]; 3];
+        let width = self.result.size.width;
+        let (mut colors, mut results) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
         for y in rows {
             let [fresh, recent, older, denoised, result] = planes.rows(y);
             for run in segments(y, width) {
-                self.samples.colors(run, &mut colors);
+                self.held.samples.colors(run, &mut colors);
+                self.result.colors(run, &mut results);
                 for (i, fresh) in fresh[run.x..][..run.len].iter_mut().enumerate() {
-                    let [r, g, b] = [0, 1, 2].map(|c| colors[c][i]);
-                    *fresh = luminance(r, g, b);
+                    let [sample, [r, g, b]] =
+                        [&colors, &results].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
+                    *fresh = self.held.beside(sample, luminance(r, g, b)).1;
                 }
             }
             let [values, coverage] = self.recent;
@@ -201,7 +252,7 @@ fn copy_covered(values: &[f32], coverage: &[f32], row: &mut [f32]) {
 
 /// Mixes as the tiles' shares say.
 struct Mix<'a> {
-    samples: Pixels<'a>,
+    held: Held<'a>,
     denoised: Pixels<'a>,
     /// Of the denoised colour, and of the samples.
     shares: Option<[Levels<'a>; 2]>,
@@ -212,7 +263,7 @@ impl<'a> Kernel for Mix<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (shown, luminances): Self::Out) {
-        let Size { width, .. } = self.samples.size;
+        let Size { width, .. } = self.denoised.size;
         let (mut sample, mut denoised) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
         let mut levels: [Row; 2] = [[0.0; SEGMENT]; 2];
         let shown = rows::lines(rows.clone(), shown, 3 * width);
@@ -221,7 +272,7 @@ impl<'a> Kernel for Mix<'a> {
             let shown = shown.as_chunks_mut::<3>().0;
             let luminances = luminances.as_chunks_mut::<LUMINANCES>().0;
             for run in segments(y, width) {
-                self.samples.colors(run, &mut sample);
+                self.held.samples.colors(run, &mut sample);
                 self.denoised.colors(run, &mut denoised);
                 if let Some(shares) = &self.shares {
                     for (levels, shares) in levels.iter_mut().zip(shares) {
@@ -232,7 +283,9 @@ impl<'a> Kernel for Mix<'a> {
                 for (i, (shown, known)) in pixels.zip(&mut luminances[run.x..]).enumerate() {
                     let [y, a] = [&sample, &denoised].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
                     let b = *shown;
-                    *known = [y, a, b].map(|[r, g, b]| luminance(r, g, b));
+                    let [denoised, result] = [a, b].map(|[r, g, b]| luminance(r, g, b));
+                    let (y, sample) = self.held.beside(y, result);
+                    *known = [sample, denoised, result];
                     let mixed: [_; 3] = std::array::from_fn(|c| {
                         let result = b[c] + levels[0][i] * (a[c] - b[c]);
                         result + levels[1][i] * (y[c] - result)
