@@ -146,8 +146,10 @@ class Mixing:
                 if self.evidence is not None:
                     shares, self.evidence = yester.collocation_shares(self.evidence, motion, coverage)
                     agreed = agree(shares[..., 1] > np.float32(0.05))
-                    shares = np.where(agreed[..., None], shares, np.float32(0))
-                    if 8 * agreed.sum() < agreed.size:
+                    smooth = share_of_all(self.evidence)[0] >= 0.25
+                    kept = np.dstack([agreed | smooth, agreed])
+                    shares = np.where(kept, shares, np.float32(0))
+                    if 8 * agreed.sum() < agreed.size and not smooth:
                         self.__init__()
                         self.rest = 5
                         return shown
@@ -188,11 +190,35 @@ def agree(asks: NDArray) -> NDArray:
     return 10 * windows[0] >= 3 * windows[1]
 
 
+def share_of_all(evidence: NDArray) -> NDArray:
+    """The shares of denoised colour and samples that would have been best for all tiles together."""
+    one = evidence.sum((0, 1), dtype=np.float64)[None, None].astype(np.float32)
+    return yester.collocation_shares(one, np.zeros((8, 8, 2)), np.ones((8, 8)), share=0.0)[0][0, 0]
+
+
 def fetch_known(image: NDArray, motion: NDArray) -> tuple[NDArray, NDArray]:
     """An image of the frame before and its coverage, NaN where it is not covered."""
     fetched, coverage = yester.reproject(image, motion, fallback=False)
     known = coverage > 0 if fetched.ndim == 2 else (coverage > 0)[..., None]
     return np.where(known, fetched, np.float32(np.nan)), coverage
+
+
+def follows(color: NDArray, old: NDArray, found: list, coverage: NDArray) -> NDArray:
+    """Where one history is far nearer than another one to the mean colour of 3×3 pixels."""
+    height, width = color.shape[:2]
+    padded, mean = np.pad(color, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan), np.zeros_like(color)
+    for dy in range(3):
+        for dx in range(3):
+            mean = mean + padded[dy : dy + height, dx : dx + width]
+    mean, exposure = mean / np.float32(9), np.float32(yester.exposure(color))
+
+    def distance(image: NDArray) -> NDArray:
+        with np.errstate(all="ignore"):
+            one, other = (each / (luminance(each) + exposure)[..., None] for each in (image, mean))
+            r, g, b = np.moveaxis(np.abs(one - other), -1, 0)
+        return r + g + b
+
+    return (coverage > 0) & (distance(found[0]) < np.float32(0.3) * distance(old))
 
 
 def antialias(settings: dict, history, color, motion, depth, still=None, tests=None) -> tuple[list, NDArray, NDArray]:
@@ -204,7 +230,8 @@ def antialias(settings: dict, history, color, motion, depth, still=None, tests=N
     else:
         moved = dilated(settings, motion, depth, still)
         known = {"fallback": False, **tests}
-        (old, length), coverage = yester.reproject(history[:2], moved, filter=settings["filter"], **known)
+        fetches = {"filter": settings["filter"], **known}
+        (old, length), coverage = yester.reproject(history[:2], moved, **fetches)
         if settings["alternation"]:
             memory, seen = yester.reproject(history[2], moved, **known)
             memory = np.where((seen > 0)[..., None], memory, np.float32(np.nan))
@@ -213,6 +240,16 @@ def antialias(settings: dict, history, color, motion, depth, still=None, tests=N
         if settings["gradient"]:
             known = np.where((coverage > 0)[..., None], old, np.float32(np.nan))
             change = yester.temporal_gradient(color, known, noise=2.2, passes=3, widest=5)
+        if still is not None and not settings["dilate_movers"] and depth is not None:
+            other = dilated({**settings, "dilate_movers": True}, motion, depth)
+            found = yester.reproject(history[:2], other, **fetches)
+            apart = (np.abs(other[..., :2] - moved[..., :2]) > np.float32(0.05)).any(-1)
+            taken = apart & follows(color, old, *found)
+            old, length = (
+                np.where(taken[..., None] if new.ndim == 3 else taken, new, image)
+                for new, image in zip(found[0], (old, length), strict=True)
+            )
+            coverage = np.where(taken, found[1], coverage)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = yester.exposure(color)
     clipped, kept = yester.clip_history(old, color, exposure=bright, **among), []

@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import composed
@@ -10,6 +11,8 @@ import yester
 from compare import SIZES, assert_close, assert_same_bits, colors, each, motions, tensor
 from composed import sample, sequence, supersampled
 from reference.taa import PRESETS
+from yester import metrics
+from yester.study.synthetic import raycast
 
 WIDTH, HEIGHT = 61, 43
 SURFACE = ("color", "depth", "normal", "object_normal", "ids", "motion", "position", "camera")
@@ -538,3 +541,30 @@ def test_bad_samples(samples, error, message):
     with pytest.raises(error, match=message):
         taa.step(yester.Frame(np.ones((4, 4, 3))), samples=samples)
     assert taa.step(yester.Frame(np.ones((4, 4, 3)))).history_length.max() == 1
+
+
+def bright_ball(number: int, size=(96, 72)):
+    """A scene whose moving ball is brighter than all else, from a camera at rest."""
+    scene = flight.scene(2 * number, flight.camera(0, *size))
+    *others, ball = scene.things
+    return replace(scene, things=(*others, replace(ball, albedo=(8.0, 8.0, 8.0))))
+
+
+def test_edges_of_what_moves_by_itself(monkeypatch):
+    """History along a mover's motion is taken where it agrees: better than never, and than always."""
+    frames, truths = [], []
+    for number, offset in enumerate(yester.jitter(10)):
+        now, before = bright_ball(number), bright_ball(number - 1)
+        frames.append(replace(flight.sample(now, before), color=flight.sample(now, offset=tuple(offset)).color))
+        truths.append(raycast.truth(now, 6))
+
+    def error(stage) -> float:
+        images = [stage.step(frame).color for frame in frames]
+        pairs = zip(images[4:], truths[4:], strict=True)
+        return float(np.mean([np.square(metrics.srgb(image) - metrics.srgb(truth)) for image, truth in pairs]))
+
+    chosen, always = error(yester.TAA("denoised")), error(yester.TAA("denoised", dilate_movers=True))
+    monkeypatch.setattr(composed, "follows", lambda color, *_: np.zeros(color.shape[:2], bool))
+    never = error(composed.TAA("denoised"))
+    assert chosen < always
+    assert chosen < 0.9 * never

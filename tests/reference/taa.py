@@ -19,6 +19,7 @@ from .motion import motion_vectors
 from .neighborhood import clip_history
 from .reproject import reproject
 from .resolve import resolve
+from .similarity import shift
 
 TEXTBOOK = {
     "dilate": "none",
@@ -140,6 +141,13 @@ def antialias(
         if settings["gradient"]:
             known = old.where((coverage > 0)[..., None], torch.nan)  # (H, W, 3)
             change = temporal_gradient(color, known, noise=2.2, passes=3, widest=5)  # (H, W)
+        if still is not None and not settings["dilate_movers"] and depth is not None:
+            other = dilated(settings, motion, depth, None)  # (H, W, 2|3)
+            found = reproject(history[:2], other, filter=settings["filter"], fallback=False, **tests)
+            (moved, age), seen = found  # (H, W, 3), (H, W), (H, W)
+            taken = follows(color, old, moved, seen) & ((other - there)[..., :2].abs() > 0.05).any(-1)  # (H, W)
+            old, length = moved.where(taken[..., None], old), age.where(taken, length)  # (H, W, 3), (H, W)
+            coverage = seen.where(taken, coverage)  # (H, W)
     among = {name: settings[name] for name in ("box", "gamma", "window", "space", "response")}
     bright = exposure(color)
     clipped = clip_history(old, color, exposure=bright, **among)  # (H, W, 3)
@@ -159,6 +167,18 @@ def antialias(
     new = blend(color, clipped, share, exposure=bright, **weights)  # (H, W, 3)
     length = counted.where(color.isfinite().all(-1), length)  # (H, W)
     return Antialiased([new, length, *kept], coverage, rejection)
+
+
+def follows(color: Tensor, still: Tensor, moved: Tensor, coverage: Tensor) -> Tensor:
+    """Where history along a mover's motion is far nearer to the mean of 3×3 colours than the still scene's (H, W)."""
+    window = [shift(color[..., c], dx, dy, torch.nan) for c in range(3) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    mean = torch.stack(window).unflatten(0, (3, 9)).mean(1).movedim(0, -1)  # (H, W, 3)
+
+    def toned(image: Tensor) -> Tensor:
+        return image / (luminance(image) + exposure(color))[..., None]  # (H, W, 3)
+
+    near, far = ((toned(image) - toned(mean)).abs().sum(-1) for image in (moved, still))  # (H, W) each
+    return (coverage > 0) & (near < 0.3 * far)
 
 
 def dilated(settings: dict, motion: Tensor, depth: Tensor | None, still: Tensor | None) -> Tensor:
@@ -201,7 +221,9 @@ class Mixing:
             (before, smooth, result), coverage = fetch_all(self.luminances, motion)  # 3 of (H, W), (H, W)
             if self.evidence is not None:
                 shares, self.evidence = collocation_shares(self.evidence, motion, coverage)  # (h, w, 2), (h, w, 14)
-                if (shares[..., 1] > 0.05).to(shares).mean() < 1 / 4:
+                one = self.evidence.sum((0, 1), keepdim=True)  # (1, 1, 14)
+                whole, _ = collocation_shares(one, torch.zeros(8, 8, 2).to(one), torch.ones(8, 8).to(one), share=0.0)
+                if whole[0, 0, 0] < 1 / 4 and (shares[..., 1] > 0.05).to(shares).mean() < 1 / 4:
                     self.__init__()
                     self.rest = 5
                     return shown

@@ -57,7 +57,7 @@ RUNS = {
         "doors.csv",
     ),
     "oracle": Source("yester.study.compare.oracle", ""),
-    "samples": Source("yester.study.compare.samples", ""),
+    "samples": Source("yester.study.compare.samples --reference-spp 256", ""),
     "thin": Source("yester.study.compare.thin", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),

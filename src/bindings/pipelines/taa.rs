@@ -36,8 +36,10 @@ use crate::pipelines::taa;
 /// dilate_margin : float, optional
 ///     Its margin, 0 to below 1.
 /// dilate_movers : bool, optional
-///     Whether pixels also take the motion of neighbours that move by themselves, as far as cameras and depth or
-///     position tell (the `still` of `dilate_motion`). By default all presets but "denoised" do.
+///     Whether pixels always take the motion of neighbours that move by themselves, as far as cameras and depth or
+///     position tell (the `still` of `dilate_motion`), or only where the history that it leads to is less than 0.3
+///     times as far from the mean colour of 3×3 pixels: the sum over channels of the differences of ``c / (l + e)``,
+///     with l the luminance of a colour c and e the exposure. By default all presets but "denoised" always do.
 /// filter : {"bilinear", "nearest", "catmull-rom", "catmull-rom-5", "lanczos-2"}, optional
 ///     As in `reproject`.
 /// box, gamma, window, space, response : str or float, optional
@@ -71,9 +73,12 @@ use crate::pipelines::taa;
 ///     With the `samples` of denoised frames: each tile of 8×8 pixels mixes the result with the denoised colour and
 ///     the samples, by the shares that would have made the error of the frame before least (`collocate`,
 ///     `collocation_shares`; frames are fetched by `reproject` without fallback). Frames of many samples are
-///     antialiased as they come, and have little noise. A tile shows the result if fewer than 3 of 10 tiles, up to 4
-///     tiles away, ask for more than 5 % of the samples. If fewer than one in 8 shows anything else, none does, and the
-///     next five frames are not judged: so it mostly is with frames of one sample.
+///     antialiased as they come, and have little noise. A tile shows no samples if fewer than 3 of 10 tiles, up to 4
+///     tiles away, ask for more than 5 % of them, and no denoised colour either, unless that would be a quarter of the
+///     best mixture for all tiles together. If it is not, and fewer than one in 8 shows anything but the result, none
+///     does, and the next five frames are not judged: so it mostly is with frames of one sample. It always is where
+///     they have the noise of the frame before (`repetition`), which comes with a `UserWarning`. A sample counts for no
+///     more than eight times the result plus half of its exposure, by luminance, so that fireflies do not return.
 ///     By default only preset "denoised" does this.
 ///
 /// Raises

@@ -93,6 +93,10 @@ impl<'a> Choice<'a> {
     }
 }
 
+/// The rank of a pixel for itself, and as a neighbour, among the rows of a [`Dilation`].
+const OWN: usize = 0;
+const OFFERED: usize = 1;
+
 /// Sliding window of three rows of motion.
 pub(crate) struct Dilation<'a> {
     motion: Pixels<'a>,
@@ -138,9 +142,36 @@ impl<'a> Dilation<'a> {
     /// The dilated motion of a span.
     #[inline(always)]
     pub fn choose(&self, run: Run, chosen: &mut [Row; 3]) {
+        self.choose_by::<OFFERED>(run, chosen);
+    }
+
+    /// The same if no neighbour were left out.
+    #[inline(always)]
+    pub fn choose_of_all(&self, run: Run, chosen: &mut [Row; 3]) {
+        self.choose_by::<OWN>(run, chosen);
+    }
+
+    /// Whether a neighbour is left out somewhere in a span.
+    #[inline(always)]
+    pub fn leaves_out(&self, run: Run) -> bool {
+        let differs = |dy| {
+            let [own, offered, ..] = self.rows.columns(run, dy);
+            let mut differs = false;
+            for i in 0..run.len + 2 {
+                differs |= own[i] != offered[i];
+            }
+            differs
+        };
+        [-1, 0, 1].map(differs).contains(&true)
+    }
+
+    #[inline(always)]
+    fn choose_by<const RANK: usize>(&self, run: Run, chosen: &mut [Row; 3]) {
         match self.window {
-            Window::Square => self.choose_among(run, chosen, |_, _| true),
-            Window::Cross => self.choose_among(run, chosen, |dx, dy| dx == 1 || dy == 1),
+            Window::Square => self.choose_among::<RANK>(run, chosen, |_, _| true),
+            Window::Cross => {
+                self.choose_among::<RANK>(run, chosen, |dx, dy| dx == 1 || dy == 1);
+            }
         }
     }
 
@@ -159,7 +190,7 @@ impl<'a> Dilation<'a> {
     }
 
     #[inline(always)]
-    fn choose_among(
+    fn choose_among<const RANK: usize>(
         &self,
         run: Run,
         [cx, cy, cz]: &mut [Row; 3],
@@ -173,7 +204,8 @@ impl<'a> Dilation<'a> {
             for dy in 0..3 {
                 for dx in 0..3 {
                     if has(dx, dy) {
-                        let [_, rank, tx, ty, tz] = rows[dy].map(|row| row[i + dx]);
+                        let [.., tx, ty, tz] = rows[dy].map(|row| row[i + dx]);
+                        let rank = rows[dy][RANK][i + dx];
                         let nearer = rank < best;
                         best = if nearer { rank } else { best };
                         x = if nearer { tx } else { x };

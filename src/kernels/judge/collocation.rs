@@ -88,6 +88,17 @@ pub fn shares(evidence: Pixels, motion: Pixels, coverage: View, share: f32) -> (
     (shares, carried)
 }
 
+/// The mixture that would have been best for all tiles together.
+pub fn share_of_all(evidence: &Records) -> [f32; SHARES] {
+    let mut sums = [0.0; CHANNELS];
+    for tile in evidence.pixels().elements().0.chunks_exact(CHANNELS) {
+        for (sum, &value) in sums.iter_mut().zip(tile) {
+            *sum += f64::from(value);
+        }
+    }
+    mixture(&sums.map(|sum| sum as f32))
+}
+
 /// Evidence before any frame.
 pub fn nothing(size: Size) -> Records {
     Records::new(tiles(size), CHANNELS)

@@ -5,8 +5,9 @@
 //! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
 //! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
 //! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
-//! Where fewer than one in [`FEWEST`] shows anything else, none does, and the next [`REST`] frames are not judged. So it is
-//! where the noise of frames repeats, which looks like detail.
+//! The λ of all tiles together is no chance: from [`DENOISED`] on, all show as much denoised colour as their own λ says. Where
+//! it is less, and fewer than one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So
+//! it is where the noise of frames repeats, which looks like detail.
 //!
 //! A sample counts for no more than [`BRIGHTEST`] times the result, which no result that counts it for an eighth or more notices:
 //! a firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
@@ -36,6 +37,9 @@ const ASKS: f32 = 0.05;
 /// do with one sample, and mostly more than a third with 16.
 const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
+/// Of all tiles together. With one sample, it is 0 in all sequences of the study that have albedo; with 16, it is above 0.1 in
+/// most, and where it is less, nothing is gained.
+const DENOISED: f32 = 0.25;
 /// Single groups of tiles agree by chance.
 const FEWEST: usize = 8;
 /// It takes four frames to ask again, so that in five of nine nothing is done.
@@ -92,8 +96,12 @@ pub fn mix(
             collocation::shares(known.pixels(), motion, recent.1.view(), collocation::SHARE)
         });
         let (mut found, left) = carried.unzip();
-        if found.as_mut().is_some_and(|shares| !agree(shares)) {
-            return resting;
+        if let Some((shares, evidence)) = found.as_mut().zip(left.as_ref()) {
+            let [smooth, _] = collocation::share_of_all(evidence);
+            let smooth = smooth >= DENOISED;
+            if !agree(shares, smooth) && !smooth {
+                return resting;
+            }
         }
         let older = (before.samples_before.as_ref())
             .map(|plane| fetch(plane.pixels(), motion, Tests::none(), Filter::Bilinear));
@@ -130,8 +138,9 @@ pub fn mix(
     }
 }
 
-/// Lets tiles show the result where too few around them ask for samples. Returns whether enough show anything else.
-fn agree(shares: &mut Image) -> bool {
+/// Lets tiles show the result where too few around them ask for samples, or if it is `smooth`, the result and the denoised colour.
+/// Returns whether enough ask.
+fn agree(shares: &mut Image, smooth: bool) -> bool {
     let Size { height, width } = shares.size;
     // Number of tiles that ask, above and to the left of a corner.
     let mut before = vec![0; (height + 1) * (width + 1)];
@@ -154,7 +163,7 @@ fn agree(shares: &mut Image) -> bool {
             if ASK[1] * (inside(bottom) - inside(top)) >= ASK[0] * tiles as u32 {
                 others += 1;
             } else {
-                for c in 0..collocation::SHARES {
+                for c in usize::from(smooth)..collocation::SHARES {
                     shares.data_mut()[c * pixels + y * width + x] = 0.0;
                 }
             }

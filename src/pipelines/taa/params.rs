@@ -278,8 +278,9 @@ impl Params {
 
     /// The same with the exposure of a colour for tone curves and relative luminances, if there are any.
     pub(super) fn exposed(mut self, color: Pixels) -> Self {
-        let weights = self.blend.weighting != Weighting::None;
-        let bright = match self.clip.space.is_tone_mapped() || weights || self.alternation {
+        let weighs = self.blend.weighting != Weighting::None || self.alternation;
+        let follows = self.dilate.is_some() && !self.dilate_movers;
+        let bright = match self.clip.space.is_tone_mapped() || weighs || follows {
             true => exposure(color),
             false => 1.0,
         };

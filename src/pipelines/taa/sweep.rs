@@ -8,6 +8,10 @@
 //! So the first samples are averaged equally until 1/N reaches α₀. Where the colours of neighbourhoods alternate, part of
 //! the history escapes the clip ([`hold`]).
 //!
+//! Beside an object that moves by itself, dilation may leave its motion out. The history of its edge is then lost, which shows
+//! where the object is much brighter or darker than what it passes. So both are fetched, and that along the object's motion
+//! is taken where it is far nearer to the mean colour of 3×3 pixels ([`NEARER`]).
+//!
 //! Inputs: colour (3), motion (2 or 3), depth (1, optional), history (4: colour, N), λ (1, optional), count of returns (1,
 //! optional). Outputs: history (4); colour (3), black where no sample was ever seen; N, coverage and rejection, optional.
 
@@ -22,13 +26,19 @@ use crate::kernels::judge::anti_lag;
 use crate::kernels::judge::neighborhood::Window;
 use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power};
 use crate::kernels::merge::blend::{Weighting, calm, mix};
-use crate::math::is_present;
+use crate::math::{Color, is_present, luminance};
 use crate::pipelines::frame::{Report, blacken_missing};
 use crate::pixels::{Motion, MotionLanes, PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Channels of the history: colour 0 to 2, length 3.
 pub const CHANNELS: usize = 4;
+
+/// How much nearer the history along a moving neighbour's motion must be than that of the still scene. With 1/2, dark creases
+/// beside the bright rims of `carousel` lose 3 % relMSE, and with 1, 5 %.
+const NEARER: f32 = 0.3;
+/// Motions of less difference, in pixels, lead to the same history.
+const APART: f32 = 0.05;
 
 pub struct Sweep<'a> {
     pub params: Params,
@@ -145,6 +155,7 @@ impl<'a> Kernel for Sweep<'a> {
             for run in segments(y, size.width) {
                 let motion = own_motion.load(&self.motion, run);
                 past.fetch(run, motion, self.fetch.as_ref());
+                past.follow_movers(run, motion, self.fetch.as_ref(), &window, blend.exposure);
                 self.clip(run, &mut window, &mut past);
                 let colors = window.colors.own(run);
                 self.blend_factors(run, colors, motion, &mut past, &mut factors);
@@ -166,6 +177,8 @@ struct Past<'a> {
     dilation: Option<Dilation<'a>>,
     dilated: [Row; 3],
     fetched: Option<Fetched>,
+    /// The same along the motion of neighbours that dilation leaves out, if it does.
+    movers: Option<Movers>,
     color: [Row; 3],
     length: Row,
     coverage: Row,
@@ -176,7 +189,13 @@ impl<'a> Past<'a> {
     #[inline(always)]
     fn new(sweep: &Sweep<'a>) -> Self {
         let dilation = (sweep.params.dilation()).filter(|_| sweep.fetch.is_some());
+        let leaves_out = matches!(sweep.choice, Choice::Nearest { still: Some(_), .. });
+        let movers = sweep.fetch.as_ref().filter(|_| leaves_out);
         Self {
+            movers: movers.map(|fetch| Movers {
+                dilated: [[0.0; SEGMENT]; 3],
+                fetched: fetch.room(),
+            }),
             dilation: dilation.map(|params| Dilation::new(sweep.motion, sweep.choice, params)),
             dilated: [[0.0; SEGMENT]; 3],
             fetched: sweep.fetch.as_ref().map(Fetch::room),
@@ -212,6 +231,72 @@ impl<'a> Past<'a> {
         self.coverage = fetched.coverage;
         self.rejection = fetched.rejection;
     }
+
+    /// Takes the history along the motion of neighbours that move by themselves, where it is far nearer to the colours around.
+    #[inline(always)]
+    fn follow_movers(
+        &mut self,
+        run: Run,
+        motion: Motion,
+        fetch: Option<&Fetch>,
+        window: &Window,
+        exposure: f32,
+    ) {
+        let (Some(dilation), Some(fetch)) = (&self.dilation, fetch) else {
+            return;
+        };
+        let Some(movers) = (self.movers.as_mut()).filter(|_| dilation.leaves_out(run)) else {
+            return;
+        };
+        let n = run.len;
+        dilation.choose_of_all(run, &mut movers.dilated);
+        let [x, y, depth] = movers.dilated.each_ref().map(|row| &row[..n]);
+        let [still_x, still_y, _] = &self.dilated;
+        let apart =
+            |i: usize| ((x[i] - still_x[i]).abs() > APART) | ((y[i] - still_y[i]).abs() > APART);
+        if !(0..n).any(apart) {
+            return;
+        }
+        let depth = motion.depth.map(|_| depth);
+        fetch.run(run, Motion { x, y, depth }, &mut movers.fetched);
+        let rows = [-1, 0, 1].map(|dy| window.colors.columns(run, dy));
+        let start = window.colors.radius - 1;
+        let found = movers.fetched.values(0).as_chunks::<CHANNELS>().0;
+        for i in (0..n).filter(|&i| apart(i) && movers.fetched.coverage[i] > 0.0) {
+            let mean = [0, 1, 2].map(|c| {
+                let taps = rows.iter().flat_map(|row| &row[c][start + i..][..3]);
+                taps.sum::<f32>() / 9.0
+            });
+            let [r, g, b, length] = found[i];
+            let old = self.color.each_ref().map(|row| row[i]);
+            let distance = |color| distance(color, mean, exposure);
+            if distance([r, g, b]) < NEARER * distance(old) {
+                for (row, value) in self.color.iter_mut().zip([r, g, b]) {
+                    row[i] = value;
+                }
+                self.length[i] = length;
+                self.coverage[i] = movers.fetched.coverage[i];
+            }
+        }
+    }
+}
+
+/// A fetch along other motion.
+struct Movers {
+    dilated: [Row; 3],
+    fetched: Fetched,
+}
+
+/// Between two colours, each relative to its luminance and the exposure.
+#[inline(always)]
+fn distance(one: Color, other: Color, exposure: f32) -> f32 {
+    let toned = |color: Color| {
+        let bright = luminance(color[0], color[1], color[2]) + exposure;
+        color.map(|value| value / bright)
+    };
+    let (one, other) = (toned(one), toned(other));
+    let [r, g, b] = [0, 1, 2].map(|c| (one[c] - other[c]).abs());
+    r + g + b
 }
 
 impl Outs<'_> {
