@@ -35,7 +35,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
     more = np.random.default_rng(seed)
     planes = light[..., None] + more.normal(0, 0.3, (height, width, 5)).astype(np.float32)
     products = np.abs(more.normal(0, 20, (*gains.shape[:2], 14))).astype(np.float32) + np.float32(9)
-    deviation = more.uniform(-1, 1, ((height + 7) // 8, width)).astype(np.float32)
+    deviation = more.uniform(-1, 1, ((height + 7) // 8 * 2, width)).astype(np.float32)
     moved = {"ids": now["ids"], "transforms": {1: np.diag([1.0, 2, 1, 1])}}
     return {
         "motion_vectors(depth)": (yester.motion_vectors, {"geometry": now["depth"], **cameras, **moved}),

@@ -496,7 +496,7 @@ class SVGF:
         incoherent = None
         still = find_still(frame, self.before)
         moved = motion
-        self.repeats = self.chooses and shows and self.noise.repeats(frame.color, motion)
+        self.repeats = self.chooses and shows and self.noise.repeats(sample, motion)
         chooses, min_length = self.chooses and shows and not self.repeats, self.min_length
         if self.repeats:  # history counts for no more than one sample
             min_length = float(np.float32(1) / np.float32(self.alpha["alpha"]) * np.float32(min_length))
@@ -646,7 +646,7 @@ class SVGF:
         if not stage["choice"]:
             return shown
         self.mixing = self.mixing or Mixing()
-        return self.mixing.mix(frame.color, color, motion, shown, repeats=self.repeats)
+        return self.mixing.mix(frame.color, color, motion, shown, repeats=self.repeats or frame.jitter is not None)
 
     def choose(self, series: list, prediction, sample, motion, coverage, length, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""
@@ -795,7 +795,7 @@ class BMFR:
         if frame.albedo is not None:
             weight = np.where((frame.albedo > 1 / 1024).any(-1), np.float32(1), np.float32(np.nan))
         motion, still, gradient = find_motion(frame, self.before), find_still(frame, self.before), None
-        self.repeats = self.antialias and self.noise.repeats(frame.color, motion)
+        self.repeats = self.antialias and self.noise.repeats(sample, motion)
         if self.before is None:
             history = [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), (), (3,))]
             confidence, rejection = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)

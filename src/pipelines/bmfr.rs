@@ -158,16 +158,16 @@ impl Steps for Bmfr {
         let light = history.pixels().part(LIGHT);
         let fit = fit(light, features, frame.albedo, params.regress, age);
         accumulate_fits(&fit, &past.history, params.fitted_alpha, &mut history);
+        let mixes = params.antialias.is_some_and(|stage| stage.choice);
+        let heard = mixes.then(|| Noise::see(noise, sample.pixels(), inputs.motion.pixels()));
+        let (noise, repeats) = heard.unzip();
+        let repeats = repeats.unwrap_or(false);
         drop((sample, past, fit));
         let evidence = (params.history.innovation.filter(|_| !first))
             .map(|params| inputs.correct(params, evidence.as_ref(), &mut history));
         let light = history.channels(FITS);
         let textured = texture.map(|texture| modulated(light.into(), texture, Way::Back));
         let color = textured.as_ref().map_or(light, Image::view);
-        let mixes = params.antialias.is_some_and(|stage| stage.choice);
-        let seen = mixes.then(|| Noise::see(noise, frame.color, inputs.motion.pixels()));
-        let (noise, repeats) = seen.unzip();
-        let repeats = repeats.unwrap_or(false);
         match &mut self.antialias {
             Some(stage) => {
                 let how = [params.history.innovation.is_some(), repeats];

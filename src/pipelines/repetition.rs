@@ -3,7 +3,7 @@
 use crate::image::{Image, Pixels};
 use crate::kernels::judge::repetition::{luminances, repetition};
 
-/// Noise counts as repeated from here on: between the values of sequences with independent noise and with one seed for all.
+/// Noise counts as repeated above this: between the values of sequences with independent noise and with one seed for all.
 const REPEATS: f32 = 0.3;
 
 /// What the next frame compares itself with.
@@ -13,7 +13,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Looks at the next frame's samples. Also returns whether they have the noise of the frame before.
+    /// Looks at the next frame's samples, best without texture. Also returns whether they have the noise of the frame before.
     pub fn see(before: Option<Self>, samples: Pixels, motion: Pixels) -> (Self, bool) {
         let luminance = luminances(samples);
         let found = before.map(|before| {

@@ -412,15 +412,15 @@ impl Svgf {
         let before = past.as_ref().and_then(|past| past.memory.camera);
         let mut used = vec![];
         let motion = frame.motion(before.as_ref(), &mut used);
-        let (noise, repeats) = self.listen(past.as_mut(), frame, &motion, &mut task);
-        let repeated = repeats.then(|| self.params.repeated());
-        let params = repeated.as_ref().unwrap_or(&self.params);
-        let accumulate = params.accumulate_in(frame, before.as_ref());
+        let accumulate = self.params.accumulate_in(frame, before.as_ref());
         let surfaces = surfaces(frame);
         (past.iter_mut()).for_each(|past| past.memory.disown(surfaces.as_ref()));
         let texture = texture(frame, surfaces.as_ref());
-        let asks = params.looks_around() || !matches!(task, Task::Show(_, None));
+        let asks = self.params.looks_around() || !matches!(task, Task::Show(_, None));
         let sample = asks.then(|| illumination(frame.color, texture));
+        let (noise, repeats) = self.listen(past.as_mut(), sample.as_ref(), &motion, &mut task);
+        let repeated = repeats.then(|| self.params.repeated());
+        let params = repeated.as_ref().unwrap_or(&self.params);
         let now = Current {
             params,
             accumulate,
@@ -457,22 +457,19 @@ impl Svgf {
     fn listen(
         &self,
         past: Option<&mut State>,
-        frame: &Frame,
+        sample: Option<&Image>,
         motion: &Motion,
         task: &mut Task,
     ) -> (Option<Noise>, bool) {
         let Task::Show(shown, _) = task else {
             return (None, false);
         };
-        let Some(choice) = shown
-            .choice
-            .as_mut()
-            .filter(|_| self.params.choice.is_some())
-        else {
+        let choice = (shown.choice.as_mut()).filter(|_| self.params.choice.is_some());
+        let Some((choice, sample)) = choice.zip(sample) else {
             return (None, false);
         };
         let before = past.and_then(|past| past.noise.take());
-        let (noise, repeats) = Noise::see(before, frame.color, motion.pixels());
+        let (noise, repeats) = Noise::see(before, sample.pixels(), motion.pixels());
         if repeats {
             choice.fill(self.params.atrous.iterations as f32);
         }

@@ -90,7 +90,8 @@ impl Stage {
     }
 
     /// The whole stage behind a denoiser: antialiases its colour, corrects the result by what the frame's samples show to be
-    /// wrong with it, and mixes them in, unless their noise `repeats`. `before` is the camera of the frame before.
+    /// wrong with it, and mixes them in, unless their noise `repeats`, or all are at the same known place of their pixels, which
+    /// leaves edges aliased. `before` is the camera of the frame before.
     pub fn show(
         &mut self,
         frame: &Frame,
@@ -107,7 +108,8 @@ impl Stage {
         self.step(denoised, motion.pixels(), choice, out, None);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, shown);
-        self.mix(frame.color, denoised, motion.pixels(), repeats, shown);
+        let alike = repeats || frame.jitter.is_some();
+        self.mix(frame.color, denoised, motion.pixels(), alike, shown);
     }
 
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
@@ -170,18 +172,19 @@ impl Stage {
         missing
     }
 
-    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so.
+    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so, and not where
+    /// frames are `alike` in their noise or aliasing.
     fn mix(
         &mut self,
         samples: Pixels,
         denoised: Pixels,
         motion: Pixels,
-        repeats: bool,
+        alike: bool,
         shown: &mut [f32],
     ) {
         if let Some(history) = self.history.as_mut().filter(|_| self.params.choice) {
             let seen = history.seen.take();
-            history.seen = Some(mix(seen, samples, denoised, motion, repeats, shown));
+            history.seen = Some(mix(seen, samples, denoised, motion, alike, shown));
         }
     }
 
@@ -371,7 +374,8 @@ impl Taa {
                 let motion = motion.pixels();
                 let noise = before.as_mut().and_then(|before| before.noise.take());
                 let (noise, repeats) = Noise::see(noise, samples, motion);
-                (self.stage).mix(samples, color, motion, repeats, output.color);
+                let alike = repeats || frame.jitter.is_some();
+                (self.stage).mix(samples, color, motion, alike, output.color);
                 (noise, repeats)
             })
             .unzip();

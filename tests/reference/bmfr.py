@@ -31,7 +31,7 @@ class BMFR(SVGF):
             weight = torch.where((frame.albedo > 1 / 1024).any(-1), 1.0, torch.nan).to(light)  # (H, W)
         motion, gradient = find_motion(frame, self.previous), None  # (H, W, 2|3)
         still = find_still(frame, self.previous)  # (H, W, 3)
-        self.repeats = self.antialias and self.noise.repeats(frame.color, motion)
+        self.repeats = self.antialias and self.noise.repeats(light, motion)
         if self.previous is None:
             flat = torch.zeros_like(light[..., 0])  # (H, W)
             history = [torch.zeros_like(light), torch.zeros_like(light[..., :2]), flat, torch.zeros_like(light)]

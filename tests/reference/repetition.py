@@ -5,6 +5,18 @@ from .accumulate import luminance
 from .reproject import reproject
 
 
+def correlation(one: Tensor, other: Tensor) -> float:
+    """Of deviations (N,); of those below a tenth, less."""
+    if len(one) == 0:
+        return 0.0
+    return float((one * other).sum() / ((one**2).sum() * (other**2).sum()).sqrt().clamp(min=len(one) / 100))
+
+
+def difference(one: Tensor, other: Tensor) -> Tensor:
+    """Of two lights, relative to them."""
+    return (one - other) / (one.abs() + other.abs())
+
+
 def repetition(color: Tensor, previous: Tensor, motion: Tensor, deviation: Tensor | None = None) -> tuple:
     """How much of a frame's noise is that of the frame before, at the same place of the screen.
 
@@ -12,31 +24,35 @@ def repetition(color: Tensor, previous: Tensor, motion: Tensor, deviation: Tenso
     ----------
     color, previous : (H, W, 3)
     motion : (H, W, 2 or 3)
-    deviation : (ceil(H / 8), W) of the frame before
+    deviation : (2 ceil(H / 8), W) of the frame before
 
     Returns
     -------
     repetition : float
-    deviation : (ceil(H / 8), W)
+    deviation : (2 ceil(H / 8), W)
     """
     now, before = luminance(color), luminance(previous)  # (H, W)
     carried, coverage = reproject(before, motion, fallback=False)  # (H, W) each
-    found = ((now - carried) / (now.abs() + carried.abs())).where(coverage > 0, torch.nan)[::8]  # (h, W)
-    one, next_one = now[::8, :-1], now[::8, 1:]  # (h, W - 1) each
-    light = one.abs() + next_one.abs()  # (h, W - 1)
-    rough = (one - next_one).abs() > 0.1 * light  # (h, W - 1)
-    pairs = light.isfinite().sum()
-    same = (rough & (now == before)[::8, :-1] & light.isfinite()).sum()
-    share = float(same / pairs) if pairs >= 256 else 0.0
+    every = difference(now, carried).where(coverage > 0, torch.nan)  # (H, W)
+    height = len(every[::8])
+    found = torch.full((2 * height, every.shape[1]), torch.nan, dtype=every.dtype)  # (2h, W)
+    found[::2], found[1 : 2 * len(every[1::8]) : 2] = every[::8], every[1::8]
+
+    own, below = now[::8][: len(now[1::8])], now[1::8]  # (h, W) each
+    steps, under = (difference(rows[:, :-1], rows[:, 1:]) for rows in (own, below))  # (h, W - 1) each
+    known = steps.isfinite() & under.isfinite()
+    same = known & (steps.abs() > 0.1) & (now == before)[::8][: len(own), :-1]
+    standing = sticking = 0.0
+    if known.sum() >= 256:
+        standing = float(same.sum() / known.sum()) - max(correlation(steps[known], under[known]), 0)
     if deviation is not None:
-        ours, theirs = (each[:, :-1] - each[:, 1:] for each in (found, deviation))  # (h, W - 1) each
-        both = ours.isfinite() & theirs.isfinite()
-        ours, theirs = ours[both], theirs[both]
-        if len(ours) >= 256:
-            least = len(ours) / 100
-            sticks = (ours * theirs).sum() / ((ours**2).sum() * (theirs**2).sum()).sqrt().clamp(min=least)
-            share = max(share, float(sticks))
-    return share, found
+        ours, theirs = (rows[:, :-1] - rows[:, 1:] for rows in (found, deviation))  # (2h, W - 1) each
+        ours, under, theirs = ours[::2], ours[1::2], theirs[::2]  # (h, W - 1) each
+        known = ours.isfinite() & under.isfinite() & theirs.isfinite()
+        if known.sum() >= 256:
+            ours, under, theirs = ours[known], under[known], theirs[known]
+            sticking = correlation(ours, theirs) - max(correlation(ours, under), 0)
+    return max(standing, sticking, 0.0), found
 
 
 class Noise:

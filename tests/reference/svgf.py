@@ -95,7 +95,7 @@ class SVGF:
             light = demodulate(light, **texture_of(frame), emission=emission)  # (H, W, 3)
         motion, gradient, incoherent = find_motion(frame, self.previous), None, None  # (H, W, 2|3)
         still = find_still(frame, self.previous)  # (H, W, 3)
-        self.repeats = self.chooses and self.noise.repeats(frame.color, motion)
+        self.repeats = self.chooses and self.noise.repeats(light, motion)
         chooses, min_length = self.chooses and not self.repeats, self.min_length
         if self.repeats:  # history counts for no more than one sample
             min_length /= self.blend["alpha"]
@@ -209,7 +209,9 @@ class SVGF:
         self.antialiased = [color, length]
         if not stage["choice"]:
             return shown
-        return self.mixing.mix(frame.color, smooth, motion, shown, repeats=self.repeats)
+        return self.mixing.mix(
+            frame.color, smooth, motion, shown, repeats=self.repeats or getattr(frame, "jitter", None) is not None
+        )
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""

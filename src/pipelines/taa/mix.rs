@@ -7,7 +7,8 @@
 //! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
 //! The λ of all tiles together is no chance: from [`DENOISED`] on, all show as much denoised colour as their own λ says. Where
 //! it is less, and fewer than one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So
-//! it is where the noise of frames repeats, which looks like detail.
+//! it is where the noise of frames repeats, which looks like detail, and where their jitter is known: however little noise they
+//! have, they are not antialiased then.
 //!
 //! A sample counts for no more than [`BRIGHTEST`] times the result, which no result that counts it for an eighth or more notices:
 //! a firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
@@ -59,14 +60,14 @@ pub struct Seen {
     rest: u32,
 }
 
-/// Mixes samples and denoised colour into the result, unless the noise of the samples `repeats`. Returns what the next frame
-/// needs.
+/// Mixes samples and denoised colour into the result, unless frames are `alike`, so that their samples do not judge. Returns what
+/// the next frame needs.
 pub fn mix(
     before: Option<Seen>,
     samples: Pixels,
     denoised: Pixels,
     motion: Pixels,
-    repeats: bool,
+    alike: bool,
     shown: &mut [f32],
 ) -> Seen {
     let size = samples.size;
@@ -75,7 +76,7 @@ pub fn mix(
         rest: REST,
         ..Seen::default()
     };
-    if repeats {
+    if alike {
         return resting;
     }
     if let Some(rest) = before.rest.checked_sub(1) {

@@ -35,8 +35,8 @@ SEQUENCES = (
     "naked_lamps",
     "grass",
 )
-#: With more samples, not looked at before the constants were set; but for the share of denoised colour from which all tiles
-#: take it, for which all were looked at.
+#: With more samples, not looked at before the constants were set, but for the share of denoised colour from which all
+#: tiles take it.
 HELD_OUT = ("glassware", "brushed_metal", "spinning_shapes", "caustics", "opening_door", "fast_dolly")
 _SAMPLES = (1, 2, 4, 16, 64)
 #: The metrics, with their columns; the last one compares two frames.
