@@ -59,6 +59,7 @@ RUNS = {
     "oracle": Source("yester.study.compare.oracle", ""),
     "samples": Source("yester.study.compare.samples --reference-spp 256", ""),
     "thin": Source("yester.study.compare.thin", ""),
+    "repeated": Source("yester.study.compare.repeated", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),
     "later_frames": Source(

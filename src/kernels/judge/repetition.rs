@@ -16,7 +16,7 @@
 //!   max(0, C − V, S − W), V = corr(δ, δ↓), W = corr(ε, ε↓), at least 0 each, ↓ that of the row below.
 //! With sums over n pairs that are known in all that is compared, corr(a, b) = Σ a b / max(√(Σ a² Σ b²), n / 100): deviations
 //! below a tenth are no noise that matters. Of fewer than 256 pairs, the repetition is 0. Every eighth row is looked at, and
-//! the one below. Without texture, sequences with independent noise have up to 0.24, those with one seed for all frames 0.55
+//! the one below. Without texture, sequences with independent noise have up to 0.24, those with one seed for all frames 0.52
 //! and more; with texture in y, the latter have 0.40.
 //!
 //! Inputs: luminances of the samples (1) and of the frame before (1), motion (2), ρ of the frame before (1; two of every eight

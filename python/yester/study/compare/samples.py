@@ -22,7 +22,7 @@ from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, parser
 from . import harm
 
-__all__ = ["COLUMNS", "HELD_OUT", "METHODS", "SEQUENCES", "Method", "cells", "errors", "main", "steps"]
+__all__ = ["COLUMNS", "HELD_OUT", "METHODS", "SEQUENCES", "Method", "cells", "compare", "errors", "main", "steps"]
 
 #: Of every kind: edges, texture, leaves, highlights, mirrors, lamps.
 SEQUENCES = (
@@ -78,8 +78,14 @@ METHODS: Mapping[str, Method] = {
 def errors(recording: Recording, methods: Mapping[str, Method] = METHODS) -> dict[str, dict[str, float]]:
     """By method and metric, the mean over the frames that have a reference."""
     frames = [recording.frame(i) for i in range(len(recording.frames))]
-    references = {i: Picture(recording.reference(i)) for i in recording.references}
-    found = {}
+    return compare(frames, {i: recording.reference(i) for i in recording.references}, methods)
+
+
+def compare(
+    frames: Sequence[Frame], known: Mapping[int, NDArray[np.float32]], methods: Mapping[str, Method]
+) -> dict[str, dict[str, float]]:
+    """The same for frames, and the references of some by their numbers."""
+    references, found = {i: Picture(reference) for i, reference in known.items()}, {}
     for name, run in methods.items():
         images = [Picture(image) for image in run(frames)]
         values = {
