@@ -125,7 +125,9 @@ class Mixing:
         self.luminances = self.samples_before = self.evidence = None
         self.rest = 0
 
-    def mix(self, samples: NDArray, denoised: NDArray, motion: NDArray, shown: NDArray, *, repeats: bool) -> NDArray:
+    def mix(
+        self, samples: NDArray, denoised: NDArray, motion: NDArray, shown: NDArray, *, repeats: bool, aliased: bool
+    ) -> NDArray:
         if repeats:
             self.__init__()
             self.rest = 5
@@ -146,7 +148,7 @@ class Mixing:
                 if self.evidence is not None:
                     shares, self.evidence = yester.collocation_shares(self.evidence, motion, coverage)
                     agreed = agree(shares[..., 1] > np.float32(0.05))
-                    smooth = share_of_all(self.evidence)[0] >= 0.25
+                    smooth = share_of_all(self.evidence)[0] >= 0.25 and not aliased
                     kept = np.dstack([agreed | smooth, agreed])
                     shares = np.where(kept, shares, np.float32(0))
                     if 8 * agreed.sum() < agreed.size and not smooth:
@@ -646,7 +648,9 @@ class SVGF:
         if not stage["choice"]:
             return shown
         self.mixing = self.mixing or Mixing()
-        return self.mixing.mix(frame.color, color, motion, shown, repeats=self.repeats or frame.jitter is not None)
+        return self.mixing.mix(
+            frame.color, color, motion, shown, repeats=self.repeats, aliased=frame.jitter is not None
+        )
 
     def choose(self, series: list, prediction, sample, motion, coverage, length, bright: float) -> tuple:
         """Select per tile from images and variances after 0, 1, 2 … passes: image, variance, and number of passes."""

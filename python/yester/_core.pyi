@@ -66,6 +66,7 @@ __all__ = [
     "reconstruct",
     "regress",
     "remodulate",
+    "repetition",
     "reproject",
     "resample",
     "resolve",
@@ -1036,9 +1037,9 @@ class TAA(Pipeline):
         tiles away, ask for more than 5 % of them, and no denoised colour either, unless that would be a quarter of the
         best mixture for all tiles together. If it is not, and fewer than one in 8 shows anything but the result, none
         does, and the next five frames are not judged: so it mostly is with frames of one sample. It always is where
-        they have the noise of the frame before (`repetition`), which comes with a `UserWarning`, or a known `jitter`,
-        with which they are not antialiased. A sample counts for no more than eight times the result plus half of its
-        exposure, by luminance, so that fireflies do not return.
+        they have the noise of the frame before (`repetition`), which comes with a `UserWarning`. With known `jitter`,
+        frames are not antialiased, and the best mixture for all tiles does not count. A sample counts for no more than
+        eight times the result plus half of its exposure, by luminance, so that fireflies do not return.
         By default only preset "denoised" does this.
 
     Raises

@@ -90,8 +90,7 @@ impl Stage {
     }
 
     /// The whole stage behind a denoiser: antialiases its colour, corrects the result by what the frame's samples show to be
-    /// wrong with it, and mixes them in, unless their noise `repeats`, or all are at the same known place of their pixels, which
-    /// leaves edges aliased. `before` is the camera of the frame before.
+    /// wrong with it, and mixes them in, unless their noise `repeats`. `before` is the camera of the frame before.
     pub fn show(
         &mut self,
         frame: &Frame,
@@ -108,8 +107,8 @@ impl Stage {
         self.step(denoised, motion.pixels(), choice, out, None);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, shown);
-        let alike = repeats || frame.jitter.is_some();
-        self.mix(frame.color, denoised, motion.pixels(), alike, shown);
+        let kind = [repeats, frame.jitter.is_some()];
+        self.mix(frame.color, denoised, motion.pixels(), kind, shown);
     }
 
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
@@ -172,19 +171,19 @@ impl Stage {
         missing
     }
 
-    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so, and not where
-    /// frames are `alike` in their noise or aliasing.
+    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so. `kind` tells
+    /// whether the noise of the samples repeats, and whether all are at the same place of their pixels.
     fn mix(
         &mut self,
         samples: Pixels,
         denoised: Pixels,
         motion: Pixels,
-        alike: bool,
+        kind: [bool; 2],
         shown: &mut [f32],
     ) {
         if let Some(history) = self.history.as_mut().filter(|_| self.params.choice) {
             let seen = history.seen.take();
-            history.seen = Some(mix(seen, samples, denoised, motion, alike, shown));
+            history.seen = Some(mix(seen, samples, denoised, motion, kind, shown));
         }
     }
 
@@ -374,8 +373,8 @@ impl Taa {
                 let motion = motion.pixels();
                 let noise = before.as_mut().and_then(|before| before.noise.take());
                 let (noise, repeats) = Noise::see(noise, samples, motion);
-                let alike = repeats || frame.jitter.is_some();
-                (self.stage).mix(samples, color, motion, alike, output.color);
+                let kind = [repeats, frame.jitter.is_some()];
+                (self.stage).mix(samples, color, motion, kind, output.color);
                 (noise, repeats)
             })
             .unzip();

@@ -209,9 +209,8 @@ class SVGF:
         self.antialiased = [color, length]
         if not stage["choice"]:
             return shown
-        return self.mixing.mix(
-            frame.color, smooth, motion, shown, repeats=self.repeats or getattr(frame, "jitter", None) is not None
-        )
+        kind = {"repeats": self.repeats, "aliased": getattr(frame, "jitter", None) is not None}
+        return self.mixing.mix(frame.color, smooth, motion, shown, **kind)
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""

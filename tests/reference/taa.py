@@ -202,7 +202,9 @@ class Mixing:
         self.luminances = self.samples_before = self.evidence = None
         self.rest = 0
 
-    def mix(self, samples: Tensor, denoised: Tensor, motion: Tensor, shown: Tensor, *, repeats: bool) -> Tensor:
+    def mix(
+        self, samples: Tensor, denoised: Tensor, motion: Tensor, shown: Tensor, *, repeats: bool, aliased: bool
+    ) -> Tensor:
         """The mixture (H, W, 3), of samples, denoised colour and result (H, W, 3 each); the result if noise repeats."""
         if repeats:
             self.__init__()
@@ -223,7 +225,7 @@ class Mixing:
                 shares, self.evidence = collocation_shares(self.evidence, motion, coverage)  # (h, w, 2), (h, w, 14)
                 one = self.evidence.sum((0, 1), keepdim=True)  # (1, 1, 14)
                 whole, _ = collocation_shares(one, torch.zeros(8, 8, 2).to(one), torch.ones(8, 8).to(one), share=0.0)
-                if whole[0, 0, 0] < 1 / 4 and (shares[..., 1] > 0.05).to(shares).mean() < 1 / 4:
+                if (aliased or whole[0, 0, 0] < 1 / 4) and (shares[..., 1] > 0.05).to(shares).mean() < 1 / 4:
                     self.__init__()
                     self.rest = 5
                     return shown

@@ -5,10 +5,10 @@
 //! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
 //! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
 //! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
-//! The λ of all tiles together is no chance: from [`DENOISED`] on, all show as much denoised colour as their own λ says. Where
-//! it is less, and fewer than one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So
-//! it is where the noise of frames repeats, which looks like detail, and where their jitter is known: however little noise they
-//! have, they are not antialiased then.
+//! The λ of all tiles together is no chance: from [`DENOISED`] on, all show as much denoised colour as their own λ says; not
+//! where the jitter of frames is known, as these are not antialiased, however little noise they have. Otherwise, if fewer than
+//! one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So it is where the noise of
+//! frames repeats, which looks like detail.
 //!
 //! A sample counts for no more than [`BRIGHTEST`] times the result, which no result that counts it for an eighth or more notices:
 //! a firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
@@ -60,14 +60,14 @@ pub struct Seen {
     rest: u32,
 }
 
-/// Mixes samples and denoised colour into the result, unless frames are `alike`, so that their samples do not judge. Returns what
-/// the next frame needs.
+/// Mixes samples and denoised colour into the result, unless the noise of the samples `repeats`, so that they do not judge. If
+/// they are `aliased`, all at the same known place of their pixels, tiles must ask. Returns what the next frame needs.
 pub fn mix(
     before: Option<Seen>,
     samples: Pixels,
     denoised: Pixels,
     motion: Pixels,
-    alike: bool,
+    [repeats, aliased]: [bool; 2],
     shown: &mut [f32],
 ) -> Seen {
     let size = samples.size;
@@ -76,7 +76,7 @@ pub fn mix(
         rest: REST,
         ..Seen::default()
     };
-    if alike {
+    if repeats {
         return resting;
     }
     if let Some(rest) = before.rest.checked_sub(1) {
@@ -99,7 +99,7 @@ pub fn mix(
         let (mut found, left) = carried.unzip();
         if let Some((shares, evidence)) = found.as_mut().zip(left.as_ref()) {
             let [smooth, _] = collocation::share_of_all(evidence);
-            let smooth = smooth >= DENOISED;
+            let smooth = smooth >= DENOISED && !aliased;
             if !agree(shares, smooth) && !smooth {
                 return resting;
             }
