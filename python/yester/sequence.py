@@ -268,7 +268,7 @@ def _finished(joined: Iterator[tuple[Frame, Output]], stage: _Stage, lookahead: 
         for frame, output in joined:
             names = "depth", "position", "motion", "motion_next"
             buffers = {name: getattr(frame, name) for name in names}
-            yield Frame(output.color, **buffers, camera=frame.camera, jitter=frame.jitter), frame.color, output
+            yield Frame(output.color, **buffers, camera=frame.camera), frame.color, output
 
     def look(samples: list[NDArray[np.float32]], back: _Stage, frame: Frame, number: int) -> Output:
         return back.step(frame, samples=samples[number])
