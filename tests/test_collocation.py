@@ -310,6 +310,31 @@ def sampled(count: int, *, grain=0.05, size=(96, 72)):
         yield replace(shot, color=color.astype(np.float32)), clean
 
 
+def with_fireflies(frame, number):
+    color, rng = frame.color.copy(), np.random.default_rng(number)
+    color[rng.random(frame.shape) < 0.002] *= 1e4
+    return replace(frame, color=color)
+
+
+def test_fireflies_among_many_samples_are_their_kernels():
+    """No sample is mixed in, or judges, for more than eight times the result."""
+    svgf, other = yester.SVGF(), composed.SVGF()
+    for number, (frame, _) in enumerate(sampled(9)):
+        spoiled = with_fireflies(frame, number)
+        assert_same_bits(svgf.step(spoiled).color, other.step(spoiled).color)
+
+
+def test_frames_of_known_jitter_are_their_kernels():
+    """However little noise they have, tiles must ask before they show it."""
+    svgf, other, plain = yester.SVGF(), composed.SVGF(), yester.SVGF()
+    differs = 0
+    for frame, _ in sampled(9):
+        got = svgf.step(replace(frame, jitter=(0.25, -0.125))).color
+        assert_same_bits(got, other.step(replace(frame, jitter=(0.25, -0.125))).color)
+        differs += (got != plain.step(frame).color).any()
+    assert differs > 0
+
+
 def test_frames_of_many_samples_are_their_kernels():
     svgf, other = yester.SVGF(), composed.SVGF()
     plain = composed.SVGF(choice=True)

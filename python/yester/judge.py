@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._core import motion_vectors, reproject
+from ._core import demodulate, is_reflectance, motion_vectors, repetition, reproject
 from .frame import Frame
 
-__all__ = ["WEIGHTINGS", "Predicted", "estimate", "known_motion", "predictive_error", "sums", "surface_tests"]
+__all__ = [
+    "WEIGHTINGS",
+    "Predicted",
+    "estimate",
+    "known_motion",
+    "predictive_error",
+    "repetitions",
+    "sums",
+    "surface_tests",
+]
 
 #: Weightings of squared errors: relative to brightness, as in `relmse`, and in display space, as in `psnr`.
 WEIGHTINGS = ("relative", "display")
@@ -159,6 +169,27 @@ def known_motion(before: Frame, frame: Frame) -> NDArray[np.float32] | None:
     if place is None or frame.camera is None or before.camera is None:
         return None
     return motion_vectors(place, frame.camera, before.camera)
+
+
+def repetitions(frames: Sequence[Frame]) -> list[float]:
+    """`repetition` of the light of each frame from the second one on; in place where motion is unknown."""
+    lights = [_light(frame) for frame in frames]
+    found, deviation = [], None
+    for (before, frame), pair in zip(pairwise(frames), pairwise(lights), strict=True):
+        motion = known_motion(before, frame)
+        if motion is None:
+            motion = np.zeros((*frame.shape, 2), np.float32)
+        share, deviation = repetition(pair[1], pair[0], motion, deviation)
+        found.append(share)
+    return found
+
+
+def _light(frame: Frame) -> NDArray[np.float32]:
+    """The colour without texture, as far as the albedo tells."""
+    if frame.albedo is None:
+        return frame.color
+    where = None if frame.ids is None else is_reflectance(frame.albedo, frame.ids)
+    return demodulate(frame.color, frame.albedo, emission=frame.emission, where=where)
 
 
 def surface_tests(before: Frame, frame: Frame, motion: NDArray[np.float32]) -> dict[str, Any]:

@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, Camera, History, Output, repetition
+from ._core import SVGF, TAA, Camera, History, Output
 from .frame import BUFFERS, Frame
 from .io.files import beside
-from .judge import estimate, known_motion, sums
+from .judge import estimate, repetitions, sums
 
 __all__ = ["PLANNED", "Plan", "Planned", "Stage", "plan"]
 
@@ -444,21 +444,10 @@ def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:
     if not any(np.isfinite(window.color).all(-1).any() for each in windows for window in each):
         return _default(buffers, "no frame has finite samples")
     shown = [*zip(*windows, strict=True)]
-    if float(np.median([_repetition(window) for window in shown])) > _REPEATS:
+    # Of most frames, as one may have been rendered twice.
+    if np.median([repetitions(window) for window in shown]) > _REPEATS:
         return _default(buffers, "frames have the noise of the frame before, and cannot judge")
     return _Planning(shown, buffers, shape).plan()
-
-
-def _repetition(frames: Sequence[Frame]) -> float:
-    """How much of the noise of most frames is that of the frame before."""
-    found, deviation = [], None
-    for before, frame in pairwise(frames):
-        motion = known_motion(before, frame)
-        if motion is None:
-            motion = np.zeros((*frame.shape, 2), np.float32)
-        share, deviation = repetition(frame.color, before.color, motion, deviation)
-        found.append(share)
-    return float(np.median(found))
 
 
 def _default(buffers: tuple[str, ...], reason: str) -> Plan:

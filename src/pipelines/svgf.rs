@@ -94,7 +94,7 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     widest: 5,
 };
 
-/// Samples, as many as no history has.
+/// The longest history that is reckoned with where new samples have no least share.
 const LONGEST: f32 = 1e6;
 
 /// Normals are compared half as strictly as by the paper.
@@ -193,8 +193,8 @@ impl Params {
         }
     }
 
-    /// For a frame whose noise is that of the frame before. History is then no longer than one sample, whatever it counts, and
-    /// its variance shows in space only.
+    /// For a frame whose noise is that of the frame before. However many samples its history counts, they are worth one, so that
+    /// the variance is estimated in space, for one sample.
     fn repeated(&self) -> Self {
         let longest = 1.0 / self.accumulate.alpha;
         Self {

@@ -38,15 +38,15 @@ const ASKS: f32 = 0.05;
 /// do with one sample, and mostly more than a third with 16.
 const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
-/// Of all tiles together. With one sample, it is 0 in all sequences of the study that have albedo; with 16, it is above 0.1 in
-/// most, and where it is less, nothing is gained.
+/// The λ of all tiles together from which on each follows its own. With one sample, no sequence of the study that has albedo
+/// reaches a tenth of it; with 16 samples, most exceed it.
 const DENOISED: f32 = 0.25;
 /// Single groups of tiles agree by chance.
 const FEWEST: usize = 8;
 /// It takes four frames to ask again, so that in five of nine nothing is done.
 const REST: u32 = 5;
 
-/// Of the result's luminance and a sixteenth of the exposure: samples are held to it.
+/// No sample counts for more than so many times the result's luminance plus a sixteenth of the exposure.
 const BRIGHTEST: f32 = 8.0;
 
 /// What the next frame needs to judge this one.

@@ -10,20 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yester import BMFR, OIDN, SVGF, Frame, demodulate, is_reflectance, repetition
+from yester import BMFR, OIDN, SVGF, Frame
 from yester.io.mitsuba import render_sequence
+from yester.judge import repetitions
 
 from ..rendered.recording import Recording, record
 from ..rendered.sequences import expand, find, parser
 from . import harm
 from .samples import COLUMNS, Method, cells, compare, errors, steps
 
-__all__ = ["KINDS", "METHODS", "SEQUENCES", "main", "repetitions"]
+__all__ = ["KINDS", "METHODS", "SEQUENCES", "main"]
 
 #: Slow and fast cameras, things that move, light that moves, a mirror, texture; the last two were not looked at before
 #: the thresholds were set.
@@ -66,23 +65,6 @@ def _twice(frames: Sequence[Frame]) -> Iterator[Frame]:
         yield frame
         assert frame.motion is not None
         yield replace(frame, motion=np.zeros_like(frame.motion))
-
-
-def _light(frame: Frame) -> NDArray[np.float32]:
-    if frame.albedo is None:
-        return frame.color
-    where = None if frame.ids is None else is_reflectance(frame.albedo, frame.ids)
-    return demodulate(frame.color, frame.albedo, emission=frame.emission, where=where)
-
-
-def repetitions(frames: Sequence[Frame]) -> list[float]:
-    """`repetition` of the light of each frame from the second one on."""
-    found, deviation = [], None
-    for before, frame in pairwise(frames):
-        assert frame.motion is not None
-        share, deviation = repetition(_light(frame), _light(before), frame.motion, deviation)
-        found.append(share)
-    return found
 
 
 def _measured(name: str, recording: Recording, kind: str) -> tuple[dict[str, dict[str, float]], list[float]]:

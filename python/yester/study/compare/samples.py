@@ -84,7 +84,7 @@ def errors(recording: Recording, methods: Mapping[str, Method] = METHODS) -> dic
 def compare(
     frames: Sequence[Frame], known: Mapping[int, NDArray[np.float32]], methods: Mapping[str, Method]
 ) -> dict[str, dict[str, float]]:
-    """The same for frames, and the references of some by their numbers."""
+    """By method and metric, the mean over the frames of known reference, which are given by their numbers."""
     references, found = {i: Picture(reference) for i, reference in known.items()}, {}
     for name, run in methods.items():
         images = [Picture(image) for image in run(frames)]
@@ -111,9 +111,9 @@ def cells(found: Iterable[Mapping[str, float]]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a table: rows of methods for each number of samples, columns of metrics for each group of sequences."""
-    known = parser("yester.study.compare.samples", __doc__, SEQUENCES + HELD_OUT)
-    known.add_argument("--reference-spp", metavar="N", type=int, default=1024, help="default 1024")
-    options = known.parse_args(arguments)
+    command = parser("yester.study.compare.samples", __doc__, SEQUENCES + HELD_OUT)
+    command.add_argument("--reference-spp", metavar="N", type=int, default=1024, help="of references; 1024")
+    options = command.parse_args(arguments)
     names = expand(options.sequences)
     groups = [[name for name in names if (name in HELD_OUT) == late] for late in (False, True)]
     groups = [group for group in groups if group]

@@ -130,7 +130,14 @@ class Task:
         result = function(**given)
         if isinstance(result, yester.Accumulated):
             result = result.color, result.moments, result.history_length
-        out = {} if isinstance(result, float) else {"out": result}
+        # Numbers are not written again.
+        match result:
+            case float():
+                out = {}
+            case (float(), array):
+                out = {"out": array}
+            case _:
+                out = {"out": result}
         return Call(partial(function, **given, **out), _bytes(given.values()) + _bytes([result]), _bytes([result]))
 
 
