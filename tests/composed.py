@@ -76,15 +76,20 @@ def find_still(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.f
 
 
 def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.float32]:
-    """The frame's motion, with its change of depth completed from the cameras; else the cameras' motion; else none."""
+    """The frame's motion, completed from the cameras; else the cameras' motion; else none."""
     motion, still = frame.motion, find_still(frame, before)
-    if motion is not None and still is not None and motion.shape[-1] == 2:
-        dx, dy = np.moveaxis(motion - still[..., :2], -1, 0)
-        change = np.where(dx * dx + dy * dy <= 0.25, still[..., 2], np.float32(0))
-        return np.dstack([motion, change])
     if motion is None:
-        motion = np.zeros((*frame.color.shape[:2], 2), np.float32) if still is None else still
-    return motion
+        return np.zeros((*frame.color.shape[:2], 2), np.float32) if still is None else still
+    if still is None:
+        return motion
+    missed = ~np.isfinite(frame.position).all(-1) if frame.position is not None else np.isposinf(frame.depth)
+    unknown = ~np.isfinite(motion[..., :2]).all(-1) | ((motion[..., :2] == 0).all(-1) & missed)
+    if motion.shape[-1] == 2:
+        dx, dy = np.moveaxis(motion - still[..., :2], -1, 0)
+        with np.errstate(invalid="ignore"):
+            change = np.where(dx * dx + dy * dy <= 0.25, still[..., 2], np.float32(0))
+        motion = np.dstack([motion, change])
+    return np.where(unknown[..., None], still, motion) if unknown[::4].any() else motion
 
 
 def rests(before: yester.Frame | None, frame: yester.Frame) -> bool:
@@ -438,6 +443,18 @@ def relight(replay: NDArray, frame: yester.Frame, lights: list[NDArray], moments
     return lights, moments, np.maximum(np.float32(0.5) * gradient, rest)
 
 
+def where_plain(albedo: NDArray, reflected: NDArray, own: NDArray) -> NDArray[np.float32]:
+    """The motion of reflections where the albedo of 3×3 pixels is that of the pixel; else the surface's own."""
+    light = luminance(albedo)
+    height, width = light.shape
+    around, plain = np.pad(light, 1, mode="edge"), np.ones(light.shape, bool)
+    for dy in range(3):
+        for dx in range(3):
+            other = around[dy : dy + height, dx : dx + width]
+            plain &= np.abs(other - light) <= np.float32(0.1) * np.maximum(light, other)
+    return np.where(plain[..., None], reflected, own)
+
+
 class SVGF:
     def __init__(
         self,
@@ -459,7 +476,7 @@ class SVGF:
         by_confidence=False,
         gradient=True,
         fireflies=False,
-        reflections=(0.5, 2.0),
+        reflections=(0.4, 1.2),
         choice=True,
         innovation=True,
         antialias=True,
@@ -497,7 +514,7 @@ class SVGF:
         held, motion, gradient, mirrored = sample, find_motion(frame, self.before), None, None
         incoherent = None
         still = find_still(frame, self.before)
-        moved = motion
+        moved = seen = motion
         self.repeats = self.chooses and shows and self.noise.repeats(sample, motion)
         chooses, min_length = self.chooses and shows and not self.repeats, self.min_length
         if self.repeats:  # history counts for no more than one sample
@@ -552,6 +569,9 @@ class SVGF:
                 mirrored = self.reflect(frame, tests, history, confidence, light, scores, sample)
                 if mirrored is not None:
                     moved = np.where(np.isfinite(mirrored.motion), mirrored.motion, motion[..., :2])
+                    seen = (
+                        motion[..., :2] if frame.albedo is None else where_plain(frame.albedo, moved, motion[..., :2])
+                    )
 
         alike = {**guides(frame, incoherent), **self.sigmas}
         filled, weight = self.fill(held, history[2], alike)
@@ -606,7 +626,7 @@ class SVGF:
             if self.mirrored.scores is None:
                 self.mirrored.scores = np.zeros((*length.shape, 2 * len(self.distances)), np.float32)
         if self.innovation and self.before is not None:
-            known = {"evidence": self.evidence, "motion": motion, "exposure": bright}
+            known = {"evidence": self.evidence, "motion": moved, "exposure": bright}
             found, self.evidence = yester.innovation(sample, final, length, **known)
             final = correct(final, found)
             self.history[:2] = correct_history(*self.history[:2], found)
@@ -620,15 +640,16 @@ class SVGF:
             self.antialiased = self.lag = self.mixing = None
             names = "color", "moments", "history_length"
             known = dict(zip(names, recalled, strict=True))
-            return SimpleNamespace(**known, confidence=confidence, rejection=rejection)
+            return SimpleNamespace(**known, confidence=confidence, rejection=rejection, motion=seen[..., :2])
         if self.antialias:
-            final = self.finish(self.stage, final, frame, motion, still)
+            final = self.finish(self.stage, final, frame, seen, still)
         if later is not None:
             confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         return SimpleNamespace(
             color=blacken(final),
             variance=final_variance,
             choice=shown,
+            motion=None if self.antialias or not self.distances else seen[..., :2],
             history_length=length,
             confidence=confidence,
             rejection=rejection,
@@ -699,6 +720,8 @@ class SVGF:
             return None
         height, width = confidence.shape
         kind = {name: value for name, value in tests.items() if name.endswith(("normal", "ids"))}
+        if {"normal", "object_normal"} <= set(kind):
+            kind = {name: value for name, value in kind.items() if "object" not in name}
         # Every second row is tested, for itself and the next.
         below = sample[np.minimum(np.arange(1, height + 1, 2), height - 1)]
         here, there = (np.isfinite(rows).all(-1)[..., None] for rows in (sample[::2], below))

@@ -90,14 +90,21 @@ def averaged(given: list[Frame], pipeline) -> list:
 def joined(given: list[Frame], forward, back) -> list:
     """For pipelines without output stage: each frame joined with the history of the later ones."""
     *later, _ = backwards(given, back.recall)
-    return [forward.step(frame, later=other) for frame, other in zip(given, [*later, None], strict=True)]
+    outputs = [forward.step(frame, later=other) for frame, other in zip(given, [*later, None], strict=True)]
+    for output, other in zip(outputs, [*later, None], strict=True):
+        output.motion_next = None if other is None else other.motion
+    return outputs
 
 
-def finish(stage: yester.TAA, output, frame: Frame):
+def forward(output, frame: Frame):
+    """The motion that an output stage follows."""
+    return frame.motion if output.motion is None else output.motion
+
+
+def finish(stage: yester.TAA, output, frame: Frame, motion):
     """The output stage on a denoised frame."""
-    names = "depth", "position", "motion"
-    shown = Frame(output.color, **{name: getattr(frame, name) for name in names}, camera=frame.camera)
-    return stage.step(shown, samples=frame.color)
+    places = {name: getattr(frame, name) for name in ("depth", "position", "camera", "jitter")}
+    return stage.step(Frame(output.color, motion=motion, **places), samples=frame.color)
 
 
 def average(one, other) -> SimpleNamespace:
@@ -149,8 +156,11 @@ def test_histories_join_before_the_filter(name):
         finished = [
             average(one, other)
             for one, other in zip(
-                [finish(stage, *each) for each in zip(want, given, strict=True)],
-                [finish(back, *each) for each in zip(want[::-1], turned(given), strict=True)][::-1],
+                [finish(stage, *each, forward(*each)) for each in zip(want, given, strict=True)],
+                [
+                    finish(back, output, frame, frame.motion if output.motion_next is None else output.motion_next)
+                    for output, frame in zip(want[::-1], turned(given), strict=True)
+                ][::-1],
                 strict=True,
             )
         ]
@@ -170,7 +180,7 @@ def test_the_parts_of_a_pipeline_are_the_pipeline(name, innovation):
     assert denoiser.split()[1] is None
     for frame in frames(4):
         output, want = denoiser.step(frame), pipeline.step(frame)
-        assert_same_bits(finish(stage, output, frame).color, want.color)
+        assert_same_bits(finish(stage, output, frame, forward(output, frame)).color, want.color)
 
 
 def test_the_pipeline_is_svgf_and_stays_as_it_is():
@@ -339,7 +349,7 @@ def test_without_motion_and_cameras_it_warns_once_and_goes_forward_only():
     for output, frame in zip(got, given, strict=True):
         want = denoiser.step(frame)
         same(output, want, [name for name in NAMES if name != "color"])
-        assert_same_bits(output.color, finish(stage, want, frame).color)
+        assert_same_bits(output.color, finish(stage, want, frame, forward(want, frame)).color)
 
 
 @pytest.mark.parametrize(

@@ -373,6 +373,10 @@ class Output:
     choice : (H, W) float32, optional
         Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
         choice.
+    motion : (H, W, 2) float32, optional
+        Motion for an output stage behind the pipeline, in pixels as `Frame.motion`: to where the frame before shows what this
+        one does. Where a reflection's history was taken and the albedo of 3×3 pixels is the same, that is the reflection's,
+        elsewhere the surface's. None from pipelines that do not look for reflections or have a stage of their own.
     used : tuple of str, default ()
         The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
         "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",
@@ -400,6 +404,7 @@ class Output:
         *,
         variance: _Floats | None = None,
         choice: _Floats | None = None,
+        motion: _Floats | None = None,
         used: Sequence[str] = (),
         missing: int = 0,
     ) -> Self: ...
@@ -412,6 +417,9 @@ class Output:
     @property
     def choice(self) -> _Floats | None:
         """Number of filter passes of each pixel, fractional where two results are mixed: (H, W) float32, or None."""
+    @property
+    def motion(self) -> _Floats | None:
+        """Motion for an output stage behind the pipeline: (H, W, 2) float32, or None."""
     @property
     def history_length(self) -> _Floats:
         """Samples that went into each pixel, up to 1/alpha: (H, W) float32."""
@@ -477,6 +485,8 @@ class History:
         As `Output.confidence`.
     rejection : (H, W) uint8
         As `Output.rejection`.
+    motion : (H, W, 2) float32, optional
+        As `Output.motion`.
     used : tuple of str, default ()
         As `Output.used`.
 
@@ -506,6 +516,7 @@ class History:
         confidence: ArrayLike,
         rejection: ArrayLike,
         *,
+        motion: ArrayLike | None = None,
         used: Sequence[str] = (),
     ) -> Self: ...
     @property
@@ -523,6 +534,9 @@ class History:
     @property
     def rejection(self) -> NDArray[np.uint8]:
         """Tests that taps of the history's footprint failed, as bits of `Rejection`: (H, W) uint8."""
+    @property
+    def motion(self) -> _Floats | None:
+        """Motion for an output stage behind the pipeline: (H, W, 2) float32, or None."""
     @property
     def used(self) -> tuple[str, ...]:
         """Names of the buffers that were used."""
@@ -585,10 +599,11 @@ class SVGF(Pipeline):
     fireflies : bool, default False
         First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
         their surface (`suppress_fireflies`).
-    reflections : sequence of float, default (0.5, 2.0)
+    reflections : sequence of float, default (0.4, 1.2)
         Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
         fetched as well. Where one of these histories predicts the new samples better than the surface's own
-        (`prediction_gain`), it is used instead. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
+        (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance
+        of albedo in 3×3 pixels is within a tenth of the pixel's: texture moves with the surface. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
         chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen
         frames. Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy
         scenes. Frames with a `hit_distance` use that distance alone. Needs cameras and depth.
@@ -677,7 +692,7 @@ class SVGF(Pipeline):
         by_confidence: bool = False,
         gradient: bool = True,
         fireflies: bool = False,
-        reflections: Sequence[float] = (0.5, 2.0),
+        reflections: Sequence[float] = (0.4, 1.2),
         choice: bool = True,
         innovation: bool = True,
         antialias: bool = True,
@@ -735,14 +750,14 @@ class SVGF(Pipeline):
         """Make the pipeline without its output stage, and the stage.
 
         Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
-        colour as `samples`.
+        colour as `samples`, and follows the `motion` of the denoiser's output.
 
         Returns
         -------
         denoiser : Pipeline
             With the same parameters, but ``antialias=False``.
         stage : TAA or None
-            For the frames with the denoiser's colours; None without `antialias`.
+            For the frames with the denoiser's colours and motion; None without `antialias`.
         """
     def reset(self) -> None:
         """Discard all history; the next frame starts a new sequence."""
@@ -772,7 +787,7 @@ class HalfRes(SVGF):
         The filter's scale of luminance differences, in standard deviations; above 0.
     by_confidence, fireflies : bool, default False
         As in `SVGF`.
-    reflections : sequence of float, default (0.5, 2.0)
+    reflections : sequence of float, default (0.4, 1.2)
         As in `SVGF`.
     choice : bool, default False
         As in `SVGF`. It helps in most scenes; highlights that few samples hit can get worse.
@@ -827,7 +842,7 @@ class HalfRes(SVGF):
         sigma_luminance: float = 4.0,
         by_confidence: bool = False,
         fireflies: bool = False,
-        reflections: Sequence[float] = (0.5, 2.0),
+        reflections: Sequence[float] = (0.4, 1.2),
         choice: bool = False,
         innovation: bool = True,
         antialias: bool = True,
@@ -1123,7 +1138,8 @@ class TAA(Pipeline):
         samples : (H, W, 3) array_like of float, optional
             If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. With
             `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects
-            the history, too, as in the last stage of a denoiser. Missing ones are NaN.
+            the history, too, as in the last stage of a denoiser. Missing ones are NaN. Denoised colour is not resolved
+            by its `jitter`.
 
         Returns
         -------

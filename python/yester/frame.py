@@ -37,7 +37,9 @@ class Frame:
         Distance along the camera axis in scene units; +inf where nothing was hit.
     motion : (H, W, 2) or (H, W, 3) array_like of float, optional
         Previous minus current position in pixels, x right, y down, jitter removed. The third channel, if given, is
-        previous minus current depth, which makes the depth tests exact under motion.
+        previous minus current depth, which makes the depth tests exact under motion. Unknown where it is not finite,
+        or zero where nothing was hit; there, the pipelines take the motion of the still scene, if the cameras of both
+        frames tell it. They look for that in every fourth row.
     ids : (H, W) array_like of int, optional
         Object, mesh or material; 0 where nothing was hit. 0 may be an object as well, unless 2³² - 1 is one, too.
     position : (H, W, 3) array_like of float, optional

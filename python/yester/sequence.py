@@ -135,7 +135,7 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
         return _averaged(known, pipeline, ahead)
     denoiser, stage = pipeline.split()
     joined = _joined(known, denoiser, ahead)
-    return (output for _, output in joined) if stage is None else _finished(joined, stage, ahead)
+    return (output for _, output, _ in joined) if stage is None else _finished(joined, stage, ahead)
 
 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -242,13 +242,16 @@ def _backwards(
     return results
 
 
-def _joined(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iterator[tuple[Frame, Output]]:
-    """Yield each frame, and its output with the histories of both sides joined."""
+def _joined(
+    frames: Iterator[Frame], pipeline: _Recalls, lookahead: int
+) -> Iterator[tuple[Frame, Output, History | None]]:
+    """Yield each frame, its output with the histories of both sides joined, and the later frames' history."""
     for window, ready in _chunks(frames, lookahead, _alone):
         histories = _backwards(window, pipeline, lambda back, frame, _: back.recall(frame))
         del histories[: len(window) - ready]
         for frame in window[:ready]:
-            yield frame, pipeline.step(frame, later=histories.pop())
+            later = histories.pop()
+            yield frame, pipeline.step(frame, later=later), later
 
 
 def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iterator[Output]:
@@ -261,14 +264,18 @@ def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iter
             yield forward if backward is None else _average(forward, backward)
 
 
-def _finished(joined: Iterator[tuple[Frame, Output]], stage: _Stage, lookahead: int) -> Iterator[Output]:
+def _finished(
+    joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int
+) -> Iterator[Output]:
     """Yield the outputs with colours from the output stage, which runs from both sides and gets the samples, too."""
 
     def shown() -> Iterator[tuple[Frame, NDArray[np.float32], Output]]:
-        for frame, output in joined:
-            names = "depth", "position", "motion", "motion_next"
-            buffers = {name: getattr(frame, name) for name in names}
-            yield Frame(output.color, **buffers, camera=frame.camera), frame.color, output
+        for frame, output, later in joined:
+            places: dict[str, Any] = {"depth": frame.depth, "position": frame.position, "jitter": frame.jitter}
+            motion, following = (None if known is None else known.motion for known in (output, later))
+            places["motion"] = frame.motion if motion is None else motion
+            places["motion_next"] = frame.motion_next if following is None else following
+            yield Frame(output.color, **places, camera=frame.camera), frame.color, output
 
     def look(samples: list[NDArray[np.float32]], back: _Stage, frame: Frame, number: int) -> Output:
         return back.step(frame, samples=samples[number])

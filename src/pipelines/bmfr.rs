@@ -172,7 +172,14 @@ impl Steps for Bmfr {
             Some(stage) => {
                 let how = [params.history.innovation.is_some(), repeats];
                 let (before, motion) = (inputs.before.as_ref(), &inputs.motion);
-                stage.show(frame, before, motion, color.into(), how, output.color);
+                stage.show(
+                    frame,
+                    before,
+                    motion.pixels(),
+                    color.into(),
+                    how,
+                    output.color,
+                );
             }
             None => show(color, output.color),
         }
@@ -288,7 +295,7 @@ impl<'a> Inputs<'a> {
         let size = history.size;
         let [light, length, fits] = [LIGHT, LENGTH, FITS].map(|part| history.pixels().part(part));
         let fresh = Illumination::of(self.frame.color, self.texture);
-        let (motion, bright) = (&self.motion, exposure(light));
+        let (motion, bright) = (self.motion.pixels(), exposure(light));
         let (found, rest) = innovate(params, &fresh, &fits, length, motion, bright, evidence);
         let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
         correct(&found, size, fits, accumulated);

@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use super::frame::Motion;
 use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, bands_of, segments};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::math::luminance;
@@ -15,13 +14,13 @@ pub fn innovate(
     fresh: &impl Colors,
     prediction: &impl Colors,
     length: Pixels,
-    motion: &Motion,
+    motion: Pixels,
     exposure: f32,
     evidence: Option<&Records>,
 ) -> (Innovation, Records) {
     let known = evidence.map(|evidence| innovation::Known {
         evidence: evidence.pixels(),
-        motion: Some(motion.pixels()),
+        motion: Some(motion),
     });
     innovation(fresh, prediction, length, known, exposure, params)
 }

@@ -13,8 +13,9 @@ use crate::kernels::camera::motion::{Geometry, Transforms, is_still, motion_vect
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::merge::accumulate::{CHANNELS, load_history};
+use crate::math::is_present;
 use crate::memory::Scratch;
-use crate::pixels::{PixelsMut, Row};
+use crate::pixels::{Motion as Lanes, MotionLanes, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Settings, Simd};
 
 /// One frame's buffers: its colour, and what else the renderer knows of it. All have one size.
@@ -138,7 +139,7 @@ impl<'a> Frame<'a> {
     }
 
     /// The motion that came with the frame; else that of a still scene, if both cameras and the geometry are known; else
-    /// zero. If it came without change of depth, the cameras complete it.
+    /// zero. The cameras complete it where it is unknown, and if it came without change of depth.
     pub(super) fn motion(
         &self,
         previous: Option<&Camera>,
@@ -146,14 +147,21 @@ impl<'a> Frame<'a> {
     ) -> Motion<'a> {
         let size = self.color.size;
         used.extend(self.motion.map(|_| "motion"));
-        let lacks = self.motion.is_none_or(|motion| motion.channels == 2);
-        let still = lacks.then(|| self.still(previous)).flatten();
+        let lacks = |motion: Pixels| {
+            motion.channels == 2
+                || self
+                    .geometry()
+                    .is_some_and(|geometry| has_unknown(motion, geometry))
+        };
+        let asks = previous.is_some() && self.motion.is_none_or(lacks);
+        let still = asks.then(|| self.still(previous)).flatten();
         used.extend(still.as_ref().map(|_| "camera"));
-        match (self.motion, still) {
-            (Some(motion), Some(still)) => Motion::Completed(complete(motion, still)),
-            (Some(motion), None) => Motion::Given(motion),
+        match (self.motion.zip(self.geometry()), still) {
+            (Some((motion, geometry)), Some(still)) => complete(motion, geometry, still),
             (None, Some(still)) => Motion::Computed(still),
-            (None, None) => Motion::Computed(Image::new(size, 2)),
+            (_, None) => {
+                (self.motion).map_or_else(|| Motion::Computed(Image::new(size, 2)), Motion::Given)
+            }
         }
     }
 
@@ -227,31 +235,69 @@ impl SurfaceRecords {
     }
 }
 
-/// Adds the change of depth to a motion of two channels: the still scene's where both motions agree, 0 elsewhere, so that an
-/// object that moves by itself is expected to keep its depth.
-fn complete(motion: Pixels, mut still: Image) -> Image {
-    let height = motion.size.height;
-    rows::run(&Complete(motion), height, still.bands());
-    still
+/// Rows between those in which unknown motion is looked for: objects without motion are larger.
+const LOOKED_AT: usize = 4;
+
+/// Whether the motion of a pixel is unknown: it is not finite, or zero where nothing was hit, where only the camera moves.
+#[inline(always)]
+fn is_unknown([x, y]: [f32; 2], geometry: Geometry, pixel: usize) -> bool {
+    let missed = || match geometry {
+        Geometry::Depth(depth) => depth.at(pixel, 0) == f32::INFINITY,
+        Geometry::Position(position) => !is_present(position.vector(pixel)),
+    };
+    !(x.is_finite() & y.is_finite()) || ((x == 0.0) & (y == 0.0) && missed())
 }
 
-struct Complete<'a>(Pixels<'a>);
+/// Whether motion is unknown somewhere.
+fn has_unknown(motion: Pixels, geometry: Geometry) -> bool {
+    let Size { height, width } = motion.size;
+    let mut lanes = MotionLanes::zeroed();
+    let mut runs = (0..height)
+        .step_by(LOOKED_AT)
+        .flat_map(|y| segments(y, width));
+    runs.any(|run| {
+        let start = run.y * width + run.x;
+        let Lanes { x, y, .. } = lanes.load(&motion, run);
+        (0..run.len).any(|i| is_unknown([x[i], y[i]], geometry, start + i))
+    })
+}
+
+/// Puts the still scene's motion where motion is unknown, and adds the change of depth to a motion of two channels: the still
+/// scene's where both motions agree, 0 elsewhere, so that an object that moves by itself is expected to keep its depth.
+fn complete<'a>(motion: Pixels, geometry: Geometry, mut still: Image) -> Motion<'a> {
+    let height = motion.size.height;
+    rows::run(&Complete { motion, geometry }, height, still.bands());
+    match motion.channels {
+        2 => Motion::Completed(still),
+        _ => Motion::Computed(still),
+    }
+}
+
+struct Complete<'a> {
+    motion: Pixels<'a>,
+    geometry: Geometry<'a>,
+}
 
 impl<'a> Kernel for Complete<'a> {
     type Out = BandMut<'a>;
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut still: BandMut<'a>) {
-        let mut given = [[0.0; SEGMENT]; 2];
+        let width = self.motion.size.width;
+        let mut lanes = MotionLanes::zeroed();
         for y in rows {
             let [sx, sy, change] = still.rows(y);
-            for run in segments(y, self.0.size.width) {
-                self.0.read(run, given.each_mut().map(Row::as_mut_slice));
+            for run in segments(y, width) {
+                let given = lanes.load(&self.motion, run);
                 for i in 0..run.len {
-                    let (x, [gx, gy]) = (run.x + i, [given[0][i], given[1][i]]);
-                    let same = is_still([gx, gy], [sx[x], sy[x]]);
-                    (sx[x], sy[x]) = (gx, gy);
-                    change[x] = if same { change[x] } else { 0.0 };
+                    let (x, own) = (run.x + i, [given.x[i], given.y[i]]);
+                    if is_unknown(own, self.geometry, y * width + x) {
+                        continue;
+                    }
+                    let same = is_still(own, [sx[x], sy[x]]);
+                    [sx[x], sy[x]] = own;
+                    let known = given.depth.map(|depth| depth[i]);
+                    change[x] = known.unwrap_or(if same { change[x] } else { 0.0 });
                 }
             }
         }
@@ -260,7 +306,7 @@ impl<'a> Kernel for Complete<'a> {
 
 pub enum Motion<'a> {
     Given(Pixels<'a>),
-    /// Of a still scene, from the cameras; or zero.
+    /// Of a still scene, from the cameras, everywhere or where none was given; or zero.
     Computed(Image),
     /// Given without change of depth, which the cameras added.
     Completed(Image),
@@ -288,6 +334,8 @@ pub struct Extras {
     pub variance: bool,
     /// [`Output::choice`].
     pub choice: bool,
+    /// [`Output::motion`].
+    pub motion: bool,
 }
 
 /// Where a step writes its results: colour interleaved, one number per pixel for the others, row by row from the top, in the
@@ -305,6 +353,9 @@ pub struct Output<'a> {
     pub rejection: &'a mut [u8],
     /// The filter passes that each pixel shows, for pipelines that choose their number.
     pub choice: Option<&'a mut [f32]>,
+    /// Two elements for each pixel: along which motion an output stage finds in the frame before what is seen in this one;
+    /// for denoisers that look for reflections and have no stage of their own.
+    pub motion: Option<&'a mut [f32]>,
 }
 
 impl Output<'_> {
@@ -313,6 +364,7 @@ impl Output<'_> {
         for (name, given, wanted) in [
             ("variance", self.variance.is_some(), extras.variance),
             ("choice", self.choice.is_some(), extras.choice),
+            ("motion", self.motion.is_some(), extras.motion),
         ] {
             if given != wanted {
                 let text = |there| if there { "Some" } else { "None" };
@@ -328,6 +380,7 @@ impl Output<'_> {
             ("confidence", pixels, Some(self.confidence.len())),
             ("rejection", pixels, Some(self.rejection.len())),
             ("choice", pixels, length(&self.choice)),
+            ("motion", 2 * pixels, length(&self.motion)),
         ] {
             check_length(name, wanted, got.unwrap_or(wanted))?;
         }
@@ -363,6 +416,8 @@ pub struct Results {
     pub rejection: Vec<u8>,
     /// As [`Output::choice`].
     pub choice: Option<Vec<f32>>,
+    /// As [`Output::motion`].
+    pub motion: Option<Vec<f32>>,
 }
 
 impl Results {
@@ -382,6 +437,7 @@ impl Results {
             confidence: zeros(),
             rejection: vec![0; n],
             choice: extras.choice.then(zeros),
+            motion: extras.motion.then(|| vec![0.0; 2 * n]),
         })
     }
 
@@ -394,6 +450,7 @@ impl Results {
             confidence: &mut self.confidence,
             rejection: &mut self.rejection,
             choice: self.choice.as_deref_mut(),
+            motion: self.motion.as_deref_mut(),
         }
     }
 }
@@ -458,6 +515,8 @@ pub struct HistoryMut<'a> {
     pub confidence: &'a mut [f32],
     /// As [`Output::rejection`].
     pub rejection: &'a mut [u8],
+    /// As [`Output::motion`].
+    pub motion: &'a mut [f32],
 }
 
 /// The part of a [`HistoryMut`] that history fills.
@@ -465,6 +524,7 @@ pub(super) struct Expectation<'a> {
     pub color: &'a mut [f32],
     pub moments: &'a mut [f32],
     pub length: &'a mut [f32],
+    pub motion: &'a mut [f32],
 }
 
 impl<'a> HistoryMut<'a> {
@@ -476,6 +536,7 @@ impl<'a> HistoryMut<'a> {
             ("length", pixels, self.length.len()),
             ("confidence", pixels, self.confidence.len()),
             ("rejection", pixels, self.rejection.len()),
+            ("motion", 2 * pixels, self.motion.len()),
         ] {
             check_length(name, wanted, got)?;
         }
@@ -490,11 +551,13 @@ impl<'a> HistoryMut<'a> {
             length,
             confidence,
             rejection,
+            motion,
         } = self;
         let expectation = Expectation {
             color,
             moments,
             length,
+            motion,
         };
         (expectation, confidence, rejection)
     }

@@ -288,7 +288,6 @@ pub fn recall(
                 sample.view(),
                 &mut history,
                 coverage,
-                params.choice.is_some(),
             )
         });
     Recalled {

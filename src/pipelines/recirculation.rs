@@ -311,7 +311,7 @@ impl Joined {
         let prediction = Pixels::from(self.shown());
         let size = prediction.size;
         let (length, bright) = (Pixels::records(size, 1, length), exposure(prediction));
-        let (motion, evidence) = (&self.motion, self.state.evidence.as_ref());
+        let (motion, evidence) = (self.motion.pixels(), self.state.evidence.as_ref());
         let (found, rest) = innovate(params, fresh, &prediction, length, motion, bright, evidence);
         let carried = &mut self.state.color.data_mut()[..3 * size.pixels()];
         match &mut self.shown {

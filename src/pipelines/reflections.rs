@@ -11,6 +11,9 @@
 //! candidate always wins somewhere by chance, each is evaluated only in tiles where it won a pixel beyond doubt in the last
 //! frame and in the tiles around them. Elsewhere it is tried again in two frames of sixteen, in other rows of tiles each time,
 //! so that no frame takes longer than others.
+//!
+//! What moves like a reflection in light does so in the image only where the surface has no texture of its own, which moves
+//! with it: elsewhere the output stage follows the surface ([`Won::seen`]).
 
 use std::ops::Range;
 
@@ -24,7 +27,7 @@ use crate::kernels::fetch::reproject::{self, Fetch, Fetched};
 use crate::kernels::fetch::validate::{self, Surface, Tests};
 use crate::kernels::judge::prediction::{Gains, Ids, average, terms};
 use crate::kernels::merge::accumulate::CHANNELS;
-use crate::math::is_present;
+use crate::math::{is_present, luminance};
 use crate::pixels::{Motion, MotionLanes, Rolling, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 use crate::tiles::{Tiles, runs_in};
@@ -47,6 +50,9 @@ const PERIOD: usize = 16;
 const TRIED: usize = 2;
 /// Candidates are evaluated in one of so many rows.
 const ROWS: usize = 2;
+/// Luminances of albedo that differ by more than this share are texture.
+const TEXTURE: f32 = 0.1;
+
 /// What one frame leaves to the next.
 pub struct Memory {
     /// The lightly filtered light by which the next frame's candidates are compared.
@@ -81,8 +87,62 @@ impl Scores {
 /// What [`choose`] leaves beside the history.
 pub struct Won {
     pub scores: Scores,
-    /// The motion along which each pixel's history was fetched; None if it was not asked for, or is the surface's own.
+    /// The motion along which each pixel's history was fetched; None if it is the surface's own everywhere.
     pub motion: Option<Image>,
+}
+
+impl Won {
+    /// The motion of what is seen, texture included: the surface's own where it has texture. None if that is so everywhere, or
+    /// nothing tells.
+    pub fn seen(&mut self, own: Pixels, albedo: Option<Pixels>) -> Option<&Image> {
+        let (motion, albedo) = self.motion.as_mut().zip(albedo)?;
+        rows::run(&Seen { own, albedo }, own.size.height, motion.bands());
+        Some(motion)
+    }
+}
+
+/// Puts a surface's own motion where it has texture: where the albedo of 3×3 pixels is not that of the pixel.
+struct Seen<'a> {
+    own: Pixels<'a>,
+    albedo: Pixels<'a>,
+}
+
+impl<'a> Kernel for Seen<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut motion: BandMut<'a>) {
+        let mut lanes = MotionLanes::zeroed();
+        for y in rows {
+            let [x, y_] = motion.rows::<2>(y);
+            for run in segments(y, self.own.size.width) {
+                let own = lanes.load(&self.own, run);
+                let [x, y_] = [&mut *x, &mut *y_].map(|row| &mut row[run.x..][..run.len]);
+                for i in 0..run.len {
+                    let moved = (x[i] != own.x[i]) | (y_[i] != own.y[i]);
+                    if moved && self.has_texture(run.x + i, y) {
+                        (x[i], y_[i]) = (own.x[i], own.y[i]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Seen<'_> {
+    fn has_texture(&self, x: usize, y: usize) -> bool {
+        let Size { height, width } = self.albedo.size;
+        let at = |x: usize, y: usize| {
+            let [r, g, b] = self.albedo.vector(y * width + x);
+            luminance(r, g, b)
+        };
+        let own = at(x, y);
+        let [columns, rows] =
+            [(x, width), (y, height)].map(|(at, most)| at.saturating_sub(1)..(at + 2).min(most));
+        let mut around = rows.flat_map(|y| columns.clone().map(move |x| at(x, y)));
+        // The comparison fails where one is NaN.
+        !around.all(|other| (other - own).abs() <= TEXTURE * own.max(other))
+    }
 }
 
 /// How history is fetched along the surface's own motion.
@@ -105,7 +165,6 @@ pub fn choose(
     color: View,
     carried: &mut Image,
     coverage: &mut [f32],
-    asks_motion: bool,
 ) -> Option<Won> {
     let (size, past) = (color.size, &memory.scores);
     let geometry = frame.geometry()?;
@@ -128,24 +187,28 @@ pub fn choose(
         distances: distances.len(),
     };
     let evaluated = candidates.evaluate(memory, &own, color);
-    let mut motion = asks_motion.then(|| own.motion.part(0..2).to_planes());
+    let mut motion = own.motion.part(0..2).to_planes();
     candidates.take_winners(
         evaluated,
         history,
         frame.surface.ids,
-        motion.as_mut(),
+        &mut motion,
         carried,
         coverage,
         &mut scores,
     );
+    let motion = Some(motion);
     Some(Won { scores, motion })
 }
 
-/// The tests for a reflected point's history. It lies elsewhere on the mirror, whose depth there says nothing about it.
+/// The tests for a reflected point's history. It lies elsewhere on the mirror, whose depth there says nothing about it. What a
+/// turning surface reflects depends on its normal in the world, not on the one in the object's own space.
 fn mirrored_tests<'a>(now: Surface<'a>, before: Surface<'a>) -> Tests<'a> {
+    let world = now.normal.is_some() && before.normal.is_some();
     let [now, before] = [now, before].map(|surface| Surface {
         depth: None,
         color: None,
+        object_normal: surface.object_normal.filter(|_| !world),
         ..surface
     });
     Tests::new(now, before, None, &validate::Params::default())
@@ -231,7 +294,7 @@ impl<'a> Candidates<'a> {
         evaluated: Evaluated,
         history: Pixels,
         ids: Option<Pixels<u32>>,
-        motion: Option<&mut Image>,
+        motion: &mut Image,
         carried: &mut Image,
         coverage: &mut [f32],
         scores: &mut Scores,
@@ -247,10 +310,9 @@ impl<'a> Candidates<'a> {
         let band = BAND * size.width * 2 * self.distances;
         let mut certain = vec![Tiles::new(size); scores.evaluated.len()];
         let mut won: Vec<_> = certain.iter_mut().map(Tiles::bands).collect();
-        let motions = rows::optional(motion.map(Image::bands));
         let outs = carried.bands().zip(bands_of(coverage, size));
         let outs = outs
-            .zip(motions)
+            .zip(motion.bands())
             .zip(scores.image.data_mut().chunks_mut(band))
             .map(|(((history, coverage), motion), scores)| Outs {
                 history,
@@ -429,7 +491,7 @@ struct TakeWinners<'a> {
 struct Outs<'a> {
     history: BandMut<'a>,
     coverage: BandMut<'a>,
-    motion: Option<BandMut<'a>>,
+    motion: BandMut<'a>,
     /// Interleaved.
     scores: &'a mut [f32],
     /// Of each candidate, the tiles in which it won a pixel beyond doubt.
@@ -570,7 +632,7 @@ fn replace(run: Run, winner: &[u32], fetched: &Fetched, motion: &[Row; 2], out: 
     let records = fetched.values(0).as_chunks::<CHANNELS>().0;
     let mut history = out.history.rows::<CHANNELS>(run.y);
     let coverage = out.coverage.row(0, run.y);
-    let mut moved = out.motion.as_mut().map(|motion| motion.rows::<2>(run.y));
+    let mut moved = out.motion.rows::<2>(run.y);
     for i in 0..run.len {
         let (x, carried) = (run.x + i, fetched.coverage[i]);
         if winner[x] != NONE && carried > 0.0 {
@@ -578,7 +640,7 @@ fn replace(run: Run, winner: &[u32], fetched: &Fetched, motion: &[Row; 2], out: 
                 row[x] = value;
             }
             coverage[x] = carried;
-            for (moved, motion) in moved.iter_mut().flatten().zip(motion) {
+            for (moved, motion) in moved.iter_mut().zip(motion) {
                 moved[x] = motion[i];
             }
         }

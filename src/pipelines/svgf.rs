@@ -32,7 +32,7 @@ use super::reflections;
 use super::repetition::Noise;
 use super::taa::{self, Stage};
 use crate::error::{Result, in_range};
-use crate::image::{Image, Records, Size, View};
+use crate::image::{Image, Pixels, Records, Size, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::validate;
 use crate::kernels::judge::exposure::exposure;
@@ -121,7 +121,7 @@ impl Default for Params {
             gradient: Some(ESTIMATED_GRADIENT),
             choice: Some(choice::Params::default()),
             innovation: Some(innovation::Params::default()),
-            reflections: vec![0.5, 2.0],
+            reflections: vec![0.4, 1.2],
             antialias: Some(taa::Params::DENOISED),
             feedback: false,
             ..Self::textbook()
@@ -179,7 +179,7 @@ impl Params {
                 widest: ESTIMATED_GRADIENT.widest + 1,
                 ..ESTIMATED_GRADIENT
             }),
-            reflections: vec![0.5, 2.0],
+            reflections: vec![0.4, 1.2],
             antialias: Some(taa::Params {
                 clip,
                 // Most pixels have no sample to judge by, nor to show.
@@ -288,6 +288,7 @@ struct Shown<'a> {
     color: &'a mut [f32],
     variance: &'a mut [f32],
     choice: Option<&'a mut [f32]>,
+    motion: Option<&'a mut [f32]>,
 }
 
 /// Where a step writes what it saw of history.
@@ -328,6 +329,7 @@ impl Pipeline for Svgf {
         Extras {
             variance: true,
             choice: self.params.choice.is_some(),
+            motion: !self.params.reflections.is_empty() && self.antialias.is_none(),
         }
     }
 }
@@ -396,6 +398,7 @@ impl Svgf {
             color: output.color,
             variance: output.variance.expect("an estimate has room"),
             choice: output.choice,
+            motion: output.motion,
         };
         let seen = Seen {
             history_length: output.history_length,
@@ -512,25 +515,32 @@ fn run(
         None => merge_at_once(now, memory.as_ref(), &mut seen),
     };
     drop(memory);
-    let (joined, later, mut shown) = match task {
-        Task::Show(shown, later) => {
+    let (joined, later, mut shown, moved) = match task {
+        Task::Show(mut shown, later) => {
             let joined = join(now, recalled.as_ref(), &history, later, &mut seen);
-            (joined, later, Some(shown))
+            let moved = shown.motion.take();
+            (joined, later, Some(shown), moved)
         }
         Task::Recall(into) => {
-            expect(recalled.as_ref(), now.size(), into);
-            (Joined::default(), None, None)
+            expect(
+                recalled.as_ref(),
+                now.size(),
+                [into.color, into.moments, into.length],
+            );
+            (Joined::default(), None, None, Some(into.motion))
         }
     };
-    let (won, incoherent) = match recalled {
+    let (mut won, incoherent) = match recalled {
         Some(recalled) => (recalled.reflections, recalled.incoherent),
         None => (None, None),
     };
+    let reflected = won.as_ref().and_then(|won| won.motion.as_ref());
+    let along = reflected.map_or(now.motion.pixels(), Image::pixels);
     let known = joined.history.as_ref();
     let exposure = now.exposure(known.unwrap_or(&history));
     let levels = shown.as_mut().and_then(|shown| shown.choice.take());
     let prediction = joined.prediction;
-    let mut choosing = choose(now, prediction, won.as_ref(), choice, &seen, levels);
+    let mut choosing = choose(now, prediction, along, choice, &seen, levels);
     let guide = incoherent.map(|found| now.guide_by(Some(found.guide())));
     let guide = guide.as_ref().unwrap_or_else(|| now.guide());
     let mut passes = filter(now, guide, &seen, &mut history, known, choosing.as_mut());
@@ -538,9 +548,19 @@ fn run(
         join_reports(later, &mut seen);
     }
     let choice = choosing.map(|choosing| choosing.judge(now, exposure));
-    let (innovation, evidence) = now.innovate(&passes, evidence, exposure, &seen).unzip();
+    let (innovation, evidence) = now
+        .innovate(&passes, along, evidence, exposure, &seen)
+        .unzip();
     let mut light = passes.light.take();
     let (correction, stage) = (innovation.as_ref(), antialias.filter(|_| shown.is_some()));
+    let own = now.motion.pixels();
+    let seen = (won.as_mut()).and_then(|won| won.seen(own, now.frame.albedo));
+    let seen = seen.map(Image::pixels);
+    if let Some(moved) = moved {
+        let motion = seen.unwrap_or(own).part(0..2).to_planes();
+        motion.view().interleave(moved);
+    }
+    let stage = stage.map(|stage| (stage, seen));
     finish(
         now,
         passes,
@@ -616,6 +636,7 @@ impl Current<'_> {
     fn innovate(
         &self,
         prediction: &impl Colors,
+        motion: Pixels,
         evidence: Option<Records>,
         exposure: f32,
         seen: &Seen,
@@ -624,13 +645,7 @@ impl Current<'_> {
         let length = View::new(self.size(), 1, seen.history_length).into();
         let (fresh, evidence) = (self.fresh(), evidence.as_ref());
         Some(innovate(
-            params,
-            &fresh,
-            prediction,
-            length,
-            self.motion,
-            exposure,
-            evidence,
+            params, &fresh, prediction, length, motion, exposure, evidence,
         ))
     }
 

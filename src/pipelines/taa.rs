@@ -21,7 +21,7 @@ pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
 use super::correction::innovate;
 use super::frame::{
-    Frame, Motion, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
+    Frame, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
 };
 use super::motion_check::Mistake;
 use super::recall::find_gradient;
@@ -95,7 +95,7 @@ impl Stage {
         &mut self,
         frame: &Frame,
         before: Option<&Camera>,
-        motion: &Motion,
+        motion: Pixels,
         denoised: Pixels,
         [corrects, repeats]: [bool; 2],
         shown: &mut [f32],
@@ -104,11 +104,11 @@ impl Stage {
         let still = self.still(frame, before);
         let choice = Choice::of(depth, still.as_ref());
         let out = PixelsMut::bands(denoised.size, 3, shown);
-        self.step(denoised, motion.pixels(), choice, out, None);
+        self.step(denoised, motion, choice, out, None);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, shown);
         let kind = [repeats, frame.jitter.is_some()];
-        self.mix(frame.color, denoised, motion.pixels(), kind, shown);
+        self.mix(frame.color, denoised, motion, kind, shown);
     }
 
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
@@ -193,7 +193,7 @@ impl Stage {
         &mut self,
         params: Option<innovation::Params>,
         fresh: Pixels,
-        motion: &Motion,
+        motion: Pixels,
         shown: &mut [f32],
     ) {
         let Some((params, history)) = params.zip(self.history.as_mut()) else {
@@ -344,7 +344,9 @@ impl Taa {
         }
         let mut before = self.state.take();
         let mut used = vec![];
-        let resolved = resolve_jitter(frame, params.reconstruct, &mut used);
+        // What is denoised is smooth, and no sample of one place.
+        let filter = params.reconstruct.filter(|_| samples.is_none());
+        let resolved = resolve_jitter(frame, filter, &mut used);
         let color = (resolved.as_ref()).map_or(frame.color, |(image, _)| image.pixels());
         let camera = before.as_ref().and_then(|before| before.camera.as_ref());
         let motion = frame.motion(camera, &mut used);
@@ -367,7 +369,7 @@ impl Taa {
             Some(samples) => (samples, params.innovation.map(|_| AFTER_DENOISER)),
             None => (frame.color, params.innovation),
         };
-        (self.stage).correct(correction, fresh, &motion, output.color);
+        (self.stage).correct(correction, fresh, motion.pixels(), output.color);
         let (noise, repeats) = (samples.filter(|_| params.choice))
             .map(|samples| {
                 let motion = motion.pixels();

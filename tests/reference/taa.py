@@ -288,14 +288,21 @@ def find_still(frame, before) -> Tensor | None:
 
 
 def find_motion(frame, before) -> Tensor:
-    """The frame's motion; else the cameras' motion; else none. The change of depth is completed where both agree."""
+    """The frame's motion; else the cameras' motion; else none.
+
+    The cameras complete it where it is unknown, and, where both agree, by the change of depth.
+    """
     motion, still = frame.motion, find_still(frame, before)  # (H, W, 2|3), (H, W, 3)
-    if motion is not None and still is not None and motion.shape[-1] == 2:
-        alike = (motion - still[..., :2]).square().sum(-1) <= 0.25  # (H, W)
-        return torch.cat([motion, still[..., 2:].where(alike[..., None], 0)], -1)  # (H, W, 3)
     if motion is None:
-        motion = torch.zeros_like(frame.color[..., :2]) if still is None else still  # (H, W, 2|3)
-    return motion
+        return torch.zeros_like(frame.color[..., :2]) if still is None else still  # (H, W, 2|3)
+    if still is None:
+        return motion
+    missed = frame.depth.isposinf() if frame.position is None else ~frame.position.isfinite().all(-1)  # (H, W)
+    known = motion[..., :2].isfinite().all(-1) & ~((motion[..., :2] == 0).all(-1) & missed)  # (H, W)
+    if motion.shape[-1] == 2:
+        alike = (motion - still[..., :2]).square().sum(-1) <= 0.25  # (H, W)
+        motion = torch.cat([motion, still[..., 2:].where(alike[..., None], 0)], -1)  # (H, W, 3)
+    return motion if known[::4].all() else motion.where(known[..., None], still)  # (H, W, 3)
 
 
 def tells_depth(frame, motion: Tensor) -> bool:

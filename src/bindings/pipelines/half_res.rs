@@ -33,7 +33,7 @@ use crate::pipelines::svgf;
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
 /// by_confidence, fireflies : bool, default False
 ///     As in `SVGF`.
-/// reflections : sequence of float, default (0.5, 2.0)
+/// reflections : sequence of float, default (0.4, 1.2)
 ///     As in `SVGF`.
 /// choice : bool, default False
 ///     As in `SVGF`. It helps in most scenes; highlights that few samples hit can get worse.
@@ -84,10 +84,10 @@ pub struct HalfRes;
 impl HalfRes {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0,
-        by_confidence=false, fireflies=false, reflections=vec![0.5, 2.0], choice=false, innovation=true, antialias=true))]
+        by_confidence=false, fireflies=false, reflections=vec![0.4, 1.2], choice=false, innovation=true, antialias=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, \
-        by_confidence=False, fireflies=False, reflections=(0.5, 2.0), choice=False, innovation=True, antialias=True)"
+        by_confidence=False, fireflies=False, reflections=(0.4, 1.2), choice=False, innovation=True, antialias=True)"
     )]
     fn new(
         alpha: f32,

@@ -138,6 +138,10 @@ impl Pipeline {
 /// choice : (H, W) float32, optional
 ///     Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
 ///     choice.
+/// motion : (H, W, 2) float32, optional
+///     Motion for an output stage behind the pipeline, in pixels as `Frame.motion`: to where the frame before shows what this
+///     one does. Where a reflection's history was taken and the albedo of 3×3 pixels is the same, that is the reflection's,
+///     elsewhere the surface's. None from pipelines that do not look for reflections or have a stage of their own.
 /// used : tuple of str, default ()
 ///     The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
 ///     "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",
@@ -163,6 +167,8 @@ pub struct Output {
     variance: Option<Py<PyArrayDyn<f32>>>,
     /// Number of filter passes of each pixel, fractional where two results are mixed: (H, W) float32, or None.
     choice: Option<Py<PyArrayDyn<f32>>>,
+    /// Motion for an output stage behind the pipeline: (H, W, 2) float32, or None.
+    motion: Option<Py<PyArrayDyn<f32>>>,
     /// Samples that went into each pixel, up to 1/alpha: (H, W) float32.
     history_length: Py<PyArrayDyn<f32>>,
     /// Accepted fraction of the history's footprint, 0 to 1; 0 at disocclusions: (H, W) float32.
@@ -180,6 +186,7 @@ struct Room<'py> {
     color: Direct<'py>,
     variance: Option<Direct<'py>>,
     choice: Option<Direct<'py>>,
+    motion: Option<Direct<'py>>,
     history_length: Direct<'py>,
     confidence: Direct<'py>,
     rejection: Direct<'py, u8>,
@@ -206,6 +213,7 @@ impl<'py> Room<'py> {
             for (name, wanted, has) in [
                 ("variance", extras.variance, out.variance.is_some()),
                 ("choice", extras.choice, out.choice.is_some()),
+                ("motion", extras.motion, out.motion.is_some()),
             ] {
                 if wanted != has {
                     let text = |has| match has {
@@ -217,7 +225,7 @@ impl<'py> Room<'py> {
             }
         }
         let shape = [size.height, size.width, 3];
-        let flat = &shape[..2];
+        let (flat, two) = (&shape[..2], [size.height, size.width, 2]);
         Ok(Self {
             color: room(py, out.map(|out| &out.color), &shape)?,
             variance: (extras.variance)
@@ -225,6 +233,9 @@ impl<'py> Room<'py> {
                 .transpose()?,
             choice: (extras.choice)
                 .then(|| room(py, out.and_then(|out| out.choice.as_ref()), flat))
+                .transpose()?,
+            motion: (extras.motion)
+                .then(|| room(py, out.and_then(|out| out.motion.as_ref()), &two))
                 .transpose()?,
             history_length: room(py, out.map(|out| &out.history_length), flat)?,
             confidence: room(py, out.map(|out| &out.confidence), flat)?,
@@ -237,6 +248,7 @@ impl<'py> Room<'py> {
             color: self.color.data()?,
             variance: self.variance.as_mut().map(Direct::data).transpose()?,
             choice: self.choice.as_mut().map(Direct::data).transpose()?,
+            motion: self.motion.as_mut().map(Direct::data).transpose()?,
             history_length: self.history_length.data()?,
             confidence: self.confidence.data()?,
             rejection: self.rejection.data()?,
@@ -250,12 +262,13 @@ impl<'py> Room<'py> {
         summary: pipelines::Summary,
         mistake: Option<pipelines::Mistake>,
     ) -> PyResult<Output> {
-        let [variance, choice] =
-            [self.variance, self.choice].map(|array| array.map(Direct::array).transpose());
+        let [variance, choice, motion] = [self.variance, self.choice, self.motion]
+            .map(|array| array.map(Direct::array).transpose());
         let output = Output {
             color: self.color.array()?.unbind(),
             variance: variance?.map(Bound::unbind),
             choice: choice?.map(Bound::unbind),
+            motion: motion?.map(Bound::unbind),
             history_length: self.history_length.array()?.unbind(),
             confidence: self.confidence.array()?.unbind(),
             rejection: self.rejection.array()?.unbind(),
@@ -276,9 +289,11 @@ impl<'py> Room<'py> {
 impl Output {
     /// Constructor for pipelines written in Python.
     #[new]
-    #[pyo3(signature = (color, history_length, confidence, rejection, *, variance=None, choice=None, used=vec![], missing=0))]
+    #[pyo3(signature = (color, history_length, confidence, rejection, *, variance=None, choice=None, motion=None, used=vec![],
+        missing=0))]
     #[pyo3(
-        text_signature = "(color, history_length, confidence, rejection, *, variance=None, choice=None, used=(), missing=0)"
+        text_signature = "(color, history_length, confidence, rejection, *, variance=None, choice=None, motion=None, \
+        used=(), missing=0)"
     )]
     fn new(
         py: Python<'_>,
@@ -288,6 +303,7 @@ impl Output {
         rejection: Py<PyArrayDyn<u8>>,
         variance: Option<Py<PyArrayDyn<f32>>>,
         choice: Option<Py<PyArrayDyn<f32>>>,
+        motion: Option<Py<PyArrayDyn<f32>>>,
         used: Vec<String>,
         missing: usize,
     ) -> PyResult<Self> {
@@ -310,10 +326,16 @@ impl Output {
                 return Err(Error::value(name, expected, format!("{shape:?}")).into());
             }
         }
+        let moved = (motion.as_ref()).map(|motion| motion.bind(py).shape().to_vec());
+        if let Some(shape) = moved.filter(|shape| *shape != [height, width, 2]) {
+            let expected = format!("shape ({height}, {width}, 2)");
+            return Err(Error::value("motion", expected, format!("{shape:?}")).into());
+        }
         Ok(Self {
             color,
             variance,
             choice,
+            motion,
             history_length,
             confidence,
             rejection,
@@ -338,6 +360,7 @@ impl Output {
         let kwargs = PyDict::new(py);
         kwargs.set_item("variance", &self.variance)?;
         kwargs.set_item("choice", &self.choice)?;
+        kwargs.set_item("motion", &self.motion)?;
         kwargs.set_item("used", &self.used)?;
         kwargs.set_item("missing", self.missing)?;
         Ok((args, kwargs))
@@ -369,6 +392,8 @@ impl Output {
 ///     As `Output.confidence`.
 /// rejection : (H, W) uint8
 ///     As `Output.rejection`.
+/// motion : (H, W, 2) float32, optional
+///     As `Output.motion`.
 /// used : tuple of str, default ()
 ///     As `Output.used`.
 ///
@@ -401,6 +426,8 @@ pub struct History {
     confidence: Py<PyArrayDyn<f32>>,
     /// Tests that taps of the history's footprint failed, as bits of `Rejection`: (H, W) uint8.
     rejection: Py<PyArrayDyn<u8>>,
+    /// Motion for an output stage behind the pipeline: (H, W, 2) float32, or None.
+    motion: Option<Py<PyArrayDyn<f32>>>,
     /// Names of the buffers that were used.
     used: Py<PyTuple>,
 }
@@ -408,8 +435,10 @@ pub struct History {
 #[pymethods]
 impl History {
     #[new]
-    #[pyo3(signature = (color, moments, history_length, confidence, rejection, *, used=vec![]))]
-    #[pyo3(text_signature = "(color, moments, history_length, confidence, rejection, *, used=())")]
+    #[pyo3(signature = (color, moments, history_length, confidence, rejection, *, motion=None, used=vec![]))]
+    #[pyo3(
+        text_signature = "(color, moments, history_length, confidence, rejection, *, motion=None, used=())"
+    )]
     fn new(
         py: Python<'_>,
         color: &Bound<'_, PyAny>,
@@ -417,6 +446,7 @@ impl History {
         history_length: &Bound<'_, PyAny>,
         confidence: &Bound<'_, PyAny>,
         rejection: &Bound<'_, PyAny>,
+        motion: Option<&Bound<'_, PyAny>>,
         used: Vec<String>,
     ) -> PyResult<Self> {
         let color = Input::<f32>::new(color, "color", COLOR)?;
@@ -432,6 +462,8 @@ impl History {
             history_length: input(history_length, "history_length", Channels::One)?,
             confidence: input(confidence, "confidence", Channels::One)?,
             rejection: rejection.sized("rejection", size)?.array().unbind(),
+            motion: (motion.map(|motion| input(motion, "motion", Channels::Of(&[2]))))
+                .transpose()?,
             used: PyTuple::new(py, used)?.unbind(),
         })
     }
@@ -447,10 +479,12 @@ impl History {
             history_length,
             confidence,
             rejection,
+            motion,
             used,
         } = self;
         let args = (color, moments, history_length, confidence, rejection).into_pyobject(py)?;
         let kwargs = PyDict::new(py);
+        kwargs.set_item("motion", motion)?;
         kwargs.set_item("used", used)?;
         Ok((args.into_any(), kwargs))
     }
@@ -630,12 +664,14 @@ impl<'py> FrameArgs<'py> {
         let mut length = Direct::new(py, Out::fresh(), shapes[2])?;
         let mut confidence = Direct::new(py, Out::fresh(), shapes[2])?;
         let mut rejection = Direct::<u8>::new(py, Out::fresh(), shapes[2])?;
+        let mut motion = Direct::new(py, Out::fresh(), shapes[1])?;
         let expected = pipelines::HistoryMut {
             color: color.data()?,
             moments: moments.data()?,
             length: length.data()?,
             confidence: confidence.data()?,
             rejection: rejection.data()?,
+            motion: motion.data()?,
         };
         let frame = self.frame();
         let (summary, mistake) = detached(py, || pipeline.recall(&frame, expected))??;
@@ -648,6 +684,7 @@ impl<'py> FrameArgs<'py> {
             history_length: length.array()?.unbind(),
             confidence: confidence.array()?.unbind(),
             rejection: rejection.array()?.unbind(),
+            motion: Some(motion.array()?.unbind()),
             used: PyTuple::new(py, summary.used)?.unbind(),
         })
     }

@@ -66,10 +66,11 @@ use crate::pipelines::{svgf, taa};
 /// fireflies : bool, default False
 ///     First clamp samples far brighter than their surroundings and their history, and redistribute the excess over
 ///     their surface (`suppress_fireflies`).
-/// reflections : sequence of float, default (0.5, 2.0)
+/// reflections : sequence of float, default (0.4, 1.2)
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
 ///     fetched as well. Where one of these histories predicts the new samples better than the surface's own
-///     (`prediction_gain`), it is used instead. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
+///     (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance
+///     of albedo in 3×3 pixels is within a tenth of the pixel's: texture moves with the surface. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
 ///     chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen
 ///     frames. Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy
 ///     scenes. Frames with a `hit_distance` use that distance alone. Needs cameras and depth.
@@ -148,13 +149,13 @@ impl SVGF {
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
         sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
         plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
-        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.5, 2.0], choice=true, innovation=true, antialias=true,
+        by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true,
         average_still=false, coherence=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
         sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
-        reflections=(0.5, 2.0), choice=True, innovation=True, antialias=True, average_still=False, \
+        reflections=(0.4, 1.2), choice=True, innovation=True, antialias=True, average_still=False, \
         coherence=True)"
     )]
     fn new(
@@ -296,14 +297,14 @@ impl SVGF {
     /// Make the pipeline without its output stage, and the stage.
     ///
     /// Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
-    /// colour as `samples`.
+    /// colour as `samples`, and follows the `motion` of the denoiser's output.
     ///
     /// Returns
     /// -------
     /// denoiser : Pipeline
     ///     With the same parameters, but ``antialias=False``.
     /// stage : TAA or None
-    ///     For the frames with the denoiser's colours; None without `antialias`.
+    ///     For the frames with the denoiser's colours and motion; None without `antialias`.
     fn split<'py>(slf: &Bound<'py, Self>) -> PyResult<Parts<'py>> {
         let params = slf.borrow().inner.params().clone();
         split(slf.as_super(), &params)

@@ -4,25 +4,25 @@ use std::ops::Range;
 
 use super::passes::Passes;
 use super::{Current, Shown};
-use crate::image::{BandMut, Image, Records, SEGMENT, bands_of, segments};
+use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, bands_of, segments};
 use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
 use crate::pipelines::correction::{correct_history, correct_light};
-use crate::pipelines::frame::blacken_missing;
+use crate::pipelines::frame::{Frame, blacken_missing};
 use crate::pipelines::taa::Stage;
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Corrects history, and the light in which reflections are looked for, in place. Writes colour and variance if the frame is
-/// shown.
+/// shown. The output stage comes with the motion that it follows, if that is not the frame's.
 pub fn finish(
     now: &Current,
     passes: Passes,
     innovation: Option<&Innovation>,
     history: &mut Records,
     light: Option<&mut Records>,
-    antialias: Option<&mut Stage>,
+    antialias: Option<(&mut Stage, Option<Pixels>)>,
     shown: Option<Shown>,
 ) {
     let size = now.size();
@@ -55,10 +55,15 @@ pub fn finish(
     rows::run(&kernel, size.height, outs);
     // The next images take its place.
     drop(passes);
-    if let Some(((stage, color), show)) = antialias.zip(aliased).zip(show) {
+    if let Some((((stage, seen), color), show)) = antialias.zip(aliased).zip(show) {
+        let frame = Frame {
+            motion: seen.or(now.frame.motion),
+            ..*now.frame
+        };
+        let motion = seen.unwrap_or(now.motion.pixels());
         let how = [now.params.innovation.is_some(), now.repeats];
         let (before, color) = (now.before.as_ref(), color.pixels());
-        stage.show(now.frame, before, now.motion, color, how, show);
+        stage.show(&frame, before, motion, color, how, show);
     }
 }
 

@@ -17,7 +17,6 @@ use crate::kernels::smooth::guide::Guide;
 use crate::kernels::smooth::variance::Estimate;
 use crate::lanes::LANES;
 use crate::math::{larger, smaller};
-use crate::pipelines::reflections;
 use crate::pixels::{Colors, Row, rows_of};
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -32,20 +31,17 @@ pub struct Choosing<'a> {
     evidence: Records,
 }
 
-/// Chooses by the evidence of earlier frames. It is looked for along the motion by which history was fetched: that of
-/// reflections where these were taken.
+/// Chooses by the evidence of earlier frames. It is looked for along the motion by which history was fetched.
 pub fn choose<'a>(
     now: &Current,
     prediction: Option<Image>,
-    reflections: Option<&reflections::Won>,
+    motion: Pixels,
     before: Option<Records>,
     seen: &Seen,
     levels: Option<&'a mut [f32]>,
 ) -> Option<Choosing<'a>> {
     let params = now.params.choice?;
     let usual = now.params.atrous.iterations as usize;
-    let reflected = reflections.and_then(|won| won.motion.as_ref());
-    let motion = reflected.map_or(now.motion.pixels(), Image::pixels);
     let coverage = View::new(now.size(), 1, seen.confidence);
     let chosen =
         before.map(|before| choice::choice(before.pixels(), motion, coverage, usual, params));

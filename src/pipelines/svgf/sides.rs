@@ -14,7 +14,7 @@ use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, ba
 use crate::kernels::merge::accumulate::{CHANNELS, load_shares};
 use crate::kernels::merge::combine::{combine_rows, shorten};
 use crate::math::{larger, luminance, smaller};
-use crate::pipelines::frame::{Expectation, History};
+use crate::pipelines::frame::History;
 use crate::pipelines::recall::Recalled;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
@@ -101,11 +101,11 @@ impl<'a> Kernel for History<'a> {
 }
 
 /// Writes what history expects of a frame, shortened where the light has changed.
-pub fn expect(recalled: Option<&Recalled>, size: Size, into: Expectation) {
+pub fn expect(recalled: Option<&Recalled>, size: Size, [color, moments, length]: [&mut [f32]; 3]) {
     let recalled = recalled.expect("history is recalled as an image");
-    let outs = PixelsMut::bands(size, 3, into.color)
-        .zip(PixelsMut::bands(size, 2, into.moments))
-        .zip(PixelsMut::bands(size, 1, into.length));
+    let outs = PixelsMut::bands(size, 3, color)
+        .zip(PixelsMut::bands(size, 2, moments))
+        .zip(PixelsMut::bands(size, 1, length));
     let outs = outs.map(|((color, moments), length)| [color, moments, length]);
     rows::run(&Expected::new(recalled), size.height, outs);
 }
