@@ -73,6 +73,7 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             {"history": history, "color": color, "box": "chroma-hull", "response": "current"},
         ),
         "exposure": (yester.exposure, {"color": color}),
+        "light_change": (yester.light_change, {"color": 0.5 * color, "history": color, "coverage": length / 9 + 0.5}),
         "repetition": (
             yester.repetition,
             {"color": color, "previous": history, "motion": motion, "deviation": deviation},

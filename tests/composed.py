@@ -130,6 +130,12 @@ class Mixing:
         self.luminances = self.samples_before = self.evidence = None
         self.rest = 0
 
+    def scale(self, change: np.float32):
+        """Multiply all light."""
+        self.luminances, self.samples_before = (
+            None if image is None else image * change for image in (self.luminances, self.samples_before)
+        )
+
     def mix(
         self, samples: NDArray, denoised: NDArray, motion: NDArray, shown: NDArray, *, repeats: bool, aliased: bool
     ) -> NDArray:
@@ -421,6 +427,17 @@ def disowned(before: yester.Frame, frame: yester.Frame) -> NDArray:
     return np.where(np.isin(before.ids, changed), np.uint32(unused), before.ids)
 
 
+def follow_light(sample: NDArray, fetched: list, coverage: NDArray, history: list, mirrored=None) -> tuple[list, list]:
+    """Both histories, fetched and not, times what all light has changed by; in place, the light of reflections."""
+    change = np.float32(yester.light_change(sample, fetched[0], coverage))
+    if change == 1:
+        return fetched, history
+    if mirrored is not None:
+        mirrored.light = mirrored.light * change
+    factors = [change, np.float32([change, change * change]), np.float32(1), change]
+    return tuple([image * f for image, f in zip(images, factors, strict=False)] for images in (fetched, history))
+
+
 def relight(replay: NDArray, frame: yester.Frame, lights: list[NDArray], moments: NDArray, *, corrects: bool) -> tuple:
     """Correct a history, its light first, by the replay's change of light; and the gradient of the remainder."""
     now, then = (illumination(color, frame) for color in (replay, frame.color))
@@ -553,6 +570,8 @@ class SVGF:
                     for old, new in pairs
                 )
             history, more = fetched[:3], fetched[3:]
+            if self.innovation and not replays:
+                history, self.history = follow_light(sample, history, confidence, self.history, self.mirrored)
         if self.fireflies:
             held = without_fireflies(frame, sample, history[0])
         if self.before is not None:
@@ -659,6 +678,13 @@ class SVGF:
     def finish(self, stage: dict, color: NDArray, frame: yester.Frame, motion: NDArray, still) -> NDArray:
         """The output stage, whose history the samples correct, too."""
         before = self.antialiased
+        if self.innovation and before is not None:
+            fetched, coverage = yester.reproject(before[0], motion, fallback=False)
+            change = np.float32(yester.light_change(color, fetched, coverage))
+            if change != 1:
+                before = [before[0] * change, *before[1:]]
+                if self.mixing is not None:
+                    self.mixing.scale(change)
         self.antialiased, _, _ = antialias(stage, before, color, motion, frame.depth, still)
         shown, length = blacken(self.antialiased[0]), self.antialiased[1]
         if self.innovation and before is not None:
@@ -836,6 +862,8 @@ class BMFR:
                 planes.append(change)
             history, confidence = yester.reproject(planes, motion, **tests, **self.limits)
             rejection, _ = yester.consistency(motion, **tests, **self.limits)
+            if self.innovation and not replays:
+                history, self.history = follow_light(sample, history, confidence, self.history)
         fresh = sample
         if self.fireflies:
             sample = without_fireflies(frame, sample, history[0])

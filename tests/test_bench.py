@@ -51,7 +51,7 @@ def test_every_task_runs_again_and_again(task, inputs):
     least = sum(array.nbytes for array in given) if given else 32 * 24 * 4 * 3
     assert least <= call.bytes - call.made < 1e6
     # A number, some values per tile, or a mask.
-    fewer = "exposure", "choice", "compare_candidates", "collocate", "collocation_shares"
+    fewer = "exposure", "light_change", "choice", "compare_candidates", "collocate", "collocation_shares"
     fewer += "incoherent_guides", "is_reflectance", "repetition"
     assert 64 * 48 * 4 <= call.made < 1e6 or task.function in fewer
 

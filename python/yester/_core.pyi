@@ -57,6 +57,7 @@ __all__ = [
     "is_reflectance",
     "jitter",
     "joint_bilateral_upsample",
+    "light_change",
     "machine_limits",
     "morphological_aa",
     "motion_vectors",
@@ -374,9 +375,10 @@ class Output:
         Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
         choice.
     motion : (H, W, 2) float32, optional
-        Motion for an output stage behind the pipeline, in pixels as `Frame.motion`: to where the frame before shows what this
-        one does. Where a reflection's history was taken and the albedo of 3×3 pixels is the same, that is the reflection's,
-        elsewhere the surface's. None from pipelines that do not look for reflections or have a stage of their own.
+        Motion for an output stage behind the pipeline, in pixels as `Frame.motion`: to where the frame before shows
+        what this one does. Where a reflection's history was taken and the luminance of albedo in 3×3 pixels is within a
+        tenth of the pixel's, that is the reflection's, elsewhere the surface's. None from pipelines that do not look
+        for reflections or have a stage of their own.
     used : tuple of str, default ()
         The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
         "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",
@@ -602,11 +604,12 @@ class SVGF(Pipeline):
     reflections : sequence of float, default (0.4, 1.2)
         Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
         fetched as well. Where one of these histories predicts the new samples better than the surface's own
-        (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance
-        of albedo in 3×3 pixels is within a tenth of the pixel's: texture moves with the surface. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
-        chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen
-        frames. Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy
-        scenes. Frames with a `hit_distance` use that distance alone. Needs cameras and depth.
+        (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance of
+        albedo in 3×3 pixels is within a tenth of the pixel's: texture moves with the surface. Each distance costs time,
+        mostly in tiles of 16 pixels in which a pixel chose it beyond doubt in the previous frame, and in their
+        neighbours; the others try it in two of sixteen frames. Rows are decided in pairs. () turns this off; (0.25,
+        0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames with a `hit_distance` use that distance alone. Needs
+        cameras and depth.
     choice : bool, default True
         Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
         history best predicted the samples of earlier frames (`choice`). With albedo, pixels without history get one
@@ -619,7 +622,8 @@ class SVGF(Pipeline):
     innovation : bool, default True
         Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
         and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
-        The output stage is corrected in the same way.
+        Where all light has changed by one factor, as by an exposure or a fade, history is first multiplied by it
+        (`light_change`). The output stage is corrected in the same ways.
     antialias : bool, default True
         End with a stage of temporal antialiasing, `TAA` with preset "denoised".
     average_still : bool, default False
@@ -646,12 +650,13 @@ class SVGF(Pipeline):
     -----
     The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
     functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
-    `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `temporal_gradient`, `virtual_motion` and
-    `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
-    `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and
-    `innovation` of its result and history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the
-    history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation`
-    of history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
+    `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay),
+    `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
+    `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
+    `remodulate`, those of `TAA`, and `innovation` of its result and history (with the `exposure` of the result,
+    ``strictness=12, share=0.7``). Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The
+    correction by a replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to
+    the samples blurred by `atrous`.
 
     References
     ----------
@@ -1138,8 +1143,9 @@ class TAA(Pipeline):
         samples : (H, W, 3) array_like of float, optional
             If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. With
             `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects
-            the history, too, as in the last stage of a denoiser. Missing ones are NaN. Denoised colour is not resolved
-            by its `jitter`.
+            the history, too, as in the last stage of a denoiser; and history is first multiplied by the `light_change`
+            to the denoised colour, of history that is fetched bilinearly, without tests or fallback. Missing samples
+            are NaN. Denoised colour is not resolved by its `jitter`.
 
         Returns
         -------
@@ -2158,6 +2164,51 @@ def exposure(color: ArrayLike) -> float:
     >>> round(yester.exposure(np.full((2, 2, 3), 0.18)), 3)
     1.44
     >>> yester.exposure(np.zeros((2, 2, 3)))
+    1.0
+    """
+
+def light_change(color: ArrayLike, history: ArrayLike, coverage: ArrayLike | None = None) -> float:
+    """Find the factor by which all light has changed since the history, if it is one factor.
+
+    That of an exposure, of a fade, or of a lamp that lights everything. History times the factor is not outdated.
+
+    Parameters
+    ----------
+    color, history : (H, W, 3) array_like of float
+        New samples, and reprojected history; illumination (see `demodulate`) if there is albedo. Missing pixels do not
+        count.
+    coverage : (H, W) array_like of float, optional
+        Of the history, as `reproject` returns it: only pixels with more than 0.9 count. By default, all do.
+
+    Returns
+    -------
+    change : float
+        From 10⁻⁶ to 10⁶; 1 where blocks of the image disagree, or too little is known.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes.
+
+    See Also
+    --------
+    innovation : Finds changes that differ from place to place.
+    exposure : The scale of one frame's radiance.
+
+    Notes
+    -----
+    The image is divided into 8×8 blocks. Of each that knows a sixteenth of its pixels, ``r = ln Σ l(color) - ln Σ
+    l(history)``, with l the luminance. If at least 16 do, with m the median of r and d the third quartile of
+    ``|r - m|``, the change is ``exp(m)`` where ``|m| > 1.25 d``, ``d < 0.15`` and ``|m| < ln 10⁶``, else 1. Of H rows,
+    every ⌊H/128⌋th is looked at, or the next odd number.
+
+    Examples
+    --------
+    >>> history = np.random.default_rng(0).uniform(size=(64, 64, 3))
+    >>> round(yester.light_change(0.8 * history, history), 3)
+    0.8
+    >>> history[:, 32:] *= 2
+    >>> yester.light_change(np.ones((64, 64, 3)), history)
     1.0
     """
 

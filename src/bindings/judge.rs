@@ -9,6 +9,7 @@ use crate::error::{Error, whole};
 use crate::image::{Records, Run, bands_of};
 use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::coherence::incoherent;
+use crate::kernels::judge::light_change::light_change;
 use crate::kernels::judge::{
     alternation, anti_lag, blend_factor, choice, collocation, exposure, gradient, innovation,
     neighborhood, prediction, repetition,
@@ -269,6 +270,65 @@ pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
     let color = Input::<f32>::new(color, "color", COLOR)?;
     let color = color.pixels();
     detached(py, || exposure::exposure(color))
+}
+
+/// Find the factor by which all light has changed since the history, if it is one factor.
+///
+/// That of an exposure, of a fade, or of a lamp that lights everything. History times the factor is not outdated.
+///
+/// Parameters
+/// ----------
+/// color, history : (H, W, 3) array_like of float
+///     New samples, and reprojected history; illumination (see `demodulate`) if there is albedo. Missing pixels do not
+///     count.
+/// coverage : (H, W) array_like of float, optional
+///     Of the history, as `reproject` returns it: only pixels with more than 0.9 count. By default, all do.
+///
+/// Returns
+/// -------
+/// change : float
+///     From 10⁻⁶ to 10⁶; 1 where blocks of the image disagree, or too little is known.
+///
+/// Raises
+/// ------
+/// ValueError
+///     On wrong shapes.
+///
+/// See Also
+/// --------
+/// innovation : Finds changes that differ from place to place.
+/// exposure : The scale of one frame's radiance.
+///
+/// Notes
+/// -----
+/// The image is divided into 8×8 blocks. Of each that knows a sixteenth of its pixels, ``r = ln Σ l(color) - ln Σ
+/// l(history)``, with l the luminance. If at least 16 do, with m the median of r and d the third quartile of
+/// ``|r - m|``, the change is ``exp(m)`` where ``|m| > 1.25 d``, ``d < 0.15`` and ``|m| < ln 10⁶``, else 1. Of H rows,
+/// every ⌊H/128⌋th is looked at, or the next odd number.
+///
+/// Examples
+/// --------
+/// >>> history = np.random.default_rng(0).uniform(size=(64, 64, 3))
+/// >>> round(yester.light_change(0.8 * history, history), 3)
+/// 0.8
+/// >>> history[:, 32:] *= 2
+/// >>> yester.light_change(np.ones((64, 64, 3)), history)
+/// 1.0
+#[pyfunction]
+#[pyo3(name = "light_change", signature = (color, history, coverage=None))]
+pub fn light_change_<'py>(
+    py: Python<'py>,
+    color: &Bound<'py, PyAny>,
+    history: &Bound<'py, PyAny>,
+    coverage: Option<&Bound<'py, PyAny>>,
+) -> PyResult<f32> {
+    let color = Input::<f32>::new(color, "color", COLOR)?;
+    let size = color.size();
+    let history = Input::<f32>::new(history, "history", COLOR)?.sized("history", size)?;
+    let coverage = Input::<f32>::optional(coverage, "coverage", Channels::One, size)?;
+    let coverage = coverage.as_ref().map(|coverage| coverage.pixels().plane());
+    let (color, history) = (color.pixels(), history.pixels());
+    detached(py, || light_change(color, history, coverage))
 }
 
 /// Compute the blend factor of the new sample from the confidence in history and from speed.

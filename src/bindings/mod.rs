@@ -43,7 +43,7 @@ mod _core {
     use super::judge::{
         alternation_, anti_lag_, blend_factor_, choice_, clip_history_, collocate_,
         collocation_shares, compare_candidates, exposure_, incoherent_guides_, innovation_,
-        prediction_gain, repetition_, temporal_gradient,
+        light_change_, prediction_gain, repetition_, temporal_gradient,
     };
     #[pymodule_export]
     use super::merge::{Accumulated, accumulate_, blend_, combine_histories, resolve_};

@@ -14,7 +14,7 @@ use super::fetch::validate::{self, Surface, Tests, Threshold};
 use super::fetch::{invert, pull_push, reproject, splat};
 use super::judge::{
     alternation, anti_lag, blend_factor, choice, collocation, consistency, disocclusion, exposure,
-    gradient, innovation, neighborhood, prediction, thin_features,
+    gradient, innovation, light_change, neighborhood, prediction, thin_features,
 };
 use super::merge::{accumulate, blend, combine, recirculate, resample, resolve};
 use super::smooth::guide::{Guide, Sigmas};
@@ -398,6 +398,8 @@ proptest! {
         }
 
         prop_assert!(exposure::exposure(color.pixels()) > 0.0);
+        let change = light_change::light_change(color.pixels(), tame.pixels(), None);
+        prop_assert!(change > 0.0 && change.is_finite());
 
         let clip = neighborhood::Params {
             bounds: draw.of(&neighborhood::Params::BOUNDS).1,

@@ -1,4 +1,5 @@
-//! Corrections by the innovation ([`crate::kernels::judge::innovation`]), of the result and of the history behind it.
+//! Corrections of the result and of the history behind it: by the innovation ([`crate::kernels::judge::innovation`]), and by
+//! what all light has changed by ([`crate::kernels::judge::light_change`]).
 
 use std::ops::Range;
 
@@ -6,7 +7,7 @@ use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, bands_of, segments};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::math::luminance;
 use crate::pixels::{Colors, Row};
-use crate::rows::{self, Kernel, Simd};
+use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What a frame's samples show to be wrong with a prediction of them, and the evidence for the next frame.
 pub fn innovate(
@@ -41,6 +42,38 @@ pub fn correct_history(correction: [f32; 3], history: &mut [f32]) {
 pub fn correct_light(correction: [f32; 3], light: &mut [f32]) {
     for (light, correction) in light.iter_mut().zip(correction) {
         *light = corrected(*light, correction);
+    }
+}
+
+/// The factor of a channel of history if its light changes by this one: colour, moments of luminance, length, and what comes
+/// behind them, which is colour.
+pub fn history_factor(channel: usize, change: f32) -> f32 {
+    match channel {
+        4 => change * change,
+        5 => 1.0,
+        _ => change,
+    }
+}
+
+/// Multiplies the channels of interleaved pixels each by its factor.
+pub fn scale(width: usize, pixels: &mut [f32], factors: &[f32]) {
+    let row = width * factors.len();
+    let height = pixels.len() / row;
+    rows::run(&Scale(factors), height, pixels.chunks_mut(BAND * row));
+}
+
+struct Scale<'a>(&'a [f32]);
+
+impl<'a> Kernel for Scale<'a> {
+    type Out = &'a mut [f32];
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, _: Range<usize>, pixels: &'a mut [f32]) {
+        for pixel in pixels.chunks_exact_mut(self.0.len()) {
+            for (value, factor) in pixel.iter_mut().zip(self.0) {
+                *value *= factor;
+            }
+        }
     }
 }
 

@@ -1,7 +1,9 @@
 //! What a frame leaves to the next, and what the next frame makes of it; common to [`super::svgf`] and [`super::bmfr`]:
 //!
-//!   (replay) → reproject → (coherence → reproject) → (suppress fireflies) → (temporal gradient) → (reflections)
+//!   (replay) → reproject → (coherence → reproject) → (change of light) → (suppress fireflies) → (temporal gradient)
+//!     → (reflections)
 
+use super::correction::{history_factor, scale};
 use super::frame::{Frame, Motion, SurfaceRecords, check_size};
 use super::illumination::texture;
 use super::reflections::{self, Own};
@@ -15,6 +17,7 @@ use crate::kernels::fetch::reproject::{self, Fetch, reproject, reproject_again};
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
 use crate::kernels::judge::coherence::{coarse_ids, incoherent};
 use crate::kernels::judge::gradient::{self, temporal_gradient};
+use crate::kernels::judge::light_change::light_change;
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Coarse;
 use crate::kernels::smooth::reflectance::Surfaces;
@@ -75,6 +78,18 @@ impl Memory {
         let changed = now.changed(before);
         if !changed.is_empty() {
             self.surface.replace_ids(&changed, now.unused());
+        }
+    }
+
+    /// Multiplies all light by a factor.
+    fn scale(&mut self, change: f32) {
+        let (size, channels) = (self.history.size, self.history.pixels().channels);
+        let factors: Vec<_> = (0..channels)
+            .map(|channel| history_factor(channel, change))
+            .collect();
+        scale(size.width, self.history.data_mut(), &factors);
+        if let Some(known) = &mut self.reflections {
+            scale(size.width, known.light.data_mut(), &[change; 3]);
         }
     }
 
@@ -258,6 +273,27 @@ pub fn recall(
     let mut next = || values.next().expect("an image for each that is fetched");
     let mut history = next();
 
+    // A replay has told it already.
+    let asks = params.innovation.is_some() && replayed.is_none();
+    let (light, covered) = (
+        history.pixels().part(0..3),
+        View::new(motion.size, 1, coverage),
+    );
+    let change = match asks {
+        true => light_change(sample.pixels(), light, Some(covered)),
+        false => 1.0,
+    };
+    if change != 1.0 {
+        memory.scale(change);
+        for (channel, plane) in history
+            .data_mut()
+            .chunks_mut(motion.size.pixels())
+            .enumerate()
+        {
+            scale(motion.size.width, plane, &[history_factor(channel, change)]);
+        }
+    }
+
     let held = hold(Some(history.pixels().part(0..3)));
     let color = held.as_ref().unwrap_or(sample);
     let gradient = params.gradient.map(|estimated| match replayed {
@@ -269,6 +305,7 @@ pub fn recall(
         }
     });
 
+    let tests = memory.tests(frame, now.motion, &params.surface);
     let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
     let reflections =
         (memory.reflections.as_ref().zip(cameras)).and_then(|(known, (now, then))| {

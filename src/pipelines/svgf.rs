@@ -1,8 +1,8 @@
 //! Spatiotemporal variance-guided filtering (Schied et al. 2017), as a list of this library's kernels:
 //!
-//!   demodulate → (motion from cameras) → (replay) → reproject → (coherence → reproject) → (suppress fireflies)
-//!     → (temporal gradient) → (reflections) → (lend) → accumulate → (join later frames) → (choice) → estimate variance
-//!     → à-trous → (innovation) → remodulate → (antialias → (innovation) → (mix))
+//!   demodulate → (motion from cameras) → (replay) → reproject → (coherence → reproject) → (change of light)
+//!     → (suppress fireflies) → (temporal gradient) → (reflections) → (lend) → accumulate → (join later frames) → (choice)
+//!     → estimate variance → à-trous → (innovation) → remodulate → (antialias → (innovation) → (mix))
 //!
 //! Where the noise of a frame is that of the frame before, its samples do not judge: no choice, no mix, and the variance is
 //! estimated in space.

@@ -1,7 +1,7 @@
 //! Temporal antialiasing, as a list of this library's kernels:
 //!
-//!   (resolve the jittered sample) → (motion from cameras) → (expose) → (temporal gradient) → (alternation)
-//!     → dilate → reproject → clip → (anti-lag) → blend → (innovation) → (mix)
+//!   (resolve the jittered sample) → (motion from cameras) → (change of light) → (expose) → (temporal gradient)
+//!     → (alternation) → dilate → reproject → clip → (anti-lag) → blend → (innovation) → (mix)
 //!
 //! From dilation to blend the kernels run in one fused pass ([`sweep`]). The temporal gradient looks at larger windows and
 //! alternation has a history of its own, so both run before it and reproject for themselves.
@@ -19,7 +19,7 @@ use std::ops::Range;
 use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
-use super::correction::innovate;
+use super::correction::{innovate, scale};
 use super::frame::{
     Frame, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
 };
@@ -33,10 +33,11 @@ use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::reproject::{self, Fetch, reproject};
 use crate::kernels::fetch::validate::Tests;
-use crate::kernels::judge::alternation::{self, Known, alternation};
+use crate::kernels::judge::alternation::{self, alternation};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient;
 use crate::kernels::judge::innovation;
+use crate::kernels::judge::light_change::light_change_along;
 use crate::kernels::merge::resolve::{self, resolve};
 use crate::pixels::PixelsMut;
 
@@ -104,11 +105,30 @@ impl Stage {
         let still = self.still(frame, before);
         let choice = Choice::of(depth, still.as_ref());
         let out = PixelsMut::bands(denoised.size, 3, shown);
+        if corrects {
+            self.follow_light(denoised, motion);
+        }
         self.step(denoised, motion, choice, out, None);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, shown);
         let kind = [repeats, frame.jitter.is_some()];
         self.mix(frame.color, denoised, motion, kind, shown);
+    }
+
+    /// Scales the history by what all light has changed by, according to a colour without noise.
+    fn follow_light(&mut self, color: Pixels, motion: Pixels) {
+        let Some(history) = &mut self.history else {
+            return;
+        };
+        let before = history.merged.pixels();
+        let bilinear = fetching(Filter::Bilinear);
+        let fetch = Fetch::new(&[before], color.size, Tests::none(), bilinear);
+        let change = light_change_along(color, &fetch, motion, before.channels);
+        if change != 1.0 {
+            let factors = [change, change, change, 1.0];
+            scale(color.size.width, history.merged.data_mut(), &factors);
+            history.seen.iter_mut().for_each(|seen| seen.scale(change));
+        }
     }
 
     /// The motion of the still scene, if the dilation of a frame asks for it and the cameras tell it.
@@ -251,7 +271,7 @@ fn change_of_light(color: Pixels, (history, coverage): (Image, Image)) -> Image 
 
 /// The alternation kernel's memory with one more colour.
 fn find_alternation(color: Pixels, known: Option<(Image, Image)>, exposure: f32) -> Records {
-    let known = known.as_ref().map(|(memory, coverage)| Known {
+    let known = known.as_ref().map(|(memory, coverage)| alternation::Known {
         memory: memory.pixels(),
         coverage: Some(coverage.view()),
     });
@@ -356,6 +376,9 @@ impl Taa {
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
         let still = self.stage.still(frame, camera);
         used.extend(list_used(&tests, depth.is_some()));
+        if samples.is_some() && params.innovation.is_some() {
+            self.stage.follow_light(color, motion.pixels());
+        }
         let (shown, report) = output.parts(size);
         let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());
         let missing = self.stage.step(

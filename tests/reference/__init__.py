@@ -28,6 +28,7 @@ from .innovation import innovation
 from .invert import invert_motion
 from .jitter import jitter
 from .joint_bilateral import joint_bilateral_upsample, reconstruct
+from .light_change import light_change
 from .morphological import morphological_aa
 from .motion import motion_vectors
 from .neighborhood import clip_history
@@ -84,6 +85,7 @@ __all__ = [
     "is_reflectance",
     "jitter",
     "joint_bilateral_upsample",
+    "light_change",
     "luminance",
     "morphological_aa",
     "motion_vectors",

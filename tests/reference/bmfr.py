@@ -44,6 +44,8 @@ class BMFR(SVGF):
                 planes = self.relight(frame.replay, planes)  # and (H, W)
             history, confidence = reproject(planes, motion, **tests)  # like planes, (H, W)
             rejection, _ = consistency(motion, **tests)  # (H, W)
+            if self.innovation and not replays:
+                history = self.follow_light(light, history, confidence)
         fresh = light  # (H, W, 3)
         if self.fireflies:
             light = self.without_fireflies(frame, light, history[0])  # (H, W, 3)

@@ -14,6 +14,7 @@ from .exposure import exposure
 from .fireflies import suppress_fireflies
 from .gradient import temporal_gradient
 from .innovation import correct, innovation
+from .light_change import light_change
 from .repetition import Noise
 from .reproject import reproject
 from .taa import PRESETS, Mixing, antialias, find_motion, find_still, tells_depth
@@ -122,6 +123,8 @@ class SVGF:
                 confidence = found.where(incoherent, confidence)  # (H, W)
                 rejection = consistency(motion, **others)[0].where(incoherent, rejection)  # (H, W)
             history = fetched[:3]
+            if self.innovation and not replays:
+                history = self.follow_light(light, history, confidence)
         fresh = light  # (H, W, 3)
         if self.fireflies:
             light = self.without_fireflies(frame, light, history[0])  # (H, W, 3)
@@ -194,6 +197,10 @@ class SVGF:
     def finish(self, stage: dict, smooth: Tensor, frame, motion: Tensor, still: Tensor | None) -> Tensor:
         """The output stage (H, W, 3), which the samples correct together with its history, from the second frame on."""
         before = self.antialiased
+        if self.innovation and before is not None:
+            change = light_change(smooth, *reproject(before[0], motion, fallback=False))
+            before = [before[0] * change, before[1]]  # (H, W, 3), (H, W)
+            self.mixing.scale(change)
         (color, length), *_ = antialias(stage, before, smooth, motion, frame.depth, still)  # (H, W, 3), (H, W)
         shown = color.where(color.isfinite(), 0)  # (H, W, 3)
         if self.innovation and before is not None:
@@ -215,6 +222,13 @@ class SVGF:
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor | None]:
         """The colour that is accumulated (H, W, 3), and its weight as a sample (H, W): here unchanged."""
         return light, None
+
+    def follow_light(self, light: Tensor, history: list[Tensor], confidence: Tensor) -> list[Tensor]:
+        """History, colour (H, W, 3), moments (H, W, 2), length (H, W) and more, times what all light changed by."""
+        change = light_change(light, history[0], confidence)
+        color, moments, length, *others = history
+        moments = moments * torch.tensor([change, change**2]).to(moments)  # (H, W, 2)
+        return [color * change, moments, length, *(image * change for image in others)]
 
     def shorten(self, length: Tensor, gradient: Tensor | None) -> Tensor:
         """Shorten history (H, W) whose light has changed."""

@@ -202,6 +202,13 @@ class Mixing:
         self.luminances = self.samples_before = self.evidence = None
         self.rest = 0
 
+    def scale(self, change: float) -> None:
+        """Multiply all light."""
+        if self.luminances is not None:
+            self.luminances = [image * change for image in self.luminances]  # 3 of (H, W)
+        if self.samples_before is not None:
+            self.samples_before = self.samples_before * change  # (H, W)
+
     def mix(
         self, samples: Tensor, denoised: Tensor, motion: Tensor, shown: Tensor, *, repeats: bool, aliased: bool
     ) -> Tensor:

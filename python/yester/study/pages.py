@@ -60,6 +60,7 @@ RUNS = {
     "samples": Source("yester.study.compare.samples --reference-spp 256", ""),
     "thin": Source("yester.study.compare.thin", ""),
     "repeated": Source("yester.study.compare.repeated", ""),
+    "faded": Source("yester.study.compare.faded", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),
     "later_frames": Source(

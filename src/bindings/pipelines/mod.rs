@@ -139,9 +139,10 @@ impl Pipeline {
 ///     Number of filter passes of each pixel, fractional where two results are mixed; None from pipelines without a
 ///     choice.
 /// motion : (H, W, 2) float32, optional
-///     Motion for an output stage behind the pipeline, in pixels as `Frame.motion`: to where the frame before shows what this
-///     one does. Where a reflection's history was taken and the albedo of 3×3 pixels is the same, that is the reflection's,
-///     elsewhere the surface's. None from pipelines that do not look for reflections or have a stage of their own.
+///     Motion for an output stage behind the pipeline, in pixels as `Frame.motion`: to where the frame before shows
+///     what this one does. Where a reflection's history was taken and the luminance of albedo in 3×3 pixels is within a
+///     tenth of the pixel's, that is the reflection's, elsewhere the surface's. None from pipelines that do not look
+///     for reflections or have a stage of their own.
 /// used : tuple of str, default ()
 ///     The buffers that were used: of "motion", "camera" (motion computed from cameras), "albedo", "emission",
 ///     "normal", "depth", "plane" (depth compared by plane distance), "ids", "position", "object_normal", "replay",

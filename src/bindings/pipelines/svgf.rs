@@ -69,11 +69,12 @@ use crate::pipelines::{svgf, taa};
 /// reflections : sequence of float, default (0.4, 1.2)
 ///     Distances behind the surface, in multiples of its depth, +inf included, at which the history of reflections is
 ///     fetched as well. Where one of these histories predicts the new samples better than the surface's own
-///     (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance
-///     of albedo in 3×3 pixels is within a tenth of the pixel's: texture moves with the surface. Each distance costs time, mostly in tiles of 16 pixels in which a pixel
-///     chose it beyond doubt in the previous frame, and in their neighbours; the others try it in two of sixteen
-///     frames. Rows are decided in pairs. () turns this off; (0.25, 0.5, 1, 2, 4, inf) is finer, for very glossy
-///     scenes. Frames with a `hit_distance` use that distance alone. Needs cameras and depth.
+///     (`prediction_gain`), it is used instead. The output stage follows the reflection there, too, if the luminance of
+///     albedo in 3×3 pixels is within a tenth of the pixel's: texture moves with the surface. Each distance costs time,
+///     mostly in tiles of 16 pixels in which a pixel chose it beyond doubt in the previous frame, and in their
+///     neighbours; the others try it in two of sixteen frames. Rows are decided in pairs. () turns this off; (0.25,
+///     0.5, 1, 2, 4, inf) is finer, for very glossy scenes. Frames with a `hit_distance` use that distance alone. Needs
+///     cameras and depth.
 /// choice : bool, default True
 ///     Give each tile of 8×8 pixels the number of filter passes, from none to one more than `iterations`, after which
 ///     history best predicted the samples of earlier frames (`choice`). With albedo, pixels without history get one
@@ -86,7 +87,8 @@ use crate::pipelines::{svgf, taa};
 /// innovation : bool, default True
 ///     Add the error of the result, as estimated from the new samples and those of a few earlier frames, to the result
 ///     and to history (`innovation`): this restores moving light and detail blurred by the filter or in reflections.
-///     The output stage is corrected in the same way.
+///     Where all light has changed by one factor, as by an exposure or a fade, history is first multiplied by it
+///     (`light_change`). The output stage is corrected in the same ways.
 /// antialias : bool, default True
 ///     End with a stage of temporal antialiasing, `TAA` with preset "denoised".
 /// average_still : bool, default False
@@ -113,12 +115,13 @@ use crate::pipelines::{svgf, taa};
 /// -----
 /// The method is that of Schied et al. [1]_, with their later gradient [2]_. Each step consists of this package's
 /// functions and gives their bits: `is_reflectance` (if there are ids), `demodulate`, `suppress_fireflies`,
-/// `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `temporal_gradient`, `virtual_motion` and
-/// `prediction_gain`, `accumulate`, `combine_histories` (with `later`), `choice`, `estimate_variance`, `atrous`,
-/// `compare_candidates` and `innovation` (with the `exposure` of the history), `remodulate`, those of `TAA`, and
-/// `innovation` of its result and history (with the `exposure` of the result, ``strictness=12, share=0.7``). Of the
-/// history and of `later`, no more than ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation`
-/// of history, too: its samples are the replayed ones' change, relative to the samples blurred by `atrous`.
+/// `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay),
+/// `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
+/// `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
+/// `remodulate`, those of `TAA`, and `innovation` of its result and history (with the `exposure` of the result,
+/// ``strictness=12, share=0.7``). Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The
+/// correction by a replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to
+/// the samples blurred by `atrous`.
 ///
 /// References
 /// ----------

@@ -13,6 +13,7 @@ pub mod exposure;
 pub mod gradient;
 pub(crate) mod hull;
 pub mod innovation;
+pub mod light_change;
 pub mod neighborhood;
 pub mod prediction;
 pub mod repetition;

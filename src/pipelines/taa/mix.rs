@@ -26,6 +26,7 @@ use crate::kernels::judge::choice::Levels;
 use crate::kernels::judge::collocation::{self, PLANES, collocate};
 use crate::kernels::judge::exposure::exposure;
 use crate::math::{larger, luminance};
+use crate::pipelines::correction::scale;
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
@@ -58,6 +59,20 @@ pub struct Seen {
     evidence: Option<Records>,
     /// Frames that are not judged.
     rest: u32,
+}
+
+impl Seen {
+    /// Multiplies all light by a factor.
+    pub fn scale(&mut self, change: f32) {
+        if let Some(luminances) = &mut self.luminances {
+            let width = luminances.size.width;
+            scale(width, luminances.data_mut(), &[change; LUMINANCES]);
+        }
+        if let Some(plane) = &mut self.samples_before {
+            let width = plane.size.width;
+            scale(width, plane.data_mut(), &[change]);
+        }
+    }
 }
 
 /// Mixes samples and denoised colour into the result, unless the noise of the samples `repeats`, so that they do not judge. If

@@ -253,6 +253,7 @@ TASKS = (
     Task("clip_history, hull", "clip_history", _named("history", "color"), _HULL | {"box": "hull"}),
     Task("clip_history, exact hull", "clip_history", _named("history", "color"), _HULL, reference=False),
     Task("exposure", "exposure", _named("color")),
+    Task("light_change", "light_change", _named("color", history="previous_color")),
     Task("repetition", "repetition", _named("color", "motion", previous="previous_color")),
     Task("alternation", "alternation", _named("color")),
     Task("anti_lag", "anti_lag", _named("history_length", "history", clipped="previous_color")),
