@@ -680,7 +680,7 @@ class SVGF:
         before = self.antialiased
         if self.innovation and before is not None:
             fetched, coverage = yester.reproject(before[0], motion, fallback=False)
-            change = np.float32(yester.light_change(color, fetched, coverage))
+            change = np.float32(yester.light_change(frame.color, fetched, coverage))
             if change != 1:
                 before = [before[0] * change, *before[1:]]
                 if self.mixing is not None:

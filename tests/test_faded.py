@@ -8,7 +8,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_command(tmp_path, monkeypatch, capsys):
-    small = {"frames": 12, "width": 64, "height": 48, "reference_spp": 64}
+    small = {"frames": 12, "width": 128, "height": 96, "reference_spp": 32}
     recorded = record("cornell_box", tmp_path, **small)
     monkeypatch.setattr(faded, "record", lambda *_, **__: recorded)
     faded.main(["--sequences", "cornell_box"])
@@ -19,4 +19,4 @@ def test_command(tmp_path, monkeypatch, capsys):
         assert psnr[f"{kind} as rendered"] == psnr["constant as rendered"]
         for method in ("SVGF", "BMFR", "SVGF, both sides"):
             assert psnr[f"{kind} {method}"] > psnr[f"constant {method}"] - 0.5
-        assert psnr[f"{kind} SVGF"] > psnr[f"{kind} SVGF(innovation=False)"] + 1
+        assert psnr[f"{kind} SVGF"] > psnr[f"{kind} SVGF(innovation=False)"] + 0.3

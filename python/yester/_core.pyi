@@ -1144,8 +1144,8 @@ class TAA(Pipeline):
             If the frame's colour is denoised: the samples that it was made of, by which `choice` judges. With
             `innovation`, the error of the result is estimated from them (``strictness=12, share=0.7``), and corrects
             the history, too, as in the last stage of a denoiser; and history is first multiplied by the `light_change`
-            to the denoised colour, of history that is fetched bilinearly, without tests or fallback. Missing samples
-            are NaN. Denoised colour is not resolved by its `jitter`.
+            from it, fetched bilinearly without tests or fallback, to the samples. Missing ones are NaN. Denoised colour
+            is not resolved by its `jitter`.
 
         Returns
         -------

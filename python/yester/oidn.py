@@ -148,8 +148,8 @@ class OIDN(Pipeline):
             found, self._evidence = innovation(frame.color, *carried, exposure=exposure(color), fed_back=False)
             color = (color + found).clip(0)
         self._continues, self._camera = True, frame.camera
-        places = {name: getattr(frame, name) for name in ("depth", "position", "camera", "jitter")}
-        clean = antialiasing.step(Frame(color, motion=known.motion, **places), samples=frame.color)
+        places = {name: getattr(frame, name) for name in ("motion", "depth", "position", "camera", "jitter")}
+        clean = antialiasing.step(Frame(color, **places), samples=frame.color)
         return Output(
             clean.color,
             known.history_length,

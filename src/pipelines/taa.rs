@@ -106,7 +106,7 @@ impl Stage {
         let choice = Choice::of(depth, still.as_ref());
         let out = PixelsMut::bands(denoised.size, 3, shown);
         if corrects {
-            self.follow_light(denoised, motion);
+            self.follow_light(frame.color, motion);
         }
         self.step(denoised, motion, choice, out, None);
         let correction = corrects.then_some(AFTER_DENOISER);
@@ -115,18 +115,18 @@ impl Stage {
         self.mix(frame.color, denoised, motion, kind, shown);
     }
 
-    /// Scales the history by what all light has changed by, according to a colour without noise.
-    fn follow_light(&mut self, color: Pixels, motion: Pixels) {
+    /// Scales the history by what all light has changed by, as samples tell: denoised colour may fluctuate on its own.
+    fn follow_light(&mut self, samples: Pixels, motion: Pixels) {
         let Some(history) = &mut self.history else {
             return;
         };
         let before = history.merged.pixels();
         let bilinear = fetching(Filter::Bilinear);
-        let fetch = Fetch::new(&[before], color.size, Tests::none(), bilinear);
-        let change = light_change_along(color, &fetch, motion, before.channels);
+        let fetch = Fetch::new(&[before], samples.size, Tests::none(), bilinear);
+        let change = light_change_along(samples, &fetch, motion, before.channels);
         if change != 1.0 {
             let factors = [change, change, change, 1.0];
-            scale(color.size.width, history.merged.data_mut(), &factors);
+            scale(samples.size.width, history.merged.data_mut(), &factors);
             history.seen.iter_mut().for_each(|seen| seen.scale(change));
         }
     }
@@ -376,8 +376,8 @@ impl Taa {
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
         let still = self.stage.still(frame, camera);
         used.extend(list_used(&tests, depth.is_some()));
-        if samples.is_some() && params.innovation.is_some() {
-            self.stage.follow_light(color, motion.pixels());
+        if let Some(samples) = samples.filter(|_| params.innovation.is_some()) {
+            self.stage.follow_light(samples, motion.pixels());
         }
         let (shown, report) = output.parts(size);
         let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());

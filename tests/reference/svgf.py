@@ -198,7 +198,7 @@ class SVGF:
         """The output stage (H, W, 3), which the samples correct together with its history, from the second frame on."""
         before = self.antialiased
         if self.innovation and before is not None:
-            change = light_change(smooth, *reproject(before[0], motion, fallback=False))
+            change = light_change(frame.color, *reproject(before[0], motion, fallback=False))
             before = [before[0] * change, before[1]]  # (H, W, 3), (H, W)
             self.mixing.scale(change)
         (color, length), *_ = antialias(stage, before, smooth, motion, frame.depth, still)  # (H, W, 3), (H, W)
