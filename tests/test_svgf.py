@@ -290,6 +290,15 @@ def test_reflections_are_their_kernels(known):
     np.testing.assert_allclose(asked[16:], 0.16, err_msg="one row of tiles, in its turn")
 
 
+def test_reflections_follow_what_all_light_changes_by():
+    rng, frames = np.random.default_rng(0), []
+    for number, factor in enumerate((1, 1, 1, 0.4, 0.4, 1)):
+        buffers, light, _ = gallery(number, 120, 90, half=0.8)
+        frames.append(yester.Frame(factor * speckled(light, rng), **buffers))
+    other = check_bits(frames, reflections=(0.5, 1.0))
+    assert min(other.won[1:]) > 0.02
+
+
 def test_an_output_stage_follows_reflections_but_not_through_texture():
     rng, denoiser, before = np.random.default_rng(0), yester.SVGF(antialias=False), None
     for number in range(8):
@@ -362,6 +371,18 @@ def test_unknown_motion_is_the_still_scenes(make, geometry, channels):
         assert all(same) == cameras
         if cameras:
             assert "camera" in got.used
+
+
+def test_unknown_motion_is_looked_for_in_every_fourth_row():
+    for row, known in ((8, True), (9, False)):
+        svgf = yester.SVGF()
+        for frame in sequence(3):
+            given = {name: frame[name] for name in ("color", "albedo", "normal", "depth", "ids", "camera")}
+            motion = np.where(np.isposinf(frame["depth"])[..., None], [3, 3, 0], frame["motion"])
+            motion[row] = np.nan
+            out = svgf.step(yester.Frame(**given, motion=motion))
+        assert ("camera" in out.used) == known
+        assert (out.confidence[row] > 0).any() == known
 
 
 def test_scores_restart_where_candidates_were_not_tested():
