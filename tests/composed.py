@@ -84,12 +84,13 @@ def find_motion(frame: yester.Frame, before: yester.Frame | None) -> NDArray[np.
         return motion
     missed = ~np.isfinite(frame.position).all(-1) if frame.position is not None else np.isposinf(frame.depth)
     unknown = ~np.isfinite(motion[..., :2]).all(-1) | ((motion[..., :2] == 0).all(-1) & missed)
+    filled = motion.shape[-1] == 2 or unknown[::4].any()
     if motion.shape[-1] == 2:
         dx, dy = np.moveaxis(motion - still[..., :2], -1, 0)
         with np.errstate(invalid="ignore"):
             change = np.where(dx * dx + dy * dy <= 0.25, still[..., 2], np.float32(0))
         motion = np.dstack([motion, change])
-    return np.where(unknown[..., None], still, motion) if unknown[::4].any() else motion
+    return np.where(unknown[..., None], still, motion) if filled else motion
 
 
 def rests(before: yester.Frame | None, frame: yester.Frame) -> bool:

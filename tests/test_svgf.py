@@ -373,6 +373,17 @@ def test_unknown_motion_is_the_still_scenes(make, geometry, channels):
             assert "camera" in got.used
 
 
+@pytest.mark.parametrize("channels", [2, 3])
+@pytest.mark.parametrize("row", [8, 9])
+def test_unknown_motion_is_filled_as_composed(channels, row):
+    frames = []
+    for frame in frames_of(NAMES, 4):
+        motion = frame.motion[..., :channels].copy()
+        motion[row] = np.nan
+        frames.append(replace(frame, motion=motion))
+    check_bits(frames)
+
+
 def test_unknown_motion_is_looked_for_in_every_fourth_row():
     for row, known in ((8, True), (9, False)):
         svgf = yester.SVGF()

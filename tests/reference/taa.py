@@ -306,10 +306,11 @@ def find_motion(frame, before) -> Tensor:
         return motion
     missed = frame.depth.isposinf() if frame.position is None else ~frame.position.isfinite().all(-1)  # (H, W)
     known = motion[..., :2].isfinite().all(-1) & ~((motion[..., :2] == 0).all(-1) & missed)  # (H, W)
+    filled = motion.shape[-1] == 2 or not known[::4].all()
     if motion.shape[-1] == 2:
         alike = (motion - still[..., :2]).square().sum(-1) <= 0.25  # (H, W)
         motion = torch.cat([motion, still[..., 2:].where(alike[..., None], 0)], -1)  # (H, W, 3)
-    return motion if known[::4].all() else motion.where(known[..., None], still)  # (H, W, 3)
+    return motion.where(known[..., None], still) if filled else motion  # (H, W, 3)
 
 
 def tells_depth(frame, motion: Tensor) -> bool:

@@ -5,8 +5,9 @@
 //! where both are known,
 //!   r = ln Σy − ln Σh,  m = median r,  d = third quartile of |r − m|,
 //! over the blocks that know a sixteenth of their pixels, if there are 16. The factor is exp(m) where |m| > 5/4 d, d < 3/20 and
-//! |m| < ln 10⁶, and 1 elsewhere: where blocks disagree by more, another light has changed, or the samples are too noisy to tell. Of H rows,
-//! every ⌊H/128⌋th is looked at, or the next odd number: renderers that trace some rows of a frame skip even ones.
+//! |m| < ln 10⁶, and 1 elsewhere: where blocks disagree by more, another light has changed, or the samples are too noisy to
+//! tell. Of H rows, every ⌊H/128⌋th is looked at, or the next odd number: steps of an even number would see even rows alone, of
+//! which frames that are traced in part may have none.
 //!
 //! Inputs: colour (3), history (3), its coverage (1), of which more than 0.9 is known. Output: a number above 0.
 
@@ -32,7 +33,7 @@ const FEWEST: usize = BLOCKS * BLOCKS / 4;
 const BEYOND: f64 = 1.25;
 /// The spread from which on the change is not one.
 const SPREAD: f64 = 0.15;
-/// A larger factor is none: its square is to be a number.
+/// Larger factors are not followed: moments are multiplied by the square, which must not overflow.
 const MOST: f64 = 1e6;
 
 /// The history that new samples are compared with.
