@@ -75,8 +75,10 @@ def _antialiased(**options: Any) -> Run:
     def run(frames: Iterable[Frame]) -> Iterator[Result]:
         svgf, antialias = SVGF(antialias=False), TAA("denoised", **options)
         for frame in frames:
-            moved = {name: getattr(frame, name) for name in ("depth", "motion", "position", "camera")}
-            yield Result(antialias.step(Frame(svgf.step(frame).color, **moved)).color)
+            denoised = svgf.step(frame)
+            moved = {name: getattr(frame, name) for name in ("depth", "position", "camera")}
+            moved["motion"] = frame.motion if denoised.motion is None else denoised.motion
+            yield Result(antialias.step(Frame(denoised.color, **moved)).color)
 
     return run
 
