@@ -149,11 +149,10 @@ class Mixing:
             return shown
         bright = np.float32(yester.exposure(shown))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            # No sample counts for more than eight times the result.
-            most = np.float32(8) * (np.maximum(luminance(shown), np.float32(0)) + bright / np.float32(16))
-            light = luminance(samples)
-            samples = samples * np.where(light > most, most / light, np.float32(1))[..., None]
-            shares, three = None, [samples, denoised, shown]
+            # No sample counts for more than eight times the result; as much as three times the result is shown of it.
+            once = np.maximum(luminance(shown), np.float32(0)) + bright / np.float32(16)
+            held, samples = (at_most(samples, np.float32(times) * once) for times in (8, 3))
+            shares, three = None, [held, denoised, shown]
             light = [luminance(image) for image in three]
             if self.luminances is not None:
                 fetched, coverage = fetch_known(self.luminances, motion)
@@ -193,6 +192,12 @@ class Noise:
             return False
         share, self.deviation = yester.repetition(color, before, motion, self.deviation)
         return share > 0.3
+
+
+def at_most(samples: NDArray, most: NDArray) -> NDArray:
+    """Samples of at most a luminance."""
+    light = luminance(samples)
+    return samples * np.where(light > most, most / light, np.float32(1))[..., None]
 
 
 def agree(asks: NDArray) -> NDArray:

@@ -117,6 +117,7 @@ def test_buffers(record, tmp_path, name):
     assert unknown(doors.harmful(doors.measure_doors([record(name)], doors.METHODS[:1], tmp_path), LIMITS)) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MIDDLES)
 def test_plans(record, name):
     """The plan of `yester denoise` is not worse than the default, through any door."""

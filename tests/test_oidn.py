@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import yester
 from compare import assert_same_bits
-from composed import find_motion
 from test_peers import frames, plain
 
 pytestmark = pytest.mark.slow
@@ -41,13 +40,13 @@ def test_between_temporal_stages_it_is_their_composition(innovation):
         out, known = oidn.step(frame), history.step(frame)
         clean = plain(known.color, frame.albedo, frame.normal, "fast")
         if innovation and before is not None:
-            carried = known.history_length, evidence, find_motion(frame, before)
+            carried = known.history_length, evidence, known.motion
             bright = yester.exposure(clean)
             found, evidence = yester.innovation(frame.color, clean, *carried, exposure=bright, fed_back=False)
             assert found.any()
             clean = np.maximum(clean + found, 0)
-        places = {name: getattr(frame, name) for name in ("motion", "depth", "position", "camera", "jitter")}
-        want = antialiasing.step(yester.Frame(clean, **places), samples=frame.color)
+        places = {name: getattr(frame, name) for name in ("depth", "position", "camera", "jitter")}
+        want = antialiasing.step(yester.Frame(clean, motion=known.motion, **places), samples=frame.color)
         assert_same_bits(out.color, want.color)
         for name in NAMES[1:]:
             assert_same_bits(getattr(out, name), getattr(known, name))

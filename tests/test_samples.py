@@ -7,6 +7,7 @@ from yester.study.rendered.recording import record
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["cornell_box", "thicket"])
 def test_less_of_the_output_stage(tmp_path, name):
     """Of many samples, the stage alone makes frames worse than they were rendered; tiles then show less of it."""

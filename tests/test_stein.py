@@ -60,6 +60,7 @@ def test_missing_samples_and_wrong_lengths():
         stein_error(method, method, frames[:2], shifts)
 
 
+@pytest.mark.long
 def test_command(capsys):
     stein.main(["--sequences", "cornell_box", "cut"])
     tables = capsys.readouterr().out.split("\n\n")

@@ -160,6 +160,7 @@ def test_frames_that_not_all_sequences_have():
     assert [row[1] for row in table(ends([calm, wild._replace(frames=frames)]))[1:]] == ["2", "9"]
 
 
+@pytest.mark.long
 def test_costs():
     """A larger lookahead holds more frames."""
     alone, ahead = costs((0, 6), (160, 96))

@@ -1058,8 +1058,9 @@ class TAA(Pipeline):
         best mixture for all tiles together. If it is not, and fewer than one in 8 shows anything but the result, none
         does, and the next five frames are not judged: so it mostly is with frames of one sample. It always is where
         they have the noise of the frame before (`repetition`), which comes with a `UserWarning`. With known `jitter`,
-        frames are not antialiased, and the best mixture for all tiles does not count. A sample counts for no more than
-        eight times the result plus half of its exposure, by luminance, so that fireflies do not return.
+        frames are not antialiased, and the best mixture for all tiles does not count. By luminance, a sample counts for
+        no more than eight times, and is shown as no more than three times, the result plus a sixteenth of its
+        exposure, so that fireflies do not return.
         By default only preset "denoised" does this.
 
     Raises

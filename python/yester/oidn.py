@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ._core import SVGF, TAA, Camera, Output, Pipeline, exposure, innovation, motion_vectors, settings
+from ._core import SVGF, TAA, Output, Pipeline, exposure, innovation, settings
 from .frame import Frame, present
 
 __all__ = ["OIDN", "Network"]
@@ -46,9 +46,9 @@ class OIDN(Pipeline):
     The network is the filter "RT" of Intel's Open Image Denoise [1]_. `temporal` consists of
     ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the network, `innovation` (with
     the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised", innovation=True)`` with the
-    frame's samples, and gives their bits. Tried and found worse: demodulated input, for the network or for innovation;
-    feeding innovation back into the accumulated history; a second accumulation of the network's output. As many
-    threads run as ``YESTER_THREADS`` allows.
+    frame's samples, both with the `motion` of SVGF's output, and gives their bits. Tried and found worse: demodulated
+    input, for the network or for innovation; feeding innovation back into the accumulated history; a second
+    accumulation of the network's output. As many threads run as ``YESTER_THREADS`` allows.
 
     References
     ----------
@@ -126,7 +126,6 @@ class OIDN(Pipeline):
 
     def _forget(self) -> None:
         self._continues = False
-        self._camera: Camera | None = None
         self._evidence: NDArray[np.float32] | None = None
 
     def _alone(self, frame: Frame) -> Output:
@@ -144,12 +143,12 @@ class OIDN(Pipeline):
         known = history.step(frame)
         color = self._network.denoise(known.color, frame)
         if self._corrects and self._continues:
-            carried = (color, known.history_length, self._evidence, self._motion(frame))
+            carried = (color, known.history_length, self._evidence, known.motion)
             found, self._evidence = innovation(frame.color, *carried, exposure=exposure(color), fed_back=False)
             color = (color + found).clip(0)
-        self._continues, self._camera = True, frame.camera
-        places = {name: getattr(frame, name) for name in ("motion", "depth", "position", "camera", "jitter")}
-        clean = antialiasing.step(Frame(color, **places), samples=frame.color)
+        self._continues = True
+        places = {name: getattr(frame, name) for name in ("depth", "position", "camera", "jitter")}
+        clean = antialiasing.step(Frame(color, motion=known.motion, **places), samples=frame.color)
         return Output(
             clean.color,
             known.history_length,
@@ -158,13 +157,6 @@ class OIDN(Pipeline):
             used=tuple(dict.fromkeys((*known.used, *self._network.guides))),
             missing=known.missing,
         )
-
-    def _motion(self, frame: Frame) -> NDArray[np.float32] | None:
-        """The frame's motion, or that of a static scene."""
-        geometry = frame.depth if frame.position is None else frame.position
-        if frame.motion is not None or geometry is None or frame.camera is None or self._camera is None:
-            return frame.motion
-        return motion_vectors(geometry, frame.camera, self._camera)
 
 
 def _finite(image: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -2,6 +2,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 from .accumulate import luminance
 from .alternation import alternation
@@ -220,11 +221,13 @@ class Mixing:
         if self.rest > 0:
             self.rest -= 1
             return shown
-        # No sample counts for more than eight times the result.
+        # No sample counts for more than eight times the result, or is shown as more than three times.
         bright = luminance(samples)  # (H, W)
-        most = 8 * (luminance(shown).clamp(min=0) + exposure(shown) / 16)  # (H, W)
-        samples = samples * torch.where(bright > most, most / bright, 1)[..., None]  # (H, W, 3)
-        light = [luminance(image) for image in (samples, denoised, shown)]  # 3 of (H, W)
+        once = luminance(shown).clamp(min=0) + exposure(shown) / 16  # (H, W)
+        held, samples = (
+            samples * torch.where(bright > times * once, times * once / bright, 1)[..., None] for times in (8, 3)
+        )  # (H, W, 3) twice
+        light = [luminance(image) for image in (held, denoised, shown)]  # 3 of (H, W)
         shares = None
         if self.luminances is not None:
             (before, smooth, result), coverage = fetch_all(self.luminances, motion)  # 3 of (H, W), (H, W)
@@ -232,10 +235,15 @@ class Mixing:
                 shares, self.evidence = collocation_shares(self.evidence, motion, coverage)  # (h, w, 2), (h, w, 14)
                 one = self.evidence.sum((0, 1), keepdim=True)  # (1, 1, 14)
                 whole, _ = collocation_shares(one, torch.zeros(8, 8, 2).to(one), torch.ones(8, 8).to(one), share=0.0)
-                if (aliased or whole[0, 0, 0] < 1 / 4) and (shares[..., 1] > 0.05).to(shares).mean() < 1 / 4:
+                together = whole[0, 0, 0] >= 1 / 4 and not aliased
+                asks = (shares[..., 1] > 0.05).to(shares)[None]  # (1, h, w)
+                near = [avg_pool2d(each, 9, 1, 4, divisor_override=1)[0] for each in (asks, torch.ones_like(asks))]
+                agreed = 10 * near[0] >= 3 * near[1]  # (h, w)
+                if not together and 8 * agreed.sum() < agreed.numel():
                     self.__init__()
                     self.rest = 5
                     return shown
+                shares = shares * torch.stack([agreed | together, agreed], -1)  # (h, w, 2)
             if self.samples_before is not None:
                 (older,), _ = fetch_all([self.samples_before], motion)  # (H, W)
                 planes = torch.stack([light[0], before, older, smooth, result], -1)  # (H, W, 5)

@@ -11,7 +11,8 @@
 //! frames repeats, which looks like detail.
 //!
 //! A sample counts for no more than [`BRIGHTEST`] times the result, which no result that counts it for an eighth or more notices:
-//! a firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
+//! a firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness. What is shown of it is at most
+//! [`SHOWN`] times the result, as a share that is right for the tile is still too much for its brightest sample.
 //!
 //! Inputs: samples (3), denoised colour (3), motion (2 or 3), of the frame before: luminances (3), luminance of the samples
 //! before it (1), evidence (of an eighth of the size). In place: result (3). Outputs: what the next frame needs of these.
@@ -49,6 +50,8 @@ const REST: u32 = 5;
 
 /// No sample counts for more than so many times the result's luminance plus a sixteenth of the exposure.
 const BRIGHTEST: f32 = 8.0;
+/// No sample is shown as more than so many times that. With 2, a box of 64 samples behind a network has 3 % more error.
+const SHOWN: f32 = 3.0;
 
 /// What the next frame needs to judge this one.
 #[derive(Default)]
@@ -216,12 +219,12 @@ struct Held<'a> {
 }
 
 impl Held<'_> {
-    /// The sample beside a result, each with its luminance.
+    /// The sample, of at most so many times the result's luminance, and its own luminance.
     #[inline(always)]
-    fn beside(&self, sample: [f32; 3], result: f32) -> ([f32; 3], f32) {
+    fn beside(&self, sample: [f32; 3], result: f32, times: f32) -> ([f32; 3], f32) {
         let [r, g, b] = sample;
         let bright = luminance(r, g, b);
-        let most = BRIGHTEST * (larger(result, 0.0) + self.black);
+        let most = times * (larger(result, 0.0) + self.black);
         let factor = if bright > most { most / bright } else { 1.0 };
         let held = sample.map(|value| value * factor);
         (held, luminance(held[0], held[1], held[2]))
@@ -250,7 +253,7 @@ impl<'a> Kernel for Planes<'a> {
                 for (i, fresh) in fresh[run.x..][..run.len].iter_mut().enumerate() {
                     let [sample, [r, g, b]] =
                         [&colors, &results].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
-                    *fresh = self.held.beside(sample, luminance(r, g, b)).1;
+                    *fresh = self.held.beside(sample, luminance(r, g, b), BRIGHTEST).1;
                 }
             }
             let [values, coverage] = self.recent;
@@ -309,7 +312,8 @@ impl<'a> Kernel for Mix<'a> {
                     let [y, a] = [&sample, &denoised].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
                     let b = *shown;
                     let [denoised, result] = [a, b].map(|[r, g, b]| luminance(r, g, b));
-                    let (y, sample) = self.held.beside(y, result);
+                    let (_, sample) = self.held.beside(y, result, BRIGHTEST);
+                    let (y, _) = self.held.beside(y, result, SHOWN);
                     *known = [sample, denoised, result];
                     let mixed: [_; 3] = std::array::from_fn(|c| {
                         let result = b[c] + levels[0][i] * (a[c] - b[c]);
