@@ -166,6 +166,7 @@ def test_chart_of_colour_alone(tmp_path):
     files(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bare", [False, True])
 def test_ablation(own, tmp_path, bare):
     given = () if bare else ("--references", own / "truth", "--metrics", "psnr", "relmse")
@@ -199,6 +200,7 @@ def test_ablation(own, tmp_path, bare):
     files(tmp_path)
 
 
+@pytest.mark.long
 def test_doors(tmp_path):
     """The default pipelines through all doors, or through those named; with --ablate, all components."""
     given = ("--sequences", "grass", "cut", *LITTLE, "--cache", tmp_path / "cache", "--no-peers", "--metrics", "psnr")
@@ -325,6 +327,7 @@ def test_missing_extras_name_their_install_line(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("ctrl_c")
 def test_an_interrupted_chart_goes_on(tmp_path):
     """Interrupted while it renders, and while it measures; finished work is not repeated."""

@@ -15,7 +15,7 @@ from yester.study.compare.ablation import ABLATIONS
 from yester.study.rendered import recording, scenes, sequences
 from yester.study.rendered.recording import Recording
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 #: The study's size and length; the frames and the size of the window; which of its frames have references.
 WIDTH, HEIGHT, FRAMES = 256, 192, 16
@@ -117,7 +117,6 @@ def test_buffers(record, tmp_path, name):
     assert unknown(doors.harmful(doors.measure_doors([record(name)], doors.METHODS[:1], tmp_path), LIMITS)) == []
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", MIDDLES)
 def test_plans(record, name):
     """The plan of `yester denoise` is not worse than the default, through any door."""

@@ -4,7 +4,7 @@ import pytest
 from yester.study.compare import faded
 from yester.study.rendered.recording import record
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 def test_command(tmp_path, monkeypatch, capsys):

@@ -444,6 +444,7 @@ def test_second_viewer_and_one_who_leaves(page, browser, address):
     until(page, f"h.number > {number + 5}")
 
 
+@pytest.mark.long
 def test_recording_is_read_by_the_commands(page, folder, tmp_path, capsys):
     page.keyboard.press("s")
     until(page, "h.recording?.frames > 0")
@@ -649,6 +650,7 @@ def test_widget(browser, folder):
     page.close()
 
 
+@pytest.mark.long
 def test_screenshot(browser, tmp_path):
     """The picture of the guide: YESTER_SCREENSHOTS=docs/_static writes it anew."""
     with served("--size", "320x240") as (address, _):

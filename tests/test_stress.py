@@ -428,6 +428,7 @@ def test_endurance_of_one_that_raises():
     assert endured(broken).reason == "RuntimeError: out of paint"
 
 
+@pytest.mark.long
 def test_endurance_of_a_pipeline():
     [svgf, *_] = PIPELINES
     result = stress.endure(svgf, moving=True, frames=200, progress=False)
@@ -478,6 +479,7 @@ def test_run(tmp_path):
         assert (again.folder / name).read_bytes() == (report.folder / name).read_bytes()
 
 
+@pytest.mark.long
 def test_run_of_all_parts(tmp_path, monkeypatch):
     monkeypatch.setattr(stress, "STRAINS", stress.STRAINS[:1])
     one = method("one", lambda number, image: image[: 0 if number == 2 else None])
