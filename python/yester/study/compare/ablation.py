@@ -77,8 +77,7 @@ def _antialiased(**options: Any) -> Run:
         for frame in frames:
             denoised = svgf.step(frame)
             moved = {name: getattr(frame, name) for name in ("depth", "position", "camera")}
-            moved["motion"] = frame.motion if denoised.motion is None else denoised.motion
-            yield Result(antialias.step(Frame(denoised.color, **moved)).color)
+            yield Result(antialias.step(Frame(denoised.color, motion=denoised.motion, **moved)).color)
 
     return run
 
