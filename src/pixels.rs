@@ -19,12 +19,14 @@ use crate::rows::{self, BAND};
 pub enum PixelsMut<'a> {
     /// Planar.
     Planar(BandMut<'a>),
-    /// Interleaved, with as many channels as the kernel writes.
+    /// Interleaved.
     Interleaved {
         /// The band's first row.
         top: usize,
         /// Columns of the image.
         width: usize,
+        /// Numbers of a pixel.
+        channels: usize,
         /// The band's pixels.
         data: &'a mut [f32],
     },
@@ -57,8 +59,16 @@ impl<'a> PixelsMut<'a> {
             .map(move |(rows, data)| PixelsMut::Interleaved {
                 top: rows.start,
                 width,
+                channels,
                 data,
             })
+    }
+
+    fn channels(&self) -> usize {
+        match self {
+            Self::Planar(band) => band.channels(),
+            Self::Interleaved { channels, .. } => *channels,
+        }
     }
 
     /// The bands of planar data.
@@ -69,12 +79,15 @@ impl<'a> PixelsMut<'a> {
     /// Writes a run of interleaved pixels of so many channels.
     #[inline(always)]
     pub(crate) fn put(&mut self, run: Run, records: &[f32], channels: usize) {
+        assert_eq!(channels, self.channels(), "an output has other channels");
         match self {
             Self::Planar(band) => {
                 deinterleave(records, band.parts(run));
                 band.prefetch_after(run);
             }
-            Self::Interleaved { top, width, data } => {
+            Self::Interleaved {
+                top, width, data, ..
+            } => {
                 let start = ((run.y - *top) * *width + run.x) * channels;
                 data[start..][..records.len()].copy_from_slice(records);
                 prefetch(data, start + records.len(), records.len());
@@ -90,6 +103,8 @@ impl<'a> PixelsMut<'a> {
         rows: impl IntoIterator<Item = &'r [f32], IntoIter: ExactSizeIterator>,
     ) {
         let rows = rows.into_iter().map(|row| &row[..run.len]);
+        let channels = rows.len();
+        assert_eq!(channels, self.channels(), "an output has other channels");
         match self {
             Self::Planar(band) => {
                 for (part, row) in band.parts(run).zip(rows) {
@@ -97,8 +112,9 @@ impl<'a> PixelsMut<'a> {
                 }
                 band.prefetch_after(run);
             }
-            Self::Interleaved { top, width, data } => {
-                let channels = rows.len();
+            Self::Interleaved {
+                top, width, data, ..
+            } => {
                 let start = ((run.y - *top) * *width + run.x) * channels;
                 let len = run.len * channels;
                 interleave(rows, &mut data[start..][..len]);
@@ -305,5 +321,35 @@ impl<const C: usize> Rolling<C> {
 pub fn put<const C: usize>(rows: &mut [&mut [f32]; C], run: Run, values: &[Row; C]) {
     for (row, values) in rows.iter_mut().zip(values) {
         row[run.x..][..run.len].copy_from_slice(&values[..run.len]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: Size = Size {
+        height: 3,
+        width: 20,
+    };
+
+    fn write(mut out: PixelsMut) {
+        let rows = [[1.0; SEGMENT]; 3];
+        let run = segments(0, SIZE.width).next().expect("an image has pixels");
+        out.write(run, rows.iter().map(Row::as_slice));
+    }
+
+    #[test]
+    #[should_panic(expected = "an output has other channels")]
+    fn a_missing_plane_panics() {
+        let mut image = Image::new(SIZE, 2);
+        image.bands().map(PixelsMut::Planar).for_each(write);
+    }
+
+    #[test]
+    #[should_panic(expected = "an output has other channels")]
+    fn a_channel_too_many_panics() {
+        let mut data = vec![0.0; 4 * SIZE.pixels()];
+        PixelsMut::bands(SIZE, 4, &mut data).for_each(write);
     }
 }

@@ -136,6 +136,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
                 "gradient": length / 20,
             },
         ),
+        "converge": (
+            yester.converge,
+            {"color": color, "mean": history, "moments": moments, "history_length": length},
+        ),
         "resolve": (yester.resolve, {"samples": [color, history], "offsets": yester.jitter(2).tolist()}),
         "resample": (
             yester.resample,

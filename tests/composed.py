@@ -524,6 +524,7 @@ class SVGF:
         self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
         self.noise, self.repeats = Noise(), False
+        self.still, self.still_frames = None, 0
         self.asked, self.won = [], []  # weights of the pixels, by frame
 
     def step(self, frame: yester.Frame, later=None) -> SimpleNamespace:
@@ -540,6 +541,12 @@ class SVGF:
         moved = seen = motion
         self.repeats = self.chooses and shows and self.noise.repeats(sample, motion)
         chooses, min_length = self.chooses and shows and not self.repeats, self.min_length
+        averages = self.average_still and rests(self.before, frame) and chooses
+        patience = np.float32(1)
+        if not averages:
+            self.still, self.still_frames = None, 0
+        elif self.still is not None:
+            patience = np.sqrt(np.clip(np.float32(self.still_frames) / np.float32(10), 1, 16, dtype=np.float32))
         if self.repeats:  # history counts for no more than one sample
             min_length = float(np.float32(1) / np.float32(self.alpha["alpha"]) * np.float32(min_length))
         if self.before is None:
@@ -586,7 +593,7 @@ class SVGF:
             elif self.gradient:
                 known = np.where((confidence > 0)[..., None], history[0], np.float32(np.nan))
                 looks = {"passes": self.passes, "widest": self.passes + 2}
-                gradient = yester.temporal_gradient(held, known, noise=2.5, **looks)
+                gradient = yester.temporal_gradient(held, known, noise=float(2.5 * patience), **looks)
             if reflects:
                 planes = [self.mirrored.light, self.mirrored.scores]
                 (light, scores), lit = yester.reproject(planes, motion, **tests, **self.limits)
@@ -604,6 +611,12 @@ class SVGF:
         shares = dict.fromkeys(self.alpha, 0.0) if self.average_still and rests(self.before, frame) else self.alpha
         merged = yester.accumulate(filled, *history, weight=weight, gradient=gradient, confidence=trust, **shares)
         kept = [merged.color, merged.moments, merged.history_length]
+        if averages:
+            shape = sample.shape[:2]
+            mean = self.still or [np.zeros((*shape, *channels), np.float32) for channels in ((3,), (2,), ())]
+            mean = yester.accumulate(frame.color, *mean, gradient=gradient, alpha=0.0, moments_alpha=0.0)
+            self.still = [mean.color, mean.moments, mean.history_length]
+            self.still_frames += 1
         expected = [*history[:2], shorten(history[2], gradient)]
         recalled = [image.copy() for image in expected]
         color, moments, length = kept
@@ -668,6 +681,9 @@ class SVGF:
             return SimpleNamespace(**known, confidence=confidence, rejection=rejection, motion=seen[..., :2])
         if self.antialias:
             final = self.finish(self.stage, final, frame, seen, still)
+        if averages:
+            final = blacken(final)
+            final = yester.converge(final, *self.still, exposure=yester.exposure(final))
         if later is not None:
             confidence, rejection = np.maximum(confidence, later.confidence), rejection & later.rejection
         return SimpleNamespace(

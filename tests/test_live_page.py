@@ -292,6 +292,7 @@ def test_split(page):
     assert page.evaluate("app.header.pose.eye[0]") == 0  # the camera has not moved
 
 
+@pytest.mark.long
 def test_views_by_key(page):
     """Every view, chosen by its key for either side, shows something else."""
     look(page, "antialiased", "oidn")
@@ -372,6 +373,7 @@ def test_light_switch(page):
     assert images(page)[0, ..., :3].mean() > lit[0] / 2
 
 
+@pytest.mark.long
 def test_cube_cut_and_counter(page):
     look(page, "mean", "motion")
     until(page, "h.samples > 5")

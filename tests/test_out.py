@@ -17,6 +17,7 @@ IN_PLACE = {
     "reproject(nearest)": ("history", None),
     "accumulate": ("history", "history_moments", "history_length"),
     "combine_histories": ("color", "moments", "history_length"),
+    "converge": ("color",),
     "choice": (None, "evidence"),
     "compare_candidates": ("evidence",),
     "collocate": ("evidence",),

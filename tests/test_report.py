@@ -249,6 +249,7 @@ def test_names_of_families_cover_neither_each_other_nor_points():
     assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 <= frame.y1 for box in boxes)
 
 
+@pytest.mark.long
 def test_figures_as_files(material, tmp_path):
     paths = write_figures(material[0], tmp_path / "figures")
     assert sorted(path.name for path in paths) == sorted(path.name for path in (tmp_path / "figures").iterdir())

@@ -52,6 +52,7 @@ def test_sequence(name):
     assert np.median(np.abs(frames[1].motion[..., :2])) > 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_pace(name):
     """A few pixels per frame, at the intended size and length."""

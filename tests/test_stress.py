@@ -47,7 +47,11 @@ def test_every_failure_is_staged():
     assert len(NAMED) == len(SCENARIOS)
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.name)
+# Those without noise, which most others repeat with noise, every night.
+@pytest.mark.parametrize(
+    "scenario",
+    [pytest.param(one, id=one.name, marks=() if "noisy" in one.name else pytest.mark.long) for one in SCENARIOS],
+)
 def test_scenario(scenario):
     """It is deterministic, measures frames from the event on, and the reference passes every check."""
     shots = list(scenario.shots(frames=2))

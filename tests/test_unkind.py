@@ -163,6 +163,7 @@ def test_cut(frames):
     assert sum(step > 1 for step in steps) == 1
 
 
+@pytest.mark.long
 def test_shallow_focus(tmp_path):
     """Samples of one pixel hit different surfaces at different instants; the reference is their mean."""
     sequence = unseen.shallow_focus(4, 48, 36)

@@ -45,6 +45,7 @@ __all__ = [
     "combine_histories",
     "compare_candidates",
     "consistency",
+    "converge",
     "demodulate",
     "dilate_motion",
     "disocclusion",
@@ -583,7 +584,8 @@ class SVGF(Pipeline):
     relative_albedo : float or (float, float), optional
         Largest relative difference between the luminance of a pixel's albedo and its history's, at least 0: rejects
         history where textures change or move. Illumination usually survives a change of texture, so by default this is
-        not tested.
+        not tested. The output stage shows texture and does not test it: where textures move, `split`, and give the
+        stage `relative_albedo` instead.
     min_length : float, default 3.5
         History length from which the temporal variance is used; at least 1. The default is fractional so that rounding
         of resampled lengths does not decide.
@@ -629,6 +631,8 @@ class SVGF(Pipeline):
     average_still : bool, default False
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
+        With `choice`, the result then ends in the mean of all samples (`converge`), and the noise that `gradient`
+        ignores grows with the square root of the frames, from ten frames on and up to four times.
     coherence : bool, default True
         Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
         frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
@@ -653,10 +657,10 @@ class SVGF(Pipeline):
     `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay),
     `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
     `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
-    `remodulate`, those of `TAA`, and `innovation` of its result and history (with the `exposure` of the result,
-    ``strictness=12, share=0.7``). Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The
-    correction by a replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to
-    the samples blurred by `atrous`.
+    `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
+    ``strictness=12, share=0.7``), and `converge` (with `average_still`). Of the history and of `later`, no more than
+    ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are the
+    replayed ones' change, relative to the samples blurred by `atrous`.
 
     References
     ----------
@@ -2850,6 +2854,79 @@ def combine_histories(
     (array([[[2., 2., 2.]]], dtype=float32), array([[4.]], dtype=float32))
     """
 
+def converge(
+    color: ArrayLike,
+    mean: ArrayLike,
+    moments: ArrayLike,
+    history_length: ArrayLike,
+    *,
+    exposure: float = 1.0,
+    out: _Floats | None = None,
+) -> _Floats:
+    """Mix the mean of a still scene's samples into a denoised image, by how far each is from the truth.
+
+    Parameters
+    ----------
+    color : (H, W, 3) array_like of float
+        A denoised image of the scene.
+    mean : (H, W, 3) array_like of float
+        Mean of all its samples, linear.
+    moments : (H, W, 2) array_like of float
+        Means of the samples' luminance and of its square.
+    history_length : (H, W) array_like of float
+        Number of samples. `accumulate` returns all three, with ``alpha=0, moments_alpha=0``.
+    exposure : float, default 1.0
+        The scale of the light, above 0, as `exposure` returns it: below a sixteenth of it, differences count as
+        absolute instead of relative.
+    out : (H, W, 3) float32 array, optional
+        Written and returned instead of a new array; it may be an input.
+
+    Returns
+    -------
+    color : (H, W, 3) float32
+        The image itself where there are fewer than four samples, or a value that is not finite; the more of the mean,
+        the more samples there are.
+
+    Raises
+    ------
+    ValueError
+        On wrong shapes or an exposure out of range.
+
+    See Also
+    --------
+    accumulate : Averages samples.
+    combine_histories : Merges two means.
+    SVGF : Ends in the mean of all samples with ``average_still=True``.
+
+    Notes
+    -----
+    A denoised image O is wrong by what its filters blur, however many frames follow; the mean M of N samples by their
+    noise, which ends. In units of the light ``l = max(luminance(O), 0) + exposure/16``, with ``r = (M - O)/l`` and the
+    variance ``v = (m2 - m1*m1)/(N - 1)/l**2 * (1 + 4/N)`` of M, tiles of 8×8 pixels have the share
+    ``s = max(0, 1 - mean(v)/mean(luminance(r - R)**2))``, interpolated bilinearly, and the result is
+    ``O + s (r - R) l``: James and Stein's estimator [1]_ with O in the place of a fixed point. R is the mean of r, held
+    to -1 to 1, over 9×9 tiles: where light changes slowly, that much of the difference is the older samples' error.
+
+    References
+    ----------
+    .. [1] W. James, C. Stein, "Estimation with quadratic loss", Proceedings of the Fourth Berkeley Symposium on
+       Mathematical Statistics and Probability 1, 1961.
+
+    Examples
+    --------
+    Sixteen samples of a pattern that a filter has blurred:
+
+    >>> rng = np.random.default_rng(0)
+    >>> truth = np.tile(np.float32([0.5, 1.5]), (8, 4))[..., None].repeat(3, -1)
+    >>> samples = truth * rng.uniform(0.5, 1.5, (16, 8, 8, 1))
+    >>> light = samples.mean(-1)
+    >>> moments = np.stack([light.mean(0), (light**2).mean(0)], -1)
+    >>> blurred = np.ones_like(truth)
+    >>> found = yester.converge(blurred, samples.mean(0), moments, np.full((8, 8), 16))
+    >>> bool(np.abs(found - truth).mean() < 0.2 * np.abs(blurred - truth).mean())
+    True
+    """
+
 def repetition(
     color: ArrayLike,
     previous: ArrayLike,
@@ -3099,6 +3176,7 @@ def accumulate(
     --------
     reproject : Fetches the history.
     combine_histories : Merges two histories.
+    converge : Shows the mean of a still scene's samples.
     blend : Merges with a given weight, without a count of samples.
 
     Notes
@@ -4406,7 +4484,8 @@ def is_reflectance(albedo: ArrayLike, ids: ArrayLike, *, out: NDArray[np.bool_] 
     Returns
     -------
     mask : (H, W) bool
-        True at all pixels of surfaces of which the largest albedo, over pixels and channels, is from 0.001 to 1.25.
+        True at all pixels of surfaces of which the largest albedo, over pixels and channels, is at least 0.001, and no
+        more than one in 64 pixels has an albedo above 1.25.
 
     Raises
     ------
@@ -4475,7 +4554,8 @@ def demodulate(
     -----
     With a the albedo of a channel, ``d = max(a, 1/32)``; where it is no reflectance, ``d = 1``. Lamps, sky, glass,
     mirrors and black plastic have an albedo near 0, which does not scale their light. Divided by it, the light would be
-    a thousand times too bright, and filters would leak the excess to neighbouring surfaces.
+    a thousand times too bright, and filters would leak the excess to neighbouring surfaces. There is no smooth passage
+    between both, as it blurs dark texture, and where an albedo changes with the view, the light changes as much.
 
     `remodulate` is the inverse. Where d is 1, the round trip without emission is exact; elsewhere it
     is exact to one or two units in the last place. After SVGF ([1]_, section 4); its implementation in Falcor [2]_

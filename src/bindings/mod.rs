@@ -46,7 +46,7 @@ mod _core {
         light_change_, prediction_gain, repetition_, temporal_gradient,
     };
     #[pymodule_export]
-    use super::merge::{Accumulated, accumulate_, blend_, combine_histories, resolve_};
+    use super::merge::{Accumulated, accumulate_, blend_, combine_histories, converge_, resolve_};
     #[pymodule_export]
     use super::pipelines::bmfr::BMFR;
     #[pymodule_export]

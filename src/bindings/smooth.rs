@@ -614,7 +614,8 @@ fn bytes<'py>(mask: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
 /// Returns
 /// -------
 /// mask : (H, W) bool
-///     True at all pixels of surfaces of which the largest albedo, over pixels and channels, is from 0.001 to 1.25.
+///     True at all pixels of surfaces of which the largest albedo, over pixels and channels, is at least 0.001, and no
+///     more than one in 64 pixels has an albedo above 1.25.
 ///
 /// Raises
 /// ------
@@ -697,7 +698,8 @@ pub fn is_reflectance_<'py>(
 /// -----
 /// With a the albedo of a channel, ``d = max(a, 1/32)``; where it is no reflectance, ``d = 1``. Lamps, sky, glass,
 /// mirrors and black plastic have an albedo near 0, which does not scale their light. Divided by it, the light would be
-/// a thousand times too bright, and filters would leak the excess to neighbouring surfaces.
+/// a thousand times too bright, and filters would leak the excess to neighbouring surfaces. There is no smooth passage
+/// between both, as it blurs dark texture, and where an albedo changes with the view, the light changes as much.
 ///
 /// `remodulate` is the inverse. Where d is 1, the round trip without emission is exact; elsewhere it
 /// is exact to one or two units in the last place. After SVGF ([1]_, section 4); its implementation in Falcor [2]_

@@ -287,7 +287,7 @@ proptest! {
         let moved = Transforms::new(vec![(1, matrix), (u32::MAX, DMat4::IDENTITY)]).expect("affine");
         written!(size, 3, |motion| motion_vectors(geometry, &now, &before, Some(ids.pixels()), &moved, motion));
         let distance = draw.wild(1);
-        written!(size, 3, |motion| virtual_motion::virtual_motion(geometry, distance.pixels(), &now, &before, motion));
+        written!(size, 2, |motion| virtual_motion::virtual_motion(geometry, distance.pixels(), &now, &before, motion));
         let motion = draw.wild(3);
         let params = dilate::Params { window: draw.of(&dilate::Window::NAMES).1, margin: 0.9 * draw.share() };
         let choice = match draw.coin() {

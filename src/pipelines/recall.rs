@@ -133,7 +133,7 @@ impl Memory {
         )
     }
 
-    /// The same by coarse ids, and without the test of the directions of normals.
+    /// The tests of surfaces by coarse ids, and without the test of the directions of normals.
     fn coarse_tests<'a>(
         &'a self,
         now: &Now<'a>,
@@ -258,7 +258,7 @@ pub fn recall(
 
     let mut planes = vec![memory.history.pixels()];
     planes.extend(replayed.as_ref().map(Image::pixels));
-    let mut values = reproject(&planes, motion, tests, BILINEAR, coverage, rejection);
+    let mut values = reproject(&planes, motion, tests, BILINEAR, coverage, Some(rejection));
     let confidence = View::new(motion.size, 1, coverage).into();
     let incoherent = (params.coherence.then(|| Incoherent::find(now, confidence))).flatten();
     if let Some(found) = &incoherent {

@@ -214,11 +214,7 @@ fn mirrored_tests<'a>(now: Surface<'a>, before: Surface<'a>) -> Tests<'a> {
     Tests::new(now, before, None, &validate::Params::default())
 }
 
-const FETCH: reproject::Params = reproject::Params {
-    filter: Filter::Bilinear,
-    fallback: false,
-    dering: true,
-};
+const FETCH: reproject::Params = reproject::Params::of(Filter::Bilinear);
 
 /// The distance from a surface to what it reflects, for one candidate.
 #[derive(Clone, Copy)]

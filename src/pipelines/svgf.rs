@@ -2,7 +2,7 @@
 //!
 //!   demodulate → (motion from cameras) → (replay) → reproject → (coherence → reproject) → (change of light)
 //!     → (suppress fireflies) → (temporal gradient) → (reflections) → (lend) → accumulate → (join later frames) → (choice)
-//!     → estimate variance → à-trous → (innovation) → remodulate → (antialias → (innovation) → (mix))
+//!     → estimate variance → à-trous → (innovation) → remodulate → (antialias → (innovation) → (mix)) → (converge)
 //!
 //! Where the noise of a frame is that of the frame before, its samples do not judge: no choice, no mix, and the variance is
 //! estimated in space.
@@ -13,6 +13,7 @@ mod finish;
 mod merge;
 mod passes;
 mod sides;
+mod still;
 
 use std::cell::OnceCell;
 
@@ -20,6 +21,7 @@ use self::finish::finish;
 use self::merge::{Merged, merge, merge_at_once};
 use self::passes::{choose, filter};
 use self::sides::{Joined, expect, join, join_reports};
+use self::still::Still;
 use super::correction::innovate;
 use super::frame::{
     Expectation, Extras, Frame, History, HistoryMut, Motion, Output, Pipeline, Steps, Summary,
@@ -52,7 +54,7 @@ pub struct Params {
     pub surface: validate::Params,
     /// How samples join the history.
     pub accumulate: accumulate::Params,
-    /// Whether they join without forgetting in frames in which nothing moves.
+    /// Whether they join without forgetting in frames in which nothing moves. With `choice`, the result then ends in their mean.
     pub average_still: bool,
     /// Whether depth alone tells surfaces apart where normals and ids change from pixel to pixel and from frame to frame.
     pub coherence: bool,
@@ -94,7 +96,11 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     widest: 5,
 };
 
-/// The longest history that is reckoned with where new samples have no least share.
+/// Where nothing moves, the noise that the gradient ignores grows with the square root of the frames, from ten frames on and up
+/// to four times: a false alarm costs the more samples, the longer they have been averaged.
+const PATIENCE: [f32; 2] = [10.0, 16.0];
+
+/// Cap on the history length where α is 0.
 const LONGEST: f32 = 1e6;
 
 /// Normals are compared half as strictly as by the paper.
@@ -207,11 +213,16 @@ impl Params {
         }
     }
 
-    /// How the samples of a frame join the history, with the camera of the frame before.
-    fn accumulate_in(&self, frame: &Frame, before: Option<&Camera>) -> accumulate::Params {
-        match self.average_still && frame.rests(before) {
-            true => self.accumulate.averaging(),
-            false => self.accumulate,
+    /// After so many frames in which nothing moved.
+    fn still(&self, frames: u32) -> Self {
+        let [first, most] = PATIENCE;
+        let patience = (frames as f32 / first).clamp(1.0, most).sqrt();
+        Self {
+            gradient: self.gradient.map(|gradient| gradient::Params {
+                noise: gradient.noise * patience,
+                ..gradient
+            }),
+            ..self.clone()
         }
     }
 
@@ -237,8 +248,8 @@ impl Params {
         }
     }
 
-    /// Whether a step between reprojection and accumulation looks at what surrounds a pixel, or one behind it at what was
-    /// expected.
+    /// Whether a pass before the filter reads neighbouring pixels, or one after it the reprojected history: both need whole
+    /// images, so that the merge cannot be fused.
     fn looks_around(&self) -> bool {
         let fills = self.fireflies.is_some() || self.lend.is_some();
         let asks = !self.reflections.is_empty() || self.choice.is_some();
@@ -273,6 +284,8 @@ struct State {
     choice: Option<Records>,
     /// Of the samples, if they judge.
     noise: Option<Noise>,
+    /// Where nothing moved, if samples judge.
+    still: Option<Still>,
 }
 
 /// What a step is for.
@@ -415,18 +428,29 @@ impl Svgf {
         let before = past.as_ref().and_then(|past| past.memory.camera);
         let mut used = vec![];
         let motion = frame.motion(before.as_ref(), &mut used);
-        let accumulate = self.params.accumulate_in(frame, before.as_ref());
+        let rests = self.params.average_still && frame.rests(before.as_ref());
         let surfaces = surfaces(frame);
         (past.iter_mut()).for_each(|past| past.memory.disown(surfaces.as_ref()));
         let texture = texture(frame, surfaces.as_ref());
         let asks = self.params.looks_around() || !matches!(task, Task::Show(_, None));
         let sample = asks.then(|| illumination(frame.color, texture));
         let (noise, repeats) = self.listen(past.as_mut(), sample.as_ref(), &motion, &mut task);
-        let repeated = repeats.then(|| self.params.repeated());
-        let params = repeated.as_ref().unwrap_or(&self.params);
+        let averages = rests && noise.is_some() && !repeats;
+        let still = past.as_mut().and_then(|past| past.still.take());
+        let still = still.filter(|_| averages);
+        let special = match &still {
+            _ if repeats => Some(self.params.repeated()),
+            Some(still) => Some(self.params.still(still.frames)),
+            None => None,
+        };
+        let params = special.as_ref().unwrap_or(&self.params);
         let now = Current {
             params,
-            accumulate,
+            accumulate: match rests {
+                true => params.accumulate.averaging(),
+                false => params.accumulate,
+            },
+            averages,
             frame,
             before,
             motion: &motion,
@@ -437,7 +461,7 @@ impl Svgf {
             repeats,
         };
 
-        let left = run(&now, past, task, seen, self.antialias.as_mut());
+        let left = run(&now, past, still, task, seen, self.antialias.as_mut());
         let missing = left.missing;
         used.extend(left.used);
         let mut memory = Memory::new(frame, surfaces, left.history, params, first);
@@ -447,6 +471,7 @@ impl Svgf {
             evidence: left.evidence,
             choice: left.choice,
             noise,
+            still: left.still,
         });
         Ok(Summary {
             used,
@@ -455,8 +480,8 @@ impl Svgf {
         })
     }
 
-    /// Whether a frame that is shown has the noise of the frame before, if its samples are to judge; and what the next frame
-    /// compares itself with. A frame that does shows the usual number of passes.
+    /// Detects noise that repeats that of the previous frame, where samples are to judge. Every pixel then shows the default
+    /// number of passes. Also returns what the next frame is compared with.
     fn listen(
         &self,
         past: Option<&mut State>,
@@ -486,6 +511,7 @@ struct Left {
     reflections: Option<reflections::Memory>,
     evidence: Option<Records>,
     choice: Option<Records>,
+    still: Option<Still>,
     /// The buffers that took part, beside those of which motion is made.
     used: Vec<&'static str>,
     /// Samples that were not finite.
@@ -496,6 +522,7 @@ struct Left {
 fn run(
     now: &Current,
     past: Option<State>,
+    still: Option<Still>,
     task: Task,
     mut seen: Seen,
     antialias: Option<&mut Stage>,
@@ -515,6 +542,8 @@ fn run(
         None => merge_at_once(now, memory.as_ref(), &mut seen),
     };
     drop(memory);
+    let gradient = (recalled.as_ref()).and_then(|recalled| recalled.gradient.as_ref());
+    let still = (now.averages).then(|| Still::add(still, now, gradient));
     let (joined, later, mut shown, moved) = match task {
         Task::Show(mut shown, later) => {
             let joined = join(now, recalled.as_ref(), &history, later, &mut seen);
@@ -568,14 +597,18 @@ fn run(
         &mut history,
         light.as_mut(),
         stage,
-        shown,
+        shown.as_mut(),
     );
+    if let Some((still, shown)) = still.as_ref().zip(shown) {
+        still.show(shown.color);
+    }
     Left {
         used: now.used([planes, replays, won.is_some()]),
         reflections: light.map(|light| now.remember(light, won)),
         history,
         evidence,
         choice,
+        still,
         missing,
     }
 }
@@ -585,6 +618,8 @@ struct Current<'a> {
     params: &'a Params,
     /// How the frame's samples join the history.
     accumulate: accumulate::Params,
+    /// Whether the mean of all samples takes part in what is shown.
+    averages: bool,
     frame: &'a Frame<'a>,
     /// The camera of the frame before.
     before: Option<Camera>,

@@ -66,7 +66,7 @@ struct History {
     alternation: Option<Records>,
     /// The innovation that was found and not corrected.
     evidence: Option<Records>,
-    /// By what the next frame tells which tiles show less of the stage, where they may.
+    /// Luminances and evidence for the next frame's mixing weights, if samples and denoised colour are mixed in.
     seen: Option<Seen>,
     /// Whether the frame is the first.
     first: bool,
@@ -121,7 +121,7 @@ impl Stage {
             return;
         };
         let before = history.merged.pixels();
-        let bilinear = fetching(Filter::Bilinear);
+        let bilinear = reproject::Params::of(Filter::Bilinear);
         let fetch = Fetch::new(&[before], samples.size, Tests::none(), bilinear);
         let change = light_change_along(samples, &fetch, motion, before.channels);
         if change != 1.0 {
@@ -173,8 +173,14 @@ impl Stage {
             color,
             motion,
             choice,
-            fetch: history
-                .map(|history| Fetch::new(&history, color.size, tests, fetching(params.filter))),
+            fetch: history.map(|history| {
+                Fetch::new(
+                    &history,
+                    color.size,
+                    tests,
+                    reproject::Params::of(params.filter),
+                )
+            }),
             gradient: gradient.as_ref().map(Image::view),
             returns: (alternation.as_ref()).map(|memory| memory.pixels().part(RETURNS)),
         };
@@ -236,20 +242,12 @@ impl Stage {
 /// The channel of the alternation kernel's memory that counts returns.
 const RETURNS: Range<usize> = alternation::CHANNELS - 1..alternation::CHANNELS;
 
-fn fetching(filter: Filter) -> reproject::Params {
-    reproject::Params {
-        filter,
-        fallback: false,
-        dering: true,
-    }
-}
-
 /// Reprojects what the last frame left, and tells its coverage.
 fn fetch(past: Pixels, motion: Pixels, tests: Tests, filter: Filter) -> (Image, Image) {
     let size = motion.size;
-    let (mut coverage, mut rejection) = (Image::blank(size, 1), vec![0; size.pixels()]);
-    let (covered, params) = (coverage.data_mut(), fetching(filter));
-    let [image] = reproject(&[past], motion, tests, params, covered, &mut rejection)
+    let mut coverage = Image::blank(size, 1);
+    let (covered, params) = (coverage.data_mut(), reproject::Params::of(filter));
+    let [image] = reproject(&[past], motion, tests, params, covered, None)
         .try_into()
         .expect("an image for each that is fetched");
     (image, coverage)

@@ -65,11 +65,7 @@ const GRADIENT: gradient::Params = gradient::Params {
 };
 /// Luminances within this ratio belong to one thin feature.
 const SIMILARITY: f32 = 1.05;
-const FETCH: reproject::Params = reproject::Params {
-    filter: Filter::Wide(Wide::CatmullRom),
-    fallback: false,
-    dering: true,
-};
+const FETCH: reproject::Params = reproject::Params::of(Filter::Wide(Wide::CatmullRom));
 
 impl Default for Params {
     fn default() -> Self {
@@ -226,7 +222,15 @@ impl Past {
         let history = before.and_then(|before| {
             let history = [before.history.pixels()];
             let (covered, rejected) = (coverage.data_mut(), rejection.data_mut());
-            reproject(&history, motion, Tests::none(), FETCH, covered, rejected).pop()
+            reproject(
+                &history,
+                motion,
+                Tests::none(),
+                FETCH,
+                covered,
+                Some(rejected),
+            )
+            .pop()
         });
         Self {
             history: history.unwrap_or_else(|| Image::new(size, CHANNELS)),

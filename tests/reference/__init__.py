@@ -16,6 +16,7 @@ from .coherence import incoherent_guides
 from .collocation import collocate, collocation_shares
 from .combine import combine_histories
 from .consistency import consistency
+from .converge import converge
 from .demodulate import demodulate, is_reflectance, remodulate
 from .dilate import dilate_motion
 from .disocclusion import disocclusion
@@ -73,6 +74,7 @@ __all__ = [
     "combine_histories",
     "compare_candidates",
     "consistency",
+    "converge",
     "demodulate",
     "dilate_motion",
     "disocclusion",

@@ -61,6 +61,7 @@ RUNS = {
     "thin": Source("yester.study.compare.thin", ""),
     "repeated": Source("yester.study.compare.repeated", ""),
     "faded": Source("yester.study.compare.faded", ""),
+    "still": Source("yester.study.compare.still", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),
     "later_frames": Source(
@@ -189,7 +190,10 @@ def innovation(folder: Path) -> str:
 
 
 def harms(folder: Path) -> str:
-    """Components that are on by default and do harm, beyond the limits and two standard errors, with the sequences."""
+    """Components that are on by default and do harm, beyond the limits and two standard errors, with the sequences.
+
+    Not those of `TAA`, whose tables are of frames that it is not meant for.
+    """
     effects = [
         Effect(
             row["scene"],
@@ -202,13 +206,13 @@ def harms(folder: Path) -> str:
             errors={key: float(row[f"{key}_error"]) for key in _LABELS if row[f"{key}_error"]},
         )
         for row in _rows(folder / "ablation.csv")
-        if row["pipeline"] == "SVGF" and row["scene"] != ALL
+        if row["pipeline"] != "TAA" and row["scene"] != ALL
     ]
     by_component: dict[str, list[str]] = {}
     for line in harmful(effects):
-        name, _, case = line.partition(", ")
-        scene, _, losses = case.partition(": ")
-        by_component.setdefault(name.removeprefix("SVGF - "), []).append(f"`{scene}` ({losses})")
+        case, _, losses = line.partition(": ")
+        name, _, scene = case.rpartition(", ")
+        by_component.setdefault(name.removeprefix("SVGF - ").replace(" - ", ": "), []).append(f"`{scene}` ({losses})")
     order = sorted(by_component)
     return _table(["component", "sequences"], [[name, "; ".join(by_component[name])] for name in order])
 

@@ -48,7 +48,8 @@ use crate::pipelines::{svgf, taa};
 /// relative_albedo : float or (float, float), optional
 ///     Largest relative difference between the luminance of a pixel's albedo and its history's, at least 0: rejects
 ///     history where textures change or move. Illumination usually survives a change of texture, so by default this is
-///     not tested.
+///     not tested. The output stage shows texture and does not test it: where textures move, `split`, and give the
+///     stage `relative_albedo` instead.
 /// min_length : float, default 3.5
 ///     History length from which the temporal variance is used; at least 1. The default is fractional so that rounding
 ///     of resampled lengths does not decide.
@@ -94,6 +95,8 @@ use crate::pipelines::{svgf, taa};
 /// average_still : bool, default False
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
+///     With `choice`, the result then ends in the mean of all samples (`converge`), and the noise that `gradient`
+///     ignores grows with the square root of the frames, from ten frames on and up to four times.
 /// coherence : bool, default True
 ///     Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from
 ///     frame to frame, as in grass and fur (`incoherent_guides`). Ids then only tell apart surfaces whose albedo is a
@@ -118,10 +121,10 @@ use crate::pipelines::{svgf, taa};
 /// `motion_vectors`, `reproject` (with `consistency`), `incoherent_guides`, `light_change` (without a replay),
 /// `temporal_gradient`, `virtual_motion` and `prediction_gain`, `accumulate`, `combine_histories` (with `later`),
 /// `choice`, `estimate_variance`, `atrous`, `compare_candidates` and `innovation` (with the `exposure` of the history),
-/// `remodulate`, those of `TAA`, and `innovation` of its result and history (with the `exposure` of the result,
-/// ``strictness=12, share=0.7``). Of the history and of `later`, no more than ``1 / alpha - 1`` samples count. The
-/// correction by a replay is an `innovation` of history, too: its samples are the replayed ones' change, relative to
-/// the samples blurred by `atrous`.
+/// `remodulate`, those of `TAA`, `innovation` of its result and history (with the `exposure` of the result,
+/// ``strictness=12, share=0.7``), and `converge` (with `average_still`). Of the history and of `later`, no more than
+/// ``1 / alpha - 1`` samples count. The correction by a replay is an `innovation` of history, too: its samples are the
+/// replayed ones' change, relative to the samples blurred by `atrous`.
 ///
 /// References
 /// ----------

@@ -145,7 +145,7 @@ impl<'a> Dilation<'a> {
         self.choose_by::<OFFERED>(run, chosen);
     }
 
-    /// The same if no neighbour were left out.
+    /// [`Self::choose`] among all neighbours.
     #[inline(always)]
     pub fn choose_of_all(&self, run: Run, chosen: &mut [Row; 3]) {
         self.choose_by::<OWN>(run, chosen);

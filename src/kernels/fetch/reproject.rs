@@ -38,6 +38,17 @@ pub struct Params {
     pub dering: bool,
 }
 
+impl Params {
+    /// Without the 3×3 window.
+    pub(crate) const fn of(filter: Filter) -> Self {
+        Self {
+            filter,
+            fallback: false,
+            dering: true,
+        }
+    }
+}
+
 /// A fetch of history: the images, the tests that taps must pass, and the filter.
 pub(crate) struct Fetch<'a> {
     size: Size,
@@ -686,14 +697,14 @@ impl Reproject<'_> {
 }
 
 /// Returns the reprojected history: an image for every interleaved input, and for every plane of a planar one. Writes the
-/// coverage and the rejection mask.
+/// coverage, and the rejection mask if it is asked for.
 pub fn reproject(
     history: &[Pixels],
     motion: Pixels,
     tests: Tests,
     params: Params,
     coverage: &mut [f32],
-    rejection: &mut [u8],
+    rejection: Option<&mut [u8]>,
 ) -> Vec<Image> {
     let size = motion.size;
     let kernel = Reproject {
@@ -705,7 +716,7 @@ pub fn reproject(
     let mut values: Vec<_> = images
         .map(|image| Image::blank(size, image.channels))
         .collect();
-    kernel.run(planar(&mut values), coverage, Some(rejection));
+    kernel.run(planar(&mut values), coverage, rejection);
     values
 }
 

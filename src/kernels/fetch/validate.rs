@@ -133,7 +133,8 @@ impl Default for Params {
 }
 
 impl Params {
-    pub(crate) fn check(&self) -> Result<()> {
+    /// An error if a threshold is out of range.
+    pub fn check(&self) -> Result<()> {
         self.relative_depth
             .check("relative_depth", "a share above 0", |v| v > 0.0)?;
         self.plane_distance

@@ -72,7 +72,7 @@ pub(crate) fn check_share(share: f32) -> Result<()> {
 }
 
 /// Side of a tile in pixels; divides [`SEGMENT`].
-pub(super) const TILE: usize = 8;
+pub(crate) const TILE: usize = 8;
 
 /// Bound of a sample's relative difference r.
 const BOUND: f32 = 8.0;

@@ -54,11 +54,7 @@ pub fn repetition(
     motion: Pixels,
     deviation: Option<View>,
 ) -> (f32, Image) {
-    let bilinear = reproject::Params {
-        filter: Filter::Bilinear,
-        fallback: false,
-        dering: true,
-    };
+    let bilinear = reproject::Params::of(Filter::Bilinear);
     let kernel = Deviate {
         now,
         before: Fetch::new(&[before.into()], now.size, Tests::none(), bilinear),

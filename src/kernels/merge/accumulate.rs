@@ -83,7 +83,7 @@ pub const CHANNELS: usize = 6;
 
 /// The source of a span's history: [`Images`], for other crates.
 pub trait History: Sync {
-    /// A band of what is known of the history beside its channels, to be written.
+    /// A band of outputs that are written while the history is read, such as its coverage.
     type Out: Send;
     /// Buffers that spans share.
     type Scratch;

@@ -3,6 +3,7 @@
 pub mod accumulate;
 pub mod blend;
 pub mod combine;
+pub mod converge;
 pub mod recirculate;
 pub mod resample;
 pub mod resolve;

@@ -129,7 +129,7 @@ fn divisors([r, g, b]: &mut [Row; 3]) {
     }
 }
 
-/// The same where a mask tells what is a reflectance.
+/// [`divisors`] where a mask tells what is a reflectance.
 #[inline(always)]
 fn masked_divisors(albedo: &mut [Row; 3], mask: &[u8]) {
     for row in albedo {

@@ -235,7 +235,7 @@ fn known<S: Simd>(m1: Lanes<S>, m2: Lanes<S>) -> Mask<S> {
     m1.is_finite().and(m2.is_finite())
 }
 
-/// The same for a register of pixels.
+/// [`floored`] for a register of pixels.
 #[inline(always)]
 pub(crate) fn floored_all<S: Simd>(variance: Lanes<S>) -> Lanes<S> {
     variance.or_all(variance.at_least(SMALLEST), 0.0)

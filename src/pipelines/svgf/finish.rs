@@ -23,10 +23,11 @@ pub fn finish(
     history: &mut Records,
     light: Option<&mut Records>,
     antialias: Option<(&mut Stage, Option<Pixels>)>,
-    shown: Option<Shown>,
+    shown: Option<&mut Shown>,
 ) {
     let size = now.size();
-    let (show, variance) = shown.map(|shown| (shown.color, shown.variance)).unzip();
+    let parts = shown.map(|shown| (&mut *shown.color, &mut *shown.variance));
+    let (show, variance) = parts.unzip();
     let kernel = Finish {
         passes: &passes,
         innovation,

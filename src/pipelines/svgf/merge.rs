@@ -71,7 +71,7 @@ pub fn merge(
     }
 }
 
-/// The same in one sweep, without images in between, where no step looks at what surrounds a pixel.
+/// [`merge`] in one sweep, without images in between: for parameters by which no pass reads neighbouring pixels.
 pub fn merge_at_once(now: &Current, memory: Option<&Memory>, seen: &mut Seen) -> Merged {
     let (params, size) = (now.params, now.size());
     let samples = Samples {

@@ -216,7 +216,7 @@ struct Keep<'a> {
     tiles: Option<Levels<'a>>,
 }
 
-/// A row of what is kept of a pass.
+/// Output rows of one pass.
 struct Kept<'a> {
     choice: Option<Shown<'a>>,
     candidate: Option<&'a mut [f32]>,

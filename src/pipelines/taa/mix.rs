@@ -34,18 +34,18 @@ use crate::rows::{self, BAND, Kernel, Simd};
 /// Of the samples, the denoised colour and the result.
 const LUMINANCES: usize = 3;
 
-/// A tile asks for samples from this share of them on.
+/// A tile votes for samples if it would give them at least this weight.
 const ASKS: f32 = 0.05;
-/// How many of how many tiles must ask, at most [`REACH`] tiles away along each axis. Of frames of 128×96 pixels, up to a fifth
+/// How many of how many tiles must vote for samples, at most [`REACH`] tiles away along each axis. Of frames of 128×96 pixels, up to a fifth
 /// do with one sample, and mostly more than a third with 16.
 const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
 /// The λ of all tiles together from which on each follows its own. With one sample behind `SVGF`, no sequence of the
 /// study that has albedo reaches a tenth of it; with 16 samples, most exceed it. Behind a network, some do with one sample.
 const DENOISED: f32 = 0.25;
-/// Single groups of tiles agree by chance.
+/// One over the least fraction of tiles that must agree: single groups do by chance.
 const FEWEST: usize = 8;
-/// It takes four frames to ask again, so that in five of nine nothing is done.
+/// Frames without a vote after one that failed. A vote takes four frames, so that nothing is done in five of nine.
 const REST: u32 = 5;
 
 /// No sample counts for more than so many times the result's luminance plus a sixteenth of the exposure.

@@ -269,6 +269,7 @@ TASKS = (
     Task("accumulate", "accumulate", _MERGE),
     Task("accumulate, with gradient", "accumulate", {**_MERGE, "gradient": "confidence"}),
     Task("combine_histories", "combine_histories", _COMBINE),
+    Task("converge", "converge", _named("color", "history_length", mean="history", moments="history_moments")),
     Task("recirculate", "recirculate", _RECIRCULATE),
     Task("resolve, 2 samples", "resolve", {"samples": ["color", "history"]}, {"offsets": yester.jitter(2).tolist()}),
     Task("resample, twice the size", "resample", {"image": "color", "size": "doubled"}),

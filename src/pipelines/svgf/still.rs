@@ -1,0 +1,56 @@
+//! Frames in which nothing moves: the mean of all samples, in which the result ends.
+
+use super::Current;
+use crate::image::{Image, Pixels, Records};
+use crate::kernels::judge::exposure::exposure;
+use crate::kernels::merge::accumulate::{CHANNELS, Images, Samples, accumulate};
+use crate::kernels::merge::converge::converge;
+use crate::pixels::PixelsMut;
+
+/// What goes from one such frame to the next.
+pub struct Still {
+    /// Frames since the last in which something moved.
+    pub frames: u32,
+    /// The samples as they were rendered, with texture: colour, moments and number. They are forgotten where the history is.
+    mean: Records,
+}
+
+impl Still {
+    /// Adds a frame's samples.
+    pub fn add(before: Option<Self>, now: &Current, gradient: Option<&Image>) -> Self {
+        let size = now.size();
+        let (frames, mean) = match before {
+            Some(still) => (still.frames, still.mean),
+            None => (0, Records::new(size, CHANNELS)),
+        };
+        let samples = Samples {
+            size,
+            color: &now.frame.color,
+            weight: None,
+            gradient: gradient.map(Image::view),
+        };
+        let known = Images {
+            parts: parts(&mean),
+            confidence: None,
+        };
+        let mut merged = Records::blank(size, CHANNELS);
+        let bands = PixelsMut::bands(size, CHANNELS, merged.data_mut());
+        let outs = bands.map(|all| [(0..CHANNELS, all)]);
+        accumulate(samples, &known, now.accumulate, outs, std::iter::repeat(()));
+        Self {
+            frames: frames + 1,
+            mean: merged,
+        }
+    }
+
+    /// Mixes the mean into what is shown.
+    pub fn show(&self, shown: &mut [f32]) {
+        let bright = exposure(Pixels::records(self.mean.size, 3, shown));
+        converge(shown, parts(&self.mean), bright);
+    }
+}
+
+/// Colour, moments and number of samples.
+fn parts(mean: &Records) -> [Pixels<'_>; 3] {
+    [0..3, 3..5, 5..6].map(|part| mean.pixels().part(part))
+}
