@@ -541,7 +541,7 @@ class SVGF:
         moved = seen = motion
         self.repeats = self.chooses and shows and self.noise.repeats(sample, motion)
         chooses, min_length = self.chooses and shows and not self.repeats, self.min_length
-        averages = self.average_still and rests(self.before, frame) and chooses
+        averages = self.average_still and rests(self.before, frame) and chooses and frame.replay is None
         patience = np.float32(1)
         if not averages:
             self.still, self.still_frames = None, 0
@@ -583,6 +583,10 @@ class SVGF:
                     for old, new in pairs
                 )
             history, more = fetched[:3], fetched[3:]
+            if self.innovation and averages and self.still is not None:
+                change = np.float32(yester.light_change(sample, history[0], confidence))
+                factors = change, np.float32([change, change * change]), np.float32(1)
+                self.still = [image * f for image, f in zip(self.still, factors, strict=True)]
             if self.innovation and not replays:
                 history, self.history = follow_light(sample, history, confidence, self.history, self.mirrored)
         if self.fireflies:

@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 
 import compare
 import numpy as np
@@ -486,3 +487,72 @@ def test_noise_of_a_sparse_prediction_is_no_light():
     dense, sparse = (yester.innovation(**given, exposure=0.16, sparse=sparse)[0].mean() for sparse in (False, True))
     assert dense > 0.2
     assert abs(sparse) < 0.02
+
+
+# In the pipelines that correct by it.
+
+PIPELINES = {
+    "SVGF": yester.SVGF,
+    "BMFR": yester.BMFR,
+    "HalfRes": yester.HalfRes,
+    "TAA": lambda: yester.TAA(innovation=True),
+    "Recirculation": yester.Recirculation,
+}
+PIPELINE = pytest.mark.parametrize("make", PIPELINES.values(), ids=PIPELINES)
+
+
+def flat(color) -> yester.Frame:
+    """A wall that stands still before a camera."""
+    height, width = color.shape[:2]
+    camera = yester.Camera.from_look_at([0, 0, 4], [0, 0, 0], [0, 1, 0], 40, width, height)
+    normal = np.broadcast_to(np.float32([0, 0, 1]), color.shape)
+    return yester.Frame(color, depth=np.full((height, width), 4.0, np.float32), normal=normal, camera=camera)
+
+
+def noisy(rng, height=24, width=40):
+    return rng.gamma(1, 1, (height, width, 1)).astype(np.float32).repeat(3, -1)
+
+
+@PIPELINE
+@pytest.mark.parametrize("what", ["black", "one infinite sample", "NaN"])
+def test_frames_that_tell_nothing(make, what):
+    """In between others, they leave nothing behind that is not finite, nor light from nowhere."""
+    rng, pipeline = np.random.default_rng(0), make()
+    for number in range(9):
+        color = noisy(rng)
+        if number in (3, 4):
+            match what:
+                case "black":
+                    color[:] = 0
+                case "NaN":
+                    color[:] = np.nan
+                case _:
+                    color[5, 7] = np.inf
+        shown = pipeline.step(flat(color)).color
+        assert np.isfinite(shown).all()
+    assert 0.5 < shown.mean() < 1.6
+
+
+@PIPELINE
+@each("size", [(1, 1), (1, 9), (3, 2), (5, 7)])
+def test_pipelines_of_images_smaller_than_the_coarsest_block(make, size):
+    rng, pipeline = np.random.default_rng(0), make()
+    for _ in range(6):
+        assert np.isfinite(pipeline.step(flat(noisy(rng, *size))).color).all()
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+def test_a_cut_has_no_prediction(antialias):
+    """Neither has a frame all of whose history is rejected: innovation changes nothing."""
+    rng = np.random.default_rng(0)
+    frames = [flat(noisy(rng)) for _ in range(8)]
+    frames = [replace(f, ids=np.full((24, 40), 1 + (i >= 7), np.uint32)) for i, f in enumerate(frames)]
+    given = {"choice": False, "antialias": antialias}
+    corrected, plain = yester.SVGF(**given), yester.SVGF(innovation=False, **given)
+    for frame in frames:
+        shown = [pipeline.step(frame).color for pipeline in (corrected, plain)]
+    if antialias:
+        # The output stage has a history of its own, of what is denoised, which ids do not end.
+        assert np.abs(shown[0] - shown[1]).mean() < 0.1 * shown[1].mean()
+    else:
+        assert_same_bits(*shown)

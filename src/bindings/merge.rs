@@ -392,7 +392,7 @@ pub fn combine_histories<'py>(
 /// >>> light = samples.mean(-1)
 /// >>> moments = np.stack([light.mean(0), (light**2).mean(0)], -1)
 /// >>> blurred = np.ones_like(truth)
-/// >>> found = yester.converge(blurred, samples.mean(0), moments, np.full((8, 8), 16))
+/// >>> found = yester.converge(blurred, samples.mean(0), moments, np.full((8, 8), 16.0))
 /// >>> bool(np.abs(found - truth).mean() < 0.2 * np.abs(blurred - truth).mean())
 /// True
 #[pyfunction]

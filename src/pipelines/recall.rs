@@ -216,6 +216,8 @@ pub struct Recalled {
     pub history: Image,
     /// The new illumination without fireflies, where they are suppressed.
     pub held: Option<Image>,
+    /// The factor by which all light has changed; history has been multiplied by it.
+    pub change: f32,
     pub gradient: Option<Image>,
     pub reflections: Option<reflections::Won>,
     pub incoherent: Option<Incoherent>,
@@ -243,6 +245,7 @@ pub fn recall(
         return Recalled {
             history: Image::new(frame.color.size, channels),
             held: hold(None),
+            change: 1.0,
             gradient: None,
             reflections: None,
             incoherent: None,
@@ -330,6 +333,7 @@ pub fn recall(
     Recalled {
         history,
         held,
+        change,
         gradient,
         reflections,
         incoherent,

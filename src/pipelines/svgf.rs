@@ -435,7 +435,8 @@ impl Svgf {
         let asks = self.params.looks_around() || !matches!(task, Task::Show(_, None));
         let sample = asks.then(|| illumination(frame.color, texture));
         let (noise, repeats) = self.listen(past.as_mut(), sample.as_ref(), &motion, &mut task);
-        let averages = rests && noise.is_some() && !repeats;
+        // A replay corrects the history of light, which the mean of colours cannot follow.
+        let averages = rests && noise.is_some() && !repeats && frame.replay.is_none();
         let still = past.as_mut().and_then(|past| past.still.take());
         let still = still.filter(|_| averages);
         let special = match &still {
@@ -542,8 +543,7 @@ fn run(
         None => merge_at_once(now, memory.as_ref(), &mut seen),
     };
     drop(memory);
-    let gradient = (recalled.as_ref()).and_then(|recalled| recalled.gradient.as_ref());
-    let still = (now.averages).then(|| Still::add(still, now, gradient));
+    let still = (now.averages).then(|| Still::add(still, now, recalled.as_ref()));
     let (joined, later, mut shown, moved) = match task {
         Task::Show(mut shown, later) => {
             let joined = join(now, recalled.as_ref(), &history, later, &mut seen);

@@ -119,7 +119,8 @@ impl Still<'_> {
             let spread = second - first * first;
             let variance = larger(spread, 0.0) / (n - 1.0) / light / light * (1.0 + DOUBT / n);
             let sum = relative[0] + relative[1] + relative[2] + variance;
-            let known = (n >= FEWEST) & sum.is_finite() & spread.is_finite();
+            let finite = sum.is_finite() & spread.is_finite() & n.is_finite();
+            let known = finite & (n >= FEWEST);
             apart.light[x] = light;
             apart.known[x] = if known { 1.0 } else { 0.0 };
             apart.variance[x] = if known { variance } else { 0.0 };

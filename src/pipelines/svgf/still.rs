@@ -5,6 +5,8 @@ use crate::image::{Image, Pixels, Records};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::merge::accumulate::{CHANNELS, Images, Samples, accumulate};
 use crate::kernels::merge::converge::converge;
+use crate::pipelines::correction::{history_factor, scale};
+use crate::pipelines::recall::Recalled;
 use crate::pixels::PixelsMut;
 
 /// What goes from one such frame to the next.
@@ -16,13 +18,20 @@ pub struct Still {
 }
 
 impl Still {
-    /// Adds a frame's samples.
-    pub fn add(before: Option<Self>, now: &Current, gradient: Option<&Image>) -> Self {
+    /// Adds a frame's samples, before which all light has changed by a factor.
+    pub fn add(before: Option<Self>, now: &Current, recalled: Option<&Recalled>) -> Self {
         let size = now.size();
-        let (frames, mean) = match before {
+        let (frames, mut mean) = match before {
             Some(still) => (still.frames, still.mean),
             None => (0, Records::new(size, CHANNELS)),
         };
+        let change = recalled.map_or(1.0, |recalled| recalled.change);
+        if change != 1.0 {
+            let factors: [_; CHANNELS] =
+                std::array::from_fn(|channel| history_factor(channel, change));
+            scale(size.width, mean.data_mut(), &factors);
+        }
+        let gradient = recalled.and_then(|recalled| recalled.gradient.as_ref());
         let samples = Samples {
             size,
             color: &now.frame.color,
