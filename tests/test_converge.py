@@ -64,12 +64,12 @@ def check(given, exposure):
 
 
 def test_by_hand():
-    """One tile: v = 1/4 · 2, d = 4 in each pixel, R = 0, so that the share is 7/8."""
+    """One tile: v = 1/3 · (1 + 4/8), d = 4 in each pixel, R = 0, so that the share is 7/8."""
     sign = np.where(np.indices((8, 8)).sum(0) % 2, 1.0, -1.0)
     color = np.ones((8, 8, 3))
-    moments = np.stack([np.zeros((8, 8)), np.full((8, 8), 0.75)], -1)
+    moments = np.stack([np.zeros((8, 8)), np.full((8, 8), 7 / 3)], -1)
     given = {"color": color, "mean": color + 2 * sign[..., None], "moments": moments}
-    got = yester.converge(**given, history_length=np.full((8, 8), 4.0), exposure=1e-30)
+    got = yester.converge(**given, history_length=np.full((8, 8), 8.0), exposure=1e-30)
     np.testing.assert_allclose(got, color + 7 / 4 * sign[..., None], rtol=1e-5)
 
 
@@ -109,7 +109,7 @@ def test_a_lamp_does_not_decide_for_what_is_around_it():
 
 
 def test_few_samples_show_the_image():
-    given = scene(np.random.default_rng(0), 20, 30, samples=(0, 3))
+    given = scene(np.random.default_rng(0), 20, 30, samples=(0, 7))
     assert_same_bits(yester.converge(**given), given["color"])
 
 

@@ -2884,7 +2884,7 @@ def converge(
     Returns
     -------
     color : (H, W, 3) float32
-        The image itself where there are fewer than four samples, or a value that is not finite; the more of the mean,
+        The image itself where there are fewer than eight samples, or a value that is not finite; the more of the mean,
         the more samples there are.
 
     Raises
@@ -2922,7 +2922,7 @@ def converge(
     >>> light = samples.mean(-1)
     >>> moments = np.stack([light.mean(0), (light**2).mean(0)], -1)
     >>> blurred = np.ones_like(truth)
-    >>> found = yester.converge(blurred, samples.mean(0), moments, np.full((8, 8), 16))
+    >>> found = yester.converge(blurred, samples.mean(0), moments, np.full((8, 8), 16.0))
     >>> bool(np.abs(found - truth).mean() < 0.2 * np.abs(blurred - truth).mean())
     True
     """

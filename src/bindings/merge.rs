@@ -354,7 +354,7 @@ pub fn combine_histories<'py>(
 /// Returns
 /// -------
 /// color : (H, W, 3) float32
-///     The image itself where there are fewer than four samples, or a value that is not finite; the more of the mean,
+///     The image itself where there are fewer than eight samples, or a value that is not finite; the more of the mean,
 ///     the more samples there are.
 ///
 /// Raises

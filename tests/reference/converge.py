@@ -22,7 +22,7 @@ def converge(color: Tensor, mean: Tensor, moments: Tensor, history_length: Tenso
 
     Returns
     -------
-    (H, W, 3); the colour itself with fewer than four samples, or where something is not finite
+    (H, W, 3); the colour itself with fewer than eight samples, or where something is not finite
     """
     size = history_length.shape
     light = luminance(color).clamp(min=0) + exposure / 16  # (H, W)
@@ -30,7 +30,7 @@ def converge(color: Tensor, mean: Tensor, moments: Tensor, history_length: Tenso
     first, second = moments.unbind(-1)  # (H, W) twice
     variance = (second - first**2).clamp(min=0) / (history_length - 1) / light**2 * (1 + 4 / history_length)  # (H, W)
     finite = (relative.sum(-1) + variance + moments.sum(-1) + history_length).isfinite()  # (H, W)
-    known = (history_length >= 4) & finite  # (H, W)
+    known = (history_length >= 8) & finite  # (H, W)
     relative, variance = relative.where(known[..., None], 0), variance.where(known, 0)
     sums = _sums(torch.cat([relative.clamp(-1, 1), known[..., None].to(relative)], -1))  # (h, w, 4)
     wide = avg_pool2d(sums.movedim(-1, 0), 9, 1, 4, divisor_override=1).movedim(0, -1)  # (h, w, 4)

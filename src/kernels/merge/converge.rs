@@ -16,8 +16,8 @@
 //! ([`crate::kernels::judge::innovation`]). Without it, slow changes of light lag. The bound is for lamps, of which one
 //! pixel would decide for all others.
 //!
-//! Inputs: result (3), mean (3), moments (2), length N (1). Output: colour (3). A pixel with fewer than four samples, or one of
-//! whose values is not finite, shows the result.
+//! Inputs: result (3), mean (3), moments (2), length N (1). Output: colour (3). A pixel with fewer than eight samples, or one
+//! of whose values is not finite, shows the result.
 
 use std::ops::Range;
 
@@ -30,8 +30,8 @@ use crate::rows::{self, BAND, Kernel, Simd};
 
 use super::accumulate::{CHANNELS, load_history};
 
-/// Fewer samples tell nothing of their variance.
-const FEWEST: f32 = 4.0;
+/// Fewer samples tell too little of their variance.
+const FEWEST: f32 = 8.0;
 /// The variance of few samples is taken for larger by 1 + 4/N.
 const DOUBT: f32 = 4.0;
 /// Bound of r in the means over wide windows.

@@ -176,8 +176,8 @@ ABLATIONS = (
     ),
     _stage("alternation", added=True, alternation=True),
     _stage("dilation around movers", added=True, dilate_movers=True),
-    _stage("hull of 26 planes", added=True, box="hull"),
-    _stage("exact hull", added=True, box="exact-hull"),
+    _stage("hull of 26 planes", added=True, box="hull", response="current"),
+    _stage("exact hull", added=True, box="exact-hull", response="current"),
     *(_ablation(whole, "innovation", run) for whole, run in _CORRECTED.items()),
     replace(
         _ablation(_RECIRCULATION, "innovation", on_part(quarter, pipeline(Recirculation, innovation=False))),
@@ -203,8 +203,8 @@ ABLATIONS = (
             "id test": pipeline(TAA, ids=True),
             "gradient": pipeline(TAA, gradient=True),
             "anti-lag": pipeline(TAA, anti_lag=1.0),
-            "hull of 26 planes": pipeline(TAA, box="hull"),
-            "exact hull": pipeline(TAA, box="exact-hull"),
+            "hull of 26 planes": pipeline(TAA, box="hull", response="current"),
+            "exact hull": pipeline(TAA, box="exact-hull", response="current"),
         }.items()
     ),
 )
