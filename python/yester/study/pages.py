@@ -285,8 +285,8 @@ def stress(folder: Path) -> str:
 
 
 def families(folder: Path) -> str:
-    """The numbers of cases that hold, degrade and fail in each family of failures, with SVGF and SVGF on both sides."""
-    wanted = ("SVGF", "SVGF, both sides")
+    """The numbers of cases that hold, degrade and fail in each family of failures, with SVGF in three variants."""
+    wanted = ("SVGF, no innovation", "SVGF", "SVGF, both sides")
     found: dict[str, dict[str, list[str]]] = {}
     for row in _rows(folder / "stress.csv"):
         if row["part"] == "failures" and row["method"] in wanted:

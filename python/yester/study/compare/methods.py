@@ -131,6 +131,7 @@ def _both_sides(name: str, run: Run) -> Method:
 PIPELINES = (
     Method("SVGF", "SVGF", pipeline(SVGF), default=True),
     Method("SVGF, surfaces only", "SVGF, surfaces only", pipeline(SVGF, reflections=())),
+    Method("SVGF, no innovation", "SVGF, no innovation", pipeline(SVGF, innovation=False)),
     Method("SVGF, 6 distances", "SVGF, 6 distances", pipeline(SVGF, reflections=(0.25, 0.5, 1, 2, 4, math.inf))),
     Method("BMFR", "BMFR", pipeline(BMFR)),
     *(Method(f"TAA {preset}", f"TAA {preset}", pipeline(TAA, preset), default=preset == _TAA[0]) for preset in _TAA),
