@@ -128,10 +128,8 @@ def test_contents_of_tables(data):
     assert table("methods_through_doors", data)[1] == ["no ids", "−2.00 dB (−3.00 dB, `cut`)"]
     assert table("harmful_buffers", data)[1:] == [["no normals", FULL, "`cut` (psnr -0.50 dB)"]]
     assert table("families", data)[1:] == [
-        *(
-            ["others", "0 / 0 / 0", "1 / 0 / 1", "0 / 0 / 0"],
-            ["light that moves", "0 / 0 / 0", "0 / 1 / 0", "0 / 0 / 0"],
-        )
+        ["others", "0 / 0 / 0", "1 / 0 / 1", "0 / 0 / 0"],
+        ["light that moves", "0 / 0 / 0", "0 / 1 / 0", "0 / 0 / 0"],
     ]
     assert table("stress", data)[1:] == [["SVGF", "1 / 1 / 1"], ["TAA best", "1 / 1 / 1"]]
     assert table("failures", data)[1:] == [["mirror", "fails: blur 0.60", "–"]]
