@@ -2,6 +2,7 @@
 
 import warnings
 
+import composed
 import numpy as np
 import pytest
 import reference
@@ -164,14 +165,17 @@ def test_wrong_exposure(exposure):
 # Within SVGF.
 
 
-def standing_still(count, *, light=None, size=(48, 64)):
-    """Frames of a fine texture without albedo under exponential noise, and each frame's truth."""
+def standing_still(count, *, light=None, smoothness=1, size=(48, 64)):
+    """Frames of a fine texture without albedo under gamma noise, and each frame's truth."""
     rng, (y, x) = np.random.default_rng(5), np.indices(size)
     texture = (1 + 0.6 * np.sin(1.9 * x) * np.sin(1.7 * y))[..., None].repeat(3, -1)
     still = {"depth": np.full(size, 4.0, np.float32), "motion": np.zeros((*size, 2), np.float32)}
     for number in range(count):
         truth = texture if light is None else texture * light(number, x / size[1])[..., None]
-        yield yester.Frame((truth * rng.exponential(1, (*size, 1))).astype(np.float32), **still), truth
+        yield (
+            yester.Frame((truth * rng.gamma(smoothness, 1 / smoothness, (*size, 1))).astype(np.float32), **still),
+            truth,
+        )
 
 
 def error(image, truth) -> float:
@@ -215,3 +219,15 @@ def test_noise_that_repeats_is_not_the_mean_of_its_samples():
         for _ in range(20):
             shown, usual = averaging.step(frame).color, forgetting.step(frame).color
     assert error(shown, truth) < 1.5 * error(usual, truth)
+
+
+def test_the_mean_follows_what_all_light_changes_by():
+    """As history does, in the bits of its kernels: a lamp that lights everything becomes three times as bright."""
+    averaging, other, forgetting = yester.SVGF(average_still=True), composed.SVGF(average_still=True), yester.SVGF()
+    light, errors = lambda number, x: np.full_like(x, 3.0 if number >= 14 else 1.0), []
+    for frame, truth in standing_still(24, light=light, smoothness=16):
+        shown = averaging.step(frame).color
+        assert_same_bits(shown, other.step(frame).color)
+        errors.append([error(image, truth) for image in (shown, forgetting.step(frame).color)])
+    averaged, forgot = np.mean(errors[14:], 0)
+    assert averaged < 0.6 * forgot

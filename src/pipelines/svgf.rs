@@ -54,7 +54,8 @@ pub struct Params {
     pub surface: validate::Params,
     /// How samples join the history.
     pub accumulate: accumulate::Params,
-    /// Whether they join without forgetting in frames in which nothing moves. With `choice`, the result then ends in their mean.
+    /// Whether they join without forgetting in frames in which nothing moves. With `choice`, the result then converges to their
+    /// mean.
     pub average_still: bool,
     /// Whether depth alone tells surfaces apart where normals and ids change from pixel to pixel and from frame to frame.
     pub coherence: bool,
@@ -96,8 +97,8 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     widest: 5,
 };
 
-/// Where nothing moves, the noise that the gradient ignores grows with the square root of the frames, from ten frames on and up
-/// to four times: a false alarm costs the more samples, the longer they have been averaged.
+/// Where nothing moves, the margin of noise that the gradient ignores is multiplied by the square root of the number of frames over
+/// the first of these, held to 1 up to the second: a false alarm costs the more samples, the longer they have been averaged.
 const PATIENCE: [f32; 2] = [10.0, 16.0];
 
 /// Cap on the history length where α is 0.

@@ -50,7 +50,8 @@ pub fn light_change(color: Pixels, history: Pixels, coverage: Option<View>) -> f
     factor(color, Known::Here(history, coverage))
 }
 
-/// [`light_change`] for a history that is to be fetched along the motion, of which the first three of so many channels are colour.
+/// [`light_change`] for a history that is to be fetched along the motion, of which the first three of so many channels are
+/// colour.
 pub(crate) fn light_change_along(
     color: Pixels,
     history: &Fetch,

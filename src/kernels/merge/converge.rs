@@ -36,7 +36,7 @@ const FEWEST: f32 = 8.0;
 const DOUBT: f32 = 4.0;
 /// Bound of r in the means over wide windows.
 const BOUND: f32 = 1.0;
-/// Tiles to each side over which result and mean differ by nothing.
+/// Tiles to each side of the wide windows, in which the result's mean is kept.
 const WIDE: usize = 4;
 
 /// Mixes the mean of so many samples (colour, moments and length) into an interleaved result.
@@ -252,7 +252,7 @@ impl<'a> Kernel for Decide<'a> {
                 }
             }
             for (share, &variance) in squares.iter_mut().zip(&variances) {
-                // Without differences, 0/0: the mean is what is shown.
+                // 0/0 where both images are alike becomes 0.
                 *share = larger(1.0 - variance / *share, 0.0);
             }
         }

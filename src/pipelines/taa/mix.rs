@@ -34,9 +34,9 @@ use crate::rows::{self, BAND, Kernel, Simd};
 /// Of the samples, the denoised colour and the result.
 const LUMINANCES: usize = 3;
 
-/// A tile votes for samples if it would give them at least this weight.
+/// A tile asks for samples if it would give them more than this weight.
 const ASKS: f32 = 0.05;
-/// How many of how many tiles must vote for samples, at most [`REACH`] tiles away along each axis. Of frames of 128×96 pixels, up to a fifth
+/// How many of how many tiles must ask for samples, at most [`REACH`] tiles away along each axis. Of frames of 128×96 pixels, up to a fifth
 /// do with one sample, and mostly more than a third with 16.
 const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
@@ -45,7 +45,7 @@ const REACH: usize = 4;
 const DENOISED: f32 = 0.25;
 /// One over the least fraction of tiles that must agree: single groups do by chance.
 const FEWEST: usize = 8;
-/// Frames without a vote after one that failed. A vote takes four frames, so that nothing is done in five of nine.
+/// Frames in which tiles are not asked after too few have agreed. Asking takes four frames, so nothing is done in five of nine.
 const REST: u32 = 5;
 
 /// No sample counts for more than so many times the result's luminance plus a sixteenth of the exposure.
