@@ -366,7 +366,7 @@ pub fn combine_histories<'py>(
 /// --------
 /// accumulate : Averages samples.
 /// combine_histories : Merges two means.
-/// SVGF : Ends in the mean of all samples with ``average_still=True``.
+/// SVGF : Does so with ``average_still=True``, while nothing moves.
 ///
 /// Notes
 /// -----

@@ -54,8 +54,8 @@ pub struct Params {
     pub surface: validate::Params,
     /// How samples join the history.
     pub accumulate: accumulate::Params,
-    /// Whether they join without forgetting in frames in which nothing moves. With `choice`, the result then converges to their
-    /// mean.
+    /// Whether they join without forgetting in frames in which nothing moves. With `choice`, the result then takes its
+    /// detail from their mean.
     pub average_still: bool,
     /// Whether depth alone tells surfaces apart where normals and ids change from pixel to pixel and from frame to frame.
     pub coherence: bool,

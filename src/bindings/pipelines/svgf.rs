@@ -95,7 +95,7 @@ use crate::pipelines::{svgf, taa};
 /// average_still : bool, default False
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
-///     With `choice`, the result then ends in the mean of all samples (`converge`), and the noise that `gradient`
+///     With `choice`, the result then takes its detail from their mean (`converge`), and the noise that `gradient`
 ///     ignores grows with the square root of the frames, from ten frames on and up to four times.
 /// coherence : bool, default True
 ///     Let depth alone validate history and guide the filter where normals and ids change from pixel to pixel and from

@@ -1,4 +1,4 @@
-//! Frames in which nothing moves: the mean of all samples, in which the result ends.
+//! Frames in which nothing moves: the mean of all samples, from which the result takes its detail.
 
 use super::Current;
 use crate::image::{Image, Pixels, Records};
