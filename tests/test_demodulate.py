@@ -83,7 +83,7 @@ def surfaces(rng, height, width):
     """Ids, some of them of few pixels, and an albedo that is dark, usual or a highlight's, by surface."""
     ids = rng.choice([0, 1, 2, 3, 7, 2**31 + 2, 2**32 - 1], (height, width)).astype(np.uint32)
     albedo = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
-    for known, most in zip(np.unique(ids), rng.permutation([0, 5e-4, 1e-3, 0.5, 1.25, 1.26, 30]), strict=False):
+    for known, most in zip(np.unique(ids), rng.permutation([0, 5e-6, 5e-4, 1e-3, 0.5, 1.25, 1.26, 30]), strict=False):
         albedo[ids == known] *= np.float32(most) / max(albedo[ids == known].max(), 1e-9)
     albedo[rng.random((height, width)) < 0.05] = rng.choice([np.nan, np.inf, -np.inf, -3])
     return albedo, ids
@@ -99,11 +99,11 @@ def test_reflectance_reference(height, width):
 
 
 def test_a_surface_is_reflectance_as_a_whole():
-    """Anywhere in the image, and whatever its other pixels have: above 5/4, if they are more than one in 64."""
+    """Anywhere in the image, and whatever its other pixels have: out of range, if they are more than one in 64."""
     ids = np.ones((64, 300), np.uint32)
     ids[:, ::3] = 2
     ids[:, 1::3] = 3
-    albedo = np.full((*ids.shape, 3), 1e-6, np.float32)
+    albedo = np.full((*ids.shape, 3), 1e-5, np.float32)
     albedo[63, 299, 1] = 1.25
     albedo[0, ::3, 2] = albedo[0, 1::3, 0] = 1.26
     albedo[40, 4, 1] = 30
@@ -111,6 +111,20 @@ def test_a_surface_is_reflectance_as_a_whole():
     assert mask[ids == 1].all()
     assert mask[ids == 2].all()
     assert not mask[ids == 3].any()
+
+
+@each(("faint", "expected"), [(0, True), (1e-13, False), (9e-6, False), (1.1e-5, True)])
+def test_a_highlight_fades_below_what_materials_reflect(faint, expected):
+    """A surface may be black in parts, but values of a BSDF fall to next to nothing beside a highlight."""
+    albedo = np.full((8, 16, 3), 0.5, np.float32)
+    albedo[:, :4] = faint
+    assert (yester.is_reflectance(albedo, np.ones((8, 16), np.uint32)) == expected).all()
+    albedo[:, 2:4] = albedo[2:, :2] = 0.5
+    # Two of 128 pixels, then three.
+    albedo[:2, 1] = 0.5
+    assert yester.is_reflectance(albedo, np.ones((8, 16), np.uint32)).all()
+    albedo[7, 15] = faint
+    assert (yester.is_reflectance(albedo, np.ones((8, 16), np.uint32)) == expected).all()
 
 
 def test_one_pixel_of_many_keeps_the_texture_out_of_the_light():

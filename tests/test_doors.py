@@ -136,13 +136,13 @@ def test_measured(recording, tmp_path):
             if i in recording.references:
                 reference = recording.reference(i)
                 errors[name].append(((color - reference) ** 2 / (reference**2 + 0.01)).mean(dtype=np.float64))
-    assert found[0].poor["relmse"] == pytest.approx(np.mean(errors["no albedo"]), rel=1e-5)
-    assert found[0].rich["relmse"] == pytest.approx(np.mean(errors[FULL]), rel=1e-5)
+    assert found[0].poor[0]["relmse"] == pytest.approx(np.mean(errors["no albedo"]), rel=1e-5)
+    assert found[0].rich[0]["relmse"] == pytest.approx(np.mean(errors[FULL]), rel=1e-5)
     assert len(starts) == 3
     assert measure_doors([recording], [method], tmp_path, doors=chosen) == found
     assert len(starts) == 3
     rows = (tmp_path / "doors.csv").read_text().splitlines()
-    assert rows[0] == "scene,method,door," + ",".join(harm.LIMITS)
+    assert rows[0] == "scene,method,door,run," + ",".join(harm.LIMITS)
     assert [row.split(",")[2] for row in rows[1:]] == [FULL, "no albedo", "raw albedo"]
     bare = measure_doors([replace(recording, raw_albedo={}, name="bare")], [method], tmp_path, doors=chosen)
     assert [(each.door, each.richer) for each in bare] == [("no albedo", FULL)]
@@ -150,14 +150,21 @@ def test_measured(recording, tmp_path):
 
 def test_losses_are_printed():
     """Losses against the full door, mean and worst; and cases in which more buffers make it worse."""
-    full = {"psnr": 30.0, "relmse": 0.01}
+    full = ({"psnr": 30.0, "relmse": 0.01},)
     found = [
-        Worth("grass", "SVGF", "no ids", FULL, {"psnr": 29.0, "relmse": 0.02}, full),
-        Worth("cut", "SVGF", "no ids", FULL, {"psnr": 30.0, "relmse": 0.009}, full),
-        Worth("cut", "SVGF", "no albedo", FULL, {"psnr": 20.0, "relmse": 0.02}, full),
-        Worth("cut", "SVGF", "no albedo", "raw albedo", {"psnr": 20.0, "relmse": 0.02}, {"psnr": 19.0, "relmse": 0.01}),
+        Worth("grass", "SVGF", "no ids", FULL, ({"psnr": 29.0, "relmse": 0.02},), full),
+        Worth("cut", "SVGF", "no ids", FULL, ({"psnr": 30.0, "relmse": 0.009},), full),
+        Worth("cut", "SVGF", "no albedo", FULL, ({"psnr": 20.0, "relmse": 0.02},), full),
+        Worth(
+            "cut",
+            "SVGF",
+            "no albedo",
+            "raw albedo",
+            ({"psnr": 20.0, "relmse": 0.02},),
+            ({"psnr": 19.0, "relmse": 0.01},),
+        ),
         # These doors differ by more than one buffer.
-        Worth("cut", "SVGF", "raw albedo, no emission", FULL, {"psnr": 31.0, "relmse": 0.01}, full),
+        Worth("cut", "SVGF", "raw albedo, no emission", FULL, ({"psnr": 31.0, "relmse": 0.01},), full),
     ]
     _, ids, albedo, raw = doors.table(found).splitlines()
     assert " ".join(ids.split()) == "SVGF, no ids -0.50 dB ( 0) -1.00 dB grass -45.0 % ( 1) -100.0 % grass"
@@ -171,3 +178,12 @@ def test_losses_are_printed():
         "SVGF, cut: raw albedo is worse than no albedo: psnr -1.00 dB",
     ]
     assert doors.harmful(found, {"psnr": 1.1}) == []
+
+
+def test_losses_within_the_noise_are_no_harm():
+    """A richer door is worse only by more than two standard errors over the realisations of the noise."""
+    poor = [{"psnr": 30.0}] * 3
+    for spread, expected in (0.05, 1), (1.0, 0):
+        rich = [{"psnr": 29.5 + change} for change in (-spread, 0.0, spread)]
+        found = [Worth("cut", "SVGF", "no ids", FULL, tuple(poor), tuple(rich))]
+        assert len(doors.harmful(found)) == expected

@@ -59,6 +59,7 @@ def data(tmp_path):
         }
         effects.append(case | {f"{key}_error": error for key in METRICS})
     write_csv(folder / "ablation.csv", effects)
+    write_csv(folder / "ablation_with_less.csv", [effect | {"door": "no albedo"} for effect in effects])
     doors = [
         {"scene": scene, "method": "SVGF", "door": door, **values(psnr)}
         for scene, drop in (("grass", 1), ("cut", 3))
@@ -124,7 +125,8 @@ def test_contents_of_tables(data):
         *(["`cut`", "−0.50 dB"], ["`mist`", "−0.50 dB"], ["mean", "+0.00 dB"])
     ]
     assert table("harms", data)[1:] == [[name, "`cut` (psnr -0.50 dB)"] for name in ("clip", "innovation")]
-    assert table("doors", data)[1] == ["no ids", "−2.00 dB", *["+0.0 %"] * 3, "−3.00 dB, `cut`"]
+    assert table("harms_with_less", data)[1] == ["clip", "`cut`, no albedo (psnr -0.50 dB)"]
+    assert table("doors", data)[1] == ["no ids", "−2.00 dB (−3.00 dB, `cut`)", *["+0.0 % (+0.0 %, `grass`)"] * 3]
     assert table("methods_through_doors", data)[1] == ["no ids", "−2.00 dB (−3.00 dB, `cut`)"]
     assert table("harmful_buffers", data)[1:] == [["no normals", FULL, "`cut` (psnr -0.50 dB)"]]
     assert table("families", data)[1:] == [

@@ -928,7 +928,7 @@ def _chart(options: argparse.Namespace) -> None:
         tell(ablation.table(effects), ablation.harmful(effects), folder / "ablation.csv")
         return
     if options.doors is not None:
-        chosen = methods if options.methods else doors.METHODS
+        chosen = methods if options.methods else [*doors.METHODS, *(m for m in found if m.name == doors.NETWORK)]
         worth = doors.measure_doors(recordings, chosen, folder, metrics=few, doors=entered)
         tell(doors.table(worth), doors.harmful(worth), folder / "doors.csv")
         return

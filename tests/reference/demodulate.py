@@ -2,18 +2,19 @@ import torch
 from torch import Tensor
 
 LEAST = 1 / 32  # the smallest divisor
-LOW, HIGH = 1e-3, 1.25  # a surface with a reflectance has at least the one somewhere, and the other nearly nowhere
+LOW = 1e-3  # a surface with a reflectance has at least this somewhere,
+FAINT, HIGH = 1e-5, 1.25  # and nearly nowhere less than the one, unless it is 0, or more than the other
 
 
 def is_reflectance(albedo: Tensor, ids: Tensor) -> Tensor:
-    """Mask (H, W) of the surfaces whose largest albedo is at least `LOW`, and that of one in 64 pixels above `HIGH`."""
+    """Mask (H, W) of the surfaces whose largest albedo is at least `LOW`, with one pixel in 64 out of range at most."""
     most = albedo.where(albedo.isfinite(), 0).amax(-1)  # (H, W)
     known, index = ids.unique(return_inverse=True)  # (N,), (H, W)
     brightest = torch.zeros(len(known)).to(most).scatter_reduce(0, index.flatten(), most.flatten(), "amax")  # (N,)
-    low, high = (torch.tensor(bound, dtype=torch.float32).to(most) for bound in (LOW, HIGH))
-    above = (most > high).flatten().long()  # (H W)
-    above, pixels = (torch.bincount(index.flatten(), each, len(known)) for each in (above, None))  # (N,) each
-    return ((brightest >= low) & (64 * above <= pixels))[index]  # (H, W)
+    low, faint, high = (torch.tensor(bound, dtype=torch.float32).to(most) for bound in (LOW, FAINT, HIGH))
+    others = ((most > high) | (most > 0) & (most < faint)).flatten().long()  # (H W)
+    others, pixels = (torch.bincount(index.flatten(), each, len(known)) for each in (others, None))  # (N,) each
+    return ((brightest >= low) & (64 * others <= pixels))[index]  # (H, W)
 
 
 def divisor(albedo: Tensor, where: Tensor | None) -> Tensor:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import csv
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -52,15 +53,16 @@ class Source(NamedTuple):
 RUNS = {
     "accuracy": Source(f"yester chart {_FRAMES} --metrics psnr relmse flip temporal_error", "points.csv"),
     "ablation": Source(f"yester chart --ablate {_FRAMES}", "ablation.csv"),
-    "doors": Source(
-        "yester chart --doors --sequences all late-held-out --size 128x96 --length 12 --reference-spp 256 --no-peers",
-        "doors.csv",
+    "ablation_with_less": Source(
+        f"yester chart --ablate --doors 'no emission' 'no albedo' 'motion alone' {_FRAMES}", "ablation.csv"
     ),
+    "doors": Source(f"yester chart --doors {_FRAMES}", "doors.csv"),
     "oracle": Source("yester.study.compare.oracle", ""),
     "samples": Source("yester.study.compare.samples --reference-spp 256", ""),
     "thin": Source("yester.study.compare.thin", ""),
     "repeated": Source("yester.study.compare.repeated", ""),
     "faded": Source("yester.study.compare.faded", ""),
+    "trust": Source("yester.study.compare.trust", ""),
     "still": Source("yester.study.compare.still", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),
@@ -164,11 +166,8 @@ def ablation(folder: Path, pipeline: str = "SVGF") -> str:
     rows = []
     for name, cases in found.items():
         cells = []
-        for key in _LABELS:
-            gained = {scene: float(row[key]) for scene, row in cases.items()}
-            worst = min(gained, key=lambda scene: gained[scene])
-            mean, least = (_amount(key, value) for value in (float(np.mean([*gained.values()])), gained[worst]))
-            cells.append(f"{mean} ({least}, `{worst}`)")
+        gained = {scene: {key: float(row[key]) for key in _LABELS} for scene, row in cases.items()}
+        cells += [_mean_and_worst(key, gained) for key in _LABELS]
         ms = next(iter(cases.values()))["ms"]
         cells.append(ms and f"{float(ms):.0f}")
         rows.append([name, *cells])
@@ -195,6 +194,15 @@ def harms(folder: Path) -> str:
 
     Not those of `TAA`, whose tables are of frames that it is not meant for.
     """
+    return _harms(folder / "ablation.csv")
+
+
+def harms_with_less(folder: Path) -> str:
+    """The same for frames with fewer buffers."""
+    return _harms(folder / "ablation_with_less.csv")
+
+
+def _harms(file: Path) -> str:
     effects = [
         Effect(
             row["scene"],
@@ -206,37 +214,46 @@ def harms(folder: Path) -> str:
             row["door"],
             errors={key: float(row[f"{key}_error"]) for key in _LABELS if row[f"{key}_error"]},
         )
-        for row in _rows(folder / "ablation.csv")
+        for row in _rows(file)
         if row["pipeline"] != "TAA" and row["scene"] != ALL
     ]
-    by_component: dict[str, list[str]] = {}
-    for line in harmful(effects):
-        case, _, losses = line.partition(": ")
-        name, _, scene = case.rpartition(", ")
-        by_component.setdefault(name.removeprefix("SVGF - ").replace(" - ", ": "), []).append(f"`{scene}` ({losses})")
-    order = sorted(by_component)
-    return _table(["component", "sequences"], [[name, "; ".join(by_component[name])] for name in order])
+    rows = []
+    for name in dict.fromkeys(effect.name for effect in effects):
+        cases = []
+        for line in harmful([effect for effect in effects if effect.name == name]):
+            case, _, losses = line.removeprefix(f"{name}, ").partition(": ")
+            scene, comma, door = case.partition(", ")
+            cases.append(f"`{scene}`{comma}{door} ({losses})")
+        if cases:
+            rows.append([name.removeprefix("SVGF - ").replace(" - ", ": "), "; ".join(cases)])
+    return _table(["component", "sequences"], sorted(rows))
 
 
-def _through_doors(folder: Path) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
-    """The metrics by method, door and sequence."""
-    values: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
+def _through_doors(folder: Path) -> dict[str, dict[str, dict[str, list[dict[str, float]]]]]:
+    """The metrics by method, door and sequence, for each realisation of the noise."""
+    values: dict[str, dict[str, dict[str, list[dict[str, float]]]]] = {}
     for row in _rows(folder / "doors.csv"):
         known = {key: float(row[key]) for key in _LABELS}
-        values.setdefault(row["method"], {}).setdefault(row["door"], {})[row["scene"]] = known
+        values.setdefault(row["method"], {}).setdefault(row["door"], {}).setdefault(row["scene"], []).append(known)
     return values
 
 
+def _mean_and_worst(key: str, gained: Mapping[str, Mapping[str, float]]) -> str:
+    """The mean gain in a metric over sequences, and the least with its sequence."""
+    values = {scene: one[key] for scene, one in gained.items()}
+    worst = min(values, key=lambda scene: values[scene])
+    mean = float(np.mean([*values.values()]))
+    return f"{_amount(key, mean)} ({_amount(key, values[worst])}, `{worst}`)"
+
+
 def doors(folder: Path) -> str:
-    """The loss of SVGF through poor doors: mean over sequences, and the worst case in PSNR."""
+    """The loss of SVGF through poor doors: mean over sequences, and the worst case of each metric."""
     values, rows = _through_doors(folder)["SVGF"], []
     for door, scenes in values.items():
         if door != FULL:
-            gained = {scene: harm.gains(one, values[FULL][scene]) for scene, one in scenes.items()}
-            worst = min(gained, key=lambda scene: gained[scene]["psnr"])
-            means = [_amount(key, float(np.mean([one[key] for one in gained.values()]))) for key in _LABELS]
-            rows.append([door, *means, f"{_amount('psnr', gained[worst]['psnr'])}, `{worst}`"])
-    return _table(["", *_LABELS.values(), "worst"], rows)
+            gained = {scene: harm.mean_gains(runs, values[FULL][scene])[0] for scene, runs in scenes.items()}
+            rows.append([door, *(_mean_and_worst(key, gained) for key in _LABELS)])
+    return _table(["", *_LABELS.values()], rows)
 
 
 def methods_through_doors(folder: Path) -> str:
@@ -247,22 +264,20 @@ def methods_through_doors(folder: Path) -> str:
     for name in names:
         cells = []
         for known in values.values():
-            lost = {scene: one["psnr"] - known[FULL][scene]["psnr"] for scene, one in known[name].items()}
-            worst = min(lost, key=lambda scene: lost[scene])
-            mean, least = (_amount("psnr", value) for value in (float(np.mean([*lost.values()])), lost[worst]))
-            cells.append(f"{mean} ({least}, `{worst}`)")
+            gained = {scene: harm.mean_gains(runs, known[FULL][scene])[0] for scene, runs in known[name].items()}
+            cells.append(_mean_and_worst("psnr", gained))
         rows.append([name, *cells])
     return _table(["", *values], rows)
 
 
 def harmful_buffers(folder: Path) -> str:
-    """Where SVGF is better through a door than with one more buffer, beyond the limits of harm, with the sequences."""
+    """Where SVGF is better through a door than with one more buffer, beyond limits and two standard errors."""
     values, rows = _through_doors(folder)["SVGF"], []
     for door in DOORS:
         for richer in door.richer:
             cases = []
             for scene, poor in values.get(door.name, {}).items():
-                gained = harm.gains(values[richer][scene], poor)
+                gained = harm.sure(*harm.mean_gains(values[richer][scene], poor))
                 if bad := harm.harms(gained):
                     cases.append(f"`{scene}` ({', '.join(f'{key} {harm.amount(key, gained[key])}' for key in bad)})")
             if cases:
@@ -356,7 +371,7 @@ TABLES: dict[str, Callable[[Path], str]] = {
     **{
         table.__name__: table
         for table in (
-            *(methods, variants, groups, sequences, ablation, antialiasing, innovation, harms),
+            *(methods, variants, groups, sequences, ablation, antialiasing, innovation, harms, harms_with_less),
             *(doors, methods_through_doors, harmful_buffers),
             *(stress, families, failures, speed, pipelines, kernels, machine),
         )
@@ -386,7 +401,7 @@ def measure(names: Iterable[str], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         source = RUNS[name]
-        command = [sys.executable, "-m", *source.command.split()]
+        command = [sys.executable, "-m", *shlex.split(source.command)]
         with TemporaryDirectory() as made:
             if source.made:
                 subprocess.run([*command, "-o", made], check=True)

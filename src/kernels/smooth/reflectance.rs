@@ -2,12 +2,14 @@
 //! ([`demodulate`](super::demodulate)).
 //!
 //! A surface, all pixels of one id, counts as one whose albedo is a reflectance if some channel of some pixel is at least
-//! 1/1000, and no more than one in 64 of its pixels has a channel above 5/4. Under the name of albedo, renderers store other things as well. The value of
-//! a BSDF at one pair of directions, which Mitsuba's integrator `aov` writes for rough metal, follows a highlight: from
-//! below a millionth to tens, from one pixel to the next. Light that is divided by it changes as much. Glass, mirrors,
-//! lamps and sky have 0. No reflectance is above 1, but the reconstruction filters of renderers overshoot, by a tenth or
-//! so; and nothing that is used for a material reflects less than a thousandth. Single pixels above that, at a seam or by a
-//! sample gone wrong, do not count: highlights of rough metals cover a 25th of their surface and more.
+//! 1/1000, and no more than one in 64 of its pixels has a largest channel above 5/4, or above 0 and below 10⁻⁵. Under the
+//! name of albedo, renderers store other things as well. The value of a BSDF at one pair of directions, which Mitsuba's
+//! integrator `aov` writes for rough metal, follows a highlight: from below a millionth to tens, from one pixel to the next.
+//! Light that is divided by it changes as much. Glass, mirrors, lamps and sky have 0. No reflectance is above 1, but the
+//! reconstruction filters of renderers overshoot, by a tenth or so; and nothing that is used for a material reflects less than
+//! a thousandth everywhere. The darkest value of an 8-bit texture that is not 0 is 1/3295. Single pixels outside of that, at a
+//! seam or by a sample gone wrong, do not count: highlights of rough metals cover a 25th of their surface and more, and beside
+//! weak ones, two fifths are fainter than 10⁻⁵.
 //!
 //! The surface decides, not the pixel: a highlight's slopes pass through all values that reflectances have,
 //! and a decision that changes within a surface would divide the light of neighbours by different numbers.
@@ -24,8 +26,9 @@ use crate::rows::{self, Kernel, Simd};
 
 /// A surface with a reflectance has one of at least this somewhere.
 const LEAST: f32 = 1e-3;
-/// Larger values are no reflectance,
+/// Larger values are no reflectance, nor are smaller ones that are not 0,
 const MOST: f32 = 1.25;
+const FAINT: f32 = 1e-5;
 /// unless no more than one in so many pixels of the surface has them.
 const RARE: usize = 64;
 
@@ -34,20 +37,20 @@ const RARE: usize = 64;
 struct Kind {
     /// The largest value.
     most: f32,
-    /// Pixels with a value above [`MOST`].
-    above: usize,
+    /// Pixels with a value that is no reflectance.
+    others: usize,
     pixels: usize,
 }
 
 impl Kind {
     fn add(&mut self, other: Self) {
         self.most = larger(self.most, other.most);
-        self.above += other.above;
+        self.others += other.others;
         self.pixels += other.pixels;
     }
 
     fn reflects(&self) -> bool {
-        self.most >= LEAST && RARE * self.above <= self.pixels
+        self.most >= LEAST && RARE * self.others <= self.pixels
     }
 }
 
@@ -134,7 +137,9 @@ impl<'a> Kernel for Kinds<'a> {
                 let values = &largest[x..][..same.len()];
                 kinds.entry(same[0]).or_default().add(Kind {
                     most: values.iter().copied().fold(0.0, larger),
-                    above: values.iter().map(|&value| usize::from(value > MOST)).sum(),
+                    others: (values.iter())
+                        .map(|&value| usize::from(value > MOST || (value > 0.0 && value < FAINT)))
+                        .sum(),
                     pixels: same.len(),
                 });
                 x += same.len();

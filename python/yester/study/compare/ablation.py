@@ -76,8 +76,8 @@ def _antialiased(**options: Any) -> Run:
         svgf, antialias = SVGF(antialias=False), TAA("denoised", **options)
         for frame in frames:
             denoised = svgf.step(frame)
-            moved = {name: getattr(frame, name) for name in ("depth", "position", "camera")}
-            yield Result(antialias.step(Frame(denoised.color, motion=denoised.motion, **moved)).color)
+            known = {name: getattr(frame, name) for name in ("depth", "position", "camera", "albedo")}
+            yield Result(antialias.step(Frame(denoised.color, motion=denoised.motion, **known)).color)
 
     return run
 
@@ -176,6 +176,7 @@ ABLATIONS = (
     ),
     _stage("alternation", added=True, alternation=True),
     _stage("dilation around movers", added=True, dilate_movers=True),
+    _stage("albedo test of the output stage", added=True, relative_albedo=0.1),
     _stage("hull of 26 planes", added=True, box="hull", response="current"),
     _stage("exact hull", added=True, box="exact-hull", response="current"),
     *(_ablation(whole, "innovation", run) for whole, run in _CORRECTED.items()),
@@ -354,7 +355,7 @@ def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS
     for e in effects:
         if e.scene == ALL or e.added or not e.default:
             continue
-        sure = {key: gain for key, gain in e.gains.items() if gain > 0 or -gain >= 2 * e.errors.get(key, 0.0)}
+        sure = harm.sure(e.gains, e.errors)
         bad = harm.harms(sure, limits)
         left = harm.harms(sure, limits, excused=True)
         if bad and (left or (e.name, e.scene) not in harm.EXCEPTIONS):
@@ -372,18 +373,17 @@ def _effect(ablation: Ablation, points: dict[str, Point], door: str, spent: dict
     whole, switched = points[ablation.base.name], points[ablation.method.name]
     having, lacking = (switched, whole) if ablation.added else (whole, switched)
     more = spent[ablation.method.name] - spent[ablation.base.name]
-    gains = [harm.gains(*both) for both in zip(having.runs, lacking.runs, strict=True)]
-    spread = {key: float(np.std([each[key] for each in gains], ddof=1)) for key in gains[0]} if len(gains) > 1 else {}
+    gains, errors = harm.mean_gains(having.runs, lacking.runs)
     return Effect(
         whole.scene,
         ablation.whole.name,
         ablation.component,
         ablation.added,
-        {key: float(np.mean([each[key] for each in gains])) for key in gains[0]},
+        gains,
         more if ablation.added else -more,
         door,
         ablation.whole.default,
-        {key: deviation / math.sqrt(len(gains)) for key, deviation in spread.items()},
+        errors,
     )
 
 

@@ -21,9 +21,22 @@ from yester.metrics import metric
 from ..rendered.recording import Recording
 from . import harm
 from .chart import measure
-from .methods import PIPELINES, Method, Result
+from .methods import PIPELINES, QUARTERS, Method, Result
 
-__all__ = ["DOORS", "FULL", "METHODS", "Door", "Worth", "harmful", "known_doors", "measure_doors", "table", "through"]
+__all__ = [
+    "DOORS",
+    "FULL",
+    "METHODS",
+    "NETWORK",
+    "Door",
+    "Worth",
+    "enter",
+    "harmful",
+    "known_doors",
+    "measure_doors",
+    "table",
+    "through",
+]
 
 #: The name of the door that passes frames unchanged.
 FULL = "every buffer"
@@ -110,7 +123,13 @@ DOORS = (
 
 
 #: The pipelines that run with all doors by default.
-METHODS = tuple(m for m in PIPELINES if m.name.removesuffix(", both sides") in ("SVGF", "BMFR", "TAA best"))
+METHODS = tuple(
+    m
+    for m in (*PIPELINES, *QUARTERS)
+    if m.name.removesuffix(", both sides") in ("SVGF", "BMFR", "TAA best", "HalfRes, a quarter traced")
+)
+#: The name of another library's network that runs with them, where it is installed.
+NETWORK = "temporal OIDN high"
 
 
 def through(door: Door, method: Method, recording: Recording) -> Method:
@@ -135,11 +154,16 @@ def through(door: Door, method: Method, recording: Recording) -> Method:
         return method
 
     def run(frames: Iterable[Frame]) -> Iterator[Result]:
-        numbers = range(len(recording.frames))
-        raw = (read_exr(recording.raw_albedo[i]).color for i in numbers) if door.raw else repeat(None)
-        return method.run(map(door.take, frames, raw))
+        return method.run(enter(door, frames, recording))
 
     return replace(method, name=f"{method.name}, {door.name}", run=run, default=False)
+
+
+def enter(door: Door, frames: Iterable[Frame], recording: Recording) -> Iterator[Frame]:
+    """Pass the frames of a recording, in order, through a door."""
+    numbers = range(len(recording.frames))
+    raw = (read_exr(recording.raw_albedo[i]).color for i in numbers) if door.raw else repeat(None)
+    return map(door.take, frames, raw)
 
 
 def known_doors(recording: Recording, doors: Iterable[Door]) -> list[Door]:
@@ -157,16 +181,16 @@ class Worth:
         Names of the recording and of the method.
     door, richer : str
         Names of the two doors.
-    poor, rich : dict of str to float
-        By metric, the values through `door` and through `richer`.
+    poor, rich : tuple of dict of str to float
+        For each realisation of the noise, by metric, the values through `door` and through `richer`.
     """
 
     scene: str
     method: str
     door: str
     richer: str
-    poor: dict[str, float]
-    rich: dict[str, float]
+    poor: tuple[dict[str, float], ...]
+    rich: tuple[dict[str, float], ...]
 
 
 def measure_doors(
@@ -212,9 +236,10 @@ def measure_doors(
         pairs = [(method, door) for method in methods for door in here]
         passed = [through(door, method, recording) for method, door in pairs]
         _, *points = measure(recording, passed, folder / "doors", metrics=keys, images=0)
-        values = {(method.name, door.name): point.values for (method, door), point in zip(pairs, points, strict=True)}
-        for names, value in values.items():
-            rows.append([recording.name, *names, *(value.get(key, "") for key in keys)])
+        values = {(method.name, door.name): point.runs for (method, door), point in zip(pairs, points, strict=True)}
+        for names, runs in values.items():
+            for number, value in enumerate(runs):
+                rows.append([recording.name, *names, number, *(value.get(key, "") for key in keys)])
         for method, door in pairs:
             for richer in dict.fromkeys((FULL, *door.richer)):
                 if richer != door.name and (method.name, richer) in values:
@@ -222,7 +247,7 @@ def measure_doors(
                     found.append(Worth(recording.name, method.name, door.name, richer, *both))
     with beside(folder / "doors.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["scene", "method", "door", *keys])
+        writer.writerow(["scene", "method", "door", "run", *keys])
         writer.writerows(rows)
     return found
 
@@ -232,16 +257,16 @@ def table(found: Sequence[Worth]) -> str:
     rows: dict[str, dict[str, dict[str, float]]] = {}
     for each in found:
         if each.richer == FULL:
-            rows.setdefault(f"{each.method}, {each.door}", {})[each.scene] = harm.gains(each.poor, each.rich)
+            rows.setdefault(f"{each.method}, {each.door}", {})[each.scene], _ = harm.mean_gains(each.poor, each.rich)
     return harm.table(rows)
 
 
 def harmful(found: Sequence[Worth], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
-    """List the cases in which a richer door is worse than a poorer one, beyond the limits of the metrics."""
+    """List the cases in which a richer door is worse than a poorer one, beyond limits and two standard errors."""
     one_more = {(door.name, richer) for door in DOORS for richer in door.richer}
     lines = []
     for each in found:
-        gained = harm.gains(each.rich, each.poor)
+        gained = harm.sure(*harm.mean_gains(each.rich, each.poor))
         if (each.door, each.richer) in one_more and (bad := harm.harms(gained, limits)):
             losses = ", ".join(f"{key} {harm.amount(key, gained[key])}" for key in bad)
             lines.append(f"{each.method}, {each.scene}: {each.richer} is worse than {each.door}: {losses}")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from yester.metrics import METRICS, Metric
 
-__all__ = ["EXCEPTIONS", "LIMITS", "aligned", "amount", "gains", "harms", "table"]
+__all__ = ["EXCEPTIONS", "LIMITS", "aligned", "amount", "gains", "harms", "mean_gains", "sure", "table"]
 
 #: By metric, the loss above which a component or buffer counts as harmful: in dB for metrics in dB, otherwise relative
 #: to the value without it.
@@ -57,6 +58,32 @@ def gains(having: Mapping[str, float], lacking: Mapping[str, float]) -> dict[str
         better = (having[key] - without) * (1 if each.higher_is_better else -1)
         result[key] = better if _in_db(each) else better / max(abs(without), 1e-9)
     return result
+
+
+def mean_gains(
+    having: Sequence[Mapping[str, float]], lacking: Sequence[Mapping[str, float]]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """The gain of a component or buffer over several realisations of the noise.
+
+    Parameters
+    ----------
+    having, lacking : sequence of mapping of str to float
+        As `gains` takes them, for each realisation; at least one.
+
+    Returns
+    -------
+    gains, errors : dict of str to float
+        By metric, the mean gain and its standard error; there are no errors of a single realisation.
+    """
+    each = [gains(*both) for both in zip(having, lacking, strict=True)]
+    deviations = {key: float(np.std([one[key] for one in each], ddof=1)) for key in each[0]} if len(each) > 1 else {}
+    means = {key: float(np.mean([one[key] for one in each])) for key in each[0]}
+    return means, {key: deviation / math.sqrt(len(each)) for key, deviation in deviations.items()}
+
+
+def sure(gained: Mapping[str, float], errors: Mapping[str, float]) -> dict[str, float]:
+    """Leave out losses of less than two standard errors."""
+    return {key: gain for key, gain in gained.items() if gain > 0 or -gain >= 2 * errors.get(key, 0.0)}
 
 
 def harms(gained: Mapping[str, float], limits: Mapping[str, float] = LIMITS, *, excused: bool = False) -> list[str]:

@@ -296,10 +296,10 @@ def _noisy(
         scene = renderer._Stage(sequence.scene).scene
         for i in part:
             # Motion needs the frame before as well, which is rendered with another seed and dropped.
-            before = [(sequence.cameras[i - 1], sequence.transforms[i - 1])] if i else []
+            lead = min(i, 1)
             several = [
-                [*_shots(scene, [*before, instant], sequence.parameters[i], seed + i - len(before), halves=halves)][-1]
-                for instant in sequence.instants[i]
+                [*_shots(scene, pair, sequence.parameters[i], seed + i - lead, halves=halves)][-1]
+                for pair in zip(*sequence.instants[i - lead : i + 1], strict=True)
             ]
             frames = []
             for half, shots in enumerate(zip(*several, strict=True) if halves else [several]):
@@ -367,7 +367,7 @@ def _raw_albedo(sequence: scenes.Sequence, part: range, seed: int) -> Iterator[F
 
 
 def _shots(
-    scene: Any, instants: list[tuple[Camera, Any]], parameters: dict[str, Any], seed: int, **options: Any
+    scene: Any, instants: Iterable[tuple[Camera, Any]], parameters: dict[str, Any], seed: int, **options: Any
 ) -> Iterator[Any]:
     """The instants of one frame, or pairs if halves are asked for."""
     cameras, transforms = zip(*instants, strict=True)

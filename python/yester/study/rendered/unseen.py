@@ -47,7 +47,7 @@ class Exposure(Sequence):
     ----------
     instants : list of list of (Camera, dict)
         For every frame, its instants, evenly spaced: the camera and the transforms as in `Sequence`. `cameras` and
-        `transforms` are those of the first instant, to which motion refers.
+        `transforms` are those of the first instant. Motion leads to the same instant of the frame before.
     """
 
     instants: list[list[tuple[Camera, dict[str, Matrix]]]]
