@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::image::{BandMut, Image, Size, Value};
 use crate::lanes::{LANES, Tap, TapColumns};
-use crate::rows::{self, Job};
+use crate::rows::{self, Job, Kernel, Simd};
 
 /// The memory layout that all bordered images of one frame share: halo and row stride.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,13 +98,11 @@ impl<T: Value> Bordered<T> {
             width: layout.stride,
         };
         let mut image = Image::blank(size, N);
-        let planes = image.data_mut().chunks_exact_mut(size.pixels());
-        for (plane, value) in planes.zip(beyond) {
-            for row in plane.chunks_exact_mut(layout.stride) {
-                row[..layout.border].fill(value);
-                row[layout.border + layout.size.width..].fill(value);
-            }
-        }
+        let halo = Halo {
+            layout,
+            beyond: &beyond,
+        };
+        rows::run(&halo, size.height, image.bands());
         Self { layout, image }
     }
 
@@ -130,6 +128,29 @@ impl<T: Value> Bordered<T> {
         self.image
             .bands()
             .map(move |band| BorderedBand { layout, band })
+    }
+}
+
+/// Fills the halos. On all threads: it is the first use of fresh memory, whose pages the system clears one by one.
+struct Halo<'a, T, const N: usize> {
+    layout: Layout,
+    /// The value beyond the edges of each channel.
+    beyond: &'a [T; N],
+}
+
+impl<'a, T: Value, const N: usize> Kernel for Halo<'a, T, N> {
+    type Out = BandMut<'a, T>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut image: BandMut<'a, T>) {
+        let Layout { border, size, .. } = self.layout;
+        for y in rows {
+            for (channel, &value) in self.beyond.iter().enumerate() {
+                let row = image.row(channel, y);
+                row[..border].fill(value);
+                row[border + size.width..].fill(value);
+            }
+        }
     }
 }
 

@@ -148,6 +148,24 @@ def test_measured(recording, tmp_path):
     assert [(each.door, each.richer) for each in bare] == [("no albedo", FULL)]
 
 
+def test_variants_have_their_own_raw_albedo(tmp_path):
+    """Samples of another realisation are elsewhere in their pixels, and so is what they hit."""
+    options = {"frames": 2, "width": 16, "height": 12, "references": (), "variants": 1, "raw_albedo": True}
+    recorded, frames = record("black_plastic", tmp_path, **options), []
+
+    def run(given):
+        for frame in given:
+            frames.append(frame)
+            yield Result(frame.color)
+
+    measure_doors([recorded], [Method("seer", "seer", run)], tmp_path / "out", doors=[BY_NAME["raw albedo"]])
+    raw = [path for each in (recorded, *recorded.variants) for path in each.raw_albedo.values()]
+    assert len({path.read_bytes() for path in raw}) == 4
+    # Both doors take turns.
+    for frame, path in zip(frames[1::2], raw, strict=True):
+        assert_same_bits(frame.albedo, read_exr(path).color)
+
+
 def test_losses_are_printed():
     """Losses against the full door, mean and worst; and cases in which more buffers make it worse."""
     full = ({"psnr": 30.0, "relmse": 0.01},)

@@ -59,6 +59,17 @@ def test_the_table_of_plans():
     assert left == "no ids, without pass 3: one"
 
 
+def test_passes_that_pixels_show(recordings):
+    """Shares of all pixels: a row for each sequence, of which none shows fewer or more passes than there are."""
+    head, *rows = judging.passes(recordings).splitlines()
+    assert head.split() == ["passes", "shown", "0", "1", "2", "3", "4"]
+    for recording, row in zip(recordings, rows, strict=True):
+        name, *shares = row.replace(" %", "").split()
+        assert name == recording.name
+        assert sum(map(int, shares)) == pytest.approx(100, abs=2)
+        assert int(shares[3]) < 100
+
+
 def test_ranks():
     rng = np.random.default_rng(0)
     values = rng.random(20)

@@ -53,9 +53,7 @@ class Source(NamedTuple):
 RUNS = {
     "accuracy": Source(f"yester chart {_FRAMES} --metrics psnr relmse flip temporal_error", "points.csv"),
     "ablation": Source(f"yester chart --ablate {_FRAMES}", "ablation.csv"),
-    "ablation_with_less": Source(
-        f"yester chart --ablate --doors 'no emission' 'no albedo' 'motion alone' {_FRAMES}", "ablation.csv"
-    ),
+    "ablation_with_less": Source(f"yester chart --ablate --doors 'motion alone' {_FRAMES}", "ablation.csv"),
     "doors": Source(f"yester chart --doors {_FRAMES}", "doors.csv"),
     "oracle": Source("yester.study.compare.oracle", ""),
     "samples": Source("yester.study.compare.samples --reference-spp 256", ""),
@@ -66,6 +64,7 @@ RUNS = {
     "still": Source("yester.study.compare.still", ""),
     "plans": Source("yester.study.compare.judging --sequences all late-held-out", ""),
     "stein": Source("yester.study.compare.stein --sequences all late-held-out", ""),
+    "halves": Source("yester.study.compare.halves --sequences all late-held-out", ""),
     "later_frames": Source(
         "yester.study.compare.lookahead --sequences all late-held-out --size 128x96 --references 8 9 10 11", ""
     ),

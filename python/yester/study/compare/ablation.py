@@ -20,7 +20,7 @@ from yester.sequence import LOOKAHEAD
 from ..rendered.recording import Recording
 from . import harm
 from .chart import SIZE, measure, times
-from .doors import DOORS, FULL, Door, known_doors, through
+from .doors import DOORS, FULL, Door, known_doors, passing
 from .methods import Method, Result, Run, on_part, pipeline, quarter
 from .points import ALL, Point
 
@@ -305,7 +305,7 @@ def ablate(
             bases = dict.fromkeys(base for each in chosen for base in (each.whole, each.base))
             methods = [*bases, *(each.method for each in chosen)]
             place = folder / "ablation" / door.name if poor else folder / "ablation"
-            passed = [through(door, method, recording) for method in methods]
+            passed = passing([(method, door) for method in methods])
             _, *points = measure(recording, passed, place, metrics=keys, images=0)
             found = {method.name: point for method, point in zip(methods, points, strict=True)}
             cases += [(each, found, door.name) for each in chosen]

@@ -6,7 +6,7 @@ import json
 import re
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import cycle
 from pathlib import Path
@@ -97,7 +97,7 @@ def chart(
 
 def measure(
     recording: Recording,
-    methods: Sequence[Method],
+    methods: Sequence[Method] | Callable[[Recording], Sequence[Method]],
     folder: Path,
     *,
     metrics: Iterable[str] = METRICS,
@@ -113,8 +113,8 @@ def measure(
     ----------
     recording : Recording
         The sequence.
-    methods : sequence of Method
-        With different names.
+    methods : sequence of Method, or callable
+        With different names. A callable makes them, for the recording and for each of its variants.
     folder : Path
         For the points and their images; created if missing.
     metrics : iterable of str, default all
@@ -134,9 +134,10 @@ def measure(
     """
     chosen = [metric(key) for key in metrics]
     place = folder / recording.name
-    found = [_measure(recording, methods, place, chosen, images)]
+    made = methods if callable(methods) else lambda _: methods
+    found = [_measure(recording, made(recording), place, chosen, images)]
     for number, variant in enumerate(recording.variants, 1):
-        found.append(_measure(variant, methods, place / f"variant-{number}", chosen, 0))
+        found.append(_measure(variant, made(variant), place / f"variant-{number}", chosen, 0))
     return [_pooled(same) for same in zip(*found, strict=True)]
 
 

@@ -34,6 +34,7 @@ __all__ = [
     "harmful",
     "known_doors",
     "measure_doors",
+    "passing",
     "table",
     "through",
 ]
@@ -126,7 +127,7 @@ DOORS = (
 METHODS = tuple(
     m
     for m in (*PIPELINES, *QUARTERS)
-    if m.name.removesuffix(", both sides") in ("SVGF", "BMFR", "TAA best", "HalfRes, a quarter traced")
+    if m.name in ("SVGF", "SVGF, both sides", "BMFR", "TAA best", "HalfRes, a quarter traced")
 )
 #: The name of another library's network that runs with them, where it is installed.
 NETWORK = "temporal OIDN high"
@@ -142,7 +143,8 @@ def through(door: Door, method: Method, recording: Recording) -> Method:
     method : Method
         The method to run.
     recording : Recording
-        The recording whose frames the method will get, in order; with raw albedo if the door needs it.
+        The recording, or the variant of one, whose frames the method will get, in order; with raw albedo if the door
+        needs it.
 
     Returns
     -------
@@ -157,6 +159,11 @@ def through(door: Door, method: Method, recording: Recording) -> Method:
         return method.run(enter(door, frames, recording))
 
     return replace(method, name=f"{method.name}, {door.name}", run=run, default=False)
+
+
+def passing(pairs: Sequence[tuple[Method, Door]]) -> Callable[[Recording], list[Method]]:
+    """Make methods through doors for a recording, whose variants have other raw albedo, as `chart.measure` asks for."""
+    return lambda recording: [through(door, method, recording) for method, door in pairs]
 
 
 def enter(door: Door, frames: Iterable[Frame], recording: Recording) -> Iterator[Frame]:
@@ -234,8 +241,7 @@ def measure_doors(
     for recording in recordings:
         here = known_doors(recording, chosen)
         pairs = [(method, door) for method in methods for door in here]
-        passed = [through(door, method, recording) for method, door in pairs]
-        _, *points = measure(recording, passed, folder / "doors", metrics=keys, images=0)
+        _, *points = measure(recording, passing(pairs), folder / "doors", metrics=keys, images=0)
         values = {(method.name, door.name): point.runs for (method, door), point in zip(pairs, points, strict=True)}
         for names, runs in values.items():
             for number, value in enumerate(runs):

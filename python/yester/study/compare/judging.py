@@ -4,7 +4,7 @@ For every component of `SVGF` that the ablation study switches and every sequenc
 noisy frames how much worse the result is without the component. Printed are the rank correlations of these estimates
 with the differences measured against references. Then each sequence is planned from its first eight frames, through
 every door, and the plan's result is compared with the default's: with earlier frames alone, and with those on both
-sides.
+sides. Last, how many passes of the filter the pixels of each sequence show.
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ from ..rendered.sequences import expand, parser
 from . import harm
 from .ablation import ABLATIONS
 from .doors import DOORS, Door, known_doors
-from .methods import Run
+from .methods import Run, pipeline
 
-__all__ = ["SHAPE", "Judged", "Worth", "compare", "correlations", "judged", "table", "worth"]
+__all__ = ["SHAPE", "Judged", "Worth", "compare", "correlations", "judged", "passes", "table", "worth"]
 
 #: The first frame whose results are compared: those before it have next to no history.
 _START = 2
 _MEASURED = ("psnr", "relmse", "flip")
+#: Passes that a pixel shows at most: one more than the default.
+_MOST = 4
 
 #: The sequences on which estimates are compared with true errors, as arguments of `record`.
 SHAPE: dict[str, Any] = {"frames": 12, "width": 128, "height": 96, "reference_spp": 64, "references": range(4, 12)}
@@ -182,12 +184,25 @@ def table(found: Sequence[Worth]) -> str:
     return "\n".join([harm.aligned(lines), "", *(f"{what}: {', '.join(scenes)}" for what, scenes in left.items())])
 
 
+def passes(recordings: Iterable[Recording]) -> str:
+    """Write the shares of pixels by the number of filter passes that they show, in the frames with a reference."""
+    lines = [["passes shown", *map(str, range(_MOST + 1))]]
+    for recording in recordings:
+        shown = [result.choice for result in pipeline(SVGF)(_frames(recording))]
+        numbers = np.rint(np.array([shown[i] for i in recording.references])).astype(np.int64)
+        shares = np.bincount(numbers.ravel(), minlength=_MOST + 1) / numbers.size
+        lines.append([recording.name, *(f"{100 * share:.0f} %" for share in shares)])
+    return harm.aligned(lines)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table of correlations, then that of plans."""
+    """Print the table of correlations, then that of plans, then that of passes."""
     options = parser("yester.study.compare.judging", __doc__).parse_args(arguments)
     recordings = [record(name, options.cache, **SHAPE, raw_albedo=True) for name in expand(options.sequences)]
     print(correlations([each for recording in recordings for each in judged(recording)]), end="\n\n")
-    print(table([worth(recording, door) for recording in recordings for door in known_doors(recording, DOORS)]))
+    found = [worth(recording, door) for recording in recordings for door in known_doors(recording, DOORS)]
+    print(table(found), end="\n\n")
+    print(passes(recordings))
 
 
 def _frames(recording: Recording) -> list[Frame]:

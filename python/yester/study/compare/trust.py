@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         references = {i: recording.reference(i) for i in recording.references}
         measured = []
         for each in (recording, *recording.variants):
-            frames = [*enter(door, map(each.frame, range(len(each.frames))), recording)]
+            frames = [*enter(door, map(each.frame, range(len(each.frames))), each)]
             measured.append(compare(frames, references, METHODS))
         rows += [[name, entered, method, *cells(found[method] for found in measured)] for method in METHODS]
     print(harm.aligned(rows))
