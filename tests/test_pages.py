@@ -125,7 +125,7 @@ def test_contents_of_tables(data):
         *(["`cut`", "−0.50 dB"], ["`mist`", "−0.50 dB"], ["mean", "+0.00 dB"])
     ]
     assert table("harms", data)[1:] == [[name, "`cut` (psnr -0.50 dB)"] for name in ("clip", "innovation")]
-    assert table("harms_with_less", data)[1] == ["clip", "`cut`, no albedo (psnr -0.50 dB)"]
+    assert table("harms_with_less", data)[1] == ["clip", "`cut` (psnr -0.50 dB)"]
     assert table("doors", data)[1] == ["no ids", "−2.00 dB (−3.00 dB, `cut`)", *["+0.0 % (+0.0 %, `grass`)"] * 3]
     assert table("methods_through_doors", data)[1] == ["no ids", "−2.00 dB (−3.00 dB, `cut`)"]
     assert table("harmful_buffers", data)[1:] == [["no normals", FULL, "`cut` (psnr -0.50 dB)"]]

@@ -23,7 +23,7 @@ import numpy as np
 from yester.io.files import beside
 
 from .compare import harm
-from .compare.ablation import Effect, harmful
+from .compare.ablation import MADE_GOOD, Effect, harmful
 from .compare.doors import DOORS, FULL
 from .compare.points import ALL
 from .rendered.sequences import GROUPS, LATE, NAMES, THIN
@@ -197,7 +197,7 @@ def harms(folder: Path) -> str:
 
 
 def harms_with_less(folder: Path) -> str:
-    """The same for frames with fewer buffers."""
+    """The same for frames with fewer buffers, without what is made good in another metric."""
     return _harms(folder / "ablation_with_less.csv")
 
 
@@ -221,8 +221,9 @@ def _harms(file: Path) -> str:
         cases = []
         for line in harmful([effect for effect in effects if effect.name == name]):
             case, _, losses = line.removeprefix(f"{name}, ").partition(": ")
-            scene, comma, door = case.partition(", ")
-            cases.append(f"`{scene}`{comma}{door} ({losses})")
+            scene, _, door = case.partition(", ")
+            if not (door and line.endswith(MADE_GOOD)):
+                cases.append(f"`{scene}` ({losses})")
         if cases:
             rows.append([name.removeprefix("SVGF - ").replace(" - ", ": "), "; ".join(cases)])
     return _table(["component", "sequences"], sorted(rows))

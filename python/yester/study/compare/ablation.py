@@ -24,7 +24,10 @@ from .doors import DOORS, FULL, Door, known_doors, passing
 from .methods import Method, Result, Run, on_part, pipeline, quarter
 from .points import ALL, Point
 
-__all__ = ["ABLATIONS", "Ablation", "Effect", "ablate", "harmful", "table"]
+__all__ = ["ABLATIONS", "MADE_GOOD", "Ablation", "Effect", "ablate", "harmful", "table"]
+
+#: What `harmful` adds to a loss that could be, but is not, in `harm.EXCEPTIONS`.
+MADE_GOOD = " (made good in another metric, but not listed as an exception)"
 
 #: A threshold that nothing exceeds.
 _ENDLESS = 1e30
@@ -360,7 +363,7 @@ def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS
         left = harm.harms(sure, limits, excused=True)
         if bad and (left or (e.name, e.scene) not in harm.EXCEPTIONS):
             losses = ", ".join(f"{key} {harm.amount(key, e.gains[key])}" for key in bad)
-            gained = "" if left else " (made good in another metric, but not listed as an exception)"
+            gained = "" if left else MADE_GOOD
             found.append((min(e.gains[key] / limits[key] for key in bad), f"{e.name}, {e.case}: {losses}{gained}"))
     return [text for _, text in sorted(found)]
 
