@@ -178,9 +178,10 @@ def test_three_outputs():
         for image, part, want in zip(got, parts, wants, strict=True):
             assert part is None or image is part
             assert_same_bits(image, want)
-    for parts, known in ((out[:2], {"prediction": prediction}), (out, {})):
-        with pytest.raises(ValueError, match=rf"^out: expected a tuple of {2 + len(known)}"):
-            yester.atrous(color, variance, **known, out=parts)
+    for parts, known, got in ((out[:2], prediction, "2 parts"), (out, None, "3 parts"), (out[0], None, "ndarray")):
+        count = 2 if known is None else 3
+        with pytest.raises(ValueError, match=rf"^out: expected a tuple of {count}, got {got}$"):
+            yester.atrous(color, variance, prediction=known, out=parts)
 
 
 @pytest.mark.parametrize("part", [np.s_[:-1], np.s_[:, :-1], np.s_[None]])

@@ -550,14 +550,14 @@ pub fn parts<'py, const N: usize>(
     let Some(out) = out else {
         return Ok([const { None }; N]);
     };
-    let parts: Vec<Bound<'py, PyAny>> = match out.cast::<PyTuple>() {
-        Ok(tuple) => tuple.iter().collect(),
-        Err(_) => vec![],
+    let wrong = |got: String| Error::value("out", format!("a tuple of {N}"), got);
+    let Ok(tuple) = out.cast::<PyTuple>() else {
+        return Err(wrong(out.get_type().name()?.to_string()).into());
     };
-    let count = parts.len();
+    let parts: Vec<_> = tuple.iter().collect();
     let parts: [_; N] = parts
         .try_into()
-        .map_err(|_| Error::value("out", format!("a tuple of {N}"), format!("{count} parts")))?;
+        .map_err(|parts: Vec<_>| wrong(format!("{} parts", parts.len())))?;
     Ok(parts.map(|part| (!part.is_none()).then_some(part)))
 }
 
