@@ -97,8 +97,8 @@ pub const ESTIMATED_GRADIENT: gradient::Params = gradient::Params {
     widest: 5,
 };
 
-/// Where nothing moves, the margin of noise that the gradient ignores is multiplied by the square root of the number of frames over
-/// the first of these, held to 1 up to the second: a false alarm costs the more samples, the longer they have been averaged.
+/// After n frames in which nothing moved, the margin of noise that the gradient ignores is multiplied by √(n/10), with n/10
+/// clamped to 1 to 16: a false alarm costs the more samples, the longer they have been averaged.
 const PATIENCE: [f32; 2] = [10.0, 16.0];
 
 /// Cap on the history length where α is 0.

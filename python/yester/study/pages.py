@@ -22,8 +22,9 @@ import numpy as np
 
 from yester.io.files import beside
 
+from .compare import ablation as components
 from .compare import harm
-from .compare.ablation import MADE_GOOD, Effect, harmful
+from .compare.ablation import Effect
 from .compare.doors import DOORS, FULL
 from .compare.points import ALL
 from .rendered.sequences import GROUPS, LATE, NAMES, THIN
@@ -191,13 +192,13 @@ def innovation(folder: Path) -> str:
 def harms(folder: Path) -> str:
     """Components that are on by default and do harm, beyond the limits and two standard errors, with the sequences.
 
-    Not those of `TAA`, whose tables are of frames that it is not meant for.
+    Not what is made good in another metric, nor those of `TAA`, whose tables are of frames that it is not meant for.
     """
     return _harms(folder / "ablation.csv")
 
 
 def harms_with_less(folder: Path) -> str:
-    """The same for frames with fewer buffers, without what is made good in another metric."""
+    """The same for frames with fewer buffers."""
     return _harms(folder / "ablation_with_less.csv")
 
 
@@ -216,17 +217,12 @@ def _harms(file: Path) -> str:
         for row in _rows(file)
         if row["pipeline"] != "TAA" and row["scene"] != ALL
     ]
-    rows = []
-    for name in dict.fromkeys(effect.name for effect in effects):
-        cases = []
-        for line in harmful([effect for effect in effects if effect.name == name]):
-            case, _, losses = line.removeprefix(f"{name}, ").partition(": ")
-            scene, _, door = case.partition(", ")
-            if not (door and line.endswith(MADE_GOOD)):
-                cases.append(f"`{scene}` ({losses})")
-        if cases:
-            rows.append([name.removeprefix("SVGF - ").replace(" - ", ": "), "; ".join(cases)])
-    return _table(["component", "sequences"], sorted(rows))
+    found: dict[str, list[str]] = {}
+    for effect, losses, made_good in components.harms(effects):
+        if not made_good:
+            name = effect.name.removeprefix("SVGF - ").replace(" - ", ": ")
+            found.setdefault(name, []).append(f"`{effect.scene}` ({losses})")
+    return _table(["component", "sequences"], [[name, "; ".join(found[name])] for name in sorted(found)])
 
 
 def _through_doors(folder: Path) -> dict[str, dict[str, dict[str, list[dict[str, float]]]]]:

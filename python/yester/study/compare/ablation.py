@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,10 +24,7 @@ from .doors import DOORS, FULL, Door, known_doors, passing
 from .methods import Method, Result, Run, on_part, pipeline, quarter
 from .points import ALL, Point
 
-__all__ = ["ABLATIONS", "MADE_GOOD", "Ablation", "Effect", "ablate", "harmful", "table"]
-
-#: What `harmful` adds to a loss that could be, but is not, in `harm.EXCEPTIONS`.
-MADE_GOOD = " (made good in another metric, but not listed as an exception)"
+__all__ = ["ABLATIONS", "Ablation", "Effect", "Harm", "ablate", "harmful", "harms", "table"]
 
 #: A threshold that nothing exceeds.
 _ENDLESS = 1e30
@@ -338,8 +335,25 @@ def table(effects: Sequence[Effect]) -> str:
     )
 
 
-def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
-    """List the components that are on by default and harm a sequence.
+class Harm(NamedTuple):
+    """A component that is on by default and harms a sequence.
+
+    Attributes
+    ----------
+    effect : Effect
+    losses : str
+        The metrics in which it does harm, and by how much.
+    made_good : bool
+        Whether another metric gains enough for an exception. It is not listed as one.
+    """
+
+    effect: Effect
+    losses: str
+    made_good: bool
+
+
+def harms(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS) -> list[Harm]:
+    """Find the components that are on by default and harm a sequence.
 
     Parameters
     ----------
@@ -350,8 +364,8 @@ def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS
 
     Returns
     -------
-    list of str
-        A line for each component and case; the largest loss, relative to its limit, comes first. Left out are losses of
+    list of Harm
+        One for each component and case; the largest loss, relative to its limit, comes first. Left out are losses of
         less than two standard errors, and cases in `harm.EXCEPTIONS` where another metric gains enough.
     """
     found = []
@@ -363,9 +377,15 @@ def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS
         left = harm.harms(sure, limits, excused=True)
         if bad and (left or (e.name, e.scene) not in harm.EXCEPTIONS):
             losses = ", ".join(f"{key} {harm.amount(key, e.gains[key])}" for key in bad)
-            gained = "" if left else MADE_GOOD
-            found.append((min(e.gains[key] / limits[key] for key in bad), f"{e.name}, {e.case}: {losses}{gained}"))
-    return [text for _, text in sorted(found)]
+            found.append((min(e.gains[key] / limits[key] for key in bad), Harm(e, losses, not left)))
+    return [each for _, each in sorted(found, key=lambda pair: pair[0])]
+
+
+def harmful(effects: Sequence[Effect], limits: Mapping[str, float] = harm.LIMITS) -> list[str]:
+    """Write a line for each result of `harms`."""
+    good = " (made good in another metric, but not listed as an exception)"
+    found = harms(effects, limits)
+    return [f"{e.name}, {e.case}: {losses}{good if made_good else ''}" for e, losses, made_good in found]
 
 
 def _key(effect: Effect) -> tuple[str, str]:
