@@ -43,6 +43,12 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
+    /// A vector of one number.
+    #[inline(always)]
+    pub fn every(self, value: f32) -> Self {
+        Self::all(self.simd, value)
+    }
+
     /// The elements from `at` on.
     #[inline(always)]
     pub fn load(simd: S, plane: &[f32], at: usize) -> Self {
@@ -117,6 +123,13 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub fn abs(self) -> Self {
         self.with(self.simd.abs_f32s(self.values))
+    }
+
+    /// `self * factor + addend`, rounded once, on every machine.
+    #[inline(always)]
+    pub fn mul_add(self, factor: Self, addend: Self) -> Self {
+        let simd = self.simd;
+        self.with(simd.mul_add_f32s(self.values, factor.values, addend.values))
     }
 
     #[inline(always)]

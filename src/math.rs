@@ -118,13 +118,14 @@ pub fn exp2_weights<S: Simd, const N: usize>(x: [Lanes<S>; N]) -> [Lanes<S>; N] 
         shifted[k] = x[k] + ROUND;
         f[k] = x[k] - (shifted[k] + -ROUND);
     }
+    let every = |coefficient| x[0].every(coefficient);
     let mut p = f;
     for k in 0..N {
-        p[k] = f[k] * 1.326_472e-3 + 9.671_513e-3;
+        p[k] = f[k].mul_add(every(1.326_472e-3), every(9.671_513e-3));
     }
     for coefficient in [5.550_734e-2, 2.402_224_2e-1, 6.931_469_4e-1, 1.0] {
         for k in 0..N {
-            p[k] = p[k] * f[k] + coefficient;
+            p[k] = p[k].mul_add(f[k], every(coefficient));
         }
     }
     for k in 0..N {

@@ -8,7 +8,7 @@ import flight
 import numpy as np
 import yester
 from numpy.typing import NDArray
-from reference.taa import PRESETS, same_surface, tells_depth
+from reference.taa import PRESETS, for_frame, same_surface, tells_depth
 from yester.study.synthetic import raycast
 
 TILE = 16
@@ -305,7 +305,7 @@ class TAA:
         motion = find_motion(frame, self.before)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         still = find_still(frame, self.before)
-        merged = antialias(self.settings, self.history, color, motion, frame.depth, still, tests)
+        merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
         self.history, confidence, rejection = merged
         shown, length = blacken(self.history[0]), self.history[1]
         if self.innovation and self.before is not None:
@@ -520,7 +520,7 @@ class SVGF:
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
-        self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
+        self.passes, self.stage = 3, {**PRESETS["denoised"], "unguided_alpha": 0.5, "choice": choice}
         self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
         self.noise, self.repeats = Noise(), False
@@ -711,7 +711,7 @@ class SVGF:
                 before = [before[0] * change, *before[1:]]
                 if self.mixing is not None:
                     self.mixing.scale(change)
-        self.antialiased, _, _ = antialias(stage, before, color, motion, frame.depth, still)
+        self.antialiased, _, _ = antialias(for_frame(stage, frame), before, color, motion, frame.depth, still)
         shown, length = blacken(self.antialiased[0]), self.antialiased[1]
         if self.innovation and before is not None:
             known = {"evidence": self.lag, "motion": motion, "exposure": yester.exposure(shown)}
@@ -829,7 +829,7 @@ class HalfRes(SVGF):
         named = {"sigma_luminance": sigma_luminance, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = np.float32(weight), radius
-        self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False}
+        self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False, "unguided_alpha": 0.0}
 
     def fill(self, color, length, alike):
         traced = np.isfinite(color).all(-1)

@@ -170,15 +170,18 @@ def test_histories_join_before_the_filter(name):
         same(got, its)
 
 
+@pytest.mark.parametrize("guided", [False, True])
 @pytest.mark.parametrize("innovation", [False, True])
 @pytest.mark.parametrize("name", ["svgf", "half res"])
-def test_the_parts_of_a_pipeline_are_the_pipeline(name, innovation):
+def test_the_parts_of_a_pipeline_are_the_pipeline(name, innovation, guided):
     make, _, named = JOINING[name]
     pipeline = make(**named | {"innovation": innovation})
     denoiser, stage = pipeline.split()
     assert repr(denoiser) == repr(make(**named | {"innovation": innovation, "antialias": False}))
     assert denoiser.split()[1] is None
     for frame in frames(4):
+        if not guided:
+            frame = yester.Frame(frame.color, motion=frame.motion)
         output, want = denoiser.step(frame), pipeline.step(frame)
         assert_same_bits(finish(stage, output, frame, forward(output, frame)).color, want.color)
 

@@ -65,6 +65,18 @@ def frames_of(names, count=4, **options) -> list[yester.Frame]:
     return [yester.Frame(**{name: frame[name] for name in names}) for frame in sequence(count, **options)]
 
 
+def test_frames_without_guides_have_a_share_of_their_own():
+    """Albedo, depth, normals and ids are guides. Motion and cameras are none."""
+    share = {"alpha": 0.6, "fast_alpha": 0.6}
+    for guides in ((), *((name,) for name in ("albedo", "depth", "normal", "ids"))):
+        known = ("color", "motion", "camera", *guides)
+        made = yester.TAA("denoised", unguided_alpha=0.6)
+        same = yester.TAA("denoised") if guides else yester.TAA("denoised", weighting="tone", **share)
+        for frame in frames_of(known, 3):
+            assert_same_bits(made.step(frame).color, same.step(frame).color)
+        check_bits(frames_of(known, 3), "best", unguided_alpha=0.15)
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_pipeline_is_its_kernels(preset):
     """With any subset of its buffers, bit for bit."""
@@ -453,6 +465,7 @@ def test_unknown_modes_list_the_known(argument):
     [
         ("alpha", [-0.1, 1.1, np.nan]),
         ("fast_alpha", [-0.1, 1.1, np.nan]),
+        ("unguided_alpha", [-0.1, 1.1, np.nan]),
         ("speed", [-1, np.nan, (3, 2)]),
         ("dilate_margin", [-0.1, 1.0, np.nan]),
         ("gamma", [-1, np.nan]),

@@ -627,7 +627,7 @@ class SVGF(Pipeline):
         Where all light has changed by one factor, as by an exposure or a fade, history is first multiplied by it
         (`light_change`). The output stage is corrected in the same ways.
     antialias : bool, default True
-        End with a stage of temporal antialiasing, `TAA` with preset "denoised".
+        End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``.
     average_still : bool, default False
         Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
         of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
@@ -1015,6 +1015,10 @@ class TAA(Pipeline):
         Smallest weight of the new sample in fast motion, 0 to 1.
     speed : float or (float, float), optional
         Pixels up to which motion is slow, and from which it is fast.
+    unguided_alpha : float, optional
+        Smallest weight of the new sample, slow or fast, in frames without albedo, depth, normals and ids, 0 to 1. Above
+        0, these frames are blended with `weighting` "tone". A denoiser without guides blurs edges and texture along
+        with the noise, and what history then adds is mostly more blur. By default 0 in all presets.
     dilate : {"3x3", "cross", "none"}, optional
         Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
     dilate_margin : float, optional
@@ -1113,6 +1117,7 @@ class TAA(Pipeline):
         alpha: float | None = None,
         fast_alpha: float | None = None,
         speed: _Threshold | None = None,
+        unguided_alpha: float | None = None,
         dilate: Literal["3x3", "cross", "none"] | None = None,
         dilate_margin: float | None = None,
         dilate_movers: bool | None = None,

@@ -65,6 +65,14 @@ impl<'a> Frame<'a> {
         }
     }
 
+    /// Whether any buffer tells surfaces or their texture apart.
+    pub(super) fn is_guided(&self) -> bool {
+        let Surface {
+            depth, normal, ids, ..
+        } = self.surface;
+        self.albedo.is_some() || depth.is_some() || normal.is_some() || ids.is_some()
+    }
+
     /// The frame with its albedo as the surface's colour, if all buffers have the channels that they should and the size
     /// of the colour.
     fn checked(&self) -> Result<Self> {

@@ -110,6 +110,13 @@ const SIGMAS: Sigmas = Sigmas {
     ..Sigmas::DEFAULT
 };
 
+/// Without guides, the filter blurs edges and texture along with the noise, and history adds more blur and lag than it removes
+/// noise.
+pub const ANTIALIASED: taa::Params = taa::Params {
+    unguided_alpha: 0.5,
+    ..taa::Params::DENOISED
+};
+
 /// By our own measurements.
 impl Default for Params {
     fn default() -> Self {
@@ -129,7 +136,7 @@ impl Default for Params {
             choice: Some(choice::Params::default()),
             innovation: Some(innovation::Params::default()),
             reflections: vec![0.4, 1.2],
-            antialias: Some(taa::Params::DENOISED),
+            antialias: Some(ANTIALIASED),
             feedback: false,
             ..Self::textbook()
         }

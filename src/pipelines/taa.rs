@@ -105,10 +105,11 @@ impl Stage {
         let still = self.still(frame, before);
         let choice = Choice::of(depth, still.as_ref());
         let out = PixelsMut::bands(denoised.size, 3, shown);
+        let params = self.params.of(frame);
         if corrects {
             self.follow_light(frame.color, motion);
         }
-        self.step(denoised, motion, choice, out, None);
+        self.step(params, denoised, motion, choice, out, None);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, shown);
         let kind = [repeats, frame.jitter.is_some()];
@@ -143,6 +144,7 @@ impl Stage {
     /// dilation; `tested` are the surface tests, and where to report on them. Returns the number of missing samples.
     fn step<'a>(
         &mut self,
+        params: Params,
         color: Pixels<'a>,
         motion: Pixels<'a>,
         choice: Choice<'a>,
@@ -153,7 +155,7 @@ impl Stage {
         let (tests, report) = tested.unzip();
         let tests = tests.unwrap_or_else(Tests::none);
 
-        let params = self.params.exposed(color);
+        let params = params.exposed(color);
         let dilation = (params.dilation()).filter(|_| params.gradient || params.alternation);
         let dilated = dilation.map(|dilation| dilate(motion, choice, dilation));
         let moved = dilated.as_ref().map_or(motion, Image::pixels);
@@ -356,7 +358,7 @@ impl Taa {
         samples: Option<Pixels>,
         mut output: Output,
     ) -> Result<Summary> {
-        let (size, params) = (frame.color.size, self.stage.params);
+        let (size, params) = (frame.color.size, self.stage.params.of(frame));
         if let Some(history) = &self.stage.history {
             check_size(history.merged.size, size)?;
         }
@@ -380,6 +382,7 @@ impl Taa {
         let (shown, report) = output.parts(size);
         let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());
         let missing = self.stage.step(
+            params,
             color,
             motion.pixels(),
             choice,

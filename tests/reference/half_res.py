@@ -12,7 +12,7 @@ class HalfRes(SVGF):
         named = {"sigma_luminance": sigma_luminance, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = weight, radius
-        self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False}
+        self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False, "unguided_alpha": 0.0}
 
     def fill(self, light: Tensor, length: Tensor, similarity: dict) -> tuple[Tensor, Tensor]:
         traced = light.isfinite().all(-1)  # (H, W)

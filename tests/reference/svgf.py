@@ -17,7 +17,7 @@ from .innovation import correct, innovation
 from .light_change import light_change
 from .repetition import Noise
 from .reproject import reproject
-from .taa import PRESETS, Mixing, antialias, find_motion, find_still, tells_depth
+from .taa import PRESETS, Mixing, antialias, find_motion, find_still, for_frame, tells_depth
 from .variance import estimate_variance
 
 #: Samples that a prediction needs, and standard deviations by which the mean may exceed it.
@@ -81,7 +81,7 @@ class SVGF:
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
-        self.passes, self.stage = 3, PRESETS["denoised"] | {"choice": choice}
+        self.passes, self.stage = 3, PRESETS["denoised"] | {"unguided_alpha": 0.5, "choice": choice}
         self.reset()
 
     def reset(self) -> None:
@@ -201,6 +201,7 @@ class SVGF:
             change = light_change(frame.color, *reproject(before[0], motion, fallback=False))
             before = [before[0] * change, before[1]]  # (H, W, 3), (H, W)
             self.mixing.scale(change)
+        stage = for_frame(stage, frame)
         (color, length), *_ = antialias(stage, before, smooth, motion, frame.depth, still)  # (H, W, 3), (H, W)
         shown = color.where(color.isfinite(), 0)  # (H, W, 3)
         if self.innovation and before is not None:

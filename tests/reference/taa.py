@@ -35,6 +35,7 @@ TEXTBOOK = {
     "alpha": 0.05,
     "fast_alpha": 0.05,
     "speed": (2.0, 16.0),
+    "unguided_alpha": 0.0,
     "weighting": "none",
     "flicker": 1.0,
     "reconstruct": False,
@@ -87,6 +88,14 @@ DENOISED = BEST | {
     "choice": True,
 }
 PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KARIS, "filament": FILAMENT}
+
+
+def for_frame(settings: dict, frame) -> dict:
+    """The settings for a frame, which may lack all that tells surfaces apart."""
+    least = settings["unguided_alpha"]
+    if least == 0 or any(image is not None for image in (frame.albedo, frame.depth, frame.normal, frame.ids)):
+        return settings
+    return {**settings, **{name: max(settings[name], least) for name in ("alpha", "fast_alpha")}, "weighting": "tone"}
 
 
 class Antialiased(NamedTuple):
@@ -352,7 +361,7 @@ class TAA:
         motion = find_motion(frame, self.before)  # (H, W, 2|3)
         tests = {} if self.before is None else same_surface(self.settings, frame, self.before, motion)
         still = find_still(frame, self.before)  # (H, W, 3)
-        merged = antialias(self.settings, self.history, color, motion, frame.depth, still, tests)
+        merged = antialias(for_frame(self.settings, frame), self.history, color, motion, frame.depth, still, tests)
         self.history, confidence, rejection = merged
         shown, length = self.history[0].nan_to_num(0, 0, 0), self.history[1]  # (H, W, 3), (H, W)
         if self.innovation and self.before is not None:

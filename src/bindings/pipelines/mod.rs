@@ -734,6 +734,9 @@ fn split<'py>(
     if stage.clip.gamma != pipelines::taa::Params::DENOISED.clip.gamma {
         changed.set_item("gamma", stage.clip.gamma)?;
     }
+    if stage.unguided_alpha != pipelines::taa::Params::DENOISED.unguided_alpha {
+        changed.set_item("unguided_alpha", stage.unguided_alpha)?;
+    }
     if params.innovation.is_some() {
         changed.set_item("innovation", true)?;
     }

@@ -31,6 +31,10 @@ use crate::pipelines::taa;
 ///     Smallest weight of the new sample in fast motion, 0 to 1.
 /// speed : float or (float, float), optional
 ///     Pixels up to which motion is slow, and from which it is fast.
+/// unguided_alpha : float, optional
+///     Smallest weight of the new sample, slow or fast, in frames without albedo, depth, normals and ids, 0 to 1. Above
+///     0, these frames are blended with `weighting` "tone". A denoiser without guides blurs edges and texture along
+///     with the noise, and what history then adds is mostly more blur. By default 0 in all presets.
 /// dilate : {"3x3", "cross", "none"}, optional
 ///     Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
 /// dilate_margin : float, optional
@@ -129,9 +133,9 @@ pub struct TAA {
 #[pymethods]
 impl TAA {
     #[new]
-    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, dilate=None, dilate_margin=None, dilate_movers=None,
-        filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None, relative_depth=None,
-        plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
+    #[pyo3(signature = (preset="best", *, alpha=None, fast_alpha=None, speed=None, unguided_alpha=None, dilate=None, dilate_margin=None,
+        dilate_movers=None, filter=None, r#box=None, gamma=None, window=None, space=None, response=None, weighting=None, flicker=None,
+        relative_depth=None, plane_distance=None, normal_angle=None, relative_albedo=None, ids=false, gradient=false, anti_lag=0.0, alternation=false,
         innovation=false, choice=None))]
     fn new(
         py: Python<'_>,
@@ -139,6 +143,7 @@ impl TAA {
         alpha: Option<f32>,
         fast_alpha: Option<f32>,
         speed: Option<Threshold>,
+        unguided_alpha: Option<f32>,
         dilate: Option<&str>,
         dilate_margin: Option<f32>,
         dilate_movers: Option<bool>,
@@ -179,6 +184,7 @@ impl TAA {
         factor.alpha = alpha.unwrap_or(factor.alpha);
         factor.fast_alpha = fast_alpha.unwrap_or(factor.fast_alpha);
         factor.speed = speed.map_or(factor.speed, Into::into);
+        params.unguided_alpha = unguided_alpha.unwrap_or(params.unguided_alpha);
         let clip = &mut params.clip;
         clip.bounds = or(r#box, "box", &neighborhood::Params::BOUNDS, clip.bounds)?;
         clip.gamma = gamma.unwrap_or(clip.gamma);

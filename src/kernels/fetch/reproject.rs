@@ -293,7 +293,7 @@ impl<'a> Fetch<'a> {
         self.write(i, values, |image, channel| {
             let taps = taps.as_slice().iter();
             taps.fold(0.0, |sum, &(at, weight)| {
-                sum + weight * scale * image.at(at, channel)
+                (weight * scale).mul_add(image.at(at, channel), sum)
             })
         });
     }
@@ -560,7 +560,7 @@ impl<'a, const CORNERS: bool> Average for Grid<'a, CORNERS> {
 #[inline(always)]
 fn add<const N: usize>(sum: &mut [f32; N], weight: f32, tap: &[f32; N]) {
     for (sum, tap) in sum.iter_mut().zip(tap) {
-        *sum += weight * tap;
+        *sum = weight.mul_add(*tap, *sum);
     }
 }
 

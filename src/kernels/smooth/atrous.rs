@@ -426,7 +426,7 @@ struct Line<'a> {
     guide: Comparison<'a>,
 }
 
-/// What taps are compared with. `sharpness` is log₂e over the luminance difference that counts as one. Both luminance and
+/// What taps are compared with. `sharpness` is −log₂e over the luminance difference that counts as one. Both luminance and
 /// sharpness are 0 where the centre is missing, so that any tap may fill it.
 struct Like<S: Simd> {
     center: Center<S>,
@@ -628,7 +628,7 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         }
     }
 
-    /// log₂e over the luminance difference that counts as one, from the variance blurred over three rows.
+    /// −log₂e over the luminance difference that counts as one, from the variance blurred over three rows.
     #[inline(always)]
     fn sharpness<S: Simd>(
         &self,
@@ -642,7 +642,7 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         let below = blurred(simd, below, at);
         let deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
         let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + 1e-30;
-        Lanes::all(simd, LOG2_E) / unit
+        Lanes::all(simd, -LOG2_E) / unit
     }
 }
 
@@ -668,7 +668,9 @@ fn exponents<S: Simd, const N: usize>(
     let mut exponents = line.guide.exponents(simd, center, &taps, own);
     let there = Lanes::load_taps(simd, line.channels[LUMINANCE], center.at, &taps);
     for k in 0..N {
-        exponents[k] = exponents[k] - *sharpness * (*luminance - there[k]).abs();
+        exponents[k] = (*luminance - there[k])
+            .abs()
+            .mul_add(*sharpness, exponents[k]);
     }
     exponents
 }
@@ -695,17 +697,17 @@ fn add<S: Simd, const N: usize, const PREDICTED: bool>(
     for k in 0..N {
         let weight = weights[k];
         sums.weight = sums.weight + weight;
-        *r = *r + weight * tr[k];
-        *g = *g + weight * tg[k];
-        *b = *b + weight * tb[k];
-        sums.variance = sums.variance + weight * weight * tv[k];
+        *r = weight.mul_add(tr[k], *r);
+        *g = weight.mul_add(tg[k], *g);
+        *b = weight.mul_add(tb[k], *b);
+        sums.variance = (weight * weight).mul_add(tv[k], sums.variance);
     }
     if PREDICTED {
         let luminances = load(line.channels[LUMINANCE]);
         for k in 0..N {
             // NaN is a missing tap's, whose weight is 0.
             let luminance = luminances[k].or_all(luminances[k].is_number(), 0.0);
-            sums.luminance = sums.luminance + weights[k] * luminance;
+            sums.luminance = weights[k].mul_add(luminance, sums.luminance);
         }
     }
 }

@@ -177,11 +177,11 @@ pub(crate) struct Center<S: Simd> {
     pub at: usize,
     class: Classes<S>,
     normal: [Lanes<S>; 3],
-    /// log₂e·κ/2 over 1 + κ times the roughness.
+    /// −log₂e·κ/2 over 1 + κ times the roughness.
     normal_scale: Lanes<S>,
     /// 1/Z and its slopes: the tangent plane.
     plane: [Lanes<S>; 3],
-    /// log₂e over the distance from it that counts as one.
+    /// −log₂e over the distance from it that counts as one.
     plane_scale: Lanes<S>,
 }
 
@@ -216,7 +216,7 @@ impl Comparison<'_> {
             let planes = planes.map(|plane| &plane[..self.len]);
             let [x, y, z, roughness] = Lanes::load_all(simd, planes, at);
             center.normal = [x, y, z];
-            let sharpness = Lanes::all(simd, LOG2_E * 0.5 * self.sigma_normal);
+            let sharpness = Lanes::all(simd, -LOG2_E * 0.5 * self.sigma_normal);
             center.normal_scale = sharpness / (roughness * self.sigma_normal + 1.0);
         }
         if let Some(planes) = self.depth {
@@ -226,7 +226,7 @@ impl Comparison<'_> {
             // The last term avoids 0/0 on the background.
             let unit = w * self.sigma_plane + slope * self.sigma_slope + 1e-30;
             center.plane = [w, across, along];
-            center.plane_scale = Lanes::all(simd, LOG2_E) / unit;
+            center.plane_scale = Lanes::all(simd, -LOG2_E) / unit;
         }
         center
     }
@@ -255,13 +255,13 @@ impl Comparison<'_> {
                 difference[k] = (hx - x[k]) * (hx - x[k]);
             }
             for k in 0..N {
-                difference[k] = difference[k] + (hy - y[k]) * (hy - y[k]);
+                difference[k] = (hy - y[k]).mul_add(hy - y[k], difference[k]);
             }
             for k in 0..N {
-                difference[k] = difference[k] + (hz - z[k]) * (hz - z[k]);
+                difference[k] = (hz - z[k]).mul_add(hz - z[k], difference[k]);
             }
             for k in 0..N {
-                exponents[k] = exponents[k] - difference[k] * center.normal_scale;
+                exponents[k] = difference[k].mul_add(center.normal_scale, exponents[k]);
             }
         }
         if let Some([depth, ..]) = self.depth {
@@ -270,10 +270,12 @@ impl Comparison<'_> {
             let row = w + along * taps.down;
             let mut difference = there;
             for k in 0..N {
-                difference[k] = row + across * taps.right[k] - there[k];
+                difference[k] = across.mul_add(Lanes::all(simd, taps.right[k]), row) - there[k];
             }
             for k in 0..N {
-                exponents[k] = exponents[k] - difference[k].abs() * center.plane_scale;
+                exponents[k] = difference[k]
+                    .abs()
+                    .mul_add(center.plane_scale, exponents[k]);
             }
         }
         let classes = Classes::load_taps(simd, &self.class[..self.len], center.at, taps);

@@ -224,8 +224,8 @@ impl<'a> Estimate<'a> {
             let known = known(m1, m2);
             let w = w.or_all(known, 0.0);
             *weight = *weight + w;
-            *first = *first + (w * m1).or_all(known, 0.0);
-            *second = *second + (w * m2).or_all(known, 0.0);
+            *first = w.mul_add(m1, *first).or(known, *first);
+            *second = w.mul_add(m2, *second).or(known, *second);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Parameters of temporal antialiasing, and presets of them.
 
-use crate::error::Result;
+use crate::error::{Result, in_range};
 use crate::image::Pixels;
 use crate::kernels::camera::dilate::{self, Window};
 use crate::kernels::camera::pinhole::Rays;
@@ -12,7 +12,8 @@ use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
 use crate::kernels::judge::{anti_lag, blend_factor};
 use crate::kernels::merge::blend::{self, Weighting};
 use crate::kernels::merge::resolve;
-use crate::pipelines::frame::SurfaceRecords;
+use crate::math::larger;
+use crate::pipelines::frame::{Frame, SurfaceRecords};
 
 /// Parameters of [`Taa`](super::Taa).
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +30,9 @@ pub struct Params {
     pub clip: neighborhood::Params,
     /// Least blend factor of the new sample.
     pub blend_factor: blend_factor::Params,
+    /// Least share of the new colour in frames without albedo, depth, normals and ids; from 0 to 1. Above 0, tone weighs the two
+    /// colours there.
+    pub unguided_alpha: f32,
     /// What else weighs the two colours.
     pub blend: blend::Params,
     /// The filter that resolves a frame with known jitter to pixel centres.
@@ -162,6 +166,7 @@ impl Params {
                 none: 16.0,
             },
         },
+        unguided_alpha: 0.0,
         blend: blend::Params {
             weighting: Weighting::None,
             flicker: 1.0,
@@ -266,8 +271,22 @@ impl Params {
             .try_for_each(|albedo| albedo.check_luminance("relative_albedo"))?;
         self.limits.thresholds().check()?;
         anti_lag::check("anti_lag", self.anti_lag)?;
+        let share = |v: f32| (0.0..=1.0).contains(&v);
+        let unguided = self.unguided_alpha;
+        in_range("unguided_alpha", unguided, "a share from 0 to 1", share)?;
         self.blend_factor.check()?;
         self.blend.check()
+    }
+
+    /// The parameters for a frame.
+    pub(super) fn of(mut self, frame: &Frame) -> Self {
+        if self.unguided_alpha > 0.0 && !frame.is_guided() {
+            let (least, factor) = (self.unguided_alpha, &mut self.blend_factor);
+            factor.alpha = larger(factor.alpha, least);
+            factor.fast_alpha = larger(factor.fast_alpha, least);
+            self.blend.weighting = Weighting::Tone;
+        }
+        self
     }
 
     /// The parameters of the dilation, if there is one.

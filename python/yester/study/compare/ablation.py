@@ -73,7 +73,7 @@ def _antialiased(**options: Any) -> Run:
     """SVGF with another output stage, which the samples do not correct: the same kernels in the same order."""
 
     def run(frames: Iterable[Frame]) -> Iterator[Result]:
-        svgf, antialias = SVGF(antialias=False), TAA("denoised", **options)
+        svgf, antialias = SVGF(antialias=False), TAA("denoised", unguided_alpha=0.5, **options)
         for frame in frames:
             denoised = svgf.step(frame)
             known = {name: getattr(frame, name) for name in ("depth", "position", "camera", "albedo")}
