@@ -225,32 +225,42 @@ impl<'a, F: Colors> Kernel for Compare<'a, F> {
         let numbers = channels(count);
         let mut steps = vec![[0.0; SEGMENT]; count - 1];
         let mut known = [0.0; SEGMENT];
-        let mut seen = vec![0.0; width.div_ceil(TILE) * numbers];
-        for (row, evidence) in rows::lines(rows, evidence, seen.len()) {
-            seen.fill(0.0);
-            for y in TILE * row..(TILE * (row + 1)).min(height) {
-                for run in segments(y, width) {
-                    self.steps(run, &mut steps, &mut known);
-                    let tiles = seen[run.x / TILE * numbers..].chunks_exact_mut(numbers);
-                    for (start, record) in (0..run.len).step_by(TILE).zip(tiles) {
-                        let pixels = start..(start + TILE).min(run.len);
-                        let (sums, counts) = record.split_at_mut(numbers - 2);
-                        let (gains, squares) = sums.split_at_mut(steps.len());
-                        for ((gain, square), step) in gains.iter_mut().zip(squares).zip(&steps) {
-                            for &step in &step[pixels.clone()] {
-                                *gain += step;
-                                *square += step * step;
-                            }
-                        }
-                        counts[1] += known[pixels].iter().sum::<f32>();
+        // Sums of the columns of a row of tiles, in the order of the evidence.
+        let mut columns = vec![[0.0; SEGMENT]; numbers];
+        let mut seen = vec![0.0; numbers];
+        for (row, evidence) in rows::lines(rows, evidence, width.div_ceil(TILE) * numbers) {
+            for run in segments(TILE * row, width) {
+                columns.iter_mut().for_each(|sums| sums.fill(0.0));
+                for y in run.y..(run.y + TILE).min(height) {
+                    self.steps(Run { y, ..run }, &mut steps, &mut known);
+                    add_columns(&steps, &known, &mut columns);
+                }
+                let tiles = evidence[run.x / TILE * numbers..].chunks_exact_mut(numbers);
+                for (start, evidence) in (0..run.len).step_by(TILE).zip(tiles) {
+                    let tile = start..(start + TILE).min(run.len);
+                    for (seen, sums) in seen.iter_mut().zip(&columns) {
+                        *seen = sums[tile.clone()].iter().sum();
                     }
+                    add(&seen, evidence);
                 }
             }
-            let tiles = evidence.chunks_exact_mut(numbers);
-            for (evidence, seen) in tiles.zip(seen.chunks_exact(numbers)) {
-                add(seen, evidence);
-            }
         }
+    }
+}
+
+/// Adds the steps of a row, their squares, and whether its pixels are known, to the sums of its columns.
+#[inline(always)]
+fn add_columns(steps: &[Row], known: &Row, columns: &mut [Row]) {
+    let (gains, rest) = columns.split_at_mut(steps.len());
+    let (squares, counts) = rest.split_at_mut(steps.len());
+    for ((gains, squares), steps) in gains.iter_mut().zip(squares).zip(steps) {
+        for i in 0..SEGMENT {
+            gains[i] += steps[i];
+            squares[i] = steps[i].mul_add(steps[i], squares[i]);
+        }
+    }
+    for (count, known) in counts[1].iter_mut().zip(known) {
+        *count += known;
     }
 }
 

@@ -118,18 +118,20 @@ impl<'a> Kernel for Collocate<'a> {
         let mut around = Rolling::<PLANES>::new(width, 1);
         let mut details: [_; PLANES] = std::array::from_fn(|_| vec![0.0; width]);
         let mut known = vec![0.0; width];
-        let mut sums = vec![0.0; width.div_ceil(TILE) * CHANNELS];
-        for (row, evidence) in rows::lines(rows, evidence, sums.len()) {
-            sums.fill(0.0);
+        let mut columns: [_; CHANNELS] = std::array::from_fn(|_| vec![0.0; width]);
+        for (row, evidence) in rows::lines(rows, evidence, width.div_ceil(TILE) * CHANNELS) {
+            columns.iter_mut().for_each(|sums| sums.fill(0.0));
             let top = TILE * row;
             for y in top..(top + TILE).min(height) {
                 around.roll(self.planes, y, y == top);
                 find_details(&around, y, &mut details, &mut known);
-                add(&details, &known, &mut sums);
+                add(&details, &known, &mut columns);
             }
             let tiles = evidence.chunks_exact_mut(CHANNELS);
-            for (evidence, sums) in tiles.zip(sums.chunks_exact(CHANNELS)) {
-                self.weigh(sums, evidence);
+            for (start, evidence) in (0..width).step_by(TILE).zip(tiles) {
+                let tile = start..(start + TILE).min(width);
+                let sums = |sums: &Vec<f32>| sums[tile.clone()].iter().sum();
+                self.weigh(&columns.each_ref().map(sums), evidence);
             }
         }
     }
@@ -166,26 +168,24 @@ fn find_details(
     }
 }
 
-/// Adds a row's products to its tiles' sums.
+/// Adds a row's products to the sums of its columns.
 #[inline(always)]
-fn add(details: &[Vec<f32>; PLANES], known: &[f32], sums: &mut [f32]) {
-    for (tile, sums) in sums.chunks_exact_mut(CHANNELS).enumerate() {
-        let pixels = TILE * tile..(TILE * (tile + 1)).min(known.len());
-        let (products, count) = sums.split_at_mut(PAIRS.len());
-        for (sum, [a, b]) in products.iter_mut().zip(PAIRS) {
-            let pairs = details[a][pixels.clone()]
-                .iter()
-                .zip(&details[b][pixels.clone()]);
-            *sum += pairs.map(|(a, b)| a * b).sum::<f32>();
+fn add(details: &[Vec<f32>; PLANES], known: &[f32], columns: &mut [Vec<f32>; CHANNELS]) {
+    let (products, count) = columns.split_at_mut(PAIRS.len());
+    for (sums, [a, b]) in products.iter_mut().zip(PAIRS) {
+        for ((sum, a), b) in sums.iter_mut().zip(&details[a]).zip(&details[b]) {
+            *sum = a.mul_add(*b, *sum);
         }
-        count[0] += known[pixels].iter().sum::<f32>();
+    }
+    for (sum, known) in count[0].iter_mut().zip(known) {
+        *sum += known;
     }
 }
 
 impl Collocate<'_> {
     /// Adds a frame's sums in a tile to its evidence, with their weight.
     #[inline(always)]
-    fn weigh(&self, sums: &[f32], evidence: &mut [f32]) {
+    fn weigh(&self, sums: &[f32; CHANNELS], evidence: &mut [f32]) {
         let (products, n) = (&sums[..PAIRS.len()], sums[PAIRS.len()]);
         if n == 0.0 {
             return;

@@ -312,6 +312,7 @@ impl<'a> Kernel for Fill<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Outs<'a>) {
+        let mut inverse = Inverse::new(self.depth.map_or(0, |depth| depth.size.width));
         for y in rows {
             let depth = self.depth.map(|depth| depth.row(y));
             let class = out.class.row(0, y);
@@ -340,12 +341,8 @@ impl<'a> Kernel for Fill<'a> {
             }
             if let Some((image, out)) = self.depth.zip(out.depth.as_mut()) {
                 let row = |y: usize| (y < image.size.height).then(|| image.row(y));
-                tangents(
-                    row(y.wrapping_sub(1)),
-                    image.row(y),
-                    row(y + 1),
-                    out.rows(y),
-                );
+                inverse.fill([row(y.wrapping_sub(1)), row(y), row(y + 1)]);
+                inverse.tangents(out.rows(y));
             }
         }
     }
@@ -441,36 +438,53 @@ fn normals(class: Option<&[u32]>, [nx, ny, nz]: [&mut [f32]; 3]) {
     }
 }
 
-/// Writes 1/Z and its slopes for a row. Neighbours outside the image count as NaN, hence as no surface.
-#[inline(always)]
-fn tangents(
-    above: Option<&[f32]>,
-    depth: &[f32],
-    below: Option<&[f32]>,
-    [ow, ox, oy]: [&mut [f32]; 3],
-) {
-    for x in 0..depth.len() {
-        let z = depth[x];
-        let [left, right] =
-            [x.wrapping_sub(1), x + 1].map(|x| depth.get(x).copied().unwrap_or(f32::NAN));
-        let [up, down] = [above, below].map(|row| row.map_or(f32::NAN, |row| row[x]));
-        ow[x] = if is_surface(z) { 1.0 / z } else { 0.0 };
-        ox[x] = slope(z, left, right);
-        oy[x] = slope(z, up, down);
+/// 1/Z of a row and of those beside it; NaN where no surface is, outside of the image too.
+struct Inverse([Vec<f32>; 3]);
+
+impl Inverse {
+    #[inline(always)]
+    fn new(width: usize) -> Self {
+        Self(std::array::from_fn(|_| vec![f32::NAN; width + 2]))
+    }
+
+    /// From the depths of the row above, the row, and the row below.
+    #[inline(always)]
+    fn fill(&mut self, depths: [Option<&[f32]>; 3]) {
+        for (inverse, depths) in self.0.iter_mut().zip(depths) {
+            match depths {
+                Some(depths) => {
+                    for (inverse, &z) in inverse[1..].iter_mut().zip(depths) {
+                        *inverse = if is_surface(z) { 1.0 / z } else { f32::NAN };
+                    }
+                }
+                None => inverse.fill(f32::NAN),
+            }
+        }
+    }
+
+    /// Writes 1/Z, 0 where no surface is, and its slopes.
+    #[inline(always)]
+    fn tangents(&self, [ow, ox, oy]: [&mut [f32]; 3]) {
+        let len = ow.len();
+        let (ox, oy) = (&mut ox[..len], &mut oy[..len]);
+        let [above, here, below] = self.0.each_ref().map(|row| &row[..len + 2]);
+        for x in 0..len {
+            let w = here[x + 1];
+            ow[x] = if w.is_nan() { 0.0 } else { w };
+            ox[x] = slope(w, here[x], here[x + 2]);
+            oy[x] = slope(w, above[x + 1], below[x + 1]);
+        }
     }
 }
 
 /// The slope of 1/Z: the smaller one-sided difference to a neighbour that is a surface; 0 if neither is.
 #[inline(always)]
-fn slope(z: f32, before: f32, after: f32) -> f32 {
+fn slope(own: f32, before: f32, after: f32) -> f32 {
     let difference = |from: f32, to: f32| {
-        if is_surface(from) & is_surface(to) {
-            1.0 / to - 1.0 / from
-        } else {
-            f32::INFINITY
-        }
+        let apart = from.is_nan() | to.is_nan();
+        if apart { f32::INFINITY } else { to - from }
     };
-    let (behind, ahead) = (difference(before, z), difference(z, after));
+    let (behind, ahead) = (difference(before, own), difference(own, after));
     let smaller = if behind.abs() < ahead.abs() {
         behind
     } else {

@@ -20,6 +20,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use crate::image::{BandMut, Image, Pixels, SEGMENT, View, segments};
+use crate::lanes::LANES;
 use crate::math::larger;
 use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
@@ -136,16 +137,29 @@ impl<'a> Kernel for Kinds<'a> {
             for same in ids.chunk_by(|a, b| a == b) {
                 let values = &largest[x..][..same.len()];
                 kinds.entry(same[0]).or_default().add(Kind {
-                    most: values.iter().copied().fold(0.0, larger),
+                    most: largest_of(values),
                     others: (values.iter())
-                        .map(|&value| usize::from(value > MOST || (value > 0.0 && value < FAINT)))
-                        .sum(),
+                        .map(|&value| u32::from((value > MOST) | ((value > 0.0) & (value < FAINT))))
+                        .sum::<u32>() as usize,
                     pixels: same.len(),
                 });
                 x += same.len();
             }
         }
     }
+}
+
+/// The largest of some numbers from 0. Lane by lane, as the compiler does not reorder comparisons by itself.
+#[inline(always)]
+fn largest_of(values: &[f32]) -> f32 {
+    let mut most = [0.0; LANES];
+    let (whole, rest) = values.as_chunks::<LANES>();
+    for part in whole {
+        for (most, &value) in most.iter_mut().zip(part) {
+            *most = larger(value, *most);
+        }
+    }
+    most.iter().chain(rest).copied().fold(0.0, larger)
 }
 
 struct Mark<'a> {

@@ -237,13 +237,24 @@ impl<'a> Sink for Keep<'a> {
     fn take(&self, y: usize, filtered: FilteredRow, kept: &mut Kept<'a>) {
         let width = filtered.variance.len();
         let mut color = [[0.0; SEGMENT]; 3];
+        let pass = self.pass as f32;
         for run in segments(y, width) {
-            filtered.colors(run, &mut color);
-            if let Some(shown) = &mut kept.choice {
+            let mut shows = false;
+            if let Some(Shown { levels, .. }) = &mut kept.choice {
+                let levels = &mut levels[run.x..][..run.len];
                 if self.pass == 0 {
-                    self.find_levels(run, &filtered, &mut shown.levels[run.x..][..run.len]);
+                    self.find_levels(run, &filtered, levels);
                 }
-                shown.add(self.pass as f32, run, &color, filtered.variance);
+                // Most runs show another pass.
+                shows = levels
+                    .iter()
+                    .fold(false, |any, level| any | ((level - pass).abs() < 1.0));
+            }
+            if shows || kept.history.is_some() || kept.light.is_some() {
+                filtered.colors(run, &mut color);
+            }
+            if let Some(shown) = kept.choice.as_mut().filter(|_| shows) {
+                shown.add(pass, run, &color, filtered.variance);
             }
             if let Some(candidate) = &mut kept.candidate {
                 candidate[run.x..][..run.len].copy_from_slice(filtered.luminance(run));

@@ -20,13 +20,15 @@
 use std::ops::Range;
 
 use super::fetch;
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, Size, View, segments};
+use crate::image::{
+    BandMut, Image, Pixels, Records, SEGMENT, Size, View, deinterleave, interleave, segments,
+};
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::choice::Levels;
-use crate::kernels::judge::collocation::{self, PLANES, collocate};
+use crate::kernels::judge::collocation::{self, PLANES, SHARES, collocate};
 use crate::kernels::judge::exposure::exposure;
-use crate::math::{larger, luminance};
+use crate::math::{is_present, larger, luminance};
 use crate::pipelines::correction::scale;
 use crate::pixels::{Colors, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -244,17 +246,19 @@ impl<'a> Kernel for Planes<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut planes: BandMut<'a>) {
         let width = self.result.size.width;
-        let (mut colors, mut results) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
+        let [mut colors, mut results] = [[[0.0; SEGMENT]; 3]; 2];
+        let mut light = [0.0; SEGMENT];
         for y in rows {
             let [fresh, recent, older, denoised, result] = planes.rows(y);
             for run in segments(y, width) {
                 self.held.samples.colors(run, &mut colors);
                 self.result.colors(run, &mut results);
-                for (i, fresh) in fresh[run.x..][..run.len].iter_mut().enumerate() {
+                for (i, light) in light.iter_mut().enumerate() {
                     let [sample, [r, g, b]] =
                         [&colors, &results].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
-                    *fresh = self.held.beside(sample, luminance(r, g, b), BRIGHTEST).1;
+                    *light = self.held.beside(sample, luminance(r, g, b), BRIGHTEST).1;
                 }
+                fresh[run.x..][..run.len].copy_from_slice(&light[..run.len]);
             }
             let [values, coverage] = self.recent;
             for (c, row) in [recent, denoised, result].into_iter().enumerate() {
@@ -278,6 +282,36 @@ fn copy_covered(values: &[f32], coverage: &[f32], row: &mut [f32]) {
     }
 }
 
+impl Mix<'_> {
+    /// Mixes a run into the result, and tells the luminances of samples, denoised colour and result.
+    #[inline(always)]
+    fn mix(
+        &self,
+        sample: &[Row; 3],
+        denoised: &[Row; 3],
+        levels: &[Row; SHARES],
+        result: &mut [Row; 3],
+        luminances: &mut [Row; LUMINANCES],
+    ) {
+        for i in 0..SEGMENT {
+            let [y, a, b] = [sample, denoised, result].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
+            let [denoised, before] = [a, b].map(|[r, g, b]| luminance(r, g, b));
+            let (_, sample) = self.held.beside(y, before, BRIGHTEST);
+            let (y, _) = self.held.beside(y, before, SHOWN);
+            let known = [sample, denoised, before];
+            let mixed: [f32; 3] = std::array::from_fn(|c| {
+                let result = b[c] + levels[0][i] * (a[c] - b[c]);
+                result + levels[1][i] * (y[c] - result)
+            });
+            let finite = is_present(mixed);
+            for c in 0..3 {
+                luminances[c][i] = known[c];
+                result[c][i] = if finite { mixed[c] } else { b[c] };
+            }
+        }
+    }
+}
+
 /// Mixes as the tiles' shares say.
 struct Mix<'a> {
     held: Held<'a>,
@@ -292,36 +326,27 @@ impl<'a> Kernel for Mix<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (shown, luminances): Self::Out) {
         let Size { width, .. } = self.denoised.size;
-        let (mut sample, mut denoised) = ([[0.0; SEGMENT]; 3], [[0.0; SEGMENT]; 3]);
-        let mut levels: [Row; 2] = [[0.0; SEGMENT]; 2];
+        let [mut sample, mut denoised, mut result, mut known] = [[[0.0; SEGMENT]; 3]; 4];
+        let mut levels = [[0.0; SEGMENT]; SHARES];
         let shown = rows::lines(rows.clone(), shown, 3 * width);
         let luminances = rows::lines(rows, luminances, LUMINANCES * width);
         for ((y, shown), (_, luminances)) in shown.zip(luminances) {
-            let shown = shown.as_chunks_mut::<3>().0;
-            let luminances = luminances.as_chunks_mut::<LUMINANCES>().0;
             for run in segments(y, width) {
+                let (start, len) = (3 * run.x, 3 * run.len);
+                let shown = &mut shown[start..][..len];
                 self.held.samples.colors(run, &mut sample);
                 self.denoised.colors(run, &mut denoised);
+                deinterleave(shown, result.iter_mut().map(Row::as_mut_slice));
                 if let Some(shares) = &self.shares {
                     for (levels, shares) in levels.iter_mut().zip(shares) {
                         shares.read(run, &mut levels[..run.len]);
                     }
                 }
-                let pixels = shown[run.x..][..run.len].iter_mut();
-                for (i, (shown, known)) in pixels.zip(&mut luminances[run.x..]).enumerate() {
-                    let [y, a] = [&sample, &denoised].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
-                    let b = *shown;
-                    let [denoised, result] = [a, b].map(|[r, g, b]| luminance(r, g, b));
-                    let (_, sample) = self.held.beside(y, result, BRIGHTEST);
-                    let (y, _) = self.held.beside(y, result, SHOWN);
-                    *known = [sample, denoised, result];
-                    let mixed: [_; 3] = std::array::from_fn(|c| {
-                        let result = b[c] + levels[0][i] * (a[c] - b[c]);
-                        result + levels[1][i] * (y[c] - result)
-                    });
-                    if mixed.iter().all(|value| value.is_finite()) {
-                        *shown = mixed;
-                    }
+                self.mix(&sample, &denoised, &levels, &mut result, &mut known);
+                let luminances = &mut luminances[start..][..len];
+                interleave(known.iter().map(Row::as_slice), luminances);
+                if self.shares.is_some() {
+                    interleave(result.iter().map(Row::as_slice), shown);
                 }
             }
         }

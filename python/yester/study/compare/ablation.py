@@ -63,6 +63,10 @@ class Ablation:
         return self.counterpart or self.whole
 
 
+#: What the output stage has of a frame.
+_GUIDES = ("depth", "position", "camera", "albedo", "normal", "ids")
+
+
 def _without(*names: str, **options: Any) -> Run:
     """SVGF on frames that lack some buffers."""
     absent: dict[str, Any] = dict.fromkeys(names)
@@ -73,10 +77,10 @@ def _antialiased(**options: Any) -> Run:
     """SVGF with another output stage, which the samples do not correct: the same kernels in the same order."""
 
     def run(frames: Iterable[Frame]) -> Iterator[Result]:
-        svgf, antialias = SVGF(antialias=False), TAA("denoised", unguided_alpha=0.5, **options)
+        svgf, antialias = SVGF(antialias=False), TAA("denoised", **{"unguided_alpha": 0.5, **options})
         for frame in frames:
             denoised = svgf.step(frame)
-            known = {name: getattr(frame, name) for name in ("depth", "position", "camera", "albedo")}
+            known = {name: getattr(frame, name) for name in _GUIDES}
             yield Result(antialias.step(Frame(denoised.color, motion=denoised.motion, **known)).color)
 
     return run
@@ -159,6 +163,7 @@ ABLATIONS = (
     _stage("clip", gamma=_ENDLESS),
     _stage("cubic history", filter="bilinear"),
     _stage("tone-mapped box", space="ycocg"),
+    _stage("share without guides", unguided_alpha=0.0),
     *(
         _ablation(_SVGF, component, run, added=True)
         for component, run in {
