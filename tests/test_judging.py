@@ -16,6 +16,7 @@ def recordings(tmp_path_factory):
     return [record(name, cache, **shape) for name in ("cornell_box", "tapestry")]
 
 
+@pytest.mark.long
 def test_the_judge_beside_the_truth(recordings):
     """With references as samples it finds the worse result; with noisy samples, within its standard errors."""
     found = {each.component: each for each in judging.judged(recordings[1])}

@@ -71,6 +71,7 @@ def test_gains(recording):
     )
 
 
+@pytest.mark.long
 def test_command(recording, monkeypatch, capsys):
     monkeypatch.setattr(oracle, "record", lambda name, *_, **__: replace(recording, name=name))
     oracle.main(["--sequences", "grass", "cut"])

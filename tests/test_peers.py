@@ -89,6 +89,7 @@ def test_oidn_is_itself():
                 assert_same_bits(result.color, want)
 
 
+@pytest.mark.long
 def test_torch_is_ours():
     (method,) = (method for method in FOUND if method.family == "SVGF in torch")
     given, svgf = [frame for frame, _ in frames(4)], yester.SVGF(reflections=())

@@ -7,6 +7,7 @@ from yester.study.rendered.recording import record
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:color. expected new noise")
 def test_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(repeated, "_FRAMES", 6)
