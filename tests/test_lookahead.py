@@ -151,7 +151,7 @@ def test_histories_join_before_the_filter(name):
     given, bare = frames(6), {**named, "antialias": False}
     want = joined(given, compose(**bare), compose(**bare))
     if named.get("antialias", True):
-        _, stage = make(**named).split()
+        _, stage = make(**named).split(both_sides=True)
         back = copy.copy(stage)
         finished = [
             average(one, other)
@@ -179,6 +179,8 @@ def test_the_parts_of_a_pipeline_are_the_pipeline(name, innovation, guided):
     denoiser, stage = pipeline.split()
     assert repr(denoiser) == repr(make(**named | {"innovation": innovation, "antialias": False}))
     assert denoiser.split()[1] is None
+    both = pipeline.split(both_sides=True)[1]
+    assert repr(both) == repr(stage).replace(", unguided_alpha=0.5", "")
     for frame in frames(4):
         if not guided:
             frame = yester.Frame(frame.color, motion=frame.motion)

@@ -35,7 +35,7 @@ def test_alone_it_is_itself():
 def test_between_temporal_stages_it_is_their_composition(innovation):
     oidn = yester.OIDN("fast", temporal=True, innovation=innovation)
     history = yester.SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)
-    antialiasing, before, evidence = yester.TAA("denoised", unguided_alpha=0.5, innovation=innovation), None, None
+    antialiasing, before, evidence = yester.TAA("denoised", innovation=innovation), None, None
     for frame, _ in frames(4):
         out, known = oidn.step(frame), history.step(frame)
         clean = plain(known.color, frame.albedo, frame.normal, "fast")

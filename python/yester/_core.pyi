@@ -755,7 +755,7 @@ class SVGF(Pipeline):
         ValueError
             As of `step`.
         """
-    def split(self) -> tuple[SVGF, TAA | None]:
+    def split(self, *, both_sides: bool = False) -> tuple[SVGF, TAA | None]:
         """Make the pipeline without its output stage, and the stage.
 
         Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's

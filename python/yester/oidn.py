@@ -45,11 +45,10 @@ class OIDN(Pipeline):
     -----
     The network is the filter "RT" of Intel's Open Image Denoise [1]_. `temporal` consists of
     ``SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False)``, the network, `innovation` (with
-    the `exposure` of the network's image, and ``fed_back=False``) and
-    ``TAA("denoised", unguided_alpha=0.5, innovation=True)`` with the frame's samples, both with the `motion` of SVGF's
-    output, and gives their bits. Tried and found worse: demodulated input, for the network or for innovation; feeding
-    innovation back into the accumulated history; a second accumulation of the network's output. As many threads run as
-    ``YESTER_THREADS`` allows.
+    the `exposure` of the network's image, and ``fed_back=False``) and ``TAA("denoised", innovation=True)`` with the
+    frame's samples, both with the `motion` of SVGF's output, and gives their bits. Tried and found worse: demodulated
+    input, for the network or for innovation; feeding innovation back into the accumulated history; a second
+    accumulation of the network's output. As many threads run as ``YESTER_THREADS`` allows.
 
     References
     ----------
@@ -76,7 +75,7 @@ class OIDN(Pipeline):
         if fireflies and not temporal:
             raise ValueError("fireflies: expected False without temporal, as the network itself removes them, got True")
         history = SVGF(alpha=0.05, iterations=0, choice=False, innovation=False, antialias=False, fireflies=fireflies)
-        self._stages = (history, TAA("denoised", unguided_alpha=0.5, innovation=innovation)) if temporal else None
+        self._stages = (history, TAA("denoised", innovation=innovation)) if temporal else None
         self._corrects = innovation
         self._forget()
 

@@ -47,7 +47,7 @@ class _Recalls(Protocol):
 
     def recall(self, frame: Frame, /) -> History: ...
 
-    def split(self) -> tuple[_Recalls, _Stage | None]: ...
+    def split(self, *, both_sides: bool) -> tuple[_Recalls, _Stage | None]: ...
 
 
 _Item = TypeVar("_Item")
@@ -133,7 +133,7 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     known = _knowing_next(frames)
     if not isinstance(pipeline, _Recalls):
         return _averaged(known, pipeline, ahead)
-    denoiser, stage = pipeline.split()
+    denoiser, stage = pipeline.split(both_sides=True)
     joined = _joined(known, denoiser, ahead)
     return (output for _, output, _ in joined) if stage is None else _finished(joined, stage, ahead)
 

@@ -721,6 +721,7 @@ type Parts<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>);
 fn split<'py>(
     pipeline: &Bound<'py, Pipeline>,
     params: &pipelines::svgf::Params,
+    both_sides: bool,
 ) -> PyResult<Parts<'py>> {
     let py = pipeline.py();
     let (args, given) = pipeline.get().call(py);
@@ -734,7 +735,8 @@ fn split<'py>(
     if stage.clip.gamma != pipelines::taa::Params::DENOISED.clip.gamma {
         changed.set_item("gamma", stage.clip.gamma)?;
     }
-    if stage.unguided_alpha != pipelines::taa::Params::DENOISED.unguided_alpha {
+    let unguided = pipelines::taa::Params::DENOISED.unguided_alpha;
+    if !both_sides && stage.unguided_alpha != unguided {
         changed.set_item("unguided_alpha", stage.unguided_alpha)?;
     }
     if params.innovation.is_some() {

@@ -305,15 +305,22 @@ impl SVGF {
     /// Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
     /// colour as `samples`, and follows the `motion` of the denoiser's output.
     ///
+    /// Parameters
+    /// ----------
+    /// both_sides : bool, default False
+    ///     For a stage that runs forwards and backwards over the results, which are then averaged, as in `denoise`. Their
+    ///     lags cancel, so that it keeps as many frames without guides as with them (``unguided_alpha=0``).
+    ///
     /// Returns
     /// -------
     /// denoiser : Pipeline
     ///     With the same parameters, but ``antialias=False``.
     /// stage : TAA or None
     ///     For the frames with the denoiser's colours and motion; None without `antialias`.
-    fn split<'py>(slf: &Bound<'py, Self>) -> PyResult<Parts<'py>> {
+    #[pyo3(signature = (*, both_sides=false))]
+    fn split<'py>(slf: &Bound<'py, Self>, both_sides: bool) -> PyResult<Parts<'py>> {
         let params = slf.borrow().inner.params().clone();
-        split(slf.as_super(), &params)
+        split(slf.as_super(), &params, both_sides)
     }
 
     /// Discard all history; the next frame starts a new sequence.
