@@ -761,6 +761,12 @@ class SVGF(Pipeline):
         Both are without history. One after the other, they give the results of the whole, if the stage gets the frame's
         colour as `samples`, and follows the `motion` of the denoiser's output.
 
+        Parameters
+        ----------
+        both_sides : bool, default False
+            For a stage that runs forwards and backwards over the results, which are then averaged, as in `denoise`.
+            Their lags cancel, so that it keeps as many frames without guides as with them (``unguided_alpha=0``).
+
         Returns
         -------
         denoiser : Pipeline

@@ -324,8 +324,13 @@ class Planned:
         self._steps += 1
         return history
 
-    def split(self) -> tuple[Planned, TAA | None]:
+    def split(self, *, both_sides: bool = False) -> tuple[Planned, TAA | None]:
         """Make the pipeline without its output stage, and the stage, as `SVGF.split` does.
+
+        Parameters
+        ----------
+        both_sides : bool, default False
+            For a stage that runs forwards and backwards.
 
         Returns
         -------
@@ -335,7 +340,7 @@ class Planned:
             For the frames with the denoiser's colours.
         """
         denoiser = copy.copy(self)
-        denoiser._svgf, stage = self._svgf.split()
+        denoiser._svgf, stage = self._svgf.split(both_sides=both_sides)
         return denoiser, stage
 
     def _planned(self, frame: Frame) -> Frame:

@@ -308,8 +308,8 @@ impl SVGF {
     /// Parameters
     /// ----------
     /// both_sides : bool, default False
-    ///     For a stage that runs forwards and backwards over the results, which are then averaged, as in `denoise`. Their
-    ///     lags cancel, so that it keeps as many frames without guides as with them (``unguided_alpha=0``).
+    ///     For a stage that runs forwards and backwards over the results, which are then averaged, as in `denoise`.
+    ///     Their lags cancel, so that it keeps as many frames without guides as with them (``unguided_alpha=0``).
     ///
     /// Returns
     /// -------
