@@ -809,7 +809,7 @@ class HalfRes(SVGF):
     innovation : bool, default True
         As in `SVGF`.
     antialias : bool, default True
-        As in `SVGF`.
+        End with a stage of temporal antialiasing, ``TAA("denoised", gamma=0.6, choice=False)``.
 
     Raises
     ------

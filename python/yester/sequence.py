@@ -7,6 +7,7 @@ import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from itertools import chain
 from operator import index
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -133,9 +134,18 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     known = _knowing_next(frames)
     if not isinstance(pipeline, _Recalls):
         return _averaged(known, pipeline, ahead)
-    denoiser, stage = pipeline.split(both_sides=True)
-    joined = _joined(known, denoiser, ahead)
-    return (output for _, output, _ in joined) if stage is None else _finished(joined, stage, ahead)
+    return _joining(known, pipeline, ahead)
+
+
+def _joining(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Iterator[Output]:
+    """Yield the outputs of a pipeline that joins histories."""
+    first = next(frames, None)
+    if first is None:
+        return
+    # Without motion, the frames have earlier ones alone.
+    denoiser, stage = pipeline.split(both_sides=not _alone(first))
+    joined = _joined(chain([first], frames), denoiser, lookahead)
+    yield from (output for _, output, _ in joined) if stage is None else _finished(joined, stage, lookahead)
 
 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -275,6 +285,9 @@ def _finished(
             motion, following = (None if known is None else known.motion for known in (output, later))
             places["motion"] = frame.motion if motion is None else motion
             places["motion_next"] = frame.motion_next if following is None else following
+            if _alone(frame):
+                # By these, the stage of one side knows what the denoiser was guided by.
+                places |= {"albedo": frame.albedo, "normal": frame.normal, "ids": frame.ids}
             yield Frame(output.color, **places, camera=frame.camera), frame.color, output
 
     def look(samples: list[NDArray[np.float32]], back: _Stage, frame: Frame, number: int) -> Output:

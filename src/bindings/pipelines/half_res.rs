@@ -40,7 +40,7 @@ use crate::pipelines::svgf;
 /// innovation : bool, default True
 ///     As in `SVGF`.
 /// antialias : bool, default True
-///     As in `SVGF`.
+///     End with a stage of temporal antialiasing, ``TAA("denoised", gamma=0.6, choice=False)``.
 ///
 /// Raises
 /// ------
