@@ -26,6 +26,9 @@ LOOKAHEAD = 3
 #: Frames of a chunk per frame of lookahead. The backward run starts `lookahead` frames behind the chunk's end; these
 #: frames, whose results are discarded, add a fifth to its cost.
 _CHUNK = 5
+#: Buffers beside depth by which an output stage that runs from one side knows that the denoiser had guides. From both
+#: sides it does not ask, so that they need not be held.
+_GUIDES = ("albedo", "normal", "ids")
 
 
 class _Steps(Protocol):
@@ -142,10 +145,14 @@ def _joining(frames: Iterator[Frame], pipeline: _Recalls, lookahead: int) -> Ite
     first = next(frames, None)
     if first is None:
         return
-    # Without motion, the frames have earlier ones alone.
-    denoiser, stage = pipeline.split(both_sides=not _alone(first))
+    # Frames that no motion connects are denoised by the earlier ones alone.
+    one_sided = _alone(first)
+    denoiser, stage = pipeline.split(both_sides=not one_sided)
     joined = _joined(chain([first], frames), denoiser, lookahead)
-    yield from (output for _, output, _ in joined) if stage is None else _finished(joined, stage, lookahead)
+    if stage is None:
+        yield from (output for _, output, _ in joined)
+    else:
+        yield from _finished(joined, stage, lookahead, _GUIDES if one_sided else ())
 
 
 def _knowing_next(frames: Iterable[Frame]) -> Iterator[Frame]:
@@ -275,9 +282,9 @@ def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iter
 
 
 def _finished(
-    joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int
+    joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int, guides: Iterable[str]
 ) -> Iterator[Output]:
-    """Yield the outputs with colours from the output stage, which runs from both sides and gets the samples, too."""
+    """Yield the outputs with colours from the output stage, which runs from both sides and also gets samples and guides."""
 
     def shown() -> Iterator[tuple[Frame, NDArray[np.float32], Output]]:
         for frame, output, later in joined:
@@ -285,9 +292,7 @@ def _finished(
             motion, following = (None if known is None else known.motion for known in (output, later))
             places["motion"] = frame.motion if motion is None else motion
             places["motion_next"] = frame.motion_next if following is None else following
-            if _alone(frame):
-                # By these, the stage of one side knows what the denoiser was guided by.
-                places |= {"albedo": frame.albedo, "normal": frame.normal, "ids": frame.ids}
+            places |= {name: getattr(frame, name) for name in guides}
             yield Frame(output.color, **places, camera=frame.camera), frame.color, output
 
     def look(samples: list[NDArray[np.float32]], back: _Stage, frame: Frame, number: int) -> Output:

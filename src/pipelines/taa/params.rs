@@ -30,8 +30,8 @@ pub struct Params {
     pub clip: neighborhood::Params,
     /// Least blend factor of the new sample.
     pub blend_factor: blend_factor::Params,
-    /// Least share of the new colour in frames without albedo, depth, normals and ids; from 0 to 1. Above 0, tone weighs the two
-    /// colours there.
+    /// Least share of the new colour in frames without albedo, depth, normals and ids; from 0 to 1. Above 0, these
+    /// frames are also weighted by the tone curve.
     pub unguided_alpha: f32,
     /// What else weighs the two colours.
     pub blend: blend::Params,
@@ -278,7 +278,7 @@ impl Params {
         self.blend.check()
     }
 
-    /// The parameters for a frame.
+    /// With the least share for frames without guides applied, if the frame is one.
     pub(super) fn of(mut self, frame: &Frame) -> Self {
         if self.unguided_alpha > 0.0 && !frame.is_guided() {
             let (least, factor) = (self.unguided_alpha, &mut self.blend_factor);
