@@ -284,7 +284,7 @@ def _averaged(frames: Iterator[Frame], pipeline: _Steps, lookahead: int) -> Iter
 def _finished(
     joined: Iterator[tuple[Frame, Output, History | None]], stage: _Stage, lookahead: int, guides: Iterable[str]
 ) -> Iterator[Output]:
-    """Yield the outputs with colours from the output stage, which also gets the samples, and the guides of these names."""
+    """Yield the outputs with colours from the output stage, which also gets the samples and these guides."""
 
     def shown() -> Iterator[tuple[Frame, NDArray[np.float32], Output]]:
         for frame, output, later in joined:
