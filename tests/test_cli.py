@@ -1,5 +1,6 @@
 """The command line, run in processes of its own."""
 
+import errno
 import os
 import re
 import signal
@@ -16,6 +17,7 @@ import pytest
 import yester
 from compare import assert_close
 from PIL import Image
+from yester.cli import main
 from yester.io import read_exr, write_exr
 
 pytestmark = pytest.mark.slow
@@ -178,12 +180,6 @@ def test_shots_do_not_know_each_other(tmp_path):
             np.testing.assert_array_equal(read_exr(tmp_path / "out" / path.name).color, want.color)
 
 
-def test_lookahead_is_refused_below_zero(sequence, tmp_path):
-    line = refused("denoise", sequence, "-o", tmp_path / "out", "--lookahead", -1)
-    assert "--lookahead: expected 0 or more, got -1" in line
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.parametrize(
     ("option", "value", "method", "of"),
     [
@@ -252,10 +248,17 @@ def test_denoise_stops_at_a_corrupt_frame(sequence, tmp_path):
         np.testing.assert_array_equal(read_exr(tmp_path / "out" / f"shot{i + 1}.exr").color, want)
 
 
-def test_denoise_stops_at_a_file_that_cannot_be_written(sequence, tmp_path):
+def test_denoise_stops_at_a_file_that_cannot_be_written(sequence, tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
-    (out / "shot3.exr").mkdir(parents=True)
-    said = run("denoise", sequence, "-o", out, code=2).stderr.splitlines()
+
+    def write(path, *frame, **named):
+        if path.name == "shot3.exr":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        write_exr(path, *frame, **named)
+
+    monkeypatch.setattr(yester.io, "write_exr", write)
+    assert main(["denoise", str(sequence), "-o", str(out)]) == 2
+    said = capsys.readouterr().err.splitlines()
     assert said[-1].startswith("yester: error: ")
     assert "shot3.exr" in said[-1]
     assert {path.name for path in out.iterdir() if path.is_file()} == {"shot1.exr", "shot2.exr"}
@@ -316,6 +319,89 @@ def test_denoise_refuses_before_work_starts(sequence, tmp_path):
     (sequence / "shot13.exr").write_text("no image")
     assert "shot13.exr" in refused("denoise", sequence, "-o", out)
     assert not out.exists()
+
+
+def test_empty_names_are_not_the_current_folder(sequence, tmp_path, monkeypatch):
+    """Such as those of variables that are not set."""
+    monkeypatch.chdir(sequence)
+    before = {path.name: path.read_bytes() for path in sequence.iterdir()}
+    assert "expected a name, got an empty one" in refused("denoise", sequence / "shot1.exr", "-o", "", "--overwrite")
+    assert "got an empty name" in refused("denoise", "", "-o", tmp_path / "out")
+    assert {path.name: path.read_bytes() for path in sequence.iterdir()} == before
+
+
+def test_hidden_files_and_folders_are_no_frames(sequence, tmp_path):
+    (sequence / "._shot1.exr").write_bytes(bytes(64))
+    (sequence / "layers.exr").mkdir()
+    run("denoise", sequence, "-o", tmp_path / "out")
+    assert len(frames_of(tmp_path / "out")) == 12
+
+
+def test_outputs_that_are_there_in_some_way_are_refused(sequence, tmp_path):
+    out = tmp_path / "out"
+    (out / "shot2.exr").mkdir(parents=True)
+    assert "shot2.exr: is a folder" in refused("denoise", sequence, "-o", out, "--overwrite")
+    (out / "shot2.exr").rmdir()
+    (out / "shot2.exr").symlink_to(tmp_path / "offline" / "shot2.exr")
+    assert "shot2.exr: exists already" in refused("denoise", sequence, "-o", out)
+    assert (out / "shot2.exr").is_symlink()
+
+
+def test_links_that_lead_nowhere_can_be_left_out(sequence, tmp_path):
+    (sequence / "shot5.exr").unlink()
+    (sequence / "shot5.exr").symlink_to(tmp_path / "offline.exr")
+    assert "shot5.exr: not there" in refused("denoise", sequence, "-o", tmp_path / "out")
+    run("denoise", sequence, "-o", tmp_path / "out", "--keep-going", code=1)
+    assert len(frames_of(tmp_path / "out")) == 11
+
+
+def test_temporary_files_of_running_processes_stay(sequence, tmp_path):
+    """A second run of the same command does not take the first one's files away."""
+    out, other = tmp_path / "out", subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    out.mkdir()
+    with other:
+        (out / f".shot1.exr.{other.pid}.tmp").touch()
+        (out / ".shot2.exr.4194305.tmp").touch()  # more than any process has
+        run("denoise", sequence, "-o", out, "--resume")
+        assert [path.name for path in out.glob(".*")] == [f".shot1.exr.{other.pid}.tmp"]
+        other.communicate(b"\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("stderr", [">/dev/full", "&-"])
+def test_work_goes_on_when_messages_are_lost(sequence, tmp_path, stderr):
+    redirected = f'exec "$@" 2{stderr if stderr.startswith(">") else ">" + stderr}'
+    command = ["sh", "-c", redirected, "sh", sys.executable, "-m", "yester", "denoise", str(sequence)]
+    assert subprocess.run([*command, "-o", str(tmp_path / "out")], timeout=300).returncode == 0
+    assert len(frames_of(tmp_path / "out")) == 12
+
+
+def test_output_that_nobody_reads(sequence):
+    """Is no wrong input, for which the status is 2."""
+    command = [sys.executable, "-m", "yester", "info", str(sequence / "shot1.exr")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        said = process.stderr.read()
+    assert (process.returncode, said) == (141, "")
+
+
+def test_color_is_written_in_the_units_of_the_file(sequence, tmp_path):
+    run("denoise", sequence, "-o", tmp_path / "plain", "--method", "oidn")
+    run("denoise", sequence, "-o", tmp_path / "scaled", "--method", "oidn", "--map", "color.scale=2")
+    for plain, scaled in zip(frames_of(tmp_path / "plain"), frames_of(tmp_path / "scaled"), strict=True):
+        np.testing.assert_allclose(scaled.color, plain.color, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--lookahead", "1.5", "expected a whole number of at least 0, got 1.5"),
+        ("--lookahead", "-1", "expected a whole number of at least 0, got -1"),
+        ("--method=oidn", "--lookahead=3", "expected none with --method oidn"),
+    ],
+)
+def test_wrong_numbers(sequence, tmp_path, option, value, words):
+    assert words in refused("denoise", sequence, "-o", tmp_path / "out", option, value)
 
 
 def test_info(tmp_path):

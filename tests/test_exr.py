@@ -355,6 +355,26 @@ def test_not_an_exr(tmp_path, content, complaint):
             read(path)
 
 
+@pytest.mark.parametrize("several", [False, True])
+def test_text_in_another_encoding(tmp_path, several):
+    """OpenEXR's Python module takes UTF-8 alone; renderers write names of users and machines as the system has them."""
+    path, header = tmp_path / "frame.exr", {"owner": "J@rgen", "comments": "whole"}
+    if several:
+        header |= {"name": "one", "type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+        other = header | {"name": "two", "owner": "anyone"}
+        parts = [OpenEXR.Part(header, rgb(4, 5), "one"), OpenEXR.Part(other, {"Z": np.ones((4, 5), np.float32)}, "two")]
+        OpenEXR.File(parts).write(str(path))
+    else:
+        store(path, header, rgb(4, 5))
+    want = io.read_exr(path)
+    path.write_bytes(path.read_bytes().replace(b"J@rgen", b"J\xfcrgen"))
+    assert_same_bits(io.read_exr(path).color, want.color)
+    plate = io.read_plate(path)
+    io.write_exr(tmp_path / "again.exr", plate.frame, like=plate)
+    again = OpenEXR.File(str(tmp_path / "again.exr")).parts[0].header
+    assert (again["owner"], again["comments"]) == ("J?rgen", "whole")
+
+
 def test_no_such_file(tmp_path):
     for read in (io.read_exr, io.describe):
         with pytest.raises(FileNotFoundError, match=r"none\.exr"):

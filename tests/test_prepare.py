@@ -269,6 +269,35 @@ def test_sequences_are_found(tmp_path):
         find_sequences(frame)
 
 
+def test_parts_of_a_folder_do_not_take_the_name_of_another_folder(tmp_path):
+    for name, numbers in {"shot": (1, 2, 4, 5, 8), "shot-2": (1, 2), "shot-2-1": (1,)}.items():
+        (tmp_path / name).mkdir()
+        for number in numbers:
+            write_exr(tmp_path / name / f"f_{number}.exr", still(1)[0])
+        (tmp_path / name / "._f_1.exr").write_bytes(bytes(64))
+    found, aside = find_sequences(tmp_path)
+    assert [(source.name, len(source.files)) for source in found] == [
+        ("shot", 2),
+        ("shot-2-1-1", 2),
+        ("shot-3", 1),
+        ("shot-2", 2),
+        ("shot-2-1", 1),
+    ]
+    assert not aside
+
+
+def test_what_is_in_the_way_of_a_sequence_is_told(tmp_path):
+    """Sequences of an earlier run that were in folders of a sequence's folder."""
+    for name in ("a", "a/b"):
+        write(tmp_path / "in" / name, still(2))
+    prepare(tmp_path / "in", tmp_path / "out", jobs=1)
+    shutil.rmtree(tmp_path / "in" / "a" / "b")
+    write(tmp_path / "in" / "c", still(2))
+    done = prepare(tmp_path / "in", tmp_path / "out", jobs=1, resume=True)
+    assert done.sequences == ("c",)
+    assert done.set_aside["a"] == (f"{tmp_path / 'out' / 'a'}: has other sequences, of an earlier run: remove it",)
+
+
 def test_links_are_followed(tmp_path):
     write(tmp_path / "far" / "a", still(1))
     (tmp_path / "in").mkdir()

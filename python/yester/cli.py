@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext, redirect_stderr, suppress
 from copy import copy
 from dataclasses import replace
 from functools import partial
 from glob import escape
 from importlib.util import find_spec
-from io import TextIOWrapper
+from io import StringIO, TextIOWrapper
 from itertools import chain, islice, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from . import (
     BMFR,
@@ -83,24 +84,55 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         Exit status: 0; 1 if damaged files were left out, or a check found something wrong; 2 for invalid input, after
-        one line on stderr; 130 if interrupted.
+        one line on stderr; 130 if interrupted; 141 if nobody reads the output.
     """
     if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
         # Names of files may have bytes that are no characters.
         sys.stdout.reconfigure(errors="backslashreplace")
+    with redirect_stderr(_Lossy(sys.stderr)):
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     try:
         options = _parser().parse_args(arguments)
         with warnings.catch_warnings():
             warnings.filterwarnings("once", "frames: later frames are not used")
             warnings.showwarning = _warned
-            return int(options.run(options) or 0)
+            status = int(options.run(options) or 0)
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            return status
     except KeyboardInterrupt:
         print("yester: interrupted", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        # Whoever read the output has seen enough; the interpreter must not try to write the rest.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 141
     except OSError as error:
         return _failed(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else error)
     except (ImportError, ValueError) as error:
         return _failed(error)
+
+
+class _Lossy:
+    """Stderr, except that what cannot be written is lost: the work goes on when nobody reads the messages."""
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream = StringIO() if stream is None else stream
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def _warned(message: Warning | str, *_: object, **__: object) -> None:
@@ -137,7 +169,7 @@ def _parser() -> argparse.ArgumentParser:
     def files(command: argparse.ArgumentParser) -> None:
         command.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
         about = "output folder; files keep their names. For a single input, also a file name that ends in .exr"
-        command.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=about)
+        command.add_argument("-o", "--output", metavar="OUT", type=_path, required=True, help=about)
         about = "write float16, or float32; by default, as the colour that is replaced"
         command.add_argument("--half", action=argparse.BooleanOptionalAction, help=about)
         about = (
@@ -154,7 +186,7 @@ def _parser() -> argparse.ArgumentParser:
 
     output = "output folder (default: %(default)s)"
     demo = command(_demo, "demo", "render a short noisy sequence with Mitsuba, denoise it and measure the result")
-    demo.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-demo"), help=output)
+    demo.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-demo"), help=output)
     demo.add_argument("--frames", metavar="N", type=_count, default=24, help="number of frames (default: %(default)s)")
     demo.add_argument(
         "--size", metavar="WxH", type=_size, default=(320, 240), help="size of the frames (default: 320x240)"
@@ -165,9 +197,9 @@ def _parser() -> argparse.ArgumentParser:
     methods = ("auto", *_METHODS)
     about = "one of %(choices)s (default: auto; svgf with its options). auto: svgf without what harms a shot"
     clean.add_argument("--method", choices=methods, help=about)
-    clean.add_argument("--plan", metavar="FILE", type=Path, help="a plan written by yester plan, instead of a method")
+    clean.add_argument("--plan", metavar="FILE", type=_path, help="a plan written by yester plan, instead of a method")
     about = "fewest later frames that each frame can use; 0 for none, as in real time (default: %(default)s; oidn: 0)"
-    clean.add_argument("--lookahead", metavar="N", type=_whole, default=LOOKAHEAD, help=about)
+    clean.add_argument("--lookahead", metavar="N", type=_whole, help=about)
     options = clean.add_argument_group("method options", "defaults and further parameters: see the classes")
 
     def option(name: str, about: str, **named: Any) -> None:
@@ -190,7 +222,7 @@ def _parser() -> argparse.ArgumentParser:
 
     plan = command(_plan, "plan", "find out which stages of svgf and which buffers a sequence needs")
     plan.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
-    plan.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plan, for yester denoise --plan")
+    plan.add_argument("-o", "--output", metavar="FILE", type=_path, help="write the plan, for yester denoise --plan")
     plan.add_argument("--overwrite", action="store_true", help="replace a plan that exists")
     channels(plan)
 
@@ -204,7 +236,7 @@ def _parser() -> argparse.ArgumentParser:
     screen.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     about = "folder for PNG files of the same names; for one file, also a name that ends in .png; an animation, if the "
     about += "name ends in .webp or .mp4"
-    screen.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help=about)
+    screen.add_argument("-o", "--output", metavar="OUT", type=_path, required=True, help=about)
     screen.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="%(default)s")
     about = "tone curve: clip (default), reinhard or aces"
     screen.add_argument("--curve", choices=("clip", "reinhard", "aces"), default="clip", help=about)
@@ -215,10 +247,10 @@ def _parser() -> argparse.ArgumentParser:
         _compare, "compare", "write a page that compares the frames of two or three folders, with exposure"
     )
     for name, about in (("a", "EXR frames: a folder or a file"), ("b", "the same, otherwise denoised")):
-        versus.add_argument(name, metavar=name.upper(), type=Path, help=about)
-    versus.add_argument("reference", metavar="REFERENCE", nargs="?", type=Path, help="the same without noise")
+        versus.add_argument(name, metavar=name.upper(), type=_path, help=about)
+    versus.add_argument("reference", metavar="REFERENCE", nargs="?", type=_path, help="the same without noise")
     about = "%(default)s"
-    versus.add_argument("-o", "--output", metavar="FILE", type=Path, default=Path("yester-compare.html"), help=about)
+    versus.add_argument("-o", "--output", metavar="FILE", type=_path, default=Path("yester-compare.html"), help=about)
     versus.add_argument("--frames", metavar="N", type=_count, default=8, help="evenly spread; %(default)s")
     versus.add_argument("--half", action="store_true", help="round to float16: a smaller page")
     versus.add_argument("--overwrite", action="store_true", help="replace a page that exists")
@@ -226,18 +258,18 @@ def _parser() -> argparse.ArgumentParser:
 
     look = command(_live, "live", "turn the camera of a scene in a browser, and watch it being denoised")
     about = "a Mitsuba scene; by default, the Cornell box of the demo"
-    look.add_argument("scene", metavar="SCENE.xml", nargs="?", type=Path, help=about)
+    look.add_argument("scene", metavar="SCENE.xml", nargs="?", type=_path, help=about)
     about = "largest size, from which the resolution adapts; by default that of the scene, or 640x480"
     look.add_argument("--size", metavar="WxH", type=_size, help=about)
     look.add_argument("--port", metavar="N", type=_whole, default=0, help="by default, any that is free")
     look.add_argument("--no-open", action="store_true", help="print the address, but open no browser")
     about = "where recordings go; by default the current folder"
-    look.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path(), help=about)
+    look.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path(), help=about)
 
     ready = command(_prepare, "prepare", "prepare a training set from rendered sequences")
     about = "folders of EXR sequences, which may lie in folders, and Noisebase stores"
-    ready.add_argument("inputs", metavar="IN", nargs="+", type=Path, help=about)
-    ready.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="absent or empty")
+    ready.add_argument("inputs", metavar="IN", nargs="+", type=_path, help=about)
+    ready.add_argument("-o", "--output", metavar="DIR", type=_path, required=True, help="absent or empty")
     about = "images of each frame, such as color history validity difference variance denoised demodulated reference"
     about += "; by default, all that the first sequence allows"
     ready.add_argument("--buffers", metavar="NAME", nargs="+", help=about)
@@ -250,14 +282,14 @@ def _parser() -> argparse.ArgumentParser:
     ready.add_argument("--half", action="store_true", help="store colours, normals and validity as float16")
     ready.add_argument("--format", choices=("zarr", "exr"), default="zarr", help="%(default)s")
     about = "folder with the same EXR files without noise, for reference"
-    ready.add_argument("--references", metavar="DIR", type=Path, help=about)
+    ready.add_argument("--references", metavar="DIR", type=_path, help=about)
     ready.add_argument("--jobs", metavar="N", type=_count, help="processes; by default, one per core")
     ready.add_argument("--scheduler", metavar="ADDRESS", help="let the workers of this Dask scheduler do it")
     ready.add_argument("--resume", action="store_true", help="go on where an earlier run stopped")
     channels(ready)
 
     info = command(_info, "info", "list the buffers of an EXR file, and the consequences of each missing one")
-    info.add_argument("file", metavar="FILE", type=Path)
+    info.add_argument("file", metavar="FILE", type=_path)
     channels(info)
 
     looked = command(_checked, "check", "find wrong conventions of motion, cameras, depth, normals, jitter and albedo")
@@ -270,7 +302,7 @@ def _parser() -> argparse.ArgumentParser:
     chart.add_argument("frames", metavar="FRAMES", nargs="*", help="noisy EXR files: a folder, files or a pattern")
     channels(chart)
     chart.add_argument("--references", metavar="REF", nargs="+", help="noise-free files of the same names")
-    chart.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-chart"), help=output)
+    chart.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-chart"), help=output)
     chart.add_argument("--metrics", metavar="METRIC", nargs="+", help="metrics; by default, all")
     chart.add_argument("--methods", metavar="METHOD", nargs="+", help="prefixes of methods' names; by default, all")
     chart.add_argument("--no-peers", action="store_true", help="leave out Open Image Denoise, OpenCV and torch")
@@ -289,17 +321,17 @@ def _parser() -> argparse.ArgumentParser:
     render("--size", metavar="WxH", type=_size, default=(256, 192), help="size of the frames; 256x192")
     render("--reference-spp", metavar="N", type=_count, help="samples per pixel of references; by default, 256 or 512")
     render("--seeds", metavar="N", type=_count, default=1, help="number of realisations of the noise; %(default)s")
-    render("--cache", metavar="DIR", type=Path, help="folder for rendered frames; by default in the user's cache")
+    render("--cache", metavar="DIR", type=_path, help="folder for rendered frames; by default in the user's cache")
 
     stress = command(_stress, "stress", "run every pipeline on known failure cases with exact references")
-    stress.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-stress"), help=output)
+    stress.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-stress"), help=output)
     stress.add_argument("--scenarios", metavar="NAME", nargs="+", help="scenarios; by default, all")
     stress.add_argument("--methods", metavar="NAME", nargs="+", help="methods; by default, all pipelines and presets")
     stress.add_argument("--endurance", metavar="N", type=int, default=10_000, help="frames of long runs; %(default)s")
     stress.add_argument("--quick", action="store_true", help="16 frames of each scenario; no strains, no long runs")
 
     bench = command(_bench, "bench", "time every kernel and pipeline, other libraries and the machine's limits")
-    bench.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("yester-bench"), help=output)
+    bench.add_argument("-o", "--output", metavar="DIR", type=_path, default=Path("yester-bench"), help=output)
     sizes = [(256, 256), (1920, 1080), (3840, 2160)]
     shown = " ".join(f"{width}x{height}" for width, height in sizes)
     bench.add_argument("--sizes", metavar="WxH", type=_size, nargs="+", default=sizes, help=f"sizes of images; {shown}")
@@ -313,24 +345,30 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _path(text: str) -> Path:
+    if not text:  # such as that of a variable that is not set; it would be the current folder
+        raise argparse.ArgumentTypeError("expected a name, got an empty one")
+    return Path(text)
+
+
+def _whole(text: str, least: int = 0) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if value < least:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, got {text}")
+    return value
+
+
 def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected at least 1, got {value}")
-    return value
-
-
-def _whole(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"expected 0 or more, got {value}")
-    return value
+    return _whole(text, 1)
 
 
 def _size(text: str) -> tuple[int, int]:
     try:
         width, height = map(_count, text.lower().split("x"))
-    except ValueError:
+    except (ValueError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(f"expected a size like 320x240, got {text}") from None
     return width, height
 
@@ -372,8 +410,11 @@ def _denoise(options: argparse.Namespace) -> int:
     if options.plan and options.method:
         raise ValueError(f"--plan: expected no --method beside it, got {options.method}")
     pipeline = _pipeline(options)
-    # Without temporal stages, later frames change nothing.
-    lookahead = 0 if options.method == "oidn" else options.lookahead
+    lookahead = LOOKAHEAD if options.lookahead is None else options.lookahead
+    if options.method == "oidn":
+        if options.lookahead:
+            raise ValueError(f"--lookahead: expected none with --method oidn, which has no history, got {lookahead}")
+        lookahead = 0
     # The files that lack motion are named instead.
     warnings.filterwarnings("ignore", "frames: later frames are not used")
 
@@ -733,10 +774,13 @@ def _there(targets: list[Path]) -> tuple[set[int], list[str]]:
 
 
 def _remove_unfinished(targets: list[Path]) -> None:
-    """Remove the temporary files that a killed run has left."""
+    """Remove the temporary files that a killed run has left, but not those of a run that goes on."""
+    from .io.files import in_use
+
     for target in targets:
         for path in target.parent.glob(f".{escape(target.name)}.*.tmp"):
-            path.unlink(missing_ok=True)
+            if not in_use(path):
+                path.unlink(missing_ok=True)
 
 
 def _recognised(files: list[Description]) -> list[str]:
@@ -1014,7 +1058,7 @@ def _check(
     from .io.exr import UnsuitedError, without_colour
 
     files: list[Description] = []
-    damaged: list[OSError | ValueError] = []
+    damaged: list[ValueError] = []
     for path, target in zip(paths, targets, strict=True):
         if target.resolve() == path.resolve():
             raise ValueError(f"{path}: the output would overwrite this input; choose another folder")
@@ -1022,6 +1066,9 @@ def _check(
             known = describe(path, **reading)
         except UnsuitedError:
             raise
+        except FileNotFoundError:  # a link that leads nowhere
+            damaged.append(ValueError(f"{path}: not there"))
+            continue
         except ValueError as error:
             damaged.append(error)
             continue
@@ -1045,7 +1092,12 @@ def _check(
 
 def _spare(targets: Iterable[Path], options: argparse.Namespace, remedy: str = "--overwrite replaces") -> None:
     """Refuse to replace files unless that is asked for."""
-    there = [target for target in targets if target.is_file()]
+    targets = [*targets]
+    for target in targets:
+        if target.is_dir():
+            raise ValueError(f"{target}: is a folder; choose another name")
+    # A link counts even if what it leads to is not there at the moment.
+    there = [target for target in targets if os.path.lexists(target)]
     if there and not options.overwrite:
         raise ValueError(f"{_named(there)}: exists already: {remedy}")
 

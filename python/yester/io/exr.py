@@ -131,6 +131,8 @@ class Plate:
     kept : bool, default False
         Whether the frame's colour is in other channels, which a result does not replace. The header of the result then
         says so, and the result is read instead of them.
+    factors : tuple of float, default (1.0, 1.0, 1.0)
+        What the stored components of colour were multiplied by. A result is divided by it.
 
     See Also
     --------
@@ -143,6 +145,7 @@ class Plate:
     main: Any
     color: tuple[str, ...] = CANONICAL["color"]
     kept: bool = False
+    factors: tuple[float, ...] = (1.0, 1.0, 1.0)
 
 
 class UnsuitedError(ValueError):
@@ -245,7 +248,8 @@ def read_plate(path: Source, *, mapping: Mapped | None = None, view: str | None 
     # A colour whose components are in several parts is written beside them.
     names = CANONICAL["color"] if {part for part, _ in target} - {contents.main} else tuple(name for _, name in target)
     every = tuple(parts[i] for i in range(len(parts)))
-    return Plate(frame, every, parts[contents.main], names, color.target != color.channels)
+    factors = tuple(multipliers("color", color.form, 3, (1.0, 1.0)).tolist())
+    return Plate(frame, every, parts[contents.main], names, color.target != color.channels, factors)
 
 
 def write_exr(
@@ -326,7 +330,9 @@ def write_exr(
         header[_RESULT] = [*_results(header), *like.color]
     replaced = {} if like is None else like.main.channels
     for buffer, values in frame.buffers().items():
-        names = like.color if like is not None and buffer == "color" else CANONICAL[buffer]
+        names = CANONICAL[buffer]
+        if like is not None and buffer == "color":
+            names, values = like.color, _unscaled(values, like.factors)
         for name, plane in zip(names, np.moveaxis(np.atleast_3d(values), -1, 0), strict=False):
             former = replaced[name].pixels.dtype if name in replaced else np.float32
             if buffer in _HALVED and (former == np.float16 if half is None else half):
@@ -346,13 +352,21 @@ def write_exr(
             raise OSError(f"{path}: cannot be written: {error}") from None
 
 
+def _unscaled(color: NDArray[Any], factors: tuple[float, ...]) -> NDArray[Any]:
+    """Colour in the units that its file has. What was multiplied by 0 is lost."""
+    if set(factors) <= {0.0, 1.0}:
+        return color
+    return color / np.array([factor or 1.0 for factor in factors], np.float32)
+
+
 def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
     """List the EXR files of a sequence.
 
     Parameters
     ----------
     source : path-like or iterable of path-like
-        A folder (its ``*.exr``), a pattern such as ``shot/*.exr``, a file, or several of these in the order given.
+        A folder (its ``*.exr``, without hidden ones), a pattern such as ``shot/*.exr``, a file, or several of these in
+        the order given.
 
     Returns
     -------
@@ -364,7 +378,7 @@ def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
     FileNotFoundError
         If something named without a pattern is not there.
     ValueError
-        If a folder or pattern has no EXR file.
+        If a folder or pattern has no EXR file, or a name is empty.
 
     Examples
     --------
@@ -379,9 +393,12 @@ def sequence_paths(source: Source | Iterable[Source]) -> list[Path]:
         if not paths:
             raise ValueError("source: expected at least one EXR file, got an empty list")
         return paths
+    if not os.fspath(source):
+        raise ValueError("source: expected a folder, file or pattern, got an empty name")
     path = Path(source)
     if path.is_dir():
-        found = [item for item in path.iterdir() if item.suffix.lower() == ".exr"]
+        # As with a pattern, hidden files do not count, such as those that macOS leaves beside others.
+        found = [item for item in path.glob("[!.]*") if item.suffix.lower() == ".exr" and not item.is_dir()]
     elif path.exists():
         return [path]
     elif glob.has_magic(str(path)):
@@ -597,7 +614,7 @@ def _look(path: Path, mapping: Mapped | None, view: str | None) -> _Contents:
     halved = layout.check(path)
     exr = _openexr()
     with _decoding(path):
-        headers = [part.header for part in exr.File(_openable(path), header_only=True).parts]
+        headers = [part.header for part in _opened(exr, _openable(path), header_only=True).parts]
         if not headers:
             raise ValueError("no part")
     views = _views(headers)
@@ -736,6 +753,15 @@ def _openable(path: Path) -> str | BytesIO:
     return str(path)
 
 
+def _opened(exr: Any, source: str | BytesIO, **how: bool) -> Any:
+    """A file that OpenEXR reads, whose Python module takes no text in other encodings than UTF-8."""
+    try:
+        return exr.File(source, **how)
+    except UnicodeDecodeError:
+        data = Path(source).read_bytes() if isinstance(source, str) else source.getvalue()
+        return exr.File(BytesIO(layout.legible(data)), **how)
+
+
 @contextmanager
 def _decoding(path: Path) -> Iterator[None]:
     """Raise whatever OpenEXR raises as ValueError that names the file."""
@@ -752,7 +778,7 @@ def _pixels(contents: _Contents, keep: set[int] | None = None) -> dict[int, Any]
     with _decoding(path):
         source = _openable(path) if len(numbers) == count else BytesIO(layout.subset(path, numbers))
         with kept_output() as said:
-            parts = exr.File(source, separate_channels=True).parts
+            parts = _opened(exr, source, separate_channels=True).parts
         if len(parts) < len(numbers):
             raise ValueError(" ".join("".join(said).split()))
     return dict(zip(numbers, parts, strict=True))

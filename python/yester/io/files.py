@@ -8,6 +8,18 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
+def in_use(temporary: Path) -> bool:
+    """Whether the process that writes a temporary file of `beside` still runs, on this machine."""
+    number = temporary.name.split(".")[-2]
+    try:
+        os.kill(int(number), 0)
+    except (ValueError, OverflowError, ProcessLookupError):
+        return False
+    except PermissionError:  # of another user
+        return True
+    return True
+
+
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
     """A temporary file that is renamed to `path` at the end, or removed on an exception."""

@@ -124,6 +124,17 @@ def subset(path: Path, keep: Collection[int]) -> bytes:
     return b"".join([*front, table, *chunks])
 
 
+def legible(data: bytes) -> bytes:
+    """A file whose attributes have question marks where their text is not UTF-8."""
+    changed = bytearray(data)
+    for header in headers(data)[0]:
+        for one in header.values():
+            if one.type in ("string", "stringvector"):
+                value = _value(data, one).decode(errors="surrogateescape")
+                changed[one.start : one.start + one.size] = value.encode(errors="replace")
+    return bytes(changed)
+
+
 class _UnsupportedError(ValueError):
     """The error for an intact file of an unsupported kind."""
 

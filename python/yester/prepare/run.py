@@ -435,6 +435,8 @@ def _work(task: _Task, told: Callable[[], object] = lambda: None) -> _Done:
             temporary.rename(target)
         except OSError as error:
             if not _finished(task):
+                if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+                    raise Damaged(f"{target}: has other sequences, of an earlier run: remove it") from None
                 raise OSError(error.errno, error.strerror, str(target)) from None
         return _Done(name, task.known.frames, warned)
     except Damaged as error:

@@ -51,12 +51,15 @@ class Source:
         EXR files without noise, one a frame, or none.
     reading : dict
         Arguments of `read_exr`; references are read without the mapping.
+    part : int
+        From 2 on, the name has been made from that of a folder whose numbers jump.
     """
 
     name: str
     files: tuple[Path, ...]
     references: tuple[Path, ...] = ()
     reading: dict[str, Any] = field(default_factory=dict)
+    part: int = 1
 
     @property
     def stores(self) -> bool:
@@ -169,7 +172,7 @@ def find_sequences(
     -------
     sequences : list of Source
         In natural order, no two of the same name. Where a folder has a sequence, and others in its folders, the name of
-        the first one ends in ``-1``.
+        the first one ends in ``-1``. So does that of a part of a folder whose numbers jump, if another folder has it.
     set_aside : dict of str to list of str
         Sequences that cannot be used, and folders that cannot be read, and why.
 
@@ -196,6 +199,7 @@ def find_sequences(
         unread: list[OSError] = []
         for path, names in _folders(root, unread):
             name = _name(path, root)
+            names = [each for each in names if not each.startswith(".")]
             if any(each.lower().endswith(".exr") for each in names):
                 found += _shots(path, name, root, references, aside)
             zips = sorted(
@@ -206,10 +210,11 @@ def find_sequences(
         aside |= {_name(Path(error.filename), root): [f"{error.filename}: {error.strerror}"] for error in unread}
     # The output of a sequence must not lie in that of another one.
     above = {str(folder) for source in found for folder in PurePosixPath(source.name).parents}
+    folders = {source.name for source in found if source.part == 1}
     seen: dict[str, Source] = {}
     for source in found:
         name = source.name
-        while name in above:
+        while name in above or (source.part > 1 and (name in folders or name in seen)):
             name += "-1"
         if name in seen:
             both = f"{seen[name].files[0]} and {source.files[0]}"
@@ -253,7 +258,7 @@ def _shots(
             if absent := [f"{path}: no such reference" for path in clean if not path.is_file()]:
                 aside[own] = absent
                 continue
-        yield Source(own, files, clean)
+        yield Source(own, files, clean, part=number)
 
 
 def _stores(paths: list[Path], name: str, aside: dict[str, list[str]], *, inside: bool = False) -> Iterator[Source]:
