@@ -1,5 +1,7 @@
 """The predictive error, which needs no reference, and the plan that it decides."""
 
+import copy
+import pickle
 import warnings
 from dataclasses import replace
 
@@ -267,6 +269,16 @@ def test_a_plan_for_other_buffers(moving):
     assert np.isfinite(pipeline.step(replace(moving[2], normal=None)).color).all()
 
 
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_copies_start_a_new_sequence(moving, again):
+    pipeline = yester.plan(moving).pipeline()
+    first = replace(moving[0], motion=None)
+    want = pipeline.step(first)
+    pipeline.step(moving[1])
+    got = again(pipeline).step(first)
+    assert_same_bits(got.color, want.color)
+
+
 def test_motion_to_the_next_frame_is_not_needed_backwards(moving):
     """`denoise` takes it out where a copy runs backwards, and the last frame has none."""
     known = [replace(frame, motion_next=-frame.motion) for frame in moving]
@@ -310,6 +322,15 @@ def test_some_frames_of_nan(moving):
     found = yester.plan(holes)
     assert found.reason == ""
     assert all(np.isfinite(stage.loss) for stage in found.stages)
+
+
+@pytest.mark.parametrize("given", [{"without": ("color",)}, {"without": "ids"}, {"buffers": ("colour",)}])
+def test_plans_name_buffers(given, tmp_path):
+    (name,) = given
+    with pytest.raises(ValueError, match=f"^{name}: expected names of buffers, got"):
+        yester.Plan(**given)
+    with pytest.raises(TypeError, match=r"^plan: expected yester\.Plan, got int"):
+        yester.Planned(3)
 
 
 def test_bad_input(moving):

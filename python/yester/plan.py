@@ -134,6 +134,13 @@ class Plan:
     stages: tuple[Stage, ...] = ()
     reason: str = ""
 
+    def __post_init__(self) -> None:
+        for name, known in (("buffers", BUFFERS), ("without", BUFFERS[1:])):
+            given = getattr(self, name)
+            strange = [given] if isinstance(given, str) else [one for one in given if one not in (*known, "camera")]
+            if strange:
+                raise ValueError(f"{name}: expected names of buffers, got {strange[0]!r}")
+
     def __str__(self) -> str:
         """A table with a line for each stage: use, evidence with its standard error, and milliseconds of a frame."""
         width = max((len(stage.name) for stage in self.stages), default=0)
@@ -240,13 +247,10 @@ class Plan:
                 _check_keys(stage, _STAGE_KINDS, "stages.")
             found["options"] = {n: tuple(v) if isinstance(v, list) else v for n, v in found["options"].items()}
             _check_options(found["options"])
-            for name in ("buffers", "without"):
-                found[name] = tuple(found[name])
-                if strange := [one for one in found[name] if one not in (*BUFFERS, "camera")]:
-                    raise ValueError(f"{name}: expected names of buffers, got {strange[0]!r}")
+            found |= {name: tuple(found[name]) for name in ("buffers", "without")}
+            return Plan(**found | {"stages": tuple(Stage(**stage) for stage in found["stages"])})
         except (TypeError, ValueError) as error:
             raise ValueError(f"{path}: {error}") from None
-        return Plan(**found | {"stages": tuple(Stage(**stage) for stage in found["stages"])})
 
 
 class Planned:
@@ -271,6 +275,8 @@ class Planned:
     """
 
     def __init__(self, plan: Plan) -> None:
+        if not isinstance(plan, Plan):
+            raise TypeError(f"plan: expected yester.Plan, got {type(plan).__name__}")
         self.plan = plan
         self._svgf = SVGF(**plan.options)
         self._steps = 0
@@ -365,6 +371,10 @@ class Planned:
         other = Planned(self.plan)
         other._svgf = copy.copy(self._svgf)
         return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without history, as of all pipelines: what is unpickled, or copied deeply, starts a new sequence."""
+        return {**vars(self), "_steps": 0}
 
 
 def plan(frames: Iterable[Frame], *, count: int = PLANNED) -> Plan:

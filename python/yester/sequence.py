@@ -88,7 +88,7 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     Raises
     ------
     TypeError
-        If one is no `Frame`.
+        If one is no `Frame`, or the pipeline has no `step`.
     ValueError
         If lookahead is negative, or frames differ in size; and what `step` raises.
 
@@ -113,8 +113,10 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     without confidence anywhere, at an end of the sequence or at a cut, does not count.
 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
-    behind its end. A chunk ends early at a frame from which no motion leads to the next one. At most ``6 * lookahead``
-    frames are held, and as many results, histories and, for the output stage, colours with depth, motion and samples.
+    behind its end. A chunk ends early at a frame from which no motion leads to the next one. At most
+    ``6 * lookahead + 2`` frames are held, and as many results, histories and, for the output stage, colours with depth,
+    motion and samples; with an output stage, twice as many are read before the first result. If `frames` raises, the
+    frames that are held have no results.
 
     Examples
     --------
@@ -131,6 +133,8 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     ahead = index(lookahead)
     if ahead < 0:
         raise ValueError(f"lookahead: expected 0 or more frames, got {lookahead}")
+    if pipeline is not None and not hasattr(pipeline, "step"):
+        raise TypeError(f"pipeline: expected an object with a step, got {type(pipeline).__name__}")
     pipeline = SVGF() if pipeline is None else copy.copy(pipeline)
     if ahead == 0:
         return map(pipeline.step, frames)
