@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Image, Size, Value};
+use crate::image::{BandMut, Image, Size, Value, View};
 use crate::lanes::{LANES, Tap, TapColumns};
 use crate::rows::{self, Job, Kernel, Simd};
 
@@ -191,8 +191,7 @@ impl<T> BorderedBand<'_, T> {
 
 /// A job of a pass that overwrites an image in place: every `step`-th row of a range, from top to bottom.
 ///
-/// In place, because a second image for ping-pong would cost memory, 40 MB of the 550 MB of `SVGF()` at 1080p, and time, 13 %
-/// of `atrous`: the lines of the second image are fetched into cache only to be overwritten. Taps lie multiples of `step`
+/// In place, because a second image for ping-pong would cost memory, 16 bytes a pixel, and time, 13 % of `atrous`: the lines of the second image are fetched into cache only to be overwritten. Taps lie multiples of `step`
 /// rows apart, so that jobs of another y mod `step` never read these rows. Of the job's own rows, those below the current
 /// one are not overwritten yet, and the `radius` rows above are read from a ring buffer of copies. The rows beyond both ends
 /// of the job belong to other jobs: they are copied before the pass begins.
@@ -235,6 +234,42 @@ pub struct Step<'c, const N: usize, E> {
     pub extra: &'c mut E,
 }
 
+/// Copies the rows of the window above and below each job, of the first `N` channels, halo included.
+struct CopyHalos<'a, const N: usize> {
+    image: View<'a>,
+    step: usize,
+    radius: usize,
+}
+
+impl<'a, const N: usize> Kernel for CopyHalos<'a, N> {
+    /// The number of the job's rows, and where the copies go.
+    type Out = (usize, &'a mut [Vec<f32>; 2]);
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (len, halo): Self::Out) {
+        let Self { step, radius, .. } = *self;
+        let Range { start: first, end } = rows;
+        let above = (1..=radius).map_while(|up| first.checked_sub(up * step));
+        let below = (len..len + radius).map(|row| first + row * step);
+        let below = below.take_while(|&y| y < end);
+        let [up, down] = halo;
+        above.for_each(|y| self.copy(y, up));
+        below.for_each(|y| self.copy(y, down));
+    }
+}
+
+impl<const N: usize> CopyHalos<'_, N> {
+    #[inline(always)]
+    fn copy(&self, y: usize, copies: &mut Vec<f32>) {
+        if copies.is_empty() {
+            copies.reserve_exact(self.radius * N * self.image.size.width);
+        }
+        for channel in 0..N {
+            copies.extend_from_slice(self.image.row(channel, y));
+        }
+    }
+}
+
 impl Bordered {
     /// Cuts a pass into jobs. The first `N` channels are overwritten in place. A further channel alternates between two
     /// planes, because all jobs read it: the pass reads `source`, which is returned, and writes `target`.
@@ -253,14 +288,18 @@ impl Bordered {
             let jobs = ((all + rows_per_job / 2) / rows_per_job).max(1);
             let longest = all.div_ceil(jobs);
             for start in (0..all).step_by(longest) {
-                let (first, len) = (remainder + start * step, longest.min(all - start));
-                let inside = |row: usize| Some(first + row * step).filter(|&y| y < height);
-                let above = (1..=radius).map_while(|up| first.checked_sub(up * step));
-                let below = (len..len + radius).map_while(inside);
-                let halo = [self.copies::<N>(above), self.copies::<N>(below)];
-                cuts.push((first, len, halo));
+                let len = longest.min(all - start);
+                cuts.push((remainder + start * step, len, [vec![], vec![]]));
             }
         }
+        let copies = cuts.iter_mut();
+        let copies = copies.map(|(first, len, halo)| (*first..height, (*len, halo)));
+        let copy = CopyHalos::<N> {
+            image: self.image.view(),
+            step,
+            radius,
+        };
+        rows::run_jobs(&copy, copies.collect());
         let (source, rows) = self.split(source, target);
         let mut rows: Vec<_> = rows.zip(extras).map(Some).collect();
         assert_eq!(rows.len(), height);
@@ -280,17 +319,6 @@ impl Bordered {
             (first..height, job)
         });
         (source, jobs.collect())
-    }
-
-    /// Contiguous copies of some rows of the first `N` channels, halo included.
-    fn copies<const N: usize>(&self, rows: impl Iterator<Item = usize>) -> Vec<f32> {
-        let mut copies = vec![];
-        for y in rows {
-            for channel in 0..N {
-                copies.extend_from_slice(self.image.view().row(channel, y));
-            }
-        }
-        copies
     }
 
     /// The `source` channel, and the rows of the first `N` channels and of `target`, halo included.

@@ -43,6 +43,20 @@ pub(crate) fn in_range(
     }
 }
 
+/// An error if the value is not between 0 and 1.
+pub(crate) fn from_0_to_1(argument: &str, value: f32) -> Result<()> {
+    in_range(argument, value, "a share from 0 to 1", |v| {
+        (0.0..=1.0).contains(&v)
+    })
+}
+
+/// An error if the value is negative, infinite or NaN.
+pub(crate) fn finite_from_0(argument: &str, value: f32) -> Result<()> {
+    in_range(argument, value, "a finite number from 0", |v| {
+        v >= 0.0 && v.is_finite()
+    })
+}
+
 /// An integer of any type, such as Python's, which may be negative or too large for the parameter.
 pub(crate) trait Whole<T>: Copy + Display + TryInto<T> {}
 

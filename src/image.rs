@@ -182,9 +182,7 @@ impl<T: Value> Image<T> {
     pub fn bands(&mut self) -> impl Iterator<Item = BandMut<'_, T>> {
         bands_of(&mut self.data, self.size)
     }
-}
 
-impl<T: Value> Image<T> {
     /// All elements, in the order of the layout.
     pub fn data_mut(&mut self) -> &mut [T] {
         &mut self.data

@@ -54,12 +54,13 @@
 //!            reproject                                          history, gathered and validated tap by tap,
 //!            splat ► pull_push                                  or scattered point by point, its holes filled
 //!   judge    consistency, disocclusion, thin_features,          history of another surface or light is refused,
+//!            incoherent_guides, light_change, repetition,
 //!            exposure ► clip_history, alternation ► anti_lag,
 //!            temporal_gradient, prediction_gain ► blend_factor, or weighs less,
 //!            innovation, compare_candidates ► choice,           or is corrected; the best of several wins,
 //!            collocate ► collocation_shares                     or their best mixture
 //!   merge    resample ► accumulate, blend, recirculate, resolve new samples are accumulated,
-//!            combine_histories                                  and both sides of time put together
+//!            combine_histories, converge                        and both sides of time put together
 //!   smooth   suppress_fireflies, fix_history, reconstruct,      the remaining noise
 //!            estimate_variance ► atrous, regress,               is filtered in space,
 //!            morphological_aa, joint_bilateral_upsample,        and pixels without samples are filled

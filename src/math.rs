@@ -27,6 +27,11 @@ pub fn is_present([r, g, b]: Color) -> bool {
 }
 
 #[inline(always)]
+pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
 pub fn ycocg([r, g, b]: Color) -> Color {
     [
         0.25 * r + 0.5 * g + 0.25 * b,

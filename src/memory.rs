@@ -28,28 +28,26 @@ pub struct Scratch {
 
 impl Scratch {
     /// Runs `work`. Its images on this thread take their memory from here, and return it when they are dropped. A panic
-    /// frees all of the scratch.
+    /// frees all of the scratch. A thread that waits in one step may begin another: the scratch of the first waits, too.
     pub fn install<R>(&mut self, work: impl FnOnce() -> R) -> R {
-        struct Uninstall;
-        impl Drop for Uninstall {
+        struct Restore(Option<Scratch>);
+        impl Drop for Restore {
             fn drop(&mut self) {
-                CURRENT.take();
+                CURRENT.set(self.0.take());
             }
         }
-        let uninstall = Uninstall;
-        CURRENT.set(Some(std::mem::take(self)));
+        let outer = Restore(CURRENT.replace(Some(std::mem::take(self))));
         let result = work();
         *self = CURRENT.take().unwrap_or_default();
-        drop(uninstall);
+        drop(outer);
         result
     }
 
-    /// The smallest free block that holds `len` elements. Blocks more than a third too large are left for larger
-    /// images.
+    /// The smallest free block that holds `len` elements. Blocks more than half too large are left for larger images.
     fn take<T: Value>(&mut self, len: usize) -> Option<Block<T>> {
         let fits = |block: &Box<dyn Any + Send + Sync>| {
             let capacity = block.downcast_ref::<Block<T>>()?.len();
-            (len..=len + len / 3)
+            (len..=len + len / 2)
                 .contains(&capacity)
                 .then_some(capacity)
         };
@@ -290,6 +288,16 @@ mod tests {
             });
         }
         assert_eq!(scratch.free.len(), 2);
+    }
+
+    #[test]
+    fn the_outer_scratch_waits_for_the_inner() {
+        let [mut outer, mut inner] = [Scratch::default(), Scratch::default()];
+        outer.install(|| {
+            drop(Memory::<f32>::zeroed(10));
+            inner.install(|| drop(Memory::<f32>::zeroed(10)));
+        });
+        assert_eq!((outer.free.len(), inner.free.len()), (1, 1));
     }
 
     #[test]

@@ -166,7 +166,7 @@ pub type Columns = [f32; SEGMENT + LANES];
 
 /// The motion of a run of pixels; the third channel, if there is one, is the change of depth.
 #[derive(Clone, Copy)]
-pub struct Motion<'a> {
+pub struct MotionRun<'a> {
     pub x: &'a [f32],
     pub y: &'a [f32],
     pub depth: Option<&'a [f32]>,
@@ -181,7 +181,7 @@ impl MotionLanes {
     }
 
     #[inline(always)]
-    pub fn load(&mut self, motion: &Pixels, run: Run) -> Motion<'_> {
+    pub fn load(&mut self, motion: &Pixels, run: Run) -> MotionRun<'_> {
         let Self(lanes) = self;
         let [x, y, depth] = lanes.each_mut().map(Row::as_mut_slice);
         match motion.channels {
@@ -189,7 +189,7 @@ impl MotionLanes {
             _ => motion.read(run, [x, y]),
         }
         let [x, y, depth] = lanes.each_ref().map(|lane| &lane[..run.len]);
-        Motion {
+        MotionRun {
             x,
             y,
             depth: (motion.channels == 3).then_some(depth),

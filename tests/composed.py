@@ -175,9 +175,10 @@ class Mixing:
             if shares is None:
                 return shown
             first, second = (between_tiles(shares[..., c], *shown.shape[:2])[..., None] for c in (0, 1))
-            mixed = shown + first * (denoised - shown)
-            mixed = mixed + second * (samples - mixed)
-        return np.where(np.isfinite(mixed).all(-1, keepdims=True), mixed, shown)
+            for share, image in ((first, denoised), (second, samples)):
+                mixed = shown + share * (image - shown)
+                shown = np.where(np.isfinite(mixed).all(-1, keepdims=True), mixed, shown)
+        return shown
 
 
 class Noise:
@@ -382,7 +383,7 @@ def shorten(length: NDArray, gradient: NDArray | None) -> NDArray:
 def correct(light: NDArray, found: NDArray) -> NDArray:
     """Add the correction; light does not fall below black, and missing pixels stay missing."""
     corrected = light + found
-    corrected = np.where(corrected < 0, np.float32(0), corrected)
+    corrected = np.where(corrected < 0, np.float32(0), np.minimum(corrected, np.finfo(np.float32).max))
     return np.where(corrected_runs(found), corrected, light)
 
 
@@ -629,8 +630,9 @@ class SVGF:
             expected[2] = np.minimum(expected[2], longest - 1)
             if later is not None:
                 joins = later.color, later.moments, np.minimum(later.history_length, longest - 1)
-                expected = yester.combine_histories(*expected, *joins)
-                color, moments, length = yester.combine_histories(*kept, *joins)
+                bright = yester.exposure(color)
+                expected = yester.combine_histories(*expected, *joins, exposure=bright)
+                color, moments, length = yester.combine_histories(*kept, *joins, exposure=bright)
             variance = yester.estimate_variance(moments, length, min_length=min_length, **alike)
             if later is not None:
                 variance = variance * np.minimum(longest / length, np.float32(1))

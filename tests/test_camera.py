@@ -171,6 +171,8 @@ def test_bad_matrix_or_size(camera, change, match):
     [
         ({"fov": 0}, "fov"),
         ({"fov": 180}, "fov"),
+        ({"fov": 179.9999999}, "fov"),
+        ({"width": 2**70}, "width"),
         ({"fov": np.nan}, "fov"),
         ({"target": ORIGIN}, "target"),
         ({"up": np.subtract(TARGET, ORIGIN)}, "up"),

@@ -347,6 +347,23 @@ def test_frames_of_many_samples_are_their_kernels():
     assert asked >= 5
 
 
+def test_missing_samples_show_the_denoised_share():
+    """Where a tile mixes three images and the sample is missing, the other two are still mixed."""
+    mixing, plain, other = yester.SVGF(), yester.SVGF(), composed.SVGF()
+    plain = (plain.split()[0], yester.TAA("denoised", innovation=True, choice=False))
+    found = 0
+    for number, (frame, _) in enumerate(sampled(9)):
+        color = frame.color.copy()
+        missing = np.random.default_rng(number).random(frame.shape) < 0.02
+        color[missing] = np.nan
+        frame = replace(frame, color=color)
+        got = mixing.step(frame).color
+        assert_same_bits(got, other.step(frame).color)
+        smooth = replace(frame, color=plain[0].step(frame).color)
+        found += (got != plain[1].step(smooth, samples=color).color).any(-1)[missing].sum()
+    assert found > 100
+
+
 @pytest.mark.parametrize(("share", "rtol"), [(0, 1e-4), (0.03, 1e-3)])
 def test_frames_of_many_samples_against_the_reference(share, rtol):
     """Samples that are 30 times too bright are shown, and judge, with less."""

@@ -162,6 +162,47 @@ def test_two_halves_are_the_whole():
     assert_alike(got, accumulated(frames), sizes(got))
 
 
+def spiky(rng, height, width) -> list:
+    """A history of which some pixels have most light from one sample, of several or of a single one."""
+    length = rng.choice(np.float32([0.5, 1, 2, 3, 5]), (height, width))
+    light = rng.uniform(0.5, 2, (height, width)) * rng.choice([1, 100, 1e4], (height, width), p=[0.6, 0.2, 0.2])
+    tint = rng.uniform(0.9, 1.1, (height, width, 3))
+    square = np.where(rng.random((height, width)) < 0.5, np.maximum(length, 1), 1.1)
+    moments = np.stack([light, square * light**2], -1)
+    return [(light[..., None] * tint).astype(np.float32), moments.astype(np.float32), length]
+
+
+@given(seed=st.integers(0, 2**32), size=st.tuples(st.integers(1, 20), st.integers(1, 40)), holes=st.booleans())
+def test_spikes_are_held(seed, size, holes):
+    rng = np.random.default_rng(seed)
+    first, second = (spiky(rng, *size) for _ in range(2))
+    if holes:
+        for image in (*first, *second):
+            image[rng.random(size) < 0.1] = np.nan
+    check(first, second, exposure=0.5)
+
+
+def test_a_spike_by_hand():
+    """One of four samples is a firefly; two are, and so it is none; the other history has two samples, or none."""
+    color, moments = np.full((1, 4, 3), 250, np.float32), np.float32([[[250, 250_000], [250, 125_000]] * 2])
+    lengths, others = np.full((1, 4), 4, np.float32), np.float32([[4, 4, 2, 0]])
+    other, others_moments = np.ones((1, 4, 3), np.float32), np.ones((1, 4, 2), np.float32)
+    held, _, length = yester.combine_histories(color, moments, lengths, other, others_moments, others, exposure=1.0)
+    np.testing.assert_allclose(held[0, :, 1], [(8.5 + 1) / 2, 251 / 2, (4 * 250 + 2) / 6, 250], rtol=1e-5)
+    turned, _, _ = yester.combine_histories(other, others_moments, others, color, moments, lengths, exposure=1.0)
+    np.testing.assert_allclose(turned, held, rtol=1e-5)
+    np.testing.assert_array_equal(length, [[8, 8, 6, 4]])
+    plain, _, _ = yester.combine_histories(color, moments, lengths, other, others_moments, others)
+    np.testing.assert_allclose(plain[0, :2, 1], 251 / 2)
+
+
+@pytest.mark.parametrize("exposure", [0, -1, np.nan, np.inf])
+def test_wrong_exposure(exposure):
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match=r"^exposure: expected a finite number above 0"):
+        yester.combine_histories(*history(rng, 6, 9), *history(rng, 6, 9), exposure=exposure)
+
+
 def test_nothing_of_the_arguments_changes():
     rng = np.random.default_rng(0)
     images = [*history(rng, 4, 5), *history(rng, 4, 5), gradients(rng, 4, 5)]

@@ -77,6 +77,19 @@ def test_outside_and_unknown_motion():
     assert (yester.disocclusion(depth, motion) == 1).all()
 
 
+def test_unknown_change_of_depth_hides_nothing():
+    """A pixel whose depth moves nobody knows where is left out, instead of standing at depth 0 before all others."""
+    rng = np.random.default_rng(3)
+    depth, motion = compare.surfaces(rng, 30, 40)["depth"], compare.motions(rng, 30, 40, 3)
+    motion[10:20, 10:30, 2] = np.nan
+    check(depth, motion)
+    still = np.zeros((30, 40, 3), np.float32)
+    still[10:20, 10:30, 2] = np.nan
+    share = check(np.ones_like(depth), still)
+    assert not share[:9].any()
+    assert not share[21:].any()
+
+
 def test_bad_input():
     depth, motion = np.ones((4, 5), np.float32), np.zeros((4, 5, 2), np.float32)
     for value in (-0.1, 1.1, np.nan):

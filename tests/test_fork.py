@@ -84,6 +84,22 @@ def test_one_pipeline_in_two_threads():
     assert sorted(result.history_length.max() for result in done) == list(range(1, len(done) + 1))
 
 
+@pytest.mark.parametrize("method", [yester.SVGF, yester.HalfRes])
+def test_a_pipeline_is_split_while_it_steps(method):
+    """Takes turns, or is refused, as well."""
+    pipeline, frame, refused = method(), yester.Frame(np.ones((512, 512, 3), np.float32)), 0
+    with ThreadPoolExecutor(1) as pool:
+        steps = [pool.submit(pipeline.step, frame) for _ in range(4)]
+        while not all(step.done() for step in steps):
+            try:
+                denoiser, stage = pipeline.split()
+                assert not denoiser.antialias if hasattr(denoiser, "antialias") else stage is not None
+            except RuntimeError:
+                refused += 1
+    assert refused > 0
+    assert max(step.result(TIMEOUT).history_length.max() for step in steps) <= 4
+
+
 def test_python_runs_on_during_a_kernel():
     """Another thread advances while a kernel works: the lock is released. Tests that it advances, not how fast."""
     color, variance = np.ones((1024, 1024, 3), np.float32), np.ones((1024, 1024), np.float32)

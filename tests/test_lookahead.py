@@ -301,6 +301,21 @@ def test_the_reversed_sequence_is_as_good():
     assert apart < 0.1 * np.mean([(one - truth) ** 2 for one in there])
 
 
+@pytest.mark.parametrize("light", [1000, 10_000])
+def test_each_side_holds_the_fireflies_of_the_other(light):
+    """One-sided, they stay in the frames after them; both sides had them before as well."""
+    given = still(12)
+    truth, color = composed.supersampled(given[0].camera), given[6].color.copy()
+    color[[10, 20, 30], [15, 40, 30]] = light
+    given[6] = Frame(**given[6].buffers() | {"color": color}, camera=given[6].camera)
+    both, pipeline = [output.color for output in yester.denoise(given)], yester.SVGF()
+    one = [pipeline.step(frame).color for frame in given]
+    errors = [np.mean([(image - truth) ** 2 for image in images[3:10]]) for images in (both, one)]
+    assert errors[0] < 0.5 * errors[1]
+    # In all frames but its own, nothing is left that anyone would take for a firefly.
+    assert max(image.max() for number, image in enumerate(both) if number != 6) < 0.1 * light
+
+
 def test_disocclusions_use_later_frames():
     """A cut to another view: earlier frames have no history for the frame after it, later ones do."""
     given = still(8)
@@ -398,6 +413,8 @@ def test_bad_input():
         yester.denoise([], lookahead=-1)
     with pytest.raises(TypeError):
         yester.denoise([], lookahead=1.5)
+    with pytest.raises(TypeError, match=r"^pipeline: expected an object with a step, got int"):
+        yester.denoise([], 5)
     small = Frame(np.ones((4, 5, 3), np.float32))
     with pytest.raises(
         TypeError, match=r"^frames: expected yester\.Frame, got ndarray at 1: pass yester\.Frame\(color\)"

@@ -199,5 +199,9 @@ def test_outputs_of_stages_in_python():
         given = {"color": color, "history_length": flat, "confidence": flat, "rejection": rejection, name: wrong}
         with pytest.raises(ValueError, match=rf"^{name}: expected shape"):
             yester.Output(**given)
-    with pytest.raises(TypeError, match="rejection"):
+    with pytest.raises(TypeError, match=r"^rejection: expected a uint8 array, got float32"):
         yester.Output(color, flat, flat, flat)
+    with pytest.raises(TypeError, match=r"^color: expected a float32 array, got float64"):
+        yester.Output(color.astype(np.float64), flat, flat, rejection)
+    with pytest.raises(ValueError, match=r"^missing: expected a number of pixels, got -1"):
+        yester.Output(color, flat, flat, rejection, missing=-1)

@@ -144,7 +144,7 @@ class Camera:
         origin, target, up : (3,) array_like of float
             World space, right-handed; `up` need not be perpendicular to the view.
         fov : float
-            Field of view in degrees, in (0, 180).
+            Field of view in degrees, above 0 and below 180, by so much that the matrix can be inverted.
         width, height : int
             The image's size in pixels.
         fov_axis : {"x", "y"}, default "x"
@@ -175,7 +175,7 @@ class Camera:
         """The matrix that was passed to the constructor: (4, 4) float64."""
     @property
     def world_to_camera(self) -> _Doubles:
-        """Rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR files): (4, 4) float64."""
+        """World to camera; +X right, +Y up, +Z forward, as in EXR files; rigid unless skewed: (4, 4) float64."""
     @property
     def width(self) -> int:
         """Image width in pixels."""
@@ -2213,10 +2213,10 @@ def light_change(color: ArrayLike, history: ArrayLike, coverage: ArrayLike | Non
 
     Notes
     -----
-    The image is divided into 8×8 blocks. Of each that knows a sixteenth of its pixels, ``r = ln Σ l(color) - ln Σ
-    l(history)``, with l the luminance. If at least 16 do, with m the median of r and d the third quartile of
-    ``|r - m|``, the change is ``exp(m)`` where ``|m| > 1.25 d``, ``d < 0.15`` and ``|m| < ln 10⁶``, else 1. Of H rows,
-    every ⌊H/128⌋th is looked at, or the next odd number.
+    The image is divided into 64 blocks, 8 across and 8 down. Of each that knows a sixteenth of its pixels,
+    ``r = ln Σ l(color) - ln Σ l(history)``, with l the luminance. If at least 16 do, with m the median of r and d the
+    third quartile of ``|r - m|``, the change is ``exp(m)`` where ``|m| > 1.25 d``, ``d < 0.15`` and ``|m| < ln 10⁶``,
+    else 1. Of H rows, every ⌊H/128⌋th is looked at, or the next odd number.
 
     Examples
     --------
@@ -2721,7 +2721,8 @@ def collocation_shares(
     Notes
     -----
     Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
-    With ⟨a b⟩ the products, averaged over a tile and its neighbours with weights {1, 2, 1}/4 along each axis,
+    With ⟨a b⟩ the products, averaged over a tile and its neighbours with weights {1, 2, 1}/4 along each axis (those at
+    the border are repeated beyond it),
     ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of the detail in p, whatever motion and resampling have lost: the triple
     collocation of [1]_. ⟨y q⟩ is at least 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy
     of p's noise, and with ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
@@ -2814,6 +2815,7 @@ def combine_histories(
     other_length: ArrayLike,
     *,
     gradient: ArrayLike | None = None,
+    exposure: float | None = None,
     out: tuple[_Floats | None, _Floats | None, _Floats | None] | None = None,
 ) -> tuple[_Floats, _Floats, _Floats]:
     """Combine two independent histories of the same pixels, such as those of earlier and of later frames.
@@ -2830,6 +2832,9 @@ def combine_histories(
         The same of the second history.
     gradient : (H, W) array_like of float, optional
         Relative change of light in the second history, 0 to 1; NaN counts as 0. It counts as fewer samples there.
+    exposure : float, optional
+        The scale of the light, above 0, as `exposure` returns it. If given, fireflies of one history that the other
+        does not confirm are held down.
     out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
         Written and returned instead of new arrays; they may be inputs. A part may be None.
 
@@ -2845,7 +2850,7 @@ def combine_histories(
     Raises
     ------
     ValueError
-        On wrong shapes.
+        On wrong shapes or an exposure out of range.
 
     See Also
     --------
@@ -2856,6 +2861,11 @@ def combine_histories(
     -----
     Each is a mean over its samples, so the mean over all has the lengths for weights: ``c + N'/(N + N') (c' - c)``. A
     gradient g shortens the second history to ``N' (1 - g)**10``, as in `accumulate`.
+
+    If one sample of N has nearly all light, ``m2`` is about ``N m1**2``. With an exposure, colour and moments of a
+    history with ``m2 >= 0.7 max(N, 2.5) m1**2`` are therefore multiplied by
+    ``min(1, 8 (max(l', 0) + exposure/16) / l)``, l and l' the luminances of its colour and of the other one's, if that
+    has 2.5 samples or more.
 
     Examples
     --------
@@ -2915,8 +2925,9 @@ def converge(
     noise, which ends. In units of the light ``l = max(luminance(O), 0) + exposure/16``, with ``r = (M - O)/l`` and the
     variance ``v = (m2 - m1*m1)/(N - 1)/l**2 * (1 + 4/N)`` of M, tiles of 8×8 pixels have the share
     ``s = max(0, 1 - mean(v)/mean(luminance(r - R)**2))``, interpolated bilinearly, and the result is
-    ``O + s (r - R) l``: James and Stein's estimator [1]_ with O in the place of a fixed point. R is the mean of r, held
-    to -1 to 1, over 9×9 tiles: where light changes slowly, that much of the difference is the older samples' error.
+    ``O + s (r - R) l``: James and Stein's estimator [1]_ with O in the place of a fixed point. R is the mean of
+    ``clip(r, -1, 1)`` over 9×9 tiles: where light changes slowly, that much of the difference is the older samples'
+    error.
 
     References
     ----------
@@ -3110,7 +3121,7 @@ def blend(
     Notes
     -----
     "none": ``h + alpha (c - h)``. "tone" and `flicker` are those of Karis [1]_. "luminance":
-    ``lerp(4 alpha, alpha, (1 - d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, as in INSIDE [2]_. With
+    ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, as in INSIDE [2]_. With
     ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the neighbourhood's
     range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``.
 

@@ -66,7 +66,7 @@ pub struct Camera {
 #[pymethods]
 impl Camera {
     #[new]
-    fn new(world_to_clip: &Bound<'_, PyAny>, width: i64, height: i64) -> PyResult<Self> {
+    fn new(world_to_clip: &Bound<'_, PyAny>, width: i128, height: i128) -> PyResult<Self> {
         let matrix = matrix4(world_to_clip, "world_to_clip")?;
         Ok(Self {
             inner: pinhole::Camera::new(matrix, size(width, height)?)?,
@@ -80,7 +80,7 @@ impl Camera {
     /// origin, target, up : (3,) array_like of float
     ///     World space, right-handed; `up` need not be perpendicular to the view.
     /// fov : float
-    ///     Field of view in degrees, in (0, 180).
+    ///     Field of view in degrees, above 0 and below 180, by so much that the matrix can be inverted.
     /// width, height : int
     ///     The image's size in pixels.
     /// fov_axis : {"x", "y"}, default "x"
@@ -112,8 +112,8 @@ impl Camera {
         target: &Bound<'_, PyAny>,
         up: &Bound<'_, PyAny>,
         fov: f64,
-        width: i64,
-        height: i64,
+        width: i128,
+        height: i128,
         fov_axis: &str,
         principal_point: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
@@ -143,7 +143,7 @@ impl Camera {
         rows(py, &self.inner.world_to_clip)
     }
 
-    /// Rigid world-to-camera matrix; +X right, +Y up, +Z forward (left-handed, as in EXR files): (4, 4) float64.
+    /// World to camera; +X right, +Y up, +Z forward, as in EXR files; rigid unless skewed: (4, 4) float64.
     #[getter]
     fn world_to_camera<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         rows(py, &self.inner.world_to_camera())
@@ -456,7 +456,7 @@ fn shaped<'py>(
 #[pyo3(name = "jitter", signature = (count, *, sequence="halton"))]
 pub fn jitter_<'py>(
     py: Python<'py>,
-    count: i64,
+    count: i128,
     sequence: &str,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let sequence = choice("sequence", sequence, &Sequence::NAMES)?;
@@ -841,7 +841,7 @@ pub fn invert_motion_<'py>(
     inverted.array()
 }
 
-fn size(width: i64, height: i64) -> crate::error::Result<Size> {
+fn size(width: i128, height: i128) -> crate::error::Result<Size> {
     let side = |name, value| {
         let expected = "a number of pixels, 1 to 2²³ - 1";
         whole(name, value, expected, |n| (1..=Size::LONGEST).contains(n))

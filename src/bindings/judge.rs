@@ -301,10 +301,10 @@ pub fn exposure_(py: Python<'_>, color: &Bound<'_, PyAny>) -> PyResult<f32> {
 ///
 /// Notes
 /// -----
-/// The image is divided into 8×8 blocks. Of each that knows a sixteenth of its pixels, ``r = ln Σ l(color) - ln Σ
-/// l(history)``, with l the luminance. If at least 16 do, with m the median of r and d the third quartile of
-/// ``|r - m|``, the change is ``exp(m)`` where ``|m| > 1.25 d``, ``d < 0.15`` and ``|m| < ln 10⁶``, else 1. Of H rows,
-/// every ⌊H/128⌋th is looked at, or the next odd number.
+/// The image is divided into 64 blocks, 8 across and 8 down. Of each that knows a sixteenth of its pixels,
+/// ``r = ln Σ l(color) - ln Σ l(history)``, with l the luminance. If at least 16 do, with m the median of r and d the
+/// third quartile of ``|r - m|``, the change is ``exp(m)`` where ``|m| > 1.25 d``, ``d < 0.15`` and ``|m| < ln 10⁶``,
+/// else 1. Of H rows, every ⌊H/128⌋th is looked at, or the next odd number.
 ///
 /// Examples
 /// --------
@@ -624,8 +624,8 @@ pub fn temporal_gradient<'py>(
     color: &Bound<'py, PyAny>,
     previous: &Bound<'py, PyAny>,
     noise: f32,
-    passes: i64,
-    widest: i64,
+    passes: i128,
+    widest: i128,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let params = gradient::Params {
@@ -744,7 +744,7 @@ pub fn innovation_<'py>(
     exposure: f32,
     strictness: f32,
     share: f32,
-    levels: i64,
+    levels: i128,
     fed_back: bool,
     sparse: bool,
     out: Option<Bound<'py, PyAny>>,
@@ -854,7 +854,7 @@ pub fn choice_<'py>(
     evidence: &Bound<'py, PyAny>,
     motion: &Bound<'py, PyAny>,
     coverage: &Bound<'py, PyAny>,
-    usual: i64,
+    usual: i128,
     strictness: f32,
     share: f32,
     out: Option<Bound<'py, PyAny>>,
@@ -960,7 +960,7 @@ pub fn compare_candidates<'py>(
     candidates: &Bound<'py, PyAny>,
     evidence: Option<&Bound<'py, PyAny>>,
     exposure: f32,
-    usual: i64,
+    usual: i128,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     exposure::check(exposure)?;
@@ -1121,7 +1121,8 @@ const EVIDENCE: Channels = Channels::Of(&[collocation::CHANNELS]);
 /// Notes
 /// -----
 /// Samples y of a frame, p of the frame before and q of two frames before measure one signal, with independent noise.
-/// With ⟨a b⟩ the products, averaged over a tile and its neighbours with weights {1, 2, 1}/4 along each axis,
+/// With ⟨a b⟩ the products, averaged over a tile and its neighbours with weights {1, 2, 1}/4 along each axis (those at
+/// the border are repeated beyond it),
 /// ``S = ⟨y p⟩ ⟨p q⟩ / ⟨y q⟩`` is the energy of the detail in p, whatever motion and resampling have lost: the triple
 /// collocation of [1]_. ⟨y q⟩ is at least 0.1 of √(⟨y y⟩ ⟨q q⟩), and S at most ⟨p p⟩. ``N = ⟨p p⟩ - S`` is the energy
 /// of p's noise, and with ``r = ⟨y p⟩ / S`` the samples y / r have the detail of p.
@@ -1322,7 +1323,7 @@ pub fn prediction_gain<'py>(
     base: &Bound<'py, PyAny>,
     color: &Bound<'py, PyAny>,
     ids: Option<&Bound<'py, PyAny>>,
-    radius: i64,
+    radius: i128,
     standardized: bool,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {

@@ -241,6 +241,9 @@ type Images<'py> = (
 ///     The same of the second history.
 /// gradient : (H, W) array_like of float, optional
 ///     Relative change of light in the second history, 0 to 1; NaN counts as 0. It counts as fewer samples there.
+/// exposure : float, optional
+///     The scale of the light, above 0, as `exposure` returns it. If given, fireflies of one history that the other
+///     does not confirm are held down.
 /// out : tuple of (H, W, 3), (H, W, 2) and (H, W) float32 arrays, optional
 ///     Written and returned instead of new arrays; they may be inputs. A part may be None.
 ///
@@ -256,7 +259,7 @@ type Images<'py> = (
 /// Raises
 /// ------
 /// ValueError
-///     On wrong shapes.
+///     On wrong shapes or an exposure out of range.
 ///
 /// See Also
 /// --------
@@ -268,6 +271,11 @@ type Images<'py> = (
 /// Each is a mean over its samples, so the mean over all has the lengths for weights: ``c + N'/(N + N') (c' - c)``. A
 /// gradient g shortens the second history to ``N' (1 - g)**10``, as in `accumulate`.
 ///
+/// If one sample of N has nearly all light, ``m2`` is about ``N m1**2``. With an exposure, colour and moments of a
+/// history with ``m2 >= 0.7 max(N, 2.5) m1**2`` are therefore multiplied by
+/// ``min(1, 8 (max(l', 0) + exposure/16) / l)``, l and l' the luminances of its colour and of the other one's, if that
+/// has 2.5 samples or more.
+///
 /// Examples
 /// --------
 /// >>> color, moments = np.ones((1, 1, 3)), np.ones((1, 1, 2))
@@ -275,7 +283,8 @@ type Images<'py> = (
 /// >>> mean, length
 /// (array([[[2., 2., 2.]]], dtype=float32), array([[4.]], dtype=float32))
 #[pyfunction]
-#[pyo3(signature = (color, moments, history_length, other_color, other_moments, other_length, *, gradient=None, out=None))]
+#[pyo3(signature = (color, moments, history_length, other_color, other_moments, other_length, *, gradient=None, exposure=None,
+    out=None))]
 pub fn combine_histories<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
@@ -285,8 +294,10 @@ pub fn combine_histories<'py>(
     other_moments: &Bound<'py, PyAny>,
     other_length: &Bound<'py, PyAny>,
     gradient: Option<&Bound<'py, PyAny>>,
+    exposure: Option<f32>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Images<'py>> {
+    exposure.map_or(Ok(()), exposure::check)?;
     let [color, moments, length] = {
         let color = Input::<f32>::new(color, "color", COLOR)?;
         let size = color.size();
@@ -326,7 +337,7 @@ pub fn combine_histories<'py>(
                 .zip(PixelsMut::bands(size, 2, moments))
                 .zip(PixelsMut::bands(size, 1, lengths))
                 .map(|((color, moments), length)| [(0..3, color), (3..5, moments), (5..6, length)]);
-            combine::combine(first, second, gradient, outs);
+            combine::combine(first, second, gradient, exposure, outs);
         })?;
         combined
     };
@@ -374,8 +385,9 @@ pub fn combine_histories<'py>(
 /// noise, which ends. In units of the light ``l = max(luminance(O), 0) + exposure/16``, with ``r = (M - O)/l`` and the
 /// variance ``v = (m2 - m1*m1)/(N - 1)/l**2 * (1 + 4/N)`` of M, tiles of 8×8 pixels have the share
 /// ``s = max(0, 1 - mean(v)/mean(luminance(r - R)**2))``, interpolated bilinearly, and the result is
-/// ``O + s (r - R) l``: James and Stein's estimator [1]_ with O in the place of a fixed point. R is the mean of r, held
-/// to -1 to 1, over 9×9 tiles: where light changes slowly, that much of the difference is the older samples' error.
+/// ``O + s (r - R) l``: James and Stein's estimator [1]_ with O in the place of a fixed point. R is the mean of
+/// ``clip(r, -1, 1)`` over 9×9 tiles: where light changes slowly, that much of the difference is the older samples'
+/// error.
 ///
 /// References
 /// ----------
@@ -569,7 +581,7 @@ pub fn resolve_<'py>(
 /// Notes
 /// -----
 /// "none": ``h + alpha (c - h)``. "tone" and `flicker` are those of Karis [1]_. "luminance":
-/// ``lerp(4 alpha, alpha, (1 - d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, as in INSIDE [2]_. With
+/// ``lerp(min(4 alpha, 1), alpha, (1 - d)²)`` with ``d = |l - l'| / max(l, l', 0.2 exposure)``, as in INSIDE [2]_. With
 /// ``k = lerp(flicker, 1, d)`` and d the distance of history's luminance from the nearer end of the neighbourhood's
 /// range, in half ranges, alpha becomes ``alpha (k + alpha (1 - k))``.
 ///

@@ -100,7 +100,7 @@ pub fn regress_<'py>(
     geometry: Option<&Bound<'py, PyAny>>,
     camera: Option<&Camera>,
     weight: Option<&Bound<'py, PyAny>>,
-    block: i64,
+    block: i128,
     offset: (i64, i64),
     features: &str,
     out: Option<Bound<'py, PyAny>>,

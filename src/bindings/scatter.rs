@@ -211,8 +211,8 @@ pub fn pull_push_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
     quality: Option<&Bound<'py, PyAny>>,
-    factor: i64,
-    levels: Option<i64>,
+    factor: i128,
+    levels: Option<i128>,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
     let params = pull_push::Params {

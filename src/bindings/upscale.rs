@@ -75,7 +75,7 @@ use crate::pixels::PixelsMut;
 pub fn resample_<'py>(
     py: Python<'py>,
     image: &Bound<'py, PyAny>,
-    size: Vec<i64>,
+    size: Vec<i128>,
     offset: Option<&Bound<'py, PyAny>>,
     filter: &str,
     dering: bool,

@@ -515,7 +515,7 @@ proptest! {
         let first = [history.pixels(), moments.pixels(), length.pixels()];
         let second = [other.pixels(), newer.pixels(), longer.pixels()];
         let combined = written!(size, 6, |bands| {
-            combine::combine(first, second, Some(share.view()), bands.map(|band| [(0..6, band)]))
+            combine::combine(first, second, Some(share.view()), Some(1.0), bands.map(|band| [(0..6, band)]))
         });
         let colors: Vec<_> = combined.chunks(6).flat_map(|pixel| &pixel[..3]).copied().collect();
         in_range_of(&colors, &[&history, &other], true)?;

@@ -21,7 +21,7 @@ use super::recall::{self, Memory, Recalled};
 use super::repetition::Noise;
 use super::svgf;
 use super::taa::{self, Stage};
-use crate::error::{Result, in_range};
+use crate::error::{Result, from_0_to_1};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
 use crate::kernels::judge::exposure::exposure;
@@ -77,12 +77,7 @@ impl Params {
         self.history.check()?;
         self.regress.check()?;
         self.antialias.iter().try_for_each(taa::Params::check)?;
-        in_range(
-            "fitted_alpha",
-            self.fitted_alpha,
-            "a share from 0 to 1",
-            |v| (0.0..=1.0).contains(&v),
-        )
+        from_0_to_1("fitted_alpha", self.fitted_alpha)
     }
 }
 

@@ -15,7 +15,7 @@ use crate::kernels::fetch::validate::Surface;
 use crate::kernels::merge::accumulate::{CHANNELS, load_history};
 use crate::math::is_present;
 use crate::memory::Scratch;
-use crate::pixels::{Motion as Lanes, MotionLanes, PixelsMut, Row};
+use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Settings, Simd};
 
 /// One frame's buffers: its colour, and what else the renderer knows of it. All have one size.
@@ -265,7 +265,7 @@ fn has_unknown(motion: Pixels, geometry: Geometry) -> bool {
         .flat_map(|y| segments(y, width));
     runs.any(|run| {
         let start = run.y * width + run.x;
-        let Lanes { x, y, .. } = lanes.load(&motion, run);
+        let MotionRun { x, y, .. } = lanes.load(&motion, run);
         (0..run.len).any(|i| is_unknown([x[i], y[i]], geometry, start + i))
     })
 }

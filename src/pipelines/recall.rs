@@ -174,7 +174,7 @@ impl Memory {
     }
 }
 
-/// Where normals and ids are incoherent, and what tells surfaces apart there.
+/// The tiles in which normals and ids are incoherent, and the coarse ids that tell surfaces apart there.
 pub struct Incoherent {
     tiles: Tiles,
     ids: Option<Image<u32>>,
@@ -200,7 +200,7 @@ impl Incoherent {
     }
 }
 
-/// What history is fetched for.
+/// The frame to which [`recall`] brings history.
 pub struct Now<'a> {
     pub params: &'a Params,
     pub frame: &'a Frame<'a>,
@@ -210,7 +210,7 @@ pub struct Now<'a> {
     pub sample: &'a Image,
 }
 
-/// What the memory knows of the current frame's pixels.
+/// History at the current frame's pixels.
 pub struct Recalled {
     /// Beginning with the channels of [`crate::kernels::merge::accumulate`].
     pub history: Image,
@@ -233,17 +233,11 @@ pub fn recall(
     coverage: &mut [f32],
     rejection: &mut [u8],
 ) -> Recalled {
-    let Now {
-        params,
-        frame,
-        sample,
-        ..
-    } = *now;
     let Some(memory) = memory else {
         coverage.fill(0.0);
         rejection.fill(0);
         return Recalled {
-            history: Image::new(frame.color.size, channels),
+            history: Image::new(now.frame.color.size, channels),
             held: hold(None),
             change: 1.0,
             gradient: None,
@@ -251,85 +245,23 @@ pub fn recall(
             incoherent: None,
         };
     };
-    let replayed = (frame.replay.zip(memory.shown.as_ref())).map(|(replay, shown)| {
-        let light = memory.reflections.as_mut().map(|known| &mut known.light);
-        let corrects = params.innovation.is_some();
-        replay::relight(replay, shown, &mut memory.history, light, corrects)
-    });
-    let tests = memory.tests(frame, now.motion, &params.surface);
-    let motion = now.motion.pixels();
-
-    let mut planes = vec![memory.history.pixels()];
-    planes.extend(replayed.as_ref().map(Image::pixels));
-    let mut values = reproject(&planes, motion, tests, BILINEAR, coverage, Some(rejection));
-    let confidence = View::new(motion.size, 1, coverage).into();
-    let incoherent = (params.coherence.then(|| Incoherent::find(now, confidence))).flatten();
-    if let Some(found) = &incoherent {
-        let before = memory.coarse_ids();
-        let tests = memory.coarse_tests(now, [found.ids.as_ref(), before.as_ref()]);
-        let (tiles, values) = (&found.tiles, &mut values);
-        reproject_again(
-            tiles, &planes, motion, tests, BILINEAR, values, coverage, rejection,
-        );
-    }
-    let mut values = values.into_iter();
-    let mut next = || values.next().expect("an image for each that is fetched");
-    let mut history = next();
-
-    // A replay has told it already.
-    let asks = params.innovation.is_some() && replayed.is_none();
-    let (light, covered) = (
-        history.pixels().part(0..3),
-        View::new(motion.size, 1, coverage),
-    );
-    let change = match asks {
-        true => light_change(sample.pixels(), light, Some(covered)),
-        false => 1.0,
+    let replayed = memory.relight(now);
+    let (mut history, told, incoherent) =
+        memory.fetch_all(now, replayed.as_ref(), coverage, rejection);
+    let change = match &told {
+        Some(_) => 1.0, // replayed already
+        None => memory.follow_light(now, &mut history, coverage),
     };
-    if change != 1.0 {
-        memory.scale(change);
-        for (channel, plane) in history
-            .data_mut()
-            .chunks_mut(motion.size.pixels())
-            .enumerate()
-        {
-            scale(motion.size.width, plane, &[history_factor(channel, change)]);
-        }
-    }
-
     let held = hold(Some(history.pixels().part(0..3)));
-    let color = held.as_ref().unwrap_or(sample);
-    let gradient = params.gradient.map(|estimated| match replayed {
-        Some(_) => next(),
-        None => {
+    let gradient = now.params.gradient.map(|estimated| {
+        told.unwrap_or_else(|| {
+            let color = held.as_ref().unwrap_or(now.sample);
             let known = [color.pixels(), history.pixels().part(0..3)];
-            let coverage = Some(View::new(motion.size, 1, coverage));
-            find_gradient(known, coverage, estimated)
-        }
+            let coverage = View::new(color.size, 1, coverage);
+            find_gradient(known, Some(coverage), estimated)
+        })
     });
-
-    let tests = memory.tests(frame, now.motion, &params.surface);
-    let cameras = frame.camera.as_ref().zip(memory.camera.as_ref());
-    let reflections =
-        (memory.reflections.as_ref().zip(cameras)).and_then(|(known, (now, then))| {
-            let own = Own {
-                motion,
-                tests,
-                params: BILINEAR,
-            };
-            reflections::choose(
-                known,
-                memory.history.pixels(),
-                &params.reflections,
-                frame,
-                [now, then],
-                memory.surface.surface(),
-                own,
-                sample.view(),
-                &mut history,
-                coverage,
-            )
-        });
+    let reflections = memory.reflect(now, &mut history, coverage);
     Recalled {
         history,
         held,
@@ -337,6 +269,104 @@ pub fn recall(
         gradient,
         reflections,
         incoherent,
+    }
+}
+
+impl Memory {
+    /// Brings the history's light up to the frame's replay, if it has one that was expected, and returns how far each pixel's light
+    /// has changed.
+    fn relight(&mut self, now: &Now) -> Option<Image> {
+        let (replay, shown) = now.frame.replay.zip(self.shown.as_ref())?;
+        let light = self.reflections.as_mut().map(|known| &mut known.light);
+        let corrects = now.params.innovation.is_some();
+        Some(replay::relight(
+            replay,
+            shown,
+            &mut self.history,
+            light,
+            corrects,
+        ))
+    }
+
+    /// History along the motion, and the change that a replay tells; again by coarser tests where normals and ids are
+    /// incoherent.
+    fn fetch_all(
+        &self,
+        now: &Now,
+        replayed: Option<&Image>,
+        coverage: &mut [f32],
+        rejection: &mut [u8],
+    ) -> (Image, Option<Image>, Option<Incoherent>) {
+        let tests = self.tests(now.frame, now.motion, &now.params.surface);
+        let motion = now.motion.pixels();
+        let mut planes = vec![self.history.pixels()];
+        planes.extend(replayed.map(Image::pixels));
+        let mut values = reproject(&planes, motion, tests, BILINEAR, coverage, Some(rejection));
+        let confidence = View::new(motion.size, 1, coverage).into();
+        let incoherent = (now
+            .params
+            .coherence
+            .then(|| Incoherent::find(now, confidence)))
+        .flatten();
+        if let Some(found) = &incoherent {
+            let before = self.coarse_ids();
+            let tests = self.coarse_tests(now, [found.ids.as_ref(), before.as_ref()]);
+            let (tiles, values) = (&found.tiles, &mut values);
+            reproject_again(
+                tiles, &planes, motion, tests, BILINEAR, values, coverage, rejection,
+            );
+        }
+        let mut values = values.into_iter();
+        let history = values.next().expect("the first plane is the history");
+        (history, values.next(), incoherent)
+    }
+
+    /// Multiplies the fetched history, and what the next frame will know, by the factor by which all light has changed, if
+    /// innovation is on; returns it.
+    fn follow_light(&mut self, now: &Now, history: &mut Image, coverage: &[f32]) -> f32 {
+        if now.params.innovation.is_none() {
+            return 1.0;
+        }
+        let size = history.size;
+        let light = history.pixels().part(0..3);
+        let covered = View::new(size, 1, coverage);
+        let change = light_change(now.sample.pixels(), light, Some(covered));
+        if change != 1.0 {
+            self.scale(change);
+            let planes = history.data_mut().chunks_mut(size.pixels());
+            for (channel, plane) in planes.enumerate() {
+                scale(size.width, plane, &[history_factor(channel, change)]);
+            }
+        }
+        change
+    }
+
+    /// The history of what is reflected, where it predicts the samples better.
+    fn reflect(
+        &self,
+        now: &Now,
+        history: &mut Image,
+        coverage: &mut [f32],
+    ) -> Option<reflections::Won> {
+        let known = self.reflections.as_ref()?;
+        let cameras = now.frame.camera.as_ref().zip(self.camera.as_ref())?;
+        let own = Own {
+            motion: now.motion.pixels(),
+            tests: self.tests(now.frame, now.motion, &now.params.surface),
+            params: BILINEAR,
+        };
+        reflections::choose(
+            known,
+            self.history.pixels(),
+            &now.params.reflections,
+            now.frame,
+            cameras.into(),
+            self.surface.surface(),
+            own,
+            now.sample.view(),
+            history,
+            coverage,
+        )
     }
 }
 

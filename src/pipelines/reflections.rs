@@ -28,7 +28,7 @@ use crate::kernels::fetch::validate::{self, Surface, Tests};
 use crate::kernels::judge::prediction::{Gains, Ids, average, terms};
 use crate::kernels::merge::accumulate::CHANNELS;
 use crate::math::{is_present, luminance};
-use crate::pixels::{Motion, MotionLanes, Rolling, Row};
+use crate::pixels::{MotionLanes, MotionRun, Rolling, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 use crate::tiles::{Tiles, runs_in};
 
@@ -45,7 +45,8 @@ const NONE: u32 = u32::MAX;
 /// What a pixel's average standardized gain must be below for its candidate to be evaluated in the next frame, too. Chance
 /// alone does that to one pixel in a hundred.
 const BEYOND_DOUBT: f32 = -1.0;
-/// Every row of tiles tries all candidates in [`TRIED`] of so many frames. One frame alone tells little: an average begins at 0.
+/// Every row of tiles evaluates all candidates in [`TRIED`] of so many frames, in succession, as a running average that begins at
+/// 0 tells little after one.
 const PERIOD: usize = 16;
 const TRIED: usize = 2;
 /// Candidates are evaluated in one of so many rows.
@@ -351,7 +352,7 @@ impl Candidates<'_> {
         run: Run,
         left: usize,
         scratch: &'s mut Scratch,
-    ) -> Motion<'s> {
+    ) -> MotionRun<'s> {
         let hits = &mut scratch.hits[..run.len];
         match source {
             Source::Known(distance) => distance.load(run, 0, hits),
@@ -363,7 +364,7 @@ impl Candidates<'_> {
         let [x, y] = scratch.motion.each_mut().map(|row| &mut row[..run.len]);
         let start = run.x - left;
         self.mirrored.motion(&scratch.shown, start, hits, x, y);
-        Motion { x, y, depth: None }
+        MotionRun { x, y, depth: None }
     }
 }
 
@@ -612,7 +613,7 @@ impl TakeWinners<'_> {
                 first = false;
             }
         }
-        let motion = Motion {
+        let motion = MotionRun {
             x: &x[..run.len],
             y: &y[..run.len],
             depth: None,

@@ -29,7 +29,7 @@ use super::frame::{
 };
 use super::illumination::{Illumination, illumination, surfaces, texture};
 use super::motion_check::Mistake;
-use super::recall::Memory;
+use super::recall::{Incoherent, Memory};
 use super::reflections;
 use super::repetition::Noise;
 use super::taa::{self, Stage};
@@ -68,7 +68,7 @@ pub struct Params {
     pub feedback: bool,
     /// Whether history must be of the same albedo, by the surface's threshold of luminance.
     pub same_albedo: bool,
-    /// Whether the new sample's share rises where the history is not wholly trusted.
+    /// Whether the new sample's share rises where less than the whole footprint of history is valid.
     pub by_confidence: bool,
     /// Whether history is shortened where the light changes, and how the change is estimated; frames with a replay tell it,
     /// and correct their history by it.
@@ -78,7 +78,7 @@ pub struct Params {
     /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best; not where
     /// the noise of frames repeats, which is looked for.
     pub choice: Option<choice::Params>,
-    /// Whether what new samples say of the result corrects it, and the history.
+    /// Whether the innovation, what new samples show beside the prediction, corrects result and history.
     pub innovation: Option<innovation::Params>,
     /// Distances behind the surface at which reflections are looked for, in units of depth; above 0, +inf included.
     pub reflections: Vec<f32>,
@@ -313,7 +313,7 @@ struct Shown<'a> {
 }
 
 /// Where a step writes what it saw of history.
-struct Seen<'a> {
+struct Reports<'a> {
     history_length: &'a mut [f32],
     confidence: &'a mut [f32],
     rejection: &'a mut [u8],
@@ -405,31 +405,31 @@ impl Svgf {
             pipeline.antialias.iter_mut().for_each(Stage::reset);
             let (expectation, confidence, rejection) = expected.parts();
             let mut length = Image::blank(frame.color.size, 1);
-            let seen = Seen {
+            let reports = Reports {
                 history_length: length.data_mut(),
                 confidence,
                 rejection,
             };
-            pipeline.advance(frame, Task::Recall(expectation), seen)
+            pipeline.advance(frame, Task::Recall(expectation), reports)
         })
     }
 
     fn show(&mut self, frame: &Frame, later: Option<&History>, output: Output) -> Result<Summary> {
         let shown = Shown {
             color: output.color,
-            variance: output.variance.expect("an estimate has room"),
+            variance: output.variance.expect("checked by Output::check"),
             choice: output.choice,
             motion: output.motion,
         };
-        let seen = Seen {
+        let reports = Reports {
             history_length: output.history_length,
             confidence: output.confidence,
             rejection: output.rejection,
         };
-        self.advance(frame, Task::Show(shown, later), seen)
+        self.advance(frame, Task::Show(shown, later), reports)
     }
 
-    fn advance(&mut self, frame: &Frame, mut task: Task, seen: Seen) -> Result<Summary> {
+    fn advance(&mut self, frame: &Frame, mut task: Task, reports: Reports) -> Result<Summary> {
         (self.state.iter()).try_for_each(|state| state.memory.check(frame))?;
         let mut past = self.state.take();
         let first = past.is_none();
@@ -465,12 +465,12 @@ impl Svgf {
             motion: &motion,
             texture,
             guide: OnceCell::new(),
-            sample: sample.as_ref(),
+            sample,
             continues: !first,
             repeats,
         };
 
-        let left = run(&now, past, still, task, seen, self.antialias.as_mut());
+        let left = run(now, past, still, task, reports, self.antialias.as_mut());
         let missing = left.missing;
         used.extend(left.used);
         let mut memory = Memory::new(frame, surfaces, left.history, params, first);
@@ -527,16 +527,16 @@ struct Left {
     missing: usize,
 }
 
-/// The passes, in their order.
+/// The passes, in their order. What a pass is the last to read is dropped there: the next images take its memory.
 fn run(
-    now: &Current,
+    mut now: Current,
     past: Option<State>,
     still: Option<Still>,
     task: Task,
-    mut seen: Seen,
+    mut reports: Reports,
     antialias: Option<&mut Stage>,
 ) -> Left {
-    let (mut memory, evidence, choice) = match past {
+    let (memory, evidence, choice) = match past {
         Some(past) => (Some(past.memory), past.evidence, past.choice),
         None => (None, None, None),
     };
@@ -546,24 +546,20 @@ fn run(
         mut history,
         missing,
         recalled,
-    } = match now.sample {
-        Some(sample) => merge(now, sample, memory.as_mut(), &mut seen),
-        None => merge_at_once(now, memory.as_ref(), &mut seen),
+    } = match &now.sample {
+        Some(sample) => merge(&now, sample, memory, &mut reports),
+        None => merge_at_once(&now, memory, &mut reports),
     };
-    drop(memory);
-    let still = (now.averages).then(|| Still::add(still, now, recalled.as_ref()));
+    let still = (now.averages).then(|| Still::add(still, &now, recalled.as_ref()));
     let (joined, later, mut shown, moved) = match task {
         Task::Show(mut shown, later) => {
-            let joined = join(now, recalled.as_ref(), &history, later, &mut seen);
+            let joined = join(&now, recalled.as_ref(), &history, later, &mut reports);
             let moved = shown.motion.take();
             (joined, later, Some(shown), moved)
         }
         Task::Recall(into) => {
-            expect(
-                recalled.as_ref(),
-                now.size(),
-                [into.color, into.moments, into.length],
-            );
+            let into_parts = [into.color, into.moments, into.length];
+            expect(recalled.as_ref(), now.size(), into_parts);
             (Joined::default(), None, None, Some(into.motion))
         }
     };
@@ -571,40 +567,46 @@ fn run(
         Some(recalled) => (recalled.reflections, recalled.incoherent),
         None => (None, None),
     };
-    let reflected = won.as_ref().and_then(|won| won.motion.as_ref());
-    let along = reflected.map_or(now.motion.pixels(), Image::pixels);
-    let known = joined.history.as_ref();
-    let exposure = now.exposure(known.unwrap_or(&history));
-    let levels = shown.as_mut().and_then(|shown| shown.choice.take());
-    let prediction = joined.prediction;
-    let mut choosing = choose(now, prediction, along, choice, &seen, levels);
-    let guide = incoherent.map(|found| now.guide_by(Some(found.guide())));
-    let guide = guide.as_ref().unwrap_or_else(|| now.guide());
-    let mut passes = filter(now, guide, &seen, &mut history, known, choosing.as_mut());
-    if let Some(later) = later {
-        join_reports(later, &mut seen);
-    }
-    let choice = choosing.map(|choosing| choosing.judge(now, exposure));
-    let (innovation, evidence) = now
-        .innovate(&passes, along, evidence, exposure, &seen)
-        .unzip();
-    let mut light = passes.light.take();
-    let (correction, stage) = (innovation.as_ref(), antialias.filter(|_| shown.is_some()));
     let own = now.motion.pixels();
-    let seen = (won.as_mut()).and_then(|won| won.seen(own, now.frame.albedo));
-    let seen = seen.map(Image::pixels);
+    let reflected = won.as_ref().and_then(|won| won.motion.as_ref());
+    let along = reflected.map_or(own, Image::pixels);
+    let exposure = now.exposure(joined.history.as_ref().unwrap_or(&history));
+    let levels = shown.as_mut().and_then(|shown| shown.choice.take());
+    let mut choosing = choose(&now, joined.prediction, along, choice, &reports, levels);
+    let guide = now.take_guide(incoherent);
+    let choices = choosing.as_mut();
+    let mut passes = filter(
+        &now,
+        &guide,
+        &reports,
+        &mut history,
+        joined.history,
+        choices,
+    );
+    drop(guide);
+    if let Some(later) = later {
+        join_reports(later, &mut reports);
+    }
+    let choice = choosing.map(|choosing| choosing.judge(&now, exposure));
+    let (innovation, evidence) = now
+        .innovate(&passes, along, evidence, exposure, &reports)
+        .unzip();
+    now.sample = None;
+    let mut light = passes.light.take();
+    let followed = (won.as_mut()).and_then(|won| won.seen(own, now.frame.albedo));
+    let followed = followed.map(Image::pixels);
     if let Some(moved) = moved {
-        let motion = seen.unwrap_or(own).part(0..2).to_planes();
+        let motion = followed.unwrap_or(own).part(0..2).to_planes();
         motion.view().interleave(moved);
     }
-    let stage = stage.map(|stage| (stage, seen));
+    let stage = antialias.filter(|_| shown.is_some());
     finish(
-        now,
+        &now,
         passes,
-        correction,
+        innovation.as_ref(),
         &mut history,
         light.as_mut(),
-        stage,
+        stage.map(|stage| (stage, followed)),
         shown.as_mut(),
     );
     if let Some((still, shown)) = still.as_ref().zip(shown) {
@@ -636,7 +638,7 @@ struct Current<'a> {
     /// Built at its first use, after images that are no longer needed have been freed.
     guide: OnceCell<Guide>,
     /// The illumination as an image, if a pass reads the surroundings of a pixel.
-    sample: Option<&'a Image>,
+    sample: Option<Image>,
     /// Whether there is a history.
     continues: bool,
     /// Whether the samples have the noise of the frame before.
@@ -652,6 +654,17 @@ impl Current<'_> {
         self.guide.get_or_init(|| self.guide_by(None))
     }
 
+    /// The guide of the filter, by coarser surfaces where normals and ids are incoherent; nothing keeps it afterwards.
+    fn take_guide(&mut self, incoherent: Option<Incoherent>) -> Guide {
+        match (incoherent, self.guide.take()) {
+            (Some(found), usual) => {
+                drop(usual);
+                self.guide_by(Some(found.guide()))
+            }
+            (None, usual) => usual.unwrap_or_else(|| self.guide_by(None)),
+        }
+    }
+
     fn guide_by(&self, coarse: Option<Coarse>) -> Guide {
         let reach = self.params.reach();
         Guide::new(self.size(), reach, self.frame.surface, coarse)
@@ -659,7 +672,7 @@ impl Current<'_> {
 
     /// The illumination as it was sampled.
     fn fresh(&self) -> Illumination<'_> {
-        match self.sample {
+        match &self.sample {
             Some(image) => Illumination::of(image.pixels(), None),
             None => Illumination::of(self.frame.color, self.texture),
         }
@@ -682,10 +695,10 @@ impl Current<'_> {
         motion: Pixels,
         evidence: Option<Records>,
         exposure: f32,
-        seen: &Seen,
+        reports: &Reports,
     ) -> Option<(Innovation, Records)> {
         let params = self.params.innovation.filter(|_| self.continues)?;
-        let length = View::new(self.size(), 1, seen.history_length).into();
+        let length = View::new(self.size(), 1, reports.history_length).into();
         let (fresh, evidence) = (self.fresh(), evidence.as_ref());
         Some(innovate(
             params, &fresh, prediction, length, motion, exposure, evidence,

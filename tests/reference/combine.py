@@ -1,6 +1,8 @@
 import torch
 from torch import Tensor
 
+from .accumulate import luminance
+
 
 def combine_histories(
     color: Tensor,
@@ -11,6 +13,7 @@ def combine_histories(
     other_length: Tensor,
     *,
     gradient: Tensor | None = None,
+    exposure: float | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Combine two independent histories of the same pixels: N'' = N + N', c + N'/N'' (c' - c), moments likewise.
 
@@ -23,6 +26,7 @@ def combine_histories(
     moments, other_moments : (H, W, 2), means of luminance and of its square
     history_length, other_length : (H, W), number of samples
     gradient : (H, W), 0 to 1
+    exposure : if given, spikes of one history are held to 8 times the other one's light, a sixteenth of it at least
 
     Returns
     -------
@@ -30,6 +34,11 @@ def combine_histories(
     """
     if gradient is not None:
         other_length = other_length * (1 - gradient.nan_to_num(0).clamp(0, 1)) ** 10  # (H, W)
+    if exposure is not None:
+        sides = (color, moments, history_length), (other_color, other_moments, other_length)
+        (color, moments), (other_color, other_moments) = (
+            held(own, other, exposure / 16) for own, other in (sides, sides[::-1])
+        )
     first, second = torch.cat([color, moments], -1), torch.cat([other_color, other_moments], -1)  # (H, W, 5) each
     lengths = []
     for values, length in ((first, history_length), (second, other_length)):
@@ -41,3 +50,13 @@ def combine_histories(
     alone = first.where((n > 0) & (first.isfinite() | ~both), second).where(n + other > 0, torch.nan)  # (H, W, 5)
     combined = mixed.where(both & mixed.isfinite(), alone)  # (H, W, 5)
     return combined[..., :3], combined[..., 3:], (n + other)[..., 0]
+
+
+def held(own: tuple, other: tuple, black: float) -> tuple[Tensor, Tensor]:
+    """Colour (H, W, 3) and moments (H, W, 2), less where one sample has nearly all and the other history little."""
+    color, moments, length = own
+    light, most = luminance(color), 8 * (luminance(other[0]).clamp(min=0) + black)  # (H, W) each
+    first, second = moments.unbind(-1)  # (H, W) each
+    spike = (second >= 0.7 * length.clamp(min=2.5) * first * first) & (other[2] >= 2.5) & (light > most)  # (H, W)
+    factor = torch.where(spike, most / light, 1)  # (H, W)
+    return color * factor[..., None], moments * torch.stack([factor, factor * factor], -1)

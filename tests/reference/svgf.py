@@ -151,8 +151,9 @@ class SVGF:
         expected = [*history[:2], self.shorten(history[2], gradient).clamp(max=longest - 1)]
         if later is not None:
             joins = later.color, later.moments, later.history_length.clamp(max=longest - 1)
-            expected = combine_histories(*expected, *joins)
-            color, moments, length = combine_histories(*kept, *joins)
+            bright = exposure(color)
+            expected = combine_histories(*expected, *joins, exposure=bright)
+            color, moments, length = combine_histories(*kept, *joins, exposure=bright)
         if chooses:
             predicted, (first, second) = luminance(expected[0]), expected[1].unbind(-1)  # (H, W) each
             most = MOST * (second - first * first).clamp(min=0).sqrt() + 1e-3 * predicted.abs()  # (H, W)

@@ -262,8 +262,10 @@ class Mixing:
         if shares is None:
             return shown
         first, second = (levels(each, shown.shape[:2])[..., None] for each in shares.unbind(-1))  # (H, W, 1) twice
-        mixed = shown.lerp(denoised, first).lerp(samples, second)  # (H, W, 3)
-        return mixed.where(mixed.isfinite().all(-1, keepdim=True), shown)
+        for share, image in ((first, denoised), (second, samples)):
+            mixed = shown.lerp(image, share)  # (H, W, 3)
+            shown = mixed.where(mixed.isfinite().all(-1, keepdim=True), shown)  # (H, W, 3)
+        return shown
 
 
 def agree(asks: Tensor) -> Tensor:

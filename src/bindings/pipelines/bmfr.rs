@@ -99,7 +99,7 @@ impl BMFR {
     fn new(
         alpha: f32,
         fitted_alpha: f32,
-        block: i64,
+        block: i128,
         features: &str,
         relative_depth: Threshold,
         plane_distance: Threshold,

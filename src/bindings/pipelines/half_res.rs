@@ -92,8 +92,8 @@ impl HalfRes {
     fn new(
         alpha: f32,
         weight: f32,
-        radius: i64,
-        iterations: i64,
+        radius: i128,
+        iterations: i128,
         sigma_luminance: f32,
         by_confidence: bool,
         fireflies: bool,
@@ -153,7 +153,7 @@ impl HalfRes {
     /// >>> [yester.HalfRes.offset(number) for number in range(4)]
     /// [(0, 0), (1, 1), (1, 0), (0, 1)]
     #[staticmethod]
-    fn offset(number: i64) -> PyResult<(usize, usize)> {
+    fn offset(number: i128) -> PyResult<(usize, usize)> {
         let number: usize = whole("number", number, "a number from 0", |_| true)?;
         Ok([(0, 0), (1, 1), (1, 0), (0, 1)][number % 4])
     }

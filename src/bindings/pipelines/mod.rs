@@ -20,7 +20,7 @@ use crate::bindings::arrays::{
 };
 use crate::bindings::camera::Camera;
 use crate::bindings::merge::MOMENTS;
-use crate::error::Error;
+use crate::error::{Error, whole};
 use crate::image::{Pixels, Size, Value};
 use crate::kernels::camera::pinhole;
 use crate::kernels::fetch::validate::Surface;
@@ -286,6 +286,18 @@ impl<'py> Room<'py> {
     }
 }
 
+/// The array itself, as results may be written to it.
+fn same_array<T: Element>(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Py<PyArrayDyn<T>>> {
+    let py = value.py();
+    let array = value.cast::<PyArrayDyn<T>>().map_err(|_| {
+        let got = value
+            .getattr("dtype")
+            .unwrap_or(value.get_type().into_any());
+        wrong_type(name, format!("a {} array", T::get_dtype(py)), got)
+    })?;
+    Ok(array.clone().unbind())
+}
+
 #[pymethods]
 impl Output {
     /// Constructor for pipelines written in Python.
@@ -298,16 +310,25 @@ impl Output {
     )]
     fn new(
         py: Python<'_>,
-        color: Py<PyArrayDyn<f32>>,
-        history_length: Py<PyArrayDyn<f32>>,
-        confidence: Py<PyArrayDyn<f32>>,
-        rejection: Py<PyArrayDyn<u8>>,
-        variance: Option<Py<PyArrayDyn<f32>>>,
-        choice: Option<Py<PyArrayDyn<f32>>>,
-        motion: Option<Py<PyArrayDyn<f32>>>,
+        color: &Bound<'_, PyAny>,
+        history_length: &Bound<'_, PyAny>,
+        confidence: &Bound<'_, PyAny>,
+        rejection: &Bound<'_, PyAny>,
+        variance: Option<&Bound<'_, PyAny>>,
+        choice: Option<&Bound<'_, PyAny>>,
+        motion: Option<&Bound<'_, PyAny>>,
         used: Vec<String>,
-        missing: usize,
+        missing: i128,
     ) -> PyResult<Self> {
+        let maybe = |value: Option<&_>, name| value.map(|v| same_array(v, name)).transpose();
+        let color = same_array::<f32>(color, "color")?;
+        let history_length = same_array::<f32>(history_length, "history_length")?;
+        let confidence = same_array::<f32>(confidence, "confidence")?;
+        let rejection = same_array::<u8>(rejection, "rejection")?;
+        let variance = maybe(variance, "variance")?;
+        let choice = maybe(choice, "choice")?;
+        let motion = maybe(motion, "motion")?;
+        let missing = whole("missing", missing, "a number of pixels", |_| true)?;
         let shape = color.bind(py).shape().to_vec();
         let [height, width, 3] = shape[..] else {
             return Err(Error::value("color", "shape (H, W, 3)", format!("{shape:?}")).into());
@@ -733,7 +754,9 @@ fn split<'py>(
     };
     let changed = PyDict::new(py);
     if stage.clip.gamma != pipelines::taa::Params::DENOISED.clip.gamma {
-        changed.set_item("gamma", stage.clip.gamma)?;
+        // The shortest decimal of single precision, as it was given.
+        let gamma: f64 = (stage.clip.gamma.to_string().parse()).expect("a number");
+        changed.set_item("gamma", gamma)?;
     }
     let unguided = pipelines::taa::Params::DENOISED.unguided_alpha;
     if !both_sides && stage.unguided_alpha != unguided {

@@ -99,9 +99,9 @@ impl Recirculation {
     fn new(
         py: Python<'_>,
         preset: &str,
-        factor: Option<i64>,
-        levels: Option<i64>,
-        nearness: Option<i64>,
+        factor: Option<i128>,
+        levels: Option<i128>,
+        nearness: Option<i128>,
         history: Option<&str>,
         blur: Option<f32>,
         share: Option<(f32, f32)>,

@@ -167,8 +167,8 @@ impl SVGF {
     fn new(
         alpha: f32,
         moments_alpha: f32,
-        iterations: i64,
-        radius: i64,
+        iterations: i128,
+        radius: i128,
         sigma_luminance: f32,
         sigma_normal: f32,
         sigma_depth: f32,
@@ -319,7 +319,7 @@ impl SVGF {
     ///     For the frames with the denoiser's colours and motion; None without `antialias`.
     #[pyo3(signature = (*, both_sides=false))]
     fn split<'py>(slf: &Bound<'py, Self>, both_sides: bool) -> PyResult<Parts<'py>> {
-        let params = slf.borrow().inner.params().clone();
+        let params = slf.try_borrow()?.inner.params().clone();
         split(slf.as_super(), &params, both_sides)
     }
 

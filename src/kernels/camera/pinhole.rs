@@ -46,13 +46,16 @@ impl Camera {
                 "NaN or infinity",
             ));
         }
-        let row = |i: usize| {
-            DVec3::new(
-                world_to_clip[i][0],
-                world_to_clip[i][1],
-                world_to_clip[i][2],
-            )
+        // By a power of two, which changes no bit, so that no square of a length under- or overflows.
+        let largest =
+            (world_to_clip.as_flattened().iter()).fold(0.0_f64, |most, v| most.max(v.abs()));
+        let exponent = if largest > 0.0 {
+            libm::ilogb(largest)
+        } else {
+            0
         };
+        let scaled = world_to_clip.map(|row| row.map(|v| libm::ldexp(v, -exponent)));
+        let row = |i: usize| DVec3::new(scaled[i][0], scaled[i][1], scaled[i][2]);
         let scale = row(3).length();
         if scale == 0.0 {
             return Err(Error::value(
@@ -61,12 +64,11 @@ impl Camera {
                 "an affine (orthographic) matrix",
             ));
         }
-        let [x, _, _, w] = world_to_clip.map(|r| r[3] / scale);
+        let [x, y, _, w] = scaled.map(|r| r[3] / scale);
         let (half_width, half_height) = (size.width as f64 / 2.0, size.height as f64 / 2.0);
         let [rx, ry, rw] = [row(0) / scale, row(1) / scale, row(3) / scale];
         let to_pixel =
             DMat3::from_cols((rx + rw) * half_width, (rw - ry) * half_height, rw).transpose();
-        let y = world_to_clip[1][3] / scale;
         let translation = DVec3::new((x + w) * half_width, (w - y) * half_height, w);
         // Compared relative to the rows' lengths, so that neither the scene's unit nor the resolution matters.
         let volume: f64 = [0, 1, 2].map(|i| to_pixel.row(i).length()).iter().product();
@@ -134,16 +136,16 @@ impl Camera {
         let x = right * (2.0 * focal / width) + forward * (2.0 * centre.x / width - 1.0);
         let y = up * (2.0 * focal / height) + forward * (1.0 - 2.0 * centre.y / height);
         let row = |v: DVec3, offset: f64| [v.x, v.y, v.z, offset - v.dot(origin)];
+        size.check("width, height")?;
         // The z row is not used here; for other readers of the matrix: near plane at ½, far plane at infinity.
-        Self::new(
-            [
-                row(x, 0.0),
-                row(y, 0.0),
-                row(forward, -1.0),
-                row(forward, 0.0),
-            ],
-            size,
-        )
+        let rows = [
+            row(x, 0.0),
+            row(y, 0.0),
+            row(forward, -1.0),
+            row(forward, 0.0),
+        ];
+        let degrees = "degrees for which the matrix can be inverted";
+        Self::new(rows, size).map_err(|_| Error::value("fov", degrees, fov))
     }
 
     /// The camera whose samples at pixel centres are this camera's samples at pixel centres plus `offset`.
@@ -309,7 +311,8 @@ mod tests {
         }
 
         #[test]
-        fn the_scale_of_the_matrix_does_not_matter(scale in 1e-6f64..1e6) {
+        fn the_scale_of_the_matrix_does_not_matter(power in -300i32..300) {
+            let scale = 10f64.powi(power);
             let scaled = Camera::new(camera().world_to_clip.map(|r| r.map(|v| v * scale)), SIZE).unwrap();
             prop_assert!((scaled.position - camera().position).length() < 1e-9);
         }

@@ -6,7 +6,7 @@
 use super::spans::Spans;
 use crate::image::{Run, SEGMENT, Size};
 use crate::kernels::fetch::validate::{Expected, Places, Tests, Validation, rejection};
-use crate::pixels::{Motion, Row};
+use crate::pixels::{MotionRun, Row};
 
 /// A footprint whose valid taps have less weight than this counts as disoccluded (as in Falcor's SVGF).
 pub const MIN_COVERAGE: f32 = 0.01;
@@ -189,7 +189,7 @@ impl Footprints {
 
     /// Finds and validates the 2×2 footprints of a run.
     #[inline(always)]
-    pub fn find(&mut self, run: Run, motion: Motion, nearest: bool, tests: &Tests) {
+    pub fn find(&mut self, run: Run, motion: MotionRun, nearest: bool, tests: &Tests) {
         self.place(run, motion, nearest);
         if !tests.accept_all() {
             let from = self.from.each_ref().map(|lane| &lane[..run.len]);
@@ -204,7 +204,7 @@ impl Footprints {
     }
 
     #[inline(always)]
-    fn place(&mut self, run: Run, motion: Motion, nearest: bool) {
+    fn place(&mut self, run: Run, motion: MotionRun, nearest: bool) {
         let len = run.len;
         let [from_x, from_y] = self.from.each_mut().map(|lane| &mut lane[..len]);
         let (mx, my) = (&motion.x[..len], &motion.y[..len]);

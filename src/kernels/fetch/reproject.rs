@@ -10,8 +10,8 @@
 //! their taps is valid, bilinear elsewhere; dering holds them to the range of the 2×2 taps, beyond which their negative
 //! lobes would ring.
 //!
-//! Inputs: any number of planes of history, motion (H, W, 2 or 3). Outputs: the planes, coverage in [0, 1], and the
-//! mask of the tests that taps of the 2×2 footprint fail.
+//! Inputs: any number of images of history, interleaved or planar, and motion (2 or 3). Outputs: the images along the motion,
+//! coverage in [0, 1], and the mask of the tests that taps of the 2×2 footprint fail.
 
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ use super::spans::{Span, Spans};
 use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, Size, bands_of, record, segments};
 use crate::kernels::fetch::validate::Tests;
 use crate::memory::prefetch;
-use crate::pixels::{Motion, MotionLanes, PixelsMut, Row};
+use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row};
 use crate::rows::{self, Kernel, Outlined, Simd};
 use crate::tiles::Tiles;
 
@@ -113,7 +113,7 @@ impl<'a> Fetch<'a> {
 
     /// Fetches the history of a run.
     #[inline(always)]
-    pub fn run(&self, run: Run, motion: Motion, to: &mut Fetched) {
+    pub fn run(&self, run: Run, motion: MotionRun, to: &mut Fetched) {
         rows::outline(FetchRun {
             fetch: self,
             run,
@@ -123,7 +123,7 @@ impl<'a> Fetch<'a> {
     }
 
     #[inline(always)]
-    fn take(&self, run: Run, motion: Motion, to: &mut Fetched) {
+    fn take(&self, run: Run, motion: MotionRun, to: &mut Fetched) {
         let len = run.len;
         let Params { filter, dering, .. } = self.params;
         let nearest = filter == Filter::Nearest;
@@ -188,7 +188,8 @@ impl<'a> Fetch<'a> {
         let sums = &to.footprints.coverage[..len];
         let (covers, unsure) = (&to.wide.covers[..len], &to.wide.unsure[..len]);
         let (bilinear, done) = (&mut to.bilinear[..len], &mut to.done[..len]);
-        let settled = !self.params.fallback;
+        // Without the fallback, a pixel of low coverage is final, too.
+        let no_fallback = !self.params.fallback;
         for i in 0..len {
             let (enough, wide) = (sums[i] >= MIN_COVERAGE, covers[i] != 0);
             let scale = if enough { 1.0 / sums[i] } else { 0.0 };
@@ -196,7 +197,7 @@ impl<'a> Fetch<'a> {
             (sy[i], sz[i]) = (y[i] * scale, z[i] * scale);
             coverage[i] = if enough | wide { coverage[i] } else { 0.0 };
             bilinear[i] = (!wide).into();
-            done[i] = (wide | ((enough | settled) & (unsure[i] == 0))).into();
+            done[i] = (wide | ((enough | no_fallback) & (unsure[i] == 0))).into();
         }
     }
 
@@ -311,7 +312,7 @@ impl<'a> Fetch<'a> {
 struct FetchRun<'f, 'a> {
     fetch: &'f Fetch<'a>,
     run: Run,
-    motion: Motion<'f>,
+    motion: MotionRun<'f>,
     to: &'f mut Fetched,
 }
 

@@ -113,9 +113,13 @@ pub fn splat(points: Points, cameras: [&Camera; 2], params: Params, splats: Spla
     let mut bins = vec![vec![]; count];
     let project = Project::new(points, cameras, params);
     rows::run(&project, size.height, bins.iter_mut());
+    let mut lists = vec![vec![]; count];
+    for (band, points) in bins.iter().flatten() {
+        lists[*band].push(points.as_slice());
+    }
     let gather = Gather {
         color: points.color,
-        bins: &bins,
+        points: lists,
         params,
     };
     let outs = splats.bands(size.width, channels);
@@ -157,8 +161,9 @@ impl Point {
     }
 }
 
-/// Binned points of one band of the previous frame: a list for each band of the current frame.
-type Bins = Vec<Vec<Point>>;
+/// The points of one band of the previous frame, binned by the bands of the current frame that they cover. Bands that none covers
+/// have no bin: there are as many pairs of bands as the square of the height.
+type Bins = Vec<(usize, Vec<Point>)>;
 
 struct Project<'a> {
     points: Points<'a>,
@@ -243,7 +248,7 @@ impl<'a> Kernel for Project<'a> {
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, bins: &'a mut Bins) {
         let size = self.points.color.size;
-        bins.resize(rows::bands(size.height).count(), vec![]);
+        let mut bin_of = vec![u32::MAX; rows::bands(size.height).count()];
         for y in rows {
             for x in 0..size.width {
                 let Some(point) = self.point(y * size.width + x, x, y) else {
@@ -254,7 +259,11 @@ impl<'a> Kernel for Project<'a> {
                     continue;
                 }
                 for band in covered.start / BAND..=(covered.end - 1) / BAND {
-                    bins[band].push(point);
+                    if bin_of[band] == u32::MAX {
+                        bin_of[band] = bins.len() as u32;
+                        bins.push((band, vec![]));
+                    }
+                    bins[bin_of[band] as usize].1.push(point);
                 }
             }
         }
@@ -268,8 +277,8 @@ fn finite(value: f32) -> f32 {
 
 struct Gather<'a> {
     color: Pixels<'a>,
-    /// One for each band of the previous frame.
-    bins: &'a [Bins],
+    /// Those that cover each band, in the order of the previous frame's bands.
+    points: Vec<Vec<&'a [Point]>>,
     params: Params,
 }
 
@@ -285,7 +294,7 @@ impl Gather<'_> {
     ) {
         let size = self.color.size;
         let band = rows.start / BAND;
-        for point in self.bins.iter().flat_map(|bins| &bins[band]) {
+        for point in self.points[band].iter().copied().flatten() {
             let [columns, covered] = point.square(size, reach);
             for y in covered.start.max(rows.start)..covered.end.min(rows.end) {
                 for x in columns.clone() {

@@ -16,12 +16,12 @@
 use super::spans::{Span, Spans};
 use crate::error::{Error, Result, in_range};
 use crate::lanes::LANES;
-use crate::pixels::{Motion, Row};
+use crate::pixels::{MotionRun, Row};
 use std::ops::Range;
 
 use crate::image::{Pixels, Run, SEGMENT, Size};
 use crate::kernels::camera::pinhole::Rays;
-use crate::math::luminance;
+use crate::math::{dot, luminance};
 
 /// The tests that a pixel's history failed, as bits of a mask.
 pub mod rejection {
@@ -325,8 +325,8 @@ impl TapSurfaces {
             let axes = self.normal.axes.each_mut().map(Beside::as_mut_slice);
             let len = vectors(before, pixels, records, axes);
             let [r, g, b] = self.normal.axes.each_ref().map(|axis| &axis[..len]);
-            for (i, luminance) in self.luminance[..len].iter_mut().enumerate() {
-                *luminance = brightness([r[i], g[i], b[i]]);
+            for (i, lane) in self.luminance[..len].iter_mut().enumerate() {
+                *lane = luminance(r[i], g[i], b[i]);
             }
         }
         if let Some([_, before]) = &tests.direction {
@@ -361,13 +361,7 @@ impl Addresses<'_> {
 
 impl<'a> Tests<'a> {
     /// Tests of the buffers that both frames have. `rays` are the previous camera's, for the plane test.
-    pub fn new(
-        now: impl Into<Surface<'a>>,
-        before: impl Into<Surface<'a>>,
-        rays: Option<Rays>,
-        params: &Params,
-    ) -> Self {
-        let (now, before) = (now.into(), before.into());
+    pub fn new(now: Surface<'a>, before: Surface<'a>, rays: Option<Rays>, params: &Params) -> Self {
         fn both<'a, T>(now: Option<Pixels<'a, T>>, before: Option<Pixels<'a, T>>) -> Pair<'a, T> {
             now.zip(before).map(|(now, before)| [now, before])
         }
@@ -425,7 +419,7 @@ impl<'a> Tests<'a> {
         &self,
         run: Run,
         from: [&[f32]; 2],
-        motion: Motion,
+        motion: MotionRun,
         expected: &mut Expected,
     ) {
         let len = run.len;
@@ -465,7 +459,8 @@ impl<'a> Tests<'a> {
         if let Some([now, _]) = self.color {
             let first = run.y * now.size.width + run.x;
             for (i, lane) in expected.luminance[..len].iter_mut().enumerate() {
-                *lane = brightness(now.vector(first + i));
+                let [r, g, b] = now.vector(first + i);
+                *lane = luminance(r, g, b);
             }
         }
         if let Some(speed) = self.params.speed {
@@ -668,8 +663,8 @@ impl<'a> Tests<'a> {
             };
         }
         if let Some([_, before]) = self.color {
-            let other = brightness(before.vector(at));
-            trust *= self.luminance_trust::<true>(expected.luminance[i], other);
+            let [r, g, b] = before.vector(at);
+            trust *= self.luminance_trust::<true>(expected.luminance[i], luminance(r, g, b));
         }
         trust
     }
@@ -742,16 +737,6 @@ fn length([x, y, z]: [f32; 3]) -> f32 {
 }
 
 #[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
 fn distance(a: [f32; 3], b: [f32; 3], along: [f32; 3]) -> f32 {
     dot([a[0] - b[0], a[1] - b[1], a[2] - b[2]], along)
-}
-
-#[inline(always)]
-fn brightness([r, g, b]: [f32; 3]) -> f32 {
-    luminance(r, g, b)
 }

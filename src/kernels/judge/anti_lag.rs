@@ -10,7 +10,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range};
+use crate::error::{Result, finite_from_0};
 use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::math::{larger, luminance};
 use crate::pixels::{PixelsMut, Row};
@@ -25,9 +25,7 @@ struct AntiLag<'a> {
 
 /// s; ≥ 0; 1.
 pub fn check(name: &str, strength: f32) -> Result<()> {
-    in_range(name, strength, "a finite number from 0", |v| {
-        v >= 0.0 && v.is_finite()
-    })
+    finite_from_0(name, strength)
 }
 
 /// Writes the shortened lengths.

@@ -9,11 +9,11 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range};
+use crate::error::{Result, from_0_to_1};
 use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::kernels::fetch::validate::Threshold;
 use crate::math::saturate;
-use crate::pixels::{Motion, MotionLanes, PixelsMut, Row};
+use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Weights of the new sample.
@@ -31,9 +31,7 @@ impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         for (name, value) in [("alpha", self.alpha), ("fast_alpha", self.fast_alpha)] {
-            in_range(name, value, "a share from 0 to 1", |v| {
-                (0.0..=1.0).contains(&v)
-            })?;
+            from_0_to_1(name, value)?;
         }
         self.speed.check("speed", "pixels from 0", |v| v >= 0.0)
     }
@@ -80,7 +78,7 @@ impl<'a> Kernel for BlendFactor<'a> {
 impl Params {
     /// The blend factors of a span.
     #[inline(always)]
-    pub(crate) fn shares(self, confidence: &[f32], motion: Option<Motion>, alphas: &mut Row) {
+    pub(crate) fn shares(self, confidence: &[f32], motion: Option<MotionRun>, alphas: &mut Row) {
         let Self {
             alpha: least,
             fast_alpha,

@@ -27,7 +27,7 @@
 use std::ops::Range;
 
 use super::innovation;
-use crate::error::{Result, in_range};
+use crate::error::{Result, finite_from_0, from_0_to_1};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::math::{larger, luminance, smaller};
 use crate::pixels::{Colors, Row};
@@ -54,21 +54,14 @@ impl Default for Params {
 impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        let holds = |v: f32| v >= 0.0 && v.is_finite();
-        in_range(
-            "strictness",
-            self.strictness,
-            "a finite number from 0",
-            holds,
-        )?;
+        finite_from_0("strictness", self.strictness)?;
         check_share(self.share)
     }
 }
 
 /// An error if β is out of range.
 pub(crate) fn check_share(share: f32) -> Result<()> {
-    let holds = |v: f32| (0.0..=1.0).contains(&v);
-    in_range("share", share, "a share from 0 to 1", holds)
+    from_0_to_1("share", share)
 }
 
 /// Side of a tile in pixels; divides [`SEGMENT`].

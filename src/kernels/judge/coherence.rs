@@ -19,6 +19,7 @@
 use std::ops::Range;
 
 use crate::image::{BandMut, Image, Pixels, Run, Size, View};
+use crate::math::dot;
 use crate::rows::{self, Kernel, Simd};
 use crate::tiles::Tiles;
 
@@ -166,11 +167,6 @@ impl<'a> Count<'a> {
             }
         }
     }
-}
-
-#[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// What tells surfaces apart in incoherent tiles, beside depth. Without a mask of those whose albedo is a reflectance, all are.

@@ -16,7 +16,7 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use crate::error::{Result, in_range};
+use crate::error::{Result, from_0_to_1};
 use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::kernels::camera::dilate::{self, Choice, Dilation};
 use crate::kernels::fetch::footprint::MIN_COVERAGE;
@@ -25,9 +25,7 @@ use crate::rows::{self, Kernel, Simd};
 
 /// A relative difference of depths; 0.05.
 pub fn check(separation: f32) -> Result<()> {
-    in_range("separation", separation, "a share from 0 to 1", |v| {
-        (0.0..=1.0).contains(&v)
-    })
+    from_0_to_1("separation", separation)
 }
 
 /// Writes how much of a pixel was hidden, 0 to 1.
@@ -102,7 +100,9 @@ impl<'a> Moved<'a> {
         for i in 0..lanes(run) {
             // The bit patterns of floats sort as the floats do only for numbers from 0 up.
             before.depth[i] = (before.depth[i] + z[i]).max(0.0);
-            let (x, y) = (x[i] + (run.x + i) as f32, y[i] + run.y as f32);
+            // An unknown change of depth leads outside, too.
+            let x = if z[i].is_finite() { x[i] } else { f32::NAN };
+            let (x, y) = (x + (run.x + i) as f32, y[i] + run.y as f32);
             let (left, top) = (x.floor(), y.floor());
             let (fx, fy) = (x - left, y - top);
             for k in 0..4 {

@@ -15,7 +15,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, Whole, in_range, whole};
+use crate::error::{Result, Whole, finite_from_0, whole};
 use crate::image::{Pixels, Run, Size, View};
 use crate::lanes::LANES;
 use crate::math::{is_present, larger, luminance, saturate};
@@ -50,9 +50,7 @@ impl Params {
 
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        in_range("noise", self.noise, "a finite number from 0", |v| {
-            v >= 0.0 && v.is_finite()
-        })?;
+        finite_from_0("noise", self.noise)?;
         Self::passes("passes", self.passes)?;
         Self::passes("widest", self.widest)?;
         let known = format!("at least as many as passes, {}", self.passes);

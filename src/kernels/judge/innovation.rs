@@ -38,7 +38,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, Whole, in_range, whole};
+use crate::error::{Result, Whole, finite_from_0, in_range, whole};
 use crate::image::{
     BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, deinterleave, interleave, segments,
 };
@@ -85,12 +85,7 @@ impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         Self::levels(self.levels)?;
-        in_range(
-            "strictness",
-            self.strictness,
-            "a finite number from 0",
-            |v| v >= 0.0 && v.is_finite(),
-        )?;
+        finite_from_0("strictness", self.strictness)?;
         in_range("share", self.share, "a share above 0, up to 1", |v| {
             v > 0.0 && v <= 1.0
         })
@@ -828,11 +823,15 @@ impl Innovation {
     }
 }
 
-/// Adds a correction and clamps at 0; NaN stays NaN.
+/// Adds a correction and clamps at 0, and at the largest number, as what is finite stays so; NaN stays NaN.
 #[inline(always)]
 pub(crate) fn corrected(light: f32, found: f32) -> f32 {
     let light = light + found;
-    if light < 0.0 { 0.0 } else { light }
+    if light < 0.0 {
+        0.0
+    } else {
+        smaller(f32::MAX, light)
+    }
 }
 
 struct Correct<'a> {

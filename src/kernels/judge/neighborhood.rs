@@ -27,7 +27,7 @@ pub use super::boxes::Bounds;
 use super::boxes::Boxes;
 use super::exposure;
 use super::hull::{Polygon, enter_hulls, enter_slabs};
-use crate::error::{Error, Result, in_range};
+use crate::error::{Error, Result, finite_from_0};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::lanes::LANES;
 use crate::math::{
@@ -112,9 +112,7 @@ impl Params {
         if !Self::WINDOWS.iter().any(|(_, r)| *r == self.radius) {
             return Err(Error::value("window", "a radius of 1 or 2", self.radius));
         }
-        in_range("gamma", self.gamma, "a finite number from 0", |v| {
-            v >= 0.0 && v.is_finite()
-        })?;
+        finite_from_0("gamma", self.gamma)?;
         exposure::check(self.exposure)?;
         let response = name_of(self.response, &Self::RESPONSES);
         let bounds = name_of(self.bounds, &Self::BOUNDS);

@@ -1,7 +1,7 @@
 //! Repetition: whether a frame has the noise of the frame before.
 //!
 //! A renderer that begins every frame with the same random numbers makes noise that sticks to the screen, while surfaces move
-//! behind it; and a frame that is shown twice has no new noise at all. Whoever compares such frames takes their noise for
+//! behind it; and a frame that is shown twice has no new noise at all. A comparison of such frames mistakes their noise for
 //! detail.
 //!
 //! With y the luminance of the new samples, p that of the frame before, brought along the motion, and

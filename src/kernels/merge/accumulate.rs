@@ -7,19 +7,20 @@
 //! Where a temporal gradient λ says that the light has changed, history is shortened before and its share falls:
 //!   N ← N (1 − λ)¹⁰,  a ← lerp(a, 1, λ)
 //! (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*; the exponent
-//! as in Q2RTX). Where confidence in history, c, is below 1, the sample's share rises: a ← lerp(a, 1, 1 − c). A colour that
-//! counts for less than a sample, such as one that neighbours lend, has a weight w below 1:
-//!   N ← min(N + w, 1/α),  a = w/N,  and max(w αₘ, w/N) for the moments,
-//! so that what is reconstructed helps where little is known, and hardly shows among samples. A pixel without history
+//! as in Q2RTX); so it does for the moments. A colour that counts for less than a sample, such as one that neighbours lend, has a
+//! weight w below 1:
+//!   N ← min(N + w, 1/α),  a = w/N,  and max(w αₘ, w/N) for the moments.
+//! Where the confidence κ in history is below 1, the sample's share rises: a ← lerp(a, 1, w (1 − κ)), and likewise for the
+//! moments. So what is reconstructed helps where little is known, and hardly shows among samples. A pixel without history
 //! starts at N = w. A sample with NaN or infinity, or without weight, is missing: history is kept as it is, and where there is
 //! none, colour and moments are NaN and N = 0, the mark of a pixel without any sample so far.
 //!
-//! Inputs: colour (3), w (1) in [0, 1], optional; history: colour (3), moments (2), length (1); λ and c (1) in [0, 1], optional.
+//! Inputs: colour (3), w (1) in [0, 1], optional; history: colour (3), moments (2), length (1); λ and κ (1) in [0, 1], optional.
 //! Outputs: the history, and the number of missing samples.
 
 use std::ops::Range;
 
-use crate::error::{Error, Result, in_range};
+use crate::error::{Error, Result, from_0_to_1};
 use crate::image::{Pixels, Run, SEGMENT, Size, View, segments};
 use crate::math::{is_present, larger, luminance, saturate, smaller};
 use crate::pixels::{Colors, PixelsMut, Row};
@@ -58,15 +59,8 @@ impl Params {
 
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        in_range("alpha", self.alpha, "a share from 0 to 1", |v| {
-            (0.0..=1.0).contains(&v)
-        })?;
-        in_range(
-            "moments_alpha",
-            self.moments_alpha,
-            "a share from 0 to 1",
-            |v| (0.0..=1.0).contains(&v),
-        )?;
+        from_0_to_1("alpha", self.alpha)?;
+        from_0_to_1("moments_alpha", self.moments_alpha)?;
         if !self.warmup && (self.alpha == 0.0 || self.moments_alpha == 0.0) {
             return Err(Error::value(
                 "alpha, moments_alpha",

@@ -3,7 +3,7 @@
 //! - **none**: h + α (c − h).
 //! - **tone**: each side also weighted by 1/(e + luminance), with e the exposure, so that no bright sample outweighs the
 //!   rest (Karis 2014, *High Quality Temporal Supersampling*).
-//! - **luminance**: α grows up to fourfold where luminances differ, lerp(4α, α, (1 − δ)²) with
+//! - **luminance**: α grows up to fourfold where luminances differ, lerp(min(4α, 1), α, (1 − δ)²) with
 //!   δ = |l − l′| / max(l, l′, 0.2 e) (Playdead 2016, *Temporal Reprojection Anti-Aliasing in INSIDE*).
 //!
 //! Against flicker, α may be reduced where history lies near the minimum or maximum luminance of the neighbourhood:
@@ -14,7 +14,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range};
+use crate::error::{Result, from_0_to_1};
 use crate::image::{Pixels, Run, SEGMENT, View, segments};
 use crate::kernels::judge::exposure;
 use crate::kernels::judge::neighborhood::{self, Window};
@@ -55,18 +55,14 @@ impl Params {
 
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        in_range("flicker", self.flicker, "a share from 0 to 1", |v| {
-            (0.0..=1.0).contains(&v)
-        })?;
+        from_0_to_1("flicker", self.flicker)?;
         exposure::check(self.exposure)
     }
 }
 
 /// Whether a number can be the share of the new sample.
 pub fn check_alpha(share: f32) -> Result<()> {
-    in_range("alpha", share, "a share from 0 to 1", |v| {
-        (0.0..=1.0).contains(&v)
-    })
+    from_0_to_1("alpha", share)
 }
 
 /// One blend factor for all pixels, or one for each.

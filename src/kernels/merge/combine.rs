@@ -7,27 +7,44 @@
 //! has any, colour and moments are NaN and N″ = 0. Moments overflow before colours do: where their mean is not finite, it is
 //! that of the first history, or of the second if the first one's is not finite either.
 //!
-//! Inputs: two histories: colour (3), moments (2), length (1); λ (1) in [0, 1], optional. Outputs: the history.
+//! With an exposure e, the sides check each other. A history is a spike where one of its samples has nearly all of its light: of
+//! N samples of which one is not black, the mean square is N times the square of the mean, m₂ = N m₁². With l the luminance of
+//! its colour and l′ that of the other history, of N′ samples, it is multiplied by
+//!   min(1, 8 (max(l′, 0) + e/16) / l) where m₂ ≥ 0.7 max(N, 2.5) m₁², N′ ≥ 2.5 and l′ is finite,
+//! (m₂ by the square): a firefly, which the other side does not confirm. A highlight that lasts is in several samples, and a
+//! single sample is no spike, as it may be of a surface that has just come into view.
+//!
+//! Inputs: two histories: colour (3), moments (2), length (1); λ (1) in [0, 1], optional; e. Outputs: the history.
 
 use std::ops::Range;
 
 use super::accumulate::{CHANNELS, Part, load_history, load_shares, tenth_power};
 use crate::image::{Pixels, SEGMENT, View, segments};
-use crate::math::is_present;
+use crate::kernels::judge::innovation;
+use crate::math::{is_present, larger, luminance};
 use crate::pixels::Row;
 use crate::rows::{self, Kernel, Simd};
 
-/// Combines two histories, each of colour, moments and length. λ is the second one's.
+/// A spike is held to so many times the light of the other history.
+const MOST: f32 = 8.0;
+/// Share of the mean square that a single sample would have.
+const SPIKE: f32 = 0.7;
+/// Histories of fewer samples neither show what is a spike nor that there is none.
+const FEWEST: f32 = 2.5;
+
+/// Combines two histories, each of colour, moments and length. λ is the second one's. With an exposure, spikes are held down.
 pub fn combine<'a, const PARTS: usize>(
     first: [Pixels<'a>; 3],
     second: [Pixels<'a>; 3],
     gradient: Option<View<'a>>,
+    exposure: Option<f32>,
     combined: impl Iterator<Item = [Part<'a>; PARTS]>,
 ) {
     let kernel = Combine::<PARTS> {
         first,
         second,
         gradient,
+        black: exposure.map(innovation::black),
     };
     rows::run(&kernel, first[0].size.height, combined);
 }
@@ -36,6 +53,7 @@ struct Combine<'a, const PARTS: usize> {
     first: [Pixels<'a>; 3],
     second: [Pixels<'a>; 3],
     gradient: Option<View<'a>>,
+    black: Option<f32>,
 }
 
 impl<'a, const PARTS: usize> Kernel for Combine<'a, PARTS> {
@@ -52,6 +70,9 @@ impl<'a, const PARTS: usize> Kernel for Combine<'a, PARTS> {
                 load_shares(gradient, run, &mut changes);
             }
             shorten(&changes, &mut second);
+            if let Some(black) = self.black {
+                hold_spikes(black, &mut first, &mut second);
+            }
             combine_rows(&second, &mut first);
             for (channels, part) in &mut out {
                 part.write(run, first[channels.clone()].iter().map(Row::as_slice));
@@ -66,6 +87,42 @@ pub(crate) fn shorten(changes: &Row, history: &mut [Row; CHANNELS]) {
     for (length, &change) in history[5].iter_mut().zip(changes) {
         *length *= tenth_power(1.0 - change);
     }
+}
+
+/// Holds the spikes of two histories to what the other one knows.
+#[inline(always)]
+pub(crate) fn hold_spikes(black: f32, first: &mut [Row; CHANNELS], second: &mut [Row; CHANNELS]) {
+    let factors = [spikes(black, first, second), spikes(black, second, first)];
+    for (history, factors) in [first, second].into_iter().zip(&factors) {
+        let [r, g, b, mean, square, _] = history;
+        for row in [r, g, b, mean, &mut *square] {
+            for (value, factor) in row.iter_mut().zip(factors) {
+                *value *= factor;
+            }
+        }
+        for (value, factor) in square.iter_mut().zip(factors) {
+            *value *= factor;
+        }
+    }
+}
+
+/// The factors of a history beside another one: 1 where it is no spike.
+#[inline(always)]
+fn spikes(black: f32, own: &[Row; CHANNELS], other: &[Row; CHANNELS]) -> Row {
+    let mut factors = [1.0; SEGMENT];
+    let [r, g, b, mean, square, length] = own;
+    let [or, og, ob, _, _, samples] = other;
+    for (x, factor) in factors.iter_mut().enumerate() {
+        let light = luminance(r[x], g[x], b[x]);
+        let seen = luminance(or[x], og[x], ob[x]);
+        let most = MOST * (larger(seen, 0.0) + black);
+        let single = SPIKE * larger(length[x], FEWEST) * (mean[x] * mean[x]);
+        let known = (samples[x] >= FEWEST) & seen.is_finite();
+        // False where one is NaN, and nothing is known.
+        let spike = (square[x] >= single) & known & (light > most);
+        *factor = if spike { most / light } else { 1.0 };
+    }
+    factors
 }
 
 /// Adds the second history to the first.

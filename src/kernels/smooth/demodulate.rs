@@ -3,9 +3,9 @@
 //!   illumination = (colour − emission) / d,  colour = illumination · d + emission,
 //!   d = max(a, f), with the channel's albedo a held to [0, 1] and f = 1/32, where the albedo is a reflectance; else d = 1.
 //!
-//! Which surfaces have a reflectance [`reflectance`](super::reflectance) tells from their ids; without ids, those pixels
-//! have one of which not all channels are 0. From f up this divides by the albedo, as Falcor's SVGFPass does from 0.001 up. Most light of a darker surface is not
-//! scaled by the albedo: highlights on black plastic, the background behind glass, emission of lamps and sky. Divided by a
+//! [`reflectance`](super::reflectance) decides by surface id whether the albedo is a reflectance; without ids, an albedo with any
+//! channel above 0 is one. From f up this divides by the albedo, as Falcor's SVGFPass does from 0.001 up. Most light of a darker
+//! surface is not scaled by the albedo: highlights on black plastic, the background behind glass, emission of lamps and sky. Divided by a
 //! thousandth, such light is a thousand times too bright, and wherever no guide stops the filter, it leaks to neighbours of
 //! ordinary albedo. The bound f limits the gain to 32. An albedo above 1 counts as 1.
 //!

@@ -19,7 +19,7 @@ use std::ops::Range;
 
 use super::guide::{Comparison, Guide, Sigmas};
 use crate::bordered::{Bordered, BorderedBand};
-use crate::error::{Result, Whole, in_range, whole};
+use crate::error::{Result, Whole, finite_from_0, whole};
 use crate::image::{BandMut, Image, Pixels, Run, SEGMENT, segments};
 use crate::lanes::Lanes;
 use crate::math::{exp2_weight, is_present, luminance};
@@ -58,9 +58,7 @@ impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         Self::radius(self.radius)?;
-        in_range("threshold", self.threshold, "a finite number from 0", |v| {
-            v >= 0.0 && v.is_finite()
-        })?;
+        finite_from_0("threshold", self.threshold)?;
         self.sigmas.check()
     }
 }

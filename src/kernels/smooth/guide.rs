@@ -20,7 +20,7 @@
 use std::ops::Range;
 
 use crate::bordered::{Bordered, BorderedBand, Layout};
-use crate::error::{Result, in_range};
+use crate::error::{Result, finite_from_0, in_range};
 use crate::image::{Pixels, Run, Size};
 use crate::kernels::fetch::validate::Surface;
 use crate::lanes::{Classes, Lanes, Taps};
@@ -56,9 +56,7 @@ impl Sigmas {
 
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        in_range("sigma_normal", self.normal, "a finite number from 0", |v| {
-            v >= 0.0 && v.is_finite()
-        })?;
+        finite_from_0("sigma_normal", self.normal)?;
         in_range("sigma_depth", self.depth, "a number above 0", |v| v > 0.0)?;
         in_range("sigma_plane", self.plane, "a share above 0", |v| v > 0.0)
     }

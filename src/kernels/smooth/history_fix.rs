@@ -11,7 +11,7 @@
 use std::ops::Range;
 
 use super::guide::{Center, Comparison, Guide, Sigmas};
-use crate::error::{Result, in_range};
+use crate::error::{Result, finite_from_0, in_range};
 use crate::image::{BandMut, Image, View};
 use crate::lanes::{LANES, Lanes, Tap};
 use crate::math::exp2_weights;
@@ -51,12 +51,7 @@ impl Params {
 
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
-        in_range(
-            "max_length",
-            self.max_length,
-            "a finite number from 0",
-            |v| v >= 0.0 && v.is_finite(),
-        )?;
+        finite_from_0("max_length", self.max_length)?;
         in_range("stride", self.stride, "1 to 64 pixels", |v| {
             (1.0..=64.0).contains(&v)
         })?;

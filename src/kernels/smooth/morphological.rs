@@ -25,7 +25,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, Whole, in_range, whole};
+use crate::error::{Result, Whole, finite_from_0, whole};
 use crate::image::{BandMut, Image, Size, View};
 use crate::math::{is_present, larger, luminance};
 use crate::rows::{self, Kernel, Simd};
@@ -48,9 +48,7 @@ impl Params {
     /// An error if a parameter is out of range.
     pub fn check(&self) -> Result<()> {
         Self::max_length(self.max_length)?;
-        in_range("threshold", self.threshold, "a finite number from 0", |v| {
-            v >= 0.0 && v.is_finite()
-        })
+        finite_from_0("threshold", self.threshold)
     }
 }
 

@@ -27,10 +27,11 @@ use crate::rows::{self, Kernel, Simd};
 
 /// A surface with a reflectance has one of at least this somewhere.
 const LEAST: f32 = 1e-3;
-/// Larger values are no reflectance, nor are smaller ones that are not 0,
+/// Larger values are no reflectance.
 const MOST: f32 = 1.25;
+/// Nor are values between 0 and this.
 const FAINT: f32 = 1e-5;
-/// unless no more than one in so many pixels of the surface has them.
+/// A surface still has a reflectance if at most one in so many of its pixels has a value that is none.
 const RARE: usize = 64;
 
 /// What decides for a surface.

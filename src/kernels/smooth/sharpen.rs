@@ -12,7 +12,7 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, in_range};
+use crate::error::{Result, from_0_to_1, in_range};
 use crate::image::{Pixels, Run, SEGMENT, segments};
 use crate::math::{inverse_tone_map, is_present, larger, max_channel, smaller, tone_map};
 use crate::pixels::{PixelsMut, Rolling, Row};
@@ -38,9 +38,7 @@ impl Params {
 }
 
 pub(crate) fn check_strength(name: &str, strength: f32) -> Result<()> {
-    in_range(name, strength, "a share from 0 to 1", |v| {
-        (0.0..=1.0).contains(&v)
-    })
+    from_0_to_1(name, strength)
 }
 
 /// The strongest λ.

@@ -27,7 +27,7 @@ pub fn finish(
 ) {
     let size = now.size();
     let parts = shown.map(|shown| (&mut *shown.color, &mut *shown.variance));
-    let (show, variance) = parts.unzip();
+    let (mut show, variance) = parts.unzip();
     let kernel = Finish {
         passes: &passes,
         innovation,
@@ -36,7 +36,6 @@ pub fn finish(
         blacken: antialias.is_none(),
     };
     let mut aliased = (antialias.is_some()).then(|| Image::blank(size, 3));
-    let mut show = show;
     let colors: Box<dyn Iterator<Item = _>> = match (&mut aliased, &mut show) {
         (Some(image), _) => Box::new(image.bands().map(PixelsMut::Planar).map(Some)),
         (None, Some(color)) => Box::new(PixelsMut::bands(size, 3, color).map(Some)),

@@ -1,6 +1,6 @@
 //! What comes before the filter: a frame's illumination joins the history.
 
-use super::{Current, Seen};
+use super::{Current, Reports};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, View, bands_of, deinterleave};
 use crate::kernels::fetch::reproject::{Fetch, Fetched};
 use crate::kernels::merge::accumulate::{self, CHANNELS, History, Images, Samples, accumulate};
@@ -22,8 +22,8 @@ pub struct Merged {
 pub fn merge(
     now: &Current,
     sample: &Image,
-    memory: Option<&mut Memory>,
-    seen: &mut Seen,
+    mut memory: Option<Memory>,
+    reports: &mut Reports,
 ) -> Merged {
     let (params, texture) = (now.params, now.texture);
     let size = now.size();
@@ -40,12 +40,13 @@ pub fn merge(
     };
     let recalled = recall::recall(
         &frame,
-        memory,
+        memory.as_mut(),
         CHANNELS,
         hold,
-        seen.confidence,
-        seen.rejection,
+        reports.confidence,
+        reports.rejection,
     );
+    drop(memory);
     let known = &recalled.history;
     let color = recalled.held.as_ref().unwrap_or(sample);
     let lent =
@@ -58,10 +59,10 @@ pub fn merge(
     };
     let images = Images {
         parts: [0..3, 3..5, 5..6].map(|part| known.pixels().part(part)),
-        confidence: (params.by_confidence).then(|| View::new(size, 1, seen.confidence)),
+        confidence: (params.by_confidence).then(|| View::new(size, 1, reports.confidence)),
     };
     let mut history = Records::blank(size, CHANNELS);
-    let outs = merged(&mut history, seen.history_length);
+    let outs = merged(&mut history, reports.history_length);
     let nothing = std::iter::repeat(());
     let missing = accumulate(samples, &images, now.accumulate, outs, nothing);
     Merged {
@@ -72,7 +73,7 @@ pub fn merge(
 }
 
 /// [`merge`] in one sweep, without images in between: for parameters by which no pass reads neighbouring pixels.
-pub fn merge_at_once(now: &Current, memory: Option<&Memory>, seen: &mut Seen) -> Merged {
+pub fn merge_at_once(now: &Current, memory: Option<Memory>, reports: &mut Reports) -> Merged {
     let (params, size) = (now.params, now.size());
     let samples = Samples {
         size,
@@ -81,13 +82,13 @@ pub fn merge_at_once(now: &Current, memory: Option<&Memory>, seen: &mut Seen) ->
         gradient: None,
     };
     let along = Along {
-        fetch: memory.map(|memory| memory.fetch(now.frame, now.motion, params)),
+        fetch: (memory.as_ref()).map(|memory| memory.fetch(now.frame, now.motion, params)),
         motion: now.motion.pixels(),
         by_confidence: params.by_confidence,
     };
     let mut history = Records::blank(size, CHANNELS);
-    let outs = merged(&mut history, seen.history_length);
-    let known = bands_of(seen.confidence, size).zip(bands_of(seen.rejection, size));
+    let outs = merged(&mut history, reports.history_length);
+    let known = bands_of(reports.confidence, size).zip(bands_of(reports.rejection, size));
     let missing = accumulate(samples, &along, now.accumulate, outs, known);
     Merged {
         history,

@@ -6,8 +6,10 @@
 //! - the second as light, where the next frame looks for reflections.
 
 use std::ops::Range;
+use std::slice::ChunksMut;
+use std::vec;
 
-use super::{Current, Seen};
+use super::{Current, Reports};
 use crate::bordered::BorderedBand;
 use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::kernels::judge::choice::{self, Levels};
@@ -26,7 +28,7 @@ pub struct Choosing<'a> {
     tiles: Option<Image>,
     /// The number of each pixel, interpolated between tiles; written with the unfiltered image.
     levels: &'a mut [f32],
-    /// The luminance that was expected, after ever more passes. They are added to the unfiltered one.
+    /// The expected luminance after 0, 1, 2 … passes; the filter adds all but the first.
     candidates: Vec<Image>,
     evidence: Records,
 }
@@ -37,20 +39,22 @@ pub fn choose<'a>(
     prediction: Option<Image>,
     motion: Pixels,
     before: Option<Records>,
-    seen: &Seen,
+    reports: &Reports,
     levels: Option<&'a mut [f32]>,
 ) -> Option<Choosing<'a>> {
     let params = now.params.choice?;
+    // Whoever only recalls shows no passes, and predicts nothing.
+    let (levels, prediction) = (levels?, prediction?);
     let usual = now.params.atrous.iterations as usize;
-    let coverage = View::new(now.size(), 1, seen.confidence);
+    let coverage = View::new(now.size(), 1, reports.confidence);
     let chosen =
         before.map(|before| choice::choice(before.pixels(), motion, coverage, usual, params));
     let (tiles, carried) = chosen.unzip();
     let candidates = now.params.passes() as usize + 1;
     Some(Choosing {
         tiles,
-        levels: levels?,
-        candidates: vec![prediction?],
+        levels,
+        candidates: vec![prediction],
         evidence: carried.unwrap_or_else(|| {
             Records::new(choice::tiles(now.size()), choice::channels(candidates))
         }),
@@ -82,76 +86,68 @@ pub struct Passes {
 pub fn filter(
     now: &Current,
     guide: &Guide,
-    seen: &Seen,
+    reports: &Reports,
     history: &mut Records,
-    joined: Option<&Records>,
+    mut joined: Option<Records>,
     mut choosing: Option<&mut Choosing>,
 ) -> Passes {
     let params = now.params;
     let (size, usual) = (now.size(), params.atrous.iterations);
+    let feeds_back = params.feedback && joined.is_none();
+    let most = (choosing.as_ref()).map_or(usual, |_| params.passes());
     let mut filtered = Filtered::new(guide.layout, choosing.is_some());
     let mut shown = choosing.is_some().then(|| Image::blank(size, 4));
-    let mut light = (!params.reflections.is_empty()).then(|| Records::blank(size, 3));
-    let passes = if choosing.is_some() {
-        params.passes()
-    } else {
-        usual
-    };
-    for pass in 0..=passes {
-        let mut shown = shown.as_mut().map(|shown| rows_of(shown).into_iter());
-        let (mut candidate, mut tiles, mut levels, mut prediction) = (None, None, None, None);
+    // Without a camera, nobody will look for reflections in it.
+    let reflects = !params.reflections.is_empty() && now.frame.camera.is_some();
+    let mut light = reflects.then(|| Records::blank(size, 3));
+    for pass in 0..=most {
+        let mut candidate = (choosing.is_some() && pass > 0).then(|| Image::blank(size, 1));
+        let (mut tiles, mut prediction, mut levels) = (None, None, None);
         if let Some(choosing) = &mut choosing {
-            candidate = (pass > 0).then(|| Image::blank(size, 1));
-            prediction = choosing.candidates.first();
-            tiles = choosing.tiles.as_ref();
+            (tiles, prediction) = (choosing.tiles.as_ref(), choosing.candidates.first());
             levels = Some(choosing.levels.chunks_mut(size.width));
         }
-        let mut candidates =
-            (candidate.as_mut()).map(|candidate| candidate.data_mut().chunks_mut(size.width));
         let keep = Keep {
             pass,
             usual,
-            most: passes,
-            confidence: View::new(size, 1, seen.confidence),
-            length: View::new(size, 1, seen.history_length),
+            most,
+            confidence: View::new(size, 1, reports.confidence),
+            length: View::new(size, 1, reports.history_length),
             textured: now.texture.is_some(),
             tiles: tiles.map(|tiles| Levels(tiles.view())),
         };
         let light = light.as_mut().filter(|_| pass == usual.min(2));
-        let mut light = light.map(|light| light.data_mut().chunks_mut(3 * size.width));
-        let mut kept = |history| Kept {
-            choice: (levels.as_mut().and_then(Iterator::next))
-                .zip(shown.as_mut().and_then(Iterator::next))
-                .map(|(levels, image)| Shown { levels, image }),
-            candidate: candidates.as_mut().and_then(Iterator::next),
-            history,
-            light: light.as_mut().and_then(Iterator::next),
+        let mut kept = KeptRows {
+            levels,
+            shown: shown.as_mut().map(|shown| rows_of(shown).into_iter()),
+            candidate: (candidate.as_mut()).map(|image| image.data_mut().chunks_mut(size.width)),
+            light: light.map(|light| light.data_mut().chunks_mut(3 * size.width)),
         };
         if pass == 0 {
-            let source = joined.unwrap_or(history).pixels();
+            let source = joined.as_ref().unwrap_or(history).pixels();
             let [color, moments, length] = [0..3, 3..5, 5..6].map(|part| source.part(part));
             let begin = Begin {
                 color,
                 length,
                 prediction: prediction.map(Image::pixels),
                 variance: Estimate::new(moments, length, guide, params.variance),
-                longest: joined.map(|_| 1.0 / now.accumulate.alpha),
+                longest: (joined.as_ref()).map(|_| 1.0 / now.accumulate.alpha),
                 keep,
             };
             let mut rest = size.height;
             let outs = filtered.bands().map(|image| {
                 let count = rest.min(BAND);
                 rest -= count;
-                (image, (0..count).map(|_| kept(None)).collect())
+                (image, (0..count).map(|_| kept.next(None)).collect())
             });
             rows::run(&begin, size.height, outs);
-        } else if params.feedback && pass == usual.min(1) && joined.is_none() {
-            let row = size.width * accumulate::CHANNELS;
-            let outs = history.data_mut().chunks_mut(row);
-            let outs = outs.map(|row| kept(Some(row)));
-            filtered.filter(guide, params.atrous, pass - 1, &keep, outs);
+            joined = None;
         } else {
-            let outs = (0..size.height).map(|_| kept(None));
+            let row = size.width * accumulate::CHANNELS;
+            let feedback = feeds_back && pass == usual.min(1);
+            let mut colors = feedback.then(|| history.data_mut().chunks_mut(row));
+            let outs =
+                (0..size.height).map(|_| kept.next(colors.as_mut().and_then(Iterator::next)));
             filtered.filter(guide, params.atrous, pass - 1, &keep, outs);
         }
         if let Some((choosing, candidate)) = choosing.as_mut().zip(candidate) {
@@ -162,6 +158,29 @@ pub fn filter(
         filtered,
         shown,
         light,
+    }
+}
+
+/// The images that a pass writes to, row by row from the top.
+struct KeptRows<'a> {
+    levels: Option<ChunksMut<'a, f32>>,
+    shown: Option<vec::IntoIter<[&'a mut [f32]; 4]>>,
+    candidate: Option<ChunksMut<'a, f32>>,
+    light: Option<ChunksMut<'a, f32>>,
+}
+
+impl<'a> KeptRows<'a> {
+    fn next(&mut self, history: Option<&'a mut [f32]>) -> Kept<'a> {
+        fn next<I: Iterator>(rows: &mut Option<I>) -> Option<I::Item> {
+            rows.as_mut()?.next()
+        }
+        let choice = next(&mut self.levels).zip(next(&mut self.shown));
+        Kept {
+            choice: choice.map(|(levels, image)| Shown { levels, image }),
+            candidate: next(&mut self.candidate),
+            history,
+            light: next(&mut self.light),
+        }
     }
 }
 

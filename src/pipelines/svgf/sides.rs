@@ -1,29 +1,31 @@
 //! Both sides of time: what the frames before a frame expect of it, and those after it.
 //!
 //! A second run, backwards, leaves for every frame the history that its later frames make of its pixels. It joins the
-//! history of the earlier frames, before the filter, by the lengths of both, and the new sample counts once. What goes on
-//! to the next frame is the earlier frames' history alone: the next frame's own samples are in the later ones'.
+//! history of the earlier frames, before the filter, by the lengths of both, and the new sample counts once. Each side holds down
+//! fireflies of the other ([`crate::kernels::merge::combine`]). What goes on to the next frame is the earlier frames' history alone: the next frame's own samples are in the later ones'.
 //!
 //! What is expected without the frame's sample is the prediction, whose luminance the filter compares
 //! ([`crate::kernels::smooth::atrous`]), and by which passes are chosen ([`crate::kernels::judge::choice`]).
 
 use std::ops::Range;
 
-use super::{Current, Seen};
+use super::{Current, Reports};
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, bands_of, segments};
+use crate::kernels::judge::exposure::exposure;
+use crate::kernels::judge::innovation::black;
 use crate::kernels::merge::accumulate::{CHANNELS, load_shares};
-use crate::kernels::merge::combine::{combine_rows, shorten};
+use crate::kernels::merge::combine::{combine_rows, hold_spikes, shorten};
 use crate::math::{larger, luminance, smaller};
 use crate::pipelines::frame::History;
 use crate::pipelines::recall::Recalled;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
-/// Samples that a prediction needs: by the luminance of fewer, the filter would keep the noise. Not a whole number, so that
-/// rounding of resampled lengths does not decide.
+/// A prediction from fewer samples is not used: guided by its luminance, the filter would keep its noise. Not a whole number, so
+/// that rounding of resampled lengths does not decide.
 const FEWEST: f32 = 2.5;
-/// Standard deviations of samples by which the new one may lift the mean above the prediction. An outlier beyond keeps its
-/// own luminance, by which the filter leaves it alone: with the prediction's, it would be handed to its neighbours.
+/// Where the new sample lifts the mean above the prediction by more standard deviations of samples than this, the prediction is
+/// not used: the outlier keeps its own luminance, by which the filter does not spread it to its neighbours.
 const MOST: f32 = 1.5;
 
 /// What the filter works on, beside the history of the frames before.
@@ -41,7 +43,7 @@ pub fn join(
     recalled: Option<&Recalled>,
     history: &Records,
     later: Option<&History>,
-    seen: &mut Seen,
+    reports: &mut Reports,
 ) -> Joined {
     let size = now.size();
     let mut joined = later.map(|_| Records::blank(size, CHANNELS));
@@ -55,12 +57,12 @@ pub fn join(
         expected: recalled.map(Expected::new),
         longest: 1.0 / now.accumulate.alpha - 1.0,
         history: history.pixels(),
-        later,
+        later: later.map(|later| (later, black(exposure(history.pixels().part(0..3))))),
     };
     let histories = (joined.as_mut()).map(|all| PixelsMut::bands(size, CHANNELS, all.data_mut()));
     let outs = rows::optional(histories)
         .zip(rows::optional(prediction.as_mut().map(Image::bands)))
-        .zip(bands_of(seen.history_length, size));
+        .zip(bands_of(reports.history_length, size));
     let outs = outs.map(|((history, prediction), length)| Outs {
         history,
         prediction,
@@ -74,9 +76,9 @@ pub fn join(
 }
 
 /// How sure the surer side is of its history, and the tests that failed on both.
-pub fn join_reports(later: &History, seen: &mut Seen) {
+pub fn join_reports(later: &History, reports: &mut Reports) {
     let size = later.confidence.size();
-    let outs = bands_of(seen.confidence, size).zip(bands_of(seen.rejection, size));
+    let outs = bands_of(reports.confidence, size).zip(bands_of(reports.rejection, size));
     rows::run(later, size.height, outs);
 }
 
@@ -157,7 +159,8 @@ struct Join<'a> {
     /// Samples that a history counts for at most.
     longest: f32,
     history: Pixels<'a>,
-    later: Option<&'a History<'a>>,
+    /// With the level of light that counts as black.
+    later: Option<(&'a History<'a>, f32)>,
 }
 
 /// The luminance that is expected; NaN where that is not worth enough samples, or the new one is an outlier.
@@ -175,6 +178,14 @@ fn predict(expected: &[Row; CHANNELS], merged: &[Row; CHANNELS]) -> Row {
         *predicted = if usable { l } else { f32::NAN };
     }
     predicted
+}
+
+/// Adds the later history, with the spikes of both held down.
+#[inline(always)]
+fn join_rows(black: f32, later: &[Row; CHANNELS], history: &mut [Row; CHANNELS]) {
+    let mut later = *later;
+    hold_spikes(black, history, &mut later);
+    combine_rows(&later, history);
 }
 
 /// No history counts for more samples than accumulation leaves it beside a new one.
@@ -204,14 +215,14 @@ impl<'a> Kernel for Join<'a> {
                 None => expected[5].fill(0.0),
             }
             limit(self.longest, &mut expected);
-            if let Some(known) = self.later {
+            if let Some((known, black)) = self.later {
                 known.read(run, &mut later);
                 limit(self.longest, &mut later);
-                combine_rows(&later, &mut expected);
+                join_rows(black, &later, &mut expected);
             }
             (self.history).read(run, history.each_mut().map(Row::as_mut_slice));
-            if let Some(joined) = &mut out.history {
-                combine_rows(&later, &mut history);
+            if let Some((joined, (_, black))) = out.history.as_mut().zip(self.later) {
+                join_rows(black, &later, &mut history);
                 joined.write(run, history.iter().map(Row::as_slice));
                 out.length.put(run, &history[5]);
             }

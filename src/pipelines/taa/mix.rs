@@ -5,13 +5,13 @@
 //! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
 //! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
 //! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
-//! The λ of all tiles together is no chance: from [`DENOISED`] on, all show as much denoised colour as their own λ says; not
+//! The λ of all tiles together is no chance: from [`DENOISED_FROM`] on, all show as much denoised colour as their own λ says; not
 //! where the jitter of frames is known, as these are not antialiased, however little noise they have. Otherwise, if fewer than
 //! one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So it is where the noise of
 //! frames repeats, which looks like detail.
 //!
-//! A sample counts for no more than [`BRIGHTEST`] times the result, which no result that counts it for an eighth or more notices:
-//! a firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness. What is shown of it is at most
+//! A sample is held down to [`BRIGHTEST`] times the result; a result in which it has a share of an eighth or more is bright
+//! enough to leave it alone. A firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness. What is shown of it is at most
 //! [`SHOWN`] times the result, as a share that is right for the tile is still too much for its brightest sample.
 //!
 //! Inputs: samples (3), denoised colour (3), motion (2 or 3), of the frame before: luminances (3), luminance of the samples
@@ -44,7 +44,7 @@ const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
 /// The λ of all tiles together from which on each follows its own. With one sample behind `SVGF`, no sequence of the
 /// study that has albedo reaches a tenth of it; with 16 samples, most exceed it. Behind a network, some do with one sample.
-const DENOISED: f32 = 0.25;
+const DENOISED_FROM: f32 = 0.25;
 /// One over the least fraction of tiles that must agree: single groups do by chance.
 const FEWEST: usize = 8;
 /// Frames in which tiles are not asked after too few have agreed. Asking takes four frames, so nothing is done in five of nine.
@@ -119,7 +119,7 @@ pub fn mix(
         let (mut found, left) = carried.unzip();
         if let Some((shares, evidence)) = found.as_mut().zip(left.as_ref()) {
             let [smooth, _] = collocation::share_of_all(evidence);
-            let smooth = smooth >= DENOISED && !aliased;
+            let smooth = smooth >= DENOISED_FROM && !aliased;
             if !agree(shares, smooth) && !smooth {
                 return resting;
             }
@@ -299,14 +299,15 @@ impl Mix<'_> {
             let (_, sample) = self.held.beside(y, before, BRIGHTEST);
             let (y, _) = self.held.beside(y, before, SHOWN);
             let known = [sample, denoised, before];
-            let mixed: [f32; 3] = std::array::from_fn(|c| {
-                let result = b[c] + levels[0][i] * (a[c] - b[c]);
-                result + levels[1][i] * (y[c] - result)
-            });
+            // What is missing of samples and denoised colour has no share.
+            let smooth: [f32; 3] = std::array::from_fn(|c| b[c] + levels[0][i] * (a[c] - b[c]));
+            let smooth = if is_present(smooth) { smooth } else { b };
+            let mixed: [f32; 3] =
+                std::array::from_fn(|c| smooth[c] + levels[1][i] * (y[c] - smooth[c]));
             let finite = is_present(mixed);
             for c in 0..3 {
                 luminances[c][i] = known[c];
-                result[c][i] = if finite { mixed[c] } else { b[c] };
+                result[c][i] = if finite { mixed[c] } else { smooth[c] };
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Parameters of temporal antialiasing, and presets of them.
 
-use crate::error::{Result, in_range};
+use crate::error::{Result, from_0_to_1};
 use crate::image::Pixels;
 use crate::kernels::camera::dilate::{self, Window};
 use crate::kernels::camera::pinhole::Rays;
@@ -271,9 +271,7 @@ impl Params {
             .try_for_each(|albedo| albedo.check_luminance("relative_albedo"))?;
         self.limits.thresholds().check()?;
         anti_lag::check("anti_lag", self.anti_lag)?;
-        let share = |v: f32| (0.0..=1.0).contains(&v);
-        let unguided = self.unguided_alpha;
-        in_range("unguided_alpha", unguided, "a share from 0 to 1", share)?;
+        from_0_to_1("unguided_alpha", self.unguided_alpha)?;
         self.blend_factor.check()?;
         self.blend.check()
     }

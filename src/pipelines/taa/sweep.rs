@@ -28,7 +28,7 @@ use crate::kernels::merge::accumulate::{count_missing, load_shares, tenth_power}
 use crate::kernels::merge::blend::{Weighting, calm, mix};
 use crate::math::{Color, is_present, luminance};
 use crate::pipelines::frame::{Report, blacken_missing};
-use crate::pixels::{Motion, MotionLanes, PixelsMut, Row, lanes};
+use crate::pixels::{MotionLanes, MotionRun, PixelsMut, Row, lanes};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// Channels of the history: colour 0 to 2, length 3.
@@ -109,7 +109,7 @@ impl Sweep<'_> {
         &self,
         run: Run,
         colors: [&[f32]; 3],
-        motion: Motion,
+        motion: MotionRun,
         past: &mut Past,
         factors: &mut Row,
     ) {
@@ -208,7 +208,7 @@ impl<'a> Past<'a> {
 
     /// Reprojects a run along its dilated motion; zeros in a first frame.
     #[inline(always)]
-    fn fetch(&mut self, run: Run, motion: Motion, fetch: Option<&Fetch>) {
+    fn fetch(&mut self, run: Run, motion: MotionRun, fetch: Option<&Fetch>) {
         let n = run.len;
         let Some((fetch, fetched)) = fetch.zip(self.fetched.as_mut()) else {
             self.color = [[0.0; SEGMENT]; 3];
@@ -220,7 +220,7 @@ impl<'a> Past<'a> {
                 dilation.choose(run, &mut self.dilated);
                 let [x, y, depth] = self.dilated.each_ref().map(|row| &row[..n]);
                 let depth = motion.depth.map(|_| depth);
-                Motion { x, y, depth }
+                MotionRun { x, y, depth }
             }
             None => motion,
         };
@@ -237,7 +237,7 @@ impl<'a> Past<'a> {
     fn follow_movers(
         &mut self,
         run: Run,
-        motion: Motion,
+        motion: MotionRun,
         fetch: Option<&Fetch>,
         window: &Window,
         exposure: f32,
@@ -258,7 +258,7 @@ impl<'a> Past<'a> {
             return;
         }
         let depth = motion.depth.map(|_| depth);
-        fetch.run(run, Motion { x, y, depth }, &mut movers.fetched);
+        fetch.run(run, MotionRun { x, y, depth }, &mut movers.fetched);
         let rows = [-1, 0, 1].map(|dy| window.colors.columns(run, dy));
         let start = window.colors.radius - 1;
         let found = movers.fetched.values(0).as_chunks::<CHANNELS>().0;

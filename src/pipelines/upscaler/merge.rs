@@ -24,7 +24,7 @@ use crate::kernels::judge::blend_factor;
 use crate::kernels::merge::blend::{Weighting, mix};
 use crate::math::{is_present, saturate};
 use crate::pipelines::frame::Report;
-use crate::pixels::{Colors, Motion, MotionLanes, PixelsMut, Row};
+use crate::pixels::{Colors, MotionLanes, MotionRun, PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
 /// Channels of the history: colour 0 to 2, samples 3, lock 4.
@@ -143,7 +143,7 @@ impl Merge<'_> {
     }
 
     #[inline(always)]
-    fn find_weights(&self, run: Run, motion: Motion, color: &[Row; 3], found: &mut Found) {
+    fn find_weights(&self, run: Run, motion: MotionRun, color: &[Row; 3], found: &mut Found) {
         let Found {
             samples,
             lock,
