@@ -110,6 +110,7 @@ impl Stage {
             self.follow_light(frame.color, motion);
         }
         self.step(params, denoised, motion, choice, out, None);
+        drop(still);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, shown);
         let kind = [repeats, frame.jitter.is_some()];

@@ -148,8 +148,18 @@ fn sticking(now: View, before: View) -> f32 {
     }
 }
 
-/// S − W.
+/// S − W, or 0 if nothing is as it was: then it is not above 0.
 fn standing(now: View, before: View) -> f32 {
+    let mut looked_at = (0..now.size.height).step_by(STEP);
+    let repeats = |y| {
+        now.row(0, y)
+            .iter()
+            .zip(before.row(0, y))
+            .any(|(now, before)| now == before)
+    };
+    if !looked_at.any(repeats) {
+        return 0.0;
+    }
     let (mut same, mut below) = (0, Correlation::default());
     for y in (0..now.size.height.saturating_sub(1)).step_by(STEP) {
         let [own, last, next] = [now.row(0, y), before.row(0, y), now.row(0, y + 1)];

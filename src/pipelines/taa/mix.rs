@@ -91,7 +91,7 @@ pub fn mix(
     shown: &mut [f32],
 ) -> Seen {
     let size = samples.size;
-    let before = before.unwrap_or_default();
+    let mut before = before.unwrap_or_default();
     let resting = Seen {
         rest: REST,
         ..Seen::default()
@@ -111,8 +111,9 @@ pub fn mix(
         black: bright / 16.0,
     };
     let (mut shares, mut evidence, mut samples_before) = (None, None, None);
-    if let Some(luminances) = &before.luminances {
+    if let Some(luminances) = before.luminances.take() {
         let recent = fetch(luminances.pixels(), motion, Tests::none(), Filter::Bilinear);
+        drop(luminances);
         let carried = (before.evidence).map(|known| {
             collocation::shares(known.pixels(), motion, recent.1.view(), collocation::SHARE)
         });
@@ -124,7 +125,7 @@ pub fn mix(
                 return resting;
             }
         }
-        let older = (before.samples_before.as_ref())
+        let older = (before.samples_before.take())
             .map(|plane| fetch(plane.pixels(), motion, Tests::none(), Filter::Bilinear));
         let planes = planes(
             &held,
