@@ -79,6 +79,16 @@ def test_ids_out_of_range(ids):
         yester.Frame(buffers()["color"], ids=np.full((4, 6), ids, np.int64))
 
 
+def test_subclasses_of_arrays():
+    """A matrix multiplies in another way, and a mask would be ignored."""
+    color, depth = np.ones((4, 5, 3), np.float32), np.ones((4, 5), np.float32)
+    frame = yester.Frame(color, depth=depth.view(np.matrix))
+    assert type(frame.depth) is np.ndarray
+    assert np.shares_memory(frame.depth, depth)
+    with pytest.raises(TypeError, match=r"^color: expected an array without a mask"):
+        yester.Frame(np.ma.masked_greater(color, 2))
+
+
 def test_read_only():
     frame = yester.Frame(buffers()["color"])
     with pytest.raises(AttributeError):

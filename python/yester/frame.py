@@ -151,8 +151,11 @@ class Frame:
         size = None
         for name, value in given.items():
             array = None
+            if isinstance(value, np.ma.MaskedArray):
+                raise TypeError(f"{name}: expected an array without a mask: x.filled(nan) marks what is missing")
             if value is not None or name == "color":
-                array = canonical(shared(value, name), name, size)
+                # Not one of numpy's subclasses, which index and multiply in other ways.
+                array = np.asarray(canonical(shared(value, name), name, size))
                 size = array.shape[:2]
             object.__setattr__(self, name, array)
         if camera is not None and not isinstance(camera, Camera):
