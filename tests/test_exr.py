@@ -358,7 +358,8 @@ def test_not_an_exr(tmp_path, content, complaint):
 @pytest.mark.parametrize("several", [False, True])
 def test_text_in_another_encoding(tmp_path, several):
     """OpenEXR's Python module takes UTF-8 alone; renderers write names of users and machines as the system has them."""
-    path, header = tmp_path / "frame.exr", {"owner": "J@rgen", "comments": "whole"}
+    several_texts = [200 * "-", "J@rgen"]  # of a length that is no UTF-8, either
+    path, header = tmp_path / "frame.exr", {"owner": "J@rgen", "comments": "whole", "users": several_texts}
     if several:
         header |= {"name": "one", "type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
         other = header | {"name": "two", "owner": "anyone"}
@@ -373,6 +374,7 @@ def test_text_in_another_encoding(tmp_path, several):
     io.write_exr(tmp_path / "again.exr", plate.frame, like=plate)
     again = OpenEXR.File(str(tmp_path / "again.exr")).parts[0].header
     assert (again["owner"], again["comments"]) == ("J?rgen", "whole")
+    assert again["users"] == [200 * "-", "J?rgen"]
 
 
 def test_no_such_file(tmp_path):

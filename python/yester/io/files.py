@@ -10,6 +10,8 @@ from pathlib import Path
 
 def in_use(temporary: Path) -> bool:
     """Whether the process that writes a temporary file of `beside` still runs, on this machine."""
+    if os.name == "nt":
+        return False  # there, asking would interrupt it; and a file that is open cannot be removed
     number = temporary.name.split(".")[-2]
     try:
         os.kill(int(number), 0)

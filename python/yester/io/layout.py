@@ -127,11 +127,16 @@ def subset(path: Path, keep: Collection[int]) -> bytes:
 def legible(data: bytes) -> bytes:
     """A file whose attributes have question marks where their text is not UTF-8."""
     changed = bytearray(data)
-    for header in headers(data)[0]:
-        for one in header.values():
-            if one.type in ("string", "stringvector"):
-                value = _value(data, one).decode(errors="surrogateescape")
-                changed[one.start : one.start + one.size] = value.encode(errors="replace")
+    for one in (one for header in headers(data)[0] for one in header.values()):
+        at, end = one.start, one.start + one.size
+        while at < end and one.type in ("string", "stringvector"):
+            size = one.size
+            if one.type == "stringvector":  # each text after its length
+                (size,) = struct.unpack_from("<i", data, at)
+                at += 4
+            text = data[at : min(at + max(size, 0), end)].decode(errors="surrogateescape")
+            changed[at : at + len(text.encode(errors="surrogateescape"))] = text.encode(errors="replace")
+            at += max(size, 0)
     return bytes(changed)
 
 
