@@ -108,9 +108,10 @@ def denoise(frames: Iterable[Frame], pipeline: _Steps | None = None, lookahead: 
     -----
     `SVGF` and `HalfRes` join the histories of both sides before they filter, by their lengths, and the frame's sample
     counts once (`SVGF.recall`, `combine_histories`). Each side holds down fireflies that the other does not confirm.
-    Their output stage then runs over the results in both directions. Of other pipelines, and of the stage, the results of both directions are averaged, weighted by history length, pixel
-    by pixel: something that has just come into view has most of its light from the frames in which it stays. A side
-    without confidence anywhere, at an end of the sequence or at a cut, does not count.
+    Their output stage then runs over the results in both directions. Of other pipelines, and of the stage, the results
+    of both directions are averaged, weighted by history length, pixel by pixel: something that has just come into view
+    has most of its light from the frames in which it stays. A side without confidence anywhere, at an end of the
+    sequence or at a cut, does not count.
 
     The sequence is worked on in chunks of ``5 * lookahead`` frames, each of which begins backwards `lookahead` frames
     behind its end. A chunk ends early at a frame from which no motion leads to the next one. At most
