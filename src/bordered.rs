@@ -191,10 +191,11 @@ impl<T> BorderedBand<'_, T> {
 
 /// A job of a pass that overwrites an image in place: every `step`-th row of a range, from top to bottom.
 ///
-/// In place, because a second image for ping-pong would cost memory, 16 bytes a pixel, and time, 13 % of `atrous`: the lines of the second image are fetched into cache only to be overwritten. Taps lie multiples of `step`
-/// rows apart, so that jobs of another y mod `step` never read these rows. Of the job's own rows, those below the current
-/// one are not overwritten yet, and the `radius` rows above are read from a ring buffer of copies. The rows beyond both ends
-/// of the job belong to other jobs: they are copied before the pass begins.
+/// In place, because a second image for ping-pong would cost memory, 16 bytes a pixel, and time, 13 % of `atrous`: the
+/// lines of the second image are fetched into cache only to be overwritten. Taps lie multiples of `step` rows apart, so
+/// that jobs of another y mod `step` never read these rows. Of the job's own rows, those below the current one are not
+/// overwritten yet, and the `radius` rows above are read from a ring buffer of copies. The rows beyond both ends of the job
+/// belong to other jobs: they are copied before the pass begins.
 pub struct InPlace<'a, const N: usize, E> {
     layout: Layout,
     step: usize,

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 
 use super::arrays::{COLOR, Channels, Direct, Input, MOTION, Out, choice, detached, parts};
 use super::merge::AlphaArg;
-use crate::error::{Error, whole};
+use crate::error::{Error, finite_from_0, whole};
 use crate::image::{Records, Run, bands_of};
 use crate::kernels::fetch::validate::Threshold;
 use crate::kernels::judge::coherence::incoherent;
@@ -467,7 +467,7 @@ pub fn anti_lag_<'py>(
     strength: f32,
     out: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    anti_lag::check("strength", strength)?;
+    finite_from_0("strength", strength)?;
     let shortened = {
         let length = Input::<f32>::new(history_length, "history_length", Channels::One)?;
         let size = length.size();

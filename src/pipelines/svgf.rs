@@ -527,7 +527,7 @@ struct Left {
     missing: usize,
 }
 
-/// The passes, in their order. What a pass is the last to read is dropped there: the next images take its memory.
+/// The passes, in their order. Images are dropped after the last pass that reads them, so that later ones reuse their memory.
 fn run(
     mut now: Current,
     past: Option<State>,
@@ -558,8 +558,8 @@ fn run(
             (joined, later, Some(shown), moved)
         }
         Task::Recall(into) => {
-            let into_parts = [into.color, into.moments, into.length];
-            expect(recalled.as_ref(), now.size(), into_parts);
+            let history = [into.color, into.moments, into.length];
+            expect(recalled.as_ref(), now.size(), history);
             (Joined::default(), None, None, Some(into.motion))
         }
     };
@@ -654,7 +654,7 @@ impl Current<'_> {
         self.guide.get_or_init(|| self.guide_by(None))
     }
 
-    /// The guide of the filter, by coarser surfaces where normals and ids are incoherent; nothing keeps it afterwards.
+    /// Takes the guide of the filter out, or builds one by coarse ids where normals and ids are incoherent.
     fn take_guide(&mut self, incoherent: Option<Incoherent>) -> Guide {
         match (incoherent, self.guide.take()) {
             (Some(found), usual) => {

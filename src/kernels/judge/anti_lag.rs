@@ -10,7 +10,6 @@
 
 use std::ops::Range;
 
-use crate::error::{Result, finite_from_0};
 use crate::image::{Pixels, SEGMENT, View, segments};
 use crate::math::{larger, luminance};
 use crate::pixels::{PixelsMut, Row};
@@ -21,11 +20,6 @@ struct AntiLag<'a> {
     history: Pixels<'a>,
     clipped: Pixels<'a>,
     strength: f32,
-}
-
-/// s; ≥ 0; 1.
-pub fn check(name: &str, strength: f32) -> Result<()> {
-    finite_from_0(name, strength)
 }
 
 /// Writes the shortened lengths.

@@ -1,8 +1,8 @@
 //! Change of light: the factor by which all light has changed, where it is one factor: of an exposure, a fade, a lamp that lights
 //! everything.
 //!
-//! The image has 64 blocks, 8 across and 8 down. With Σy and Σh the sums of luminance of the new samples and of the history over a block's pixels
-//! where both are known,
+//! The image has 64 blocks, 8 across and 8 down. With Σy and Σh the sums of luminance of the new samples and of the history
+//! over a block's pixels where both are known,
 //!   r = ln Σy − ln Σh,  m = median r,  d = third quartile of |r − m|,
 //! over the blocks that know a sixteenth of their pixels, if there are 16. The factor is exp(m) where |m| > 5/4 d, d < 3/20 and
 //! |m| < ln 10⁶, and 1 elsewhere: where blocks disagree by more, another light has changed, or the samples are too noisy to

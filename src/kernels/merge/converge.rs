@@ -11,8 +11,8 @@
 //! The last factor is for few samples of heavy-tailed noise, whose variance is underestimated more often than not. Tiles of
 //! 8×8 pixels have one share each, interpolated bilinearly between their centres:
 //!   s = max(0, 1 − ⟨v⟩/⟨|luminance of r − r̄|²⟩), shown = O + s (r − r̄) l,
-//! with r̄ the mean of r, each r held to [−1, 1] before, over 9×9 tiles, interpolated likewise: what O and M differ by over so wide a window
-//! is an error of M, whose samples are old where light changes, and O has been corrected by the newest
+//! with r̄ the mean of r, each r held to [−1, 1] before, over 9×9 tiles, interpolated likewise: what O and M differ by over
+//! so wide a window is an error of M, whose samples are old where light changes, and O has been corrected by the newest
 //! ([`crate::kernels::judge::innovation`]). Without it, slow changes of light lag. The bound is for lamps, of which one
 //! pixel would decide for all others.
 //!

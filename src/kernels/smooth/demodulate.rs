@@ -3,11 +3,12 @@
 //!   illumination = (colour − emission) / d,  colour = illumination · d + emission,
 //!   d = max(a, f), with the channel's albedo a held to [0, 1] and f = 1/32, where the albedo is a reflectance; else d = 1.
 //!
-//! [`reflectance`](super::reflectance) decides by surface id whether the albedo is a reflectance; without ids, an albedo with any
-//! channel above 0 is one. From f up this divides by the albedo, as Falcor's SVGFPass does from 0.001 up. Most light of a darker
-//! surface is not scaled by the albedo: highlights on black plastic, the background behind glass, emission of lamps and sky. Divided by a
-//! thousandth, such light is a thousand times too bright, and wherever no guide stops the filter, it leaks to neighbours of
-//! ordinary albedo. The bound f limits the gain to 32. An albedo above 1 counts as 1.
+//! [`reflectance`](super::reflectance) decides by surface id whether the albedo is a reflectance; without ids, an albedo
+//! with any channel above 0 is one. From f up this divides by the albedo, as Falcor's SVGFPass does from 0.001 up. Most
+//! light of a darker surface is not scaled by the albedo: highlights on black plastic, the background behind glass,
+//! emission of lamps and sky. Divided by a thousandth, such light is a thousand times too bright, and wherever no guide
+//! stops the filter, it leaks to neighbours of ordinary albedo. The bound f limits the gain to 32. An albedo above 1 counts
+//! as 1.
 //!
 //! A smooth transition from f to 1 as albedo falls was tried and lost: it blurs dark texture, and where an albedo changes
 //! with the view, the illumination changes as much from frame to frame.
@@ -15,8 +16,8 @@
 //! Where albedo is 0 or at least 1 and there is no emission, the round trip is exact; elsewhere it is right to one or two
 //! units in the last place.
 //!
-//! Inputs: colour or illumination (3), albedo (3), emission (3, optional), mask (1, optional). NaN and infinity count as 0 in albedo and
-//! emission and are kept in colour.
+//! Inputs: colour or illumination (3), albedo (3), emission (3, optional), mask (1, optional). NaN and infinity count as 0
+//! in albedo and emission and are kept in colour.
 
 use std::ops::Range;
 

@@ -43,7 +43,7 @@ pub fn choose<'a>(
     levels: Option<&'a mut [f32]>,
 ) -> Option<Choosing<'a>> {
     let params = now.params.choice?;
-    // Whoever only recalls shows no passes, and predicts nothing.
+    // A step that only recalls history shows no passes, and has no prediction to judge them by.
     let (levels, prediction) = (levels?, prediction?);
     let usual = now.params.atrous.iterations as usize;
     let coverage = View::new(now.size(), 1, reports.confidence);
@@ -97,7 +97,7 @@ pub fn filter(
     let most = (choosing.as_ref()).map_or(usual, |_| params.passes());
     let mut filtered = Filtered::new(guide.layout, choosing.is_some());
     let mut shown = choosing.is_some().then(|| Image::blank(size, 4));
-    // Without a camera, nobody will look for reflections in it.
+    // The next frame looks for reflections in it only if both frames have cameras.
     let reflects = !params.reflections.is_empty() && now.frame.camera.is_some();
     let mut light = reflects.then(|| Records::blank(size, 3));
     for pass in 0..=most {

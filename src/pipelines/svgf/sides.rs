@@ -1,8 +1,9 @@
 //! Both sides of time: what the frames before a frame expect of it, and those after it.
 //!
 //! A second run, backwards, leaves for every frame the history that its later frames make of its pixels. It joins the
-//! history of the earlier frames, before the filter, by the lengths of both, and the new sample counts once. Each side holds down
-//! fireflies of the other ([`crate::kernels::merge::combine`]). What goes on to the next frame is the earlier frames' history alone: the next frame's own samples are in the later ones'.
+//! history of the earlier frames, before the filter, by the lengths of both, and the new sample counts once. Each side
+//! holds down fireflies of the other ([`crate::kernels::merge::combine`]). What goes on to the next frame is the earlier
+//! frames' history alone: the next frame's own samples are in the later ones'.
 //!
 //! What is expected without the frame's sample is the prediction, whose luminance the filter compares
 //! ([`crate::kernels::smooth::atrous`]), and by which passes are chosen ([`crate::kernels::judge::choice`]).

@@ -11,8 +11,9 @@
 //! frames repeats, which looks like detail.
 //!
 //! A sample is held down to [`BRIGHTEST`] times the result; a result in which it has a share of an eighth or more is bright
-//! enough to leave it alone. A firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness. What is shown of it is at most
-//! [`SHOWN`] times the result, as a share that is right for the tile is still too much for its brightest sample.
+//! enough to leave it alone. A firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
+//! What is shown of it is at most [`SHOWN`] times the result, as a share that is right for the tile is still too much for
+//! its brightest sample.
 //!
 //! Inputs: samples (3), denoised colour (3), motion (2 or 3), of the frame before: luminances (3), luminance of the samples
 //! before it (1), evidence (of an eighth of the size). In place: result (3). Outputs: what the next frame needs of these.

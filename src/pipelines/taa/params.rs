@@ -1,15 +1,15 @@
 //! Parameters of temporal antialiasing, and presets of them.
 
-use crate::error::{Result, from_0_to_1};
+use crate::error::{Result, finite_from_0, from_0_to_1};
 use crate::image::Pixels;
 use crate::kernels::camera::dilate::{self, Window};
 use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
+use crate::kernels::judge::blend_factor;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation;
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
-use crate::kernels::judge::{anti_lag, blend_factor};
 use crate::kernels::merge::blend::{self, Weighting};
 use crate::kernels::merge::resolve;
 use crate::math::larger;
@@ -270,7 +270,7 @@ impl Params {
         (self.limits.relative_albedo.iter())
             .try_for_each(|albedo| albedo.check_luminance("relative_albedo"))?;
         self.limits.thresholds().check()?;
-        anti_lag::check("anti_lag", self.anti_lag)?;
+        finite_from_0("anti_lag", self.anti_lag)?;
         from_0_to_1("unguided_alpha", self.unguided_alpha)?;
         self.blend_factor.check()?;
         self.blend.check()
