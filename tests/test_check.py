@@ -156,7 +156,26 @@ def test_large_frames_are_thinned_first():
 def test_frames_without_guides():
     found = yester.check([yester.Frame(frame.color) for frame in shifted(lambda x, y: (x, y))])
     assert {finding.verdict for finding in found} == {"unchecked"}
-    assert [finding.subject for finding in found] == ["cameras", "depth", "motion", "jitter", "normal", "albedo"]
+    assert [finding.subject for finding in found] == ["cameras", "depth", "motion", "jitter", "normal", "albedo", "ids"]
+
+
+def test_ids_that_change():
+    """Wrong if most surfaces have others, unclear if many have. Surfaces are found along the cameras' motion, too."""
+    frames = sequence()[:3]
+    still = [replace(frame, motion=None) for frame in frames]
+    assert yester.check(still)[-1].verdict == "right"
+    for share, verdict in ((0.1, "right"), (0.4, "unclear"), (0.7, "wrong")):
+        changed = [replace(frame, ids=frame.ids.copy()) for frame in still]
+        columns = int(share * frames[0].width)
+        changed[1].ids[:, :columns] += 10
+        found = yester.check(changed[:2])[-1]
+        assert (found.subject, found.verdict) == ("ids", verdict), found
+        assert found.witnesses == ("camera",)
+    flat = [
+        replace(frame, depth=np.full(frame.shape, depth, np.float32), position=None)
+        for frame, depth in zip(still, (1, 50), strict=False)
+    ]
+    assert yester.check(flat)[-1].stored == "too few surfaces are found in the frame before"
 
 
 def test_bad_input():

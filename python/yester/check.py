@@ -4,7 +4,8 @@ A convention is a hypothesis: what was stored, and the change that makes it cano
 the frames, and the disagreement that is left is measured by tile of the image. For motion, the neighbouring frame is
 warped along it, and the guides (ids, positions, depths, normals, albedo; colour if there is nothing else) are compared
 with those of the frame itself. Cameras are checked by projecting positions to pixels, depth by cameras and positions,
-normals by the slopes of positions, motion's jitter by the motion of the cameras, albedo by colour.
+normals by the slopes of positions, motion's jitter by the motion of the cameras, albedo by colour, ids by those of the
+frame before.
 
 Disagreement is relative: 0 is perfect, 1 is that of unrelated places. The simplest hypothesis that is not significantly
 worse than the best one is chosen; the margin to the next is a mean over tiles, with its standard error.
@@ -47,6 +48,8 @@ _INSIDE = 0.75
 _PIXELS = 250_000
 #: Slope of albedo over colour from which albedo is called lit. Paint may follow normals, too, but less.
 _LIT = 0.7
+#: Share of a surface's pixels with other ids than before up to which ids are right, and from which they are wrong.
+_KEEPS, _CHANGES = 0.25, 0.5
 #: Rivals that are printed.
 _SHOWN = 3
 #: Hypotheses that are compared again in full resolution.
@@ -59,7 +62,7 @@ class Finding:
 
     Parameters
     ----------
-    subject : {"cameras", "depth", "motion", "jitter", "normal", "albedo"}
+    subject : {"cameras", "depth", "motion", "jitter", "normal", "albedo", "ids"}
     verdict : {"right", "wrong", "unclear", "unchecked"}
         ``"right"``: as expected, and all else is excluded. ``"wrong"``: another convention fits clearly better.
         ``"unclear"``: as expected as far as can be told, but others fit as well, or nothing fits. ``"unchecked"``:
@@ -176,7 +179,7 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
     Returns
     -------
     list of Finding
-        On cameras, depth, motion, jitter, normals and albedo. What is found wrong is corrected before the next is
+        On cameras, depth, motion, jitter, normals, albedo and ids. What is found wrong is corrected before the next is
         checked, so that one mistake is reported once.
 
     Raises
@@ -208,7 +211,7 @@ def check(frames: Iterable[Frame], *, channels: Channels | None = None) -> list[
         cameras, shot = _cameras_by_motion(shot)
     if depth.verdict == "unchecked":
         depth, shot = _depth_by_motion(shot, names)
-    return [cameras, depth, motion, _jitter(shot), _normal(shot, names), _albedo(shot)]
+    return [cameras, depth, motion, _jitter(shot), _normal(shot, names), _albedo(shot), _ids(shot)]
 
 
 def _named(channels: Channels | None) -> dict[str, Sequence[tuple[float, str]]]:
@@ -1059,3 +1062,56 @@ def _lit(frame: Frame) -> Iterator[tuple[float, float]]:
         variance = float(weights @ c**2)
         if variance > 0.01:
             yield float(weights @ (a * c)) / variance, variance * float(here.sum())
+
+
+# Ids
+
+
+def _ids(shot: list[Frame]) -> Finding:
+    """Surfaces keep their ids from frame to frame."""
+    if not _all(shot, "ids"):
+        return Finding("ids", "unchecked", "no ids")
+    geometry = _all(shot, "camera") and all(frame.depth is not None or frame.position is not None for frame in shot)
+    if not (_all(shot, "motion") or geometry):
+        return Finding("ids", "unchecked", "no motion by which to find surfaces in the frame before")
+    shares = np.concatenate([_renumbered(before, frame) for before, frame in pairwise(shot)])
+    shares = shares[np.isfinite(shares)]
+    told = ("motion" if _all(shot, "motion") else "camera",)
+    if len(shares) < 4:
+        return Finding("ids", "unclear", "too few surfaces are found in the frame before", witnesses=told)
+    mean, error = float(shares.mean()), float(shares.std(ddof=1) / np.sqrt(len(shares)))
+    if mean > _CHANGES:
+        stored = f"{mean:.0%} of the surfaces that are found in the frame before had another id there"
+        remedy = "ids that objects keep from frame to frame, or none: all history is lost with them"
+        return Finding("ids", "wrong", stored, remedy, mean, error, (), told)
+    if mean > _KEEPS:
+        stored = f"{mean:.0%} of the surfaces that are found in the frame before had another id there"
+        return Finding("ids", "unclear", stored, "", 1 - mean, error, (), told)
+    return Finding("ids", "right", "surfaces keep them from frame to frame", "", 1 - mean, error, (), told)
+
+
+def _renumbered(before: Frame, frame: Frame) -> NDArray[np.float64]:
+    """Where a surface's id is none of the four around its place in the frame before: shares of tiles, flat."""
+    motion = frame.motion
+    if motion is None:
+        assert frame.camera is not None
+        assert before.camera is not None
+        motion = _still(frame, frame.camera, before.camera)
+    motion = np.array(motion, np.float32)
+    motion[..., :2] += np.float32(_shift(frame, before))
+    tests: dict[str, Any] = {}
+    for name in ("depth", "normal"):
+        if _all([before, frame], name):
+            tests |= {name: getattr(frame, name), f"previous_{name}": getattr(before, name)}
+    _, found = reproject(np.zeros(frame.shape, np.float32), motion, fallback=False, **tests)
+    rows, columns = np.mgrid[: frame.height, : frame.width]
+    places = np.nan_to_num(np.stack([columns, rows], -1) + motion[..., :2], posinf=0, neginf=0)
+    low = np.floor(places).astype(int)
+    ids, known = np.asarray(frame.ids), np.asarray(before.ids)
+    kept = np.zeros(frame.shape, bool)
+    for dy in (0, 1):
+        for dx in (0, 1):
+            x = np.clip(low[..., 0] + dx, 0, frame.width - 1)
+            y = np.clip(low[..., 1] + dy, 0, frame.height - 1)
+            kept |= known[y, x] == ids
+    return _means(~kept, (found > 0.5) & (ids > 0))

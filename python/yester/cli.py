@@ -292,7 +292,9 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("file", metavar="FILE", type=_path)
     channels(info)
 
-    looked = command(_checked, "check", "find wrong conventions of motion, cameras, depth, normals, jitter and albedo")
+    looked = command(
+        _checked, "check", "find wrong conventions of motion, cameras, depth, normals, jitter, albedo and ids"
+    )
     looked.add_argument("inputs", metavar="IN", nargs="+", help="a folder, files or a pattern; in natural order")
     about = "consecutive frames to look at, from the middle of the first shot; %(default)s"
     looked.add_argument("--frames", metavar="N", type=_count, default=6, help=about)

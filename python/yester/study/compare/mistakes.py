@@ -230,6 +230,18 @@ _FROM_NEAR = _each("depth", lambda frame, depth: _ray(frame) * (1 - 0.2 / depth)
 _Z_UP = _each("normal", lambda _, normal: normal[..., [0, 2, 1]] * np.array([1, -1, 1], np.float32))
 _CURRENT = "current minus previous position"
 
+
+def _counted_anew(frames: list[Frame]) -> list[Frame]:
+    """Ids of one frame are not those of the next."""
+    return [replace(frame, ids=np.asarray(frame.ids) + np.uint32(100 * number)) for number, frame in enumerate(frames)]
+
+
+def _scattered(frames: list[Frame]) -> list[Frame]:
+    """A number for each pixel."""
+    rng = np.random.default_rng(0)
+    return [replace(frame, ids=rng.integers(1, 2**31, frame.shape, np.uint32)) for frame in frames]
+
+
 #: No mistake first, then those of motion, cameras, depth, normals, jitter and albedo.
 MISTAKES: tuple[Mistake, ...] = (
     Mistake("none", "", "", _RIGHT),
@@ -291,6 +303,8 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake(
         "albedo is the colour", "albedo", "contains lighting", _each("albedo", lambda f, _: np.minimum(f.color, 1))
     ),
+    Mistake("ids counted anew in every frame", "ids", "100% of the surfaces", _counted_anew),
+    Mistake("random ids", "ids", "100% of the surfaces", _scattered),
 )
 
 
