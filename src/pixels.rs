@@ -76,6 +76,32 @@ impl<'a> PixelsMut<'a> {
         bands_of(data, size).map(PixelsMut::Planar)
     }
 
+    /// Reads a run's first three channels.
+    #[inline(always)]
+    pub(crate) fn load_colors(&mut self, run: Run, into: &mut [Row; 3]) {
+        match self {
+            Self::Planar(band) => {
+                for (row, part) in into.iter_mut().zip(band.parts(run)) {
+                    row[..run.len].copy_from_slice(part);
+                }
+            }
+            Self::Interleaved {
+                top,
+                width,
+                channels,
+                data,
+            } => {
+                let start = ((run.y - *top) * *width + run.x) * *channels;
+                let records = &data[start..][..run.len * *channels];
+                for (i, record) in records.chunks_exact(*channels).enumerate() {
+                    for (row, &value) in into.iter_mut().zip(record) {
+                        row[i] = value;
+                    }
+                }
+            }
+        }
+    }
+
     /// Writes a run of interleaved pixels of so many channels.
     #[inline(always)]
     pub(crate) fn put(&mut self, run: Run, records: &[f32], channels: usize) {

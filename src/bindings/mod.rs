@@ -8,6 +8,7 @@
 
 mod arrays;
 mod camera;
+mod evidence;
 mod fetch;
 mod joint_bilateral;
 mod judge;
@@ -36,14 +37,17 @@ mod _core {
         Camera, dilate_motion, invert_motion_, jitter_, motion_vectors, virtual_motion_,
     };
     #[pymodule_export]
+    use super::evidence::{
+        choice_, collocate_, collocation_shares, compare_candidates, prediction_gain, repetition_,
+    };
+    #[pymodule_export]
     use super::fetch::reproject_;
     #[pymodule_export]
     use super::joint_bilateral::{joint_bilateral_upsample_, reconstruct_};
     #[pymodule_export]
     use super::judge::{
-        alternation_, anti_lag_, blend_factor_, choice_, clip_history_, collocate_,
-        collocation_shares, compare_candidates, exposure_, incoherent_guides_, innovation_,
-        light_change_, prediction_gain, repetition_, temporal_gradient,
+        alternation_, anti_lag_, blend_factor_, clip_history_, exposure_, incoherent_guides_,
+        innovation_, light_change_, temporal_gradient,
     };
     #[pymodule_export]
     use super::merge::{Accumulated, accumulate_, blend_, combine_histories, converge_, resolve_};

@@ -471,7 +471,7 @@ proptest! {
         let products = draw.wild_of(tiles, collocation::CHANNELS);
         let mut products = Records::of(products.view());
         let planes = draw.wild(collocation::PLANES);
-        collocation::collocate(planes.pixels(), light, &mut products);
+        collocation::collocate(&planes.pixels(), light, &mut products);
         let (shares, _) = collocation::shares(products.pixels(), motion.pixels(), coverage.view(), draw.of(&SHARES));
         prop_assert!(shares.pixels().elements().0.iter().all(|share| (0.0..=1.0).contains(share)));
     }

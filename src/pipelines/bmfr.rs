@@ -20,7 +20,7 @@ use super::illumination::{
 use super::recall::{self, Memory, Recalled};
 use super::repetition::Noise;
 use super::svgf;
-use super::taa::{self, Stage};
+use super::taa::{self, Denoised, Stage};
 use crate::error::{Result, from_0_to_1};
 use crate::image::{Image, Pixels, Records, View};
 use crate::kernels::camera::pinhole::Camera;
@@ -165,16 +165,14 @@ impl Steps for Bmfr {
         let color = textured.as_ref().map_or(light, Image::view);
         match &mut self.antialias {
             Some(stage) => {
-                let how = [params.history.innovation.is_some(), repeats];
-                let (before, motion) = (inputs.before.as_ref(), &inputs.motion);
-                stage.show(
-                    frame,
-                    before,
-                    motion.pixels(),
-                    color.into(),
-                    how,
-                    output.color,
-                );
+                let denoised = Denoised {
+                    color: color.into(),
+                    corrects: params.history.innovation.is_some(),
+                    repeats,
+                    tested: None,
+                };
+                let (before, motion) = (inputs.before.as_ref(), inputs.motion.pixels());
+                stage.show(frame, before, motion, denoised, output.color);
             }
             None => show(color, output.color),
         }
@@ -293,7 +291,8 @@ impl<'a> Inputs<'a> {
         let (motion, bright) = (self.motion.pixels(), exposure(light));
         let (found, rest) = innovate(params, &fresh, &fits, length, motion, bright, evidence);
         let (accumulated, fits) = history.data_mut().split_at_mut(FITS.start * size.pixels());
-        correct(&found, size, fits, accumulated);
+        let [fits, behind] = [fits, accumulated].map(|data| PixelsMut::planar(size, data));
+        correct(&found, size, fits, Some(behind));
         rest
     }
 }

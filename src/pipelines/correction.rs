@@ -3,10 +3,10 @@
 
 use std::ops::Range;
 
-use crate::image::{BandMut, Pixels, Records, SEGMENT, Size, bands_of, segments};
+use crate::image::{Pixels, Records, Run, SEGMENT, Size, segments};
 use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::math::luminance;
-use crate::pixels::{Colors, Row};
+use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, BAND, Kernel, Simd};
 
 /// What a frame's samples show to be wrong with a prediction of them, and the evidence for the next frame.
@@ -24,25 +24,6 @@ pub fn innovate(
         motion: Some(motion),
     });
     innovation(fresh, prediction, length, known, exposure, params)
-}
-
-/// Corrects the colour of one pixel's history. Its moments move with it, and their variance stays.
-#[inline(always)]
-pub fn correct_history(correction: [f32; 3], history: &mut [f32]) {
-    let before = [history[0], history[1], history[2]];
-    correct_light(correction, history);
-    let [r, g, b] = before;
-    let moved = luminance(history[0] - r, history[1] - g, history[2] - b);
-    let first = history[3];
-    history[3] += moved;
-    history[4] += moved * (first + first + moved);
-}
-
-#[inline(always)]
-pub fn correct_light(correction: [f32; 3], light: &mut [f32]) {
-    for (light, correction) in light.iter_mut().zip(correction) {
-        *light = corrected(*light, correction);
-    }
 }
 
 /// The factor of a channel of history if its light changes by this one: colour, moments of luminance, length, and what comes
@@ -77,15 +58,22 @@ impl<'a> Kernel for Scale<'a> {
     }
 }
 
-/// Corrects the planes of a prediction, and those of a history: colour, and then moments if it has any. Both are corrected by
-/// the prediction's colour.
-pub fn correct(found: &Innovation, size: Size, prediction: &mut [f32], history: &mut [f32]) {
+/// Corrects a prediction, and the history behind it, both by the prediction's colour.
+pub fn correct<'a>(
+    found: &'a Innovation,
+    size: Size,
+    prediction: impl Iterator<Item = PixelsMut<'a>>,
+    history: Option<impl Iterator<Item = PixelsMut<'a>>>,
+) {
     let kernel = Correct {
         found,
         width: size.width,
     };
-    let outs = bands_of(prediction, size).zip(bands_of(history, size));
-    rows::run(&kernel, size.height, outs);
+    rows::run(
+        &kernel,
+        size.height,
+        prediction.zip(rows::optional(history)),
+    );
 }
 
 struct Correct<'a> {
@@ -94,7 +82,7 @@ struct Correct<'a> {
 }
 
 impl<'a> Kernel for Correct<'a> {
-    type Out = (BandMut<'a>, BandMut<'a>);
+    type Out = (PixelsMut<'a>, Option<PixelsMut<'a>>);
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut prediction, mut history): Self::Out) {
@@ -103,21 +91,69 @@ impl<'a> Kernel for Correct<'a> {
         for y in rows {
             self.found.go_to(y, &mut line);
             for run in segments(y, self.width) {
-                for (row, plane) in predicted.iter_mut().zip(prediction.parts(run)) {
-                    row[..run.len].copy_from_slice(plane);
-                }
+                prediction.load_colors(run, &mut predicted);
                 if let Some(found) = self.found.correction(&line, run, &predicted) {
-                    correct_run(&found, prediction.parts(run));
-                    correct_run(&found, history.parts(run));
+                    correct_run(&found, run, &mut prediction);
+                    if let Some(history) = &mut history {
+                        correct_run(&found, run, history);
+                    }
                 }
             }
         }
     }
 }
 
-/// Corrects the colour of a run, and moments if they follow: [`correct_history`], plane by plane.
+/// Corrects a run of an image: colour, and if it is a history of five channels and more, the moments of luminance, which move
+/// with it while their variance stays, and further images of light behind its length.
 #[inline(always)]
-fn correct_run<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut [f32]>) {
+pub fn correct_run(found: &[Row; 3], run: Run, image: &mut PixelsMut) {
+    match image {
+        PixelsMut::Planar(band) => correct_planes(found, band.parts(run)),
+        PixelsMut::Interleaved {
+            top,
+            width,
+            channels,
+            data,
+        } => {
+            let start = ((run.y - *top) * *width + run.x) * *channels;
+            let records = &mut data[start..][..run.len * *channels];
+            for (i, record) in records.chunks_exact_mut(*channels).enumerate() {
+                correct_record(found.each_ref().map(|row| row[i]), record);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn correct_record(found: [f32; 3], record: &mut [f32]) {
+    let (color, others) = record.split_at_mut(3);
+    let moved = correct_color(found, color);
+    let Some((moments, others)) = others.split_first_chunk_mut::<2>() else {
+        return;
+    };
+    let [first, second] = moments;
+    (*first, *second) = move_moments(moved, *first, *second);
+    if let Some((_length, lights)) = others.split_first_mut() {
+        for light in lights.chunks_exact_mut(3) {
+            correct_color(found, light);
+        }
+    }
+}
+
+/// Returns by how much each channel has changed.
+#[inline(always)]
+fn correct_color(found: [f32; 3], color: &mut [f32]) -> [f32; 3] {
+    let mut moved = [0.0; 3];
+    for ((value, found), moved) in color.iter_mut().zip(found).zip(&mut moved) {
+        let before = *value;
+        *value = corrected(before, found);
+        *moved = *value - before;
+    }
+    moved
+}
+
+#[inline(always)]
+fn correct_planes<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut [f32]>) {
     let mut moved = [[0.0; SEGMENT]; 3];
     for ((found, moved), plane) in found.iter().zip(&mut moved).zip(planes.by_ref()) {
         for ((value, &found), moved) in plane.iter_mut().zip(found).zip(moved) {
@@ -128,9 +164,15 @@ fn correct_run<'p>(found: &[Row; 3], mut planes: impl Iterator<Item = &'p mut [f
     }
     if let (Some(first), Some(second)) = (planes.next(), planes.next()) {
         for (i, (first, second)) in first.iter_mut().zip(second).enumerate() {
-            let moved = luminance(moved[0][i], moved[1][i], moved[2][i]);
-            *second += moved * (*first + *first + moved);
-            *first += moved;
+            let moved = moved.each_ref().map(|row| row[i]);
+            (*first, *second) = move_moments(moved, *first, *second);
         }
     }
+}
+
+/// The moments of a luminance whose colour has moved.
+#[inline(always)]
+fn move_moments([r, g, b]: [f32; 3], first: f32, second: f32) -> (f32, f32) {
+    let moved = luminance(r, g, b);
+    (first + moved, second + moved * (first + first + moved))
 }

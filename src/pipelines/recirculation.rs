@@ -39,6 +39,7 @@ use crate::kernels::fetch::{pull_push, splat};
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation;
 use crate::kernels::merge::recirculate::{self, Known};
+use crate::pixels::PixelsMut;
 
 /// Parameters of [`Recirculation`].
 #[derive(Clone, Copy, Debug)]
@@ -314,10 +315,12 @@ impl Joined {
         let (motion, evidence) = (self.motion.pixels(), self.state.evidence.as_ref());
         let (found, rest) = innovate(params, fresh, &prediction, length, motion, bright, evidence);
         let carried = &mut self.state.color.data_mut()[..3 * size.pixels()];
-        match &mut self.shown {
-            Some(shown) => correct(&found, size, shown.data_mut(), carried),
-            None => correct(&found, size, carried, &mut []),
-        }
+        let (shown, behind) = match &mut self.shown {
+            Some(shown) => (shown.data_mut(), Some(carried)),
+            None => (carried, None),
+        };
+        let planar = |data| PixelsMut::planar(size, data);
+        correct(&found, size, planar(shown), behind.map(planar));
         self.state.evidence = Some(rest);
     }
 }

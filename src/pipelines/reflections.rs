@@ -506,72 +506,36 @@ impl<'a> Kernel for TakeWinners<'a> {
         let around = candidates.sources.iter();
         let mut around: Vec<Rolling<1>> = around.map(|_| Rolling::new(width, RADIUS)).collect();
         let mut gains = Gains::zeroed();
-        let Evaluated { errors, scores } = &self.evaluated;
+        let errors = &self.evaluated.errors;
         let (mut scratch, mut fetched) = (Scratch::new(), self.fetch.room());
-        let (mut best, mut winner) = (vec![0.0; width], vec![0; width]);
-        // The winner's standardized gain.
-        let mut sure = vec![0.0; width];
+        let mut lead = Lead::new(width);
         let tiles = width.div_ceil(Tiles::SIDE);
         let mut any = vec![false; tiles];
         let mut certain = vec![vec![false; tiles]; candidates.sources.len()];
         for y in rows.step_by(ROWS) {
             let row = y / ROWS;
+            let lines = y..(y + ROWS).min(height);
             ids.roll(row, y == top);
-            best.fill(0.0);
-            winner.fill(NONE);
-            any.fill(false);
+            lead.clear();
             for (k, around) in around.iter_mut().enumerate() {
                 around.roll(errors.view().channel(k).into(), row, y == top);
                 let evaluated = &candidates.evaluated[k];
                 for run in segments(y, width).flat_map(|run| evaluated.runs(run)) {
                     let there = Run { y: row, ..run };
                     average(simd, there, errors.size.height, around, &ids, &mut gains);
-                    let averages = [&mut gains.mean, &mut gains.standardized];
-                    for (average, scores) in averages.into_iter().zip(scores) {
-                        let old = &scores.view().row(k, row)[run.x..][..run.len];
-                        for (average, old) in average.iter_mut().zip(old) {
-                            *average = old + SHARE * (*average - old);
-                        }
-                    }
+                    self.remember(there, k, &mut gains);
                     let [errors] = around.row(row as isize);
-                    let errors = &errors[RADIUS + run.x..][..run.len];
-                    let best = &mut best[run.x..][..run.len];
-                    let winner = &mut winner[run.x..][..run.len];
-                    let sure = &mut sure[run.x..][..run.len];
-                    let gain = &gains.mean[..run.len];
-                    let standardized = &gains.standardized[..run.len];
-                    for i in 0..run.len {
-                        let significant = (standardized[i] < SIGNIFICANT) & !errors[i].is_nan();
-                        let wins = significant & (gain[i] < best[i]);
-                        best[i] = if wins { gain[i] } else { best[i] };
-                        winner[i] = if wins { k as u32 } else { winner[i] };
-                        sure[i] = if wins { standardized[i] } else { sure[i] };
-                    }
-                    for y in y..(y + ROWS).min(height) {
-                        let channels = 2 * candidates.distances;
-                        let first = ((y - top) * width + run.x) * channels;
-                        let records = out.scores[first..].chunks_exact_mut(channels);
-                        for ((record, &gain), &standardized) in records.zip(gain).zip(standardized)
-                        {
-                            record[k] = gain;
-                            record[candidates.distances + k] = standardized;
-                        }
+                    lead.take(run, k, &gains, &errors[RADIUS + run.x..][..run.len]);
+                    for y in lines.clone() {
+                        self.keep(Run { y, ..run }, top, k, &gains, out.scores);
                     }
                 }
             }
-            let (winners, sure) = (winner.chunks(Tiles::SIDE), sure.chunks(Tiles::SIDE));
-            for (tile, pixels) in winners.zip(sure).enumerate() {
-                for (&winner, &sure) in pixels.0.iter().zip(pixels.1) {
-                    any[tile] |= winner != NONE;
-                    if winner != NONE && sure < BEYOND_DOUBT {
-                        certain[winner as usize][tile] = true;
-                    }
-                }
-            }
-            for y in y..(y + ROWS).min(height) {
+            lead.tally(&mut any, &mut certain);
+            for y in lines {
                 for run in segments(y, width).flat_map(|run| runs_in(&any, run)) {
-                    let motion = self.carry(run, &winner, &mut scratch, &mut fetched);
-                    replace(run, &winner, &fetched, &motion, &mut out);
+                    let motion = self.carry(run, &lead.winner, &mut scratch, &mut fetched);
+                    replace(run, &lead.winner, &fetched, &motion, &mut out);
                 }
             }
         }
@@ -581,7 +545,87 @@ impl<'a> Kernel for TakeWinners<'a> {
     }
 }
 
+/// The candidate that predicts each pixel of a row best.
+struct Lead {
+    winner: Vec<u32>,
+    /// Its mean gain, and its standardized one.
+    best: Vec<f32>,
+    sure: Vec<f32>,
+}
+
+impl Lead {
+    fn new(width: usize) -> Self {
+        Self {
+            winner: vec![NONE; width],
+            best: vec![0.0; width],
+            sure: vec![0.0; width],
+        }
+    }
+
+    fn clear(&mut self) {
+        self.winner.fill(NONE);
+        self.best.fill(0.0);
+    }
+
+    /// Lets a candidate win where its gain is significant and larger. `errors` are NaN where it has no prediction.
+    #[inline(always)]
+    fn take(&mut self, run: Run, k: usize, gains: &Gains, errors: &[f32]) {
+        let (best, winner) = (
+            &mut self.best[run.x..][..run.len],
+            &mut self.winner[run.x..][..run.len],
+        );
+        let sure = &mut self.sure[run.x..][..run.len];
+        let [gain, standardized] = [&gains.mean, &gains.standardized].map(|row| &row[..run.len]);
+        for i in 0..run.len {
+            let significant = (standardized[i] < SIGNIFICANT) & !errors[i].is_nan();
+            let wins = significant & (gain[i] < best[i]);
+            best[i] = if wins { gain[i] } else { best[i] };
+            winner[i] = if wins { k as u32 } else { winner[i] };
+            sure[i] = if wins { standardized[i] } else { sure[i] };
+        }
+    }
+
+    /// In which tiles any candidate wins, and in which each does beyond doubt in this row or one above it.
+    fn tally(&self, any: &mut [bool], certain: &mut [Vec<bool>]) {
+        let winners = self.winner.chunks(Tiles::SIDE);
+        for (tile, (winners, sure)) in winners.zip(self.sure.chunks(Tiles::SIDE)).enumerate() {
+            any[tile] = winners.iter().any(|&winner| winner != NONE);
+            for (&winner, &sure) in winners.iter().zip(sure) {
+                if winner != NONE && sure < BEYOND_DOUBT {
+                    certain[winner as usize][tile] = true;
+                }
+            }
+        }
+    }
+}
+
 impl TakeWinners<'_> {
+    /// Averages a candidate's gains with those of earlier frames.
+    #[inline(always)]
+    fn remember(&self, there: Run, k: usize, gains: &mut Gains) {
+        let averages = [&mut gains.mean, &mut gains.standardized];
+        for (average, scores) in averages.into_iter().zip(&self.evaluated.scores) {
+            let old = &scores.view().row(k, there.y)[there.x..][..there.len];
+            for (average, old) in average.iter_mut().zip(old) {
+                *average = old + SHARE * (*average - old);
+            }
+        }
+    }
+
+    /// Writes a candidate's gains for the next frame, into the band that begins at row `top`.
+    #[inline(always)]
+    fn keep(&self, run: Run, top: usize, k: usize, gains: &Gains, scores: &mut [f32]) {
+        let distances = self.candidates.distances;
+        let first = ((run.y - top) * self.size.width + run.x) * 2 * distances;
+        let records = scores[first..]
+            .chunks_exact_mut(2 * distances)
+            .take(run.len);
+        for ((record, &gain), &standardized) in records.zip(&gains.mean).zip(&gains.standardized) {
+            record[k] = gain;
+            record[distances + k] = standardized;
+        }
+    }
+
     /// Fetches history along the winners' motion, and returns that motion. Pixels without a winner fetch along the first
     /// winner's, as neighbours whose taps are neighbours, too, are fetched faster.
     #[inline(always)]

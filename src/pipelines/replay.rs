@@ -11,21 +11,20 @@
 
 use std::ops::Range;
 
-use super::correction::{correct_history, correct_light};
+use super::correction::correct_run;
 use super::illumination::illumination;
 use super::recall::find_gradient;
 use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, segments};
 use crate::kernels::fetch::validate::Surface;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::gradient;
-use crate::kernels::judge::innovation::{self, Innovation, innovation};
-use crate::kernels::merge::accumulate;
+use crate::kernels::judge::innovation::{self, Innovation, corrected, innovation};
 use crate::kernels::smooth::atrous::{self, Source, atrous};
 use crate::kernels::smooth::demodulate::Texture;
 use crate::kernels::smooth::guide::Guide;
 use crate::math::larger;
 use crate::pixels::{Colors, PixelsMut, Row};
-use crate::rows::{self, BAND, Kernel, Simd};
+use crate::rows::{self, Kernel, Simd};
 
 /// A copy of a frame's colour and texture, to be compared with the next frame's replay.
 pub struct Before {
@@ -107,11 +106,10 @@ pub fn relight(
     let correct = Relight {
         found: &found,
         width: size.width,
-        channels: history.pixels().channels,
     };
-    let pixels = BAND * size.width;
-    let histories = history.data_mut().chunks_mut(pixels * correct.channels);
-    let lights = rows::optional(light.map(|light| light.data_mut().chunks_mut(pixels * 3)));
+    let channels = history.pixels().channels;
+    let histories = PixelsMut::bands(size, channels, history.data_mut());
+    let lights = rows::optional(light.map(|light| PixelsMut::bands(size, 3, light.data_mut())));
     let outs = histories.zip(then.bands()).zip(lights);
     rows::run(&correct, size.height, outs);
 
@@ -169,55 +167,39 @@ impl Colors for Relit<'_> {
     }
 }
 
-/// Corrects the history and the light for reflections, both interleaved, and moves the last frame's light along with the
-/// history's.
+/// Corrects the history and the light for reflections, and moves the last frame's light along with the history's.
 struct Relight<'a> {
     found: &'a Innovation,
     width: usize,
-    /// Of the history: those of [`accumulate`], then further images of light.
-    channels: usize,
 }
 
 impl<'a> Kernel for Relight<'a> {
-    type Out = ((&'a mut [f32], BandMut<'a>), Option<&'a mut [f32]>);
+    type Out = ((PixelsMut<'a>, BandMut<'a>), Option<PixelsMut<'a>>);
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, ((history, mut then), mut light): Self::Out) {
+    fn rows<S: Simd>(
+        &self,
+        _: S,
+        rows: Range<usize>,
+        ((mut history, mut then), mut light): Self::Out,
+    ) {
         let mut line = self.found.line();
         let mut before = [[0.0; SEGMENT]; 3];
-        let top = rows.start;
         for y in rows {
             self.found.go_to(y, &mut line);
             for run in segments(y, self.width) {
-                let first = (y - top) * self.width + run.x;
-                let records = &mut history[first * self.channels..][..run.len * self.channels];
-                for (i, record) in records.chunks_exact(self.channels).enumerate() {
-                    for (before, &value) in before.iter_mut().zip(record) {
-                        before[i] = value;
-                    }
-                }
+                history.load_colors(run, &mut before);
                 let Some(found) = self.found.correction(&line, run, &before) else {
                     continue;
                 };
-                let found = |i: usize| [0, 1, 2].map(|c| found[c][i]);
-                let mut then = then.rows::<3>(y);
-                for (i, record) in records.chunks_exact_mut(self.channels).enumerate() {
-                    let (accumulated, others) = record.split_at_mut(accumulate::CHANNELS);
-                    correct_history(found(i), accumulated);
-                    others
-                        .as_chunks_mut::<3>()
-                        .0
-                        .iter_mut()
-                        .for_each(|light| correct_light(found(i), light));
-                    for (c, then) in then.iter_mut().enumerate() {
-                        then[run.x + i] += accumulated[c] - before[c][i];
+                correct_run(&found, run, &mut history);
+                for ((then, before), found) in then.parts(run).zip(&before).zip(&found) {
+                    for ((then, &before), &found) in then.iter_mut().zip(before).zip(found) {
+                        *then += corrected(before, found) - before;
                     }
                 }
                 if let Some(light) = &mut light {
-                    let light = light[first * 3..][..run.len * 3].as_chunks_mut::<3>().0;
-                    for (i, light) in light.iter_mut().enumerate() {
-                        correct_light(found(i), light);
-                    }
+                    correct_run(&found, run, light);
                 }
             }
         }

@@ -19,7 +19,7 @@ use std::ops::Range;
 use self::mix::{Seen, mix};
 pub use self::params::{Limits, Params};
 use self::sweep::Sweep;
-use super::correction::{innovate, scale};
+use super::correction::{correct, innovate, scale};
 use super::frame::{
     Frame, Output, Pipeline, Report, Steps, Summary, SurfaceRecords, Upkeep, check_size,
 };
@@ -78,6 +78,17 @@ pub(crate) struct Stage {
     history: Option<History>,
 }
 
+/// What the stage gets from the denoiser before it.
+pub(crate) struct Denoised<'a> {
+    pub color: Pixels<'a>,
+    /// Whether the samples correct the result.
+    pub corrects: bool,
+    /// Whether the noise of the samples repeats, so that they are not mixed in.
+    pub repeats: bool,
+    /// Tests that history must pass, and where to report on them.
+    pub tested: Option<(Tests<'a>, Vec<Report<'a>>)>,
+}
+
 impl Stage {
     pub fn new(params: Params) -> Self {
         Self {
@@ -91,30 +102,36 @@ impl Stage {
     }
 
     /// The whole stage behind a denoiser: antialiases its colour, corrects the result by what the frame's samples show to be
-    /// wrong with it, and mixes them in, unless their noise `repeats`. `before` is the camera of the frame before.
-    pub fn show(
+    /// wrong with it, and mixes them in. `before` is the camera of the frame before. Returns the number of missing pixels.
+    pub fn show<'a>(
         &mut self,
-        frame: &Frame,
+        frame: &Frame<'a>,
         before: Option<&Camera>,
-        motion: Pixels,
-        denoised: Pixels,
-        [corrects, repeats]: [bool; 2],
+        motion: Pixels<'a>,
+        denoised: Denoised<'a>,
         shown: &mut [f32],
-    ) {
+    ) -> usize {
+        let Denoised {
+            color,
+            corrects,
+            repeats,
+            tested,
+        } = denoised;
         let depth = frame.surface.depth.map(Pixels::plane);
         let still = self.still(frame, before);
         let choice = Choice::of(depth, still.as_ref());
-        let out = PixelsMut::bands(denoised.size, 3, shown);
+        let out = PixelsMut::bands(color.size, 3, shown);
         let params = self.params.of(frame);
         if corrects {
             self.follow_light(frame.color, motion);
         }
-        self.step(params, denoised, motion, choice, out, None);
+        let missing = self.step(params, color, motion, choice, out, tested);
         drop(still);
         let correction = corrects.then_some(AFTER_DENOISER);
         self.correct(correction, frame.color, motion, shown);
         let kind = [repeats, frame.jitter.is_some()];
-        self.mix(frame.color, denoised, motion, kind, shown);
+        self.mix(frame.color, color, motion, kind, shown);
+        missing
     }
 
     /// Scales the history by what all light has changed by, as samples tell: denoised colour may fluctuate on its own.
@@ -236,8 +253,9 @@ impl Stage {
         let length = history.merged.pixels().part(3..4);
         let (bright, evidence) = (exposure(color), history.evidence.as_ref());
         let (found, rest) = innovate(params, &fresh, &color, length, motion, bright, evidence);
-        let behind = params.fed_back.then(|| history.merged.data_mut());
-        found.correct(size, shown, behind);
+        let behind = (params.fed_back)
+            .then(|| PixelsMut::bands(size, sweep::CHANNELS, history.merged.data_mut()));
+        correct(&found, size, PixelsMut::bands(size, 3, shown), behind);
         history.evidence = Some(rest);
     }
 }
@@ -364,6 +382,7 @@ impl Taa {
             check_size(history.merged.size, size)?;
         }
         let mut before = self.state.take();
+        let noise = before.as_mut().and_then(|before| before.noise.take());
         let mut used = vec![];
         // What is denoised is smooth, and no sample of one place.
         let filter = params.reconstruct.filter(|_| samples.is_none());
@@ -375,36 +394,33 @@ impl Taa {
         let surface = before.as_ref().map(|before| before.surface.surface());
         let tests = (params.limits).tests(frame.surface, surface.unwrap_or_default(), rays);
         let depth = frame.surface.depth.filter(|_| params.dilate.is_some());
-        let still = self.stage.still(frame, camera);
         used.extend(list_used(&tests, depth.is_some()));
-        if let Some(samples) = samples.filter(|_| params.innovation.is_some()) {
-            self.stage.follow_light(samples, motion.pixels());
-        }
+        let heard = (samples.filter(|_| params.choice))
+            .map(|samples| Noise::see(noise, samples, motion.pixels()));
+        let (noise, repeats) = heard.unzip();
+        let repeats = repeats.unwrap_or(false);
         let (shown, report) = output.parts(size);
-        let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());
-        let missing = self.stage.step(
-            params,
-            color,
-            motion.pixels(),
-            choice,
-            PixelsMut::bands(size, 3, shown),
-            Some((tests, report)),
-        );
-        let (fresh, correction) = match samples {
-            Some(samples) => (samples, params.innovation.map(|_| AFTER_DENOISER)),
-            None => (frame.color, params.innovation),
+        let (motion, tested) = (motion.pixels(), Some((tests, report)));
+        let missing = match samples {
+            Some(color) => {
+                let denoised = Denoised {
+                    color: frame.color,
+                    corrects: params.innovation.is_some(),
+                    repeats,
+                    tested,
+                };
+                let frame = Frame { color, ..*frame };
+                (self.stage).show(&frame, camera, motion, denoised, shown)
+            }
+            None => {
+                let still = self.stage.still(frame, camera);
+                let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());
+                let out = PixelsMut::bands(size, 3, shown);
+                let missing = (self.stage).step(params, color, motion, choice, out, tested);
+                (self.stage).correct(params.innovation, frame.color, motion, shown);
+                missing
+            }
         };
-        (self.stage).correct(correction, fresh, motion.pixels(), output.color);
-        let (noise, repeats) = (samples.filter(|_| params.choice))
-            .map(|samples| {
-                let motion = motion.pixels();
-                let noise = before.as_mut().and_then(|before| before.noise.take());
-                let (noise, repeats) = Noise::see(noise, samples, motion);
-                let kind = [repeats, frame.jitter.is_some()];
-                (self.stage).mix(samples, color, motion, kind, output.color);
-                (noise, repeats)
-            })
-            .unzip();
         self.state = Some(State {
             camera: frame.camera,
             surface: params.limits.keep(frame.surface),
@@ -414,7 +430,7 @@ impl Taa {
         Ok(Summary {
             used,
             missing,
-            repeats: repeats.unwrap_or(false),
+            repeats,
         })
     }
 }

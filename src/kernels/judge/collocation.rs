@@ -27,7 +27,7 @@
 use std::ops::Range;
 
 use super::choice::{MIN_COMPARISONS, TILE, average, carry, tiles};
-use crate::image::{BandMut, Image, Pixels, Records, Size, View};
+use crate::image::{BandMut, Image, Pixels, Records, Size, View, segments};
 use crate::math::{larger, saturate, smaller};
 use crate::pixels::Rolling;
 use crate::rows::{self, BAND, Kernel, Simd};
@@ -64,12 +64,33 @@ const BLACK: f32 = 1.0 / 1024.0;
 /// The default of β, the fraction of the evidence that decays per frame.
 pub const SHARE: f32 = 0.2;
 
-/// Adds a frame's products to the evidence. Pixels count where all planes are finite in all of the 3×3.
-pub fn collocate(planes: Pixels, exposure: f32, evidence: &mut Records) {
+/// What is compared, row by row: an image, or a computation that needs no intermediate one.
+pub trait Luminances: Sync {
+    /// Columns and rows.
+    fn size(&self) -> Size;
+    /// Writes a row of each luminance, NaN where a pixel has none.
+    fn read(&self, y: usize, rows: [&mut [f32]; PLANES]);
+}
+
+impl Luminances for Pixels<'_> {
+    fn size(&self) -> Size {
+        self.size
+    }
+
+    #[inline(always)]
+    fn read(&self, y: usize, mut rows: [&mut [f32]; PLANES]) {
+        for run in segments(y, self.size.width) {
+            Pixels::read(self, run, rows.each_mut().map(|row| &mut row[run.x..]));
+        }
+    }
+}
+
+/// Adds a frame's products to the evidence. Pixels count where all luminances are finite in all of the 3×3.
+pub fn collocate(luminances: &impl Luminances, exposure: f32, evidence: &mut Records) {
     let Size { height, width } = evidence.size;
     let black = exposure * BLACK;
     let kernel = Collocate {
-        planes,
+        luminances,
         quiet: (black * black).max(f32::MIN_POSITIVE),
     };
     let outs = evidence.data_mut().chunks_mut(BAND * width * CHANNELS);
@@ -104,17 +125,18 @@ pub fn nothing(size: Size) -> Records {
     Records::new(tiles(size), CHANNELS)
 }
 
-struct Collocate<'a> {
-    planes: Pixels<'a>,
+struct Collocate<'a, L> {
+    luminances: &'a L,
     quiet: f32,
 }
 
-impl<'a> Kernel for Collocate<'a> {
+impl<'a, L: Luminances> Kernel for Collocate<'a, L> {
     type Out = &'a mut [f32];
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, evidence: &'a mut [f32]) {
-        let Size { height, width } = self.planes.size;
+        let size = self.luminances.size();
+        let Size { height, width } = size;
         let mut around = Rolling::<PLANES>::new(width, 1);
         let mut details: [_; PLANES] = std::array::from_fn(|_| vec![0.0; width]);
         let mut known = vec![0.0; width];
@@ -123,7 +145,11 @@ impl<'a> Kernel for Collocate<'a> {
             columns.iter_mut().for_each(|sums| sums.fill(0.0));
             let top = TILE * row;
             for y in top..(top + TILE).min(height) {
-                around.roll(self.planes, y, y == top);
+                for y in around.due(y, y == top) {
+                    if let Some(rows) = around.fresh(y, size) {
+                        self.luminances.read(y as usize, rows);
+                    }
+                }
                 find_details(&around, y, &mut details, &mut known);
                 add(&details, &known, &mut columns);
             }
@@ -182,7 +208,7 @@ fn add(details: &[Vec<f32>; PLANES], known: &[f32], columns: &mut [Vec<f32>; CHA
     }
 }
 
-impl Collocate<'_> {
+impl<L> Collocate<'_, L> {
     /// Adds a frame's sums in a tile to its evidence, with their weight.
     #[inline(always)]
     fn weigh(&self, sums: &[f32; CHANNELS], evidence: &mut [f32]) {

@@ -39,12 +39,10 @@
 use std::ops::Range;
 
 use crate::error::{Result, Whole, finite_from_0, in_range, whole};
-use crate::image::{
-    BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, deinterleave, interleave, segments,
-};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
 use crate::math::{is_present, larger, saturate, smaller};
 use crate::pixels::{Colors, PixelsMut, Row};
-use crate::rows::{self, BAND, Kernel, Simd};
+use crate::rows::{self, Kernel, Simd};
 
 /// What counts as wrong, and over which blocks it is looked for.
 #[derive(Clone, Copy, Debug)]
@@ -644,85 +642,148 @@ impl<'a> Kernel for Shrink<'a> {
 
     #[inline(always)]
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (mut found, mut rest): Self::Out) {
-        let Size { height, width } = self.blocks.size;
-        // With a halo of one block on each side.
-        let mut sums = [(); 3].map(|()| vec![0.0; width + 2]);
-        let mut steps = [(); 3].map(|()| vec![0.0; width]);
-        let (mut variances, mut variance) = (vec![0.0; width + 2], vec![0.0; width]);
-        // Sums of the blur's integer weights over known blocks: 4 for a full column, 16 for the full window.
-        let (mut weights, mut weight) = (vec![4.0; width + 2], vec![16.0; width]);
+        let mut blurred = Blurred::new(self.blocks.size.width);
         for y in rows {
-            let lines = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
-            for (channel, sums) in sums.iter_mut().enumerate() {
-                let [above, own, below] = lines.map(|y| self.blocks.row(channel, y));
-                let inner = &mut sums[1..=width];
-                for x in 0..width {
-                    inner[x] = (above[x] + below[x]) + (own[x] + own[x]);
-                }
-                (sums[0], sums[width + 1]) = (sums[1], sums[width]);
-            }
-            let [above, own, below] = lines.map(|y| self.blocks.row(3, y));
-            let [before, here, after] = squared_weights(y, height);
-            for (x, inner) in variances[1..=width].iter_mut().enumerate() {
-                let [above, own, below] = [above[x], own[x], below[x]].map(or_zero);
-                *inner = (before * above + after * below) + here * own;
-            }
-            if self.params.sparse {
-                for (x, inner) in weights[1..=width].iter_mut().enumerate() {
-                    let [above, own, below] = [above[x], own[x], below[x]].map(known);
-                    *inner = (above + below) + (own + own);
-                }
-                (weights[0], weights[width + 1]) = (weights[1], weights[width]);
-                for (x, weight) in weight.iter_mut().enumerate() {
-                    let sum = (weights[x] + weights[x + 2]) + (weights[x + 1] + weights[x + 1]);
-                    *weight = larger(sum, 1.0);
-                }
-            }
-            for x in 0..width {
-                variance[x] = (variances[x] + variances[x + 2]) + 4.0 * variances[x + 1];
-            }
-            for x in [0, width - 1] {
-                let [before, here, after] = squared_weights(x, width);
-                variance[x] =
-                    (before * variances[x] + after * variances[x + 2]) + here * variances[x + 1];
-            }
-            let [sr, sg, sb] = sums.each_ref().map(Vec::as_slice);
-            let [r, g, b] = steps.each_mut().map(|row| &mut row[..width]);
-            let blur = |sums: &[f32], x: usize, per: f32| {
-                ((sums[x] + sums[x + 2]) + (sums[x + 1] + sums[x + 1])) * per
-            };
-            for x in 0..width {
-                let per = 1.0 / weight[x];
-                let [br, bg, bb] = [blur(sr, x, per), blur(sg, x, per), blur(sb, x, per)];
-                let square = br * br + bg * bg + bb * bb;
-                let chance = self.params.strictness * (variance[x] * (per * per));
-                let kept = larger(1.0 - chance / larger(square, 1e-12), 0.0);
-                (r[x], g[x], b[x]) = (kept * br, kept * bg, kept * bb);
-            }
+            self.add_rows(y, &mut blurred);
+            blurred.add_columns(self.params.sparse);
+            blurred.shrink(self.params.strictness);
             let mut found = found.rows::<3>(y);
-            for (found, steps) in found.iter_mut().zip(&steps) {
+            for (found, steps) in found.iter_mut().zip(&blurred.steps) {
                 for (found, step) in found.iter_mut().zip(steps) {
                     *found += step;
                 }
             }
-            let Some(rest) = &mut rest else { continue };
-            let rows = self.blocks.rows::<CHANNELS>(y);
-            for ((step, own), found) in steps.iter_mut().zip(rows).zip(&found) {
-                let pixels = step.iter_mut().zip(own).zip(found.iter()).zip(rows[3]);
-                for (((step, own), found), &variance) in pixels {
-                    let left = own - *step;
-                    let left = if self.params.fed_back {
-                        left
-                    } else {
-                        left + found
-                    };
-                    *step = if variance.is_nan() { 0.0 } else { left };
-                }
+            if let Some(rest) = &mut rest {
+                self.leave(y, &found, &mut blurred.steps, rest);
             }
-            for run in segments(y, width) {
-                let [r, g, b] = steps.each_ref().map(|row| &row[run.x..][..run.len]);
-                rest.write(run, [r, g, b, &rows[3][run.x..][..run.len]]);
+        }
+    }
+}
+
+/// Scratch: blocks of a row, blurred by the binomial 3×3 window.
+struct Blurred {
+    /// Sums over the window's rows: of means, of variances, and of the weights of known blocks, 4 in a full column. All have a
+    /// halo of one block on each side.
+    sums: [Vec<f32>; 3],
+    variances: Vec<f32>,
+    weights: Vec<f32>,
+    /// Over the whole window.
+    variance: Vec<f32>,
+    /// 16 in a full window.
+    weight: Vec<f32>,
+    /// What is kept of the means.
+    steps: [Vec<f32>; 3],
+}
+
+impl Blurred {
+    fn new(width: usize) -> Self {
+        let [wide, own] = [width + 2, width].map(|width| vec![0.0; width]);
+        Self {
+            sums: [(); 3].map(|()| wide.clone()),
+            variances: wide,
+            weights: vec![4.0; width + 2],
+            variance: own.clone(),
+            weight: vec![16.0; width],
+            steps: [(); 3].map(|()| own.clone()),
+        }
+    }
+
+    /// Sums variances and weights over the window's columns.
+    #[inline(always)]
+    fn add_columns(&mut self, sparse: bool) {
+        let (variances, weights) = (&self.variances, &self.weights);
+        let width = self.variance.len();
+        if sparse {
+            for (x, weight) in self.weight.iter_mut().enumerate() {
+                let sum = (weights[x] + weights[x + 2]) + (weights[x + 1] + weights[x + 1]);
+                *weight = larger(sum, 1.0);
             }
+        }
+        for (x, variance) in self.variance.iter_mut().enumerate() {
+            *variance = (variances[x] + variances[x + 2]) + 4.0 * variances[x + 1];
+        }
+        for x in [0, width - 1] {
+            let [before, here, after] = squared_weights(x, width);
+            self.variance[x] =
+                (before * variances[x] + after * variances[x + 2]) + here * variances[x + 1];
+        }
+    }
+
+    /// Keeps as much of the blurred means as is more than chance.
+    #[inline(always)]
+    fn shrink(&mut self, strictness: f32) {
+        let width = self.variance.len();
+        let [sr, sg, sb] = self.sums.each_ref().map(Vec::as_slice);
+        let [r, g, b] = self.steps.each_mut().map(|row| &mut row[..width]);
+        let blur = |sums: &[f32], x: usize, per: f32| {
+            ((sums[x] + sums[x + 2]) + (sums[x + 1] + sums[x + 1])) * per
+        };
+        for x in 0..width {
+            let per = 1.0 / self.weight[x];
+            let [br, bg, bb] = [blur(sr, x, per), blur(sg, x, per), blur(sb, x, per)];
+            let square = br * br + bg * bg + bb * bb;
+            let chance = strictness * (self.variance[x] * (per * per));
+            let kept = larger(1.0 - chance / larger(square, 1e-12), 0.0);
+            (r[x], g[x], b[x]) = (kept * br, kept * bg, kept * bb);
+        }
+    }
+}
+
+impl Shrink<'_> {
+    /// Sums means, variances and weights over the window's rows.
+    #[inline(always)]
+    fn add_rows(&self, y: usize, blurred: &mut Blurred) {
+        let Size { height, width } = self.blocks.size;
+        let lines = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
+        for (channel, sums) in blurred.sums.iter_mut().enumerate() {
+            let [above, own, below] = lines.map(|y| self.blocks.row(channel, y));
+            let inner = &mut sums[1..=width];
+            for x in 0..width {
+                inner[x] = (above[x] + below[x]) + (own[x] + own[x]);
+            }
+            (sums[0], sums[width + 1]) = (sums[1], sums[width]);
+        }
+        let [above, own, below] = lines.map(|y| self.blocks.row(3, y));
+        let [before, here, after] = squared_weights(y, height);
+        for (x, inner) in blurred.variances[1..=width].iter_mut().enumerate() {
+            let [above, own, below] = [above[x], own[x], below[x]].map(or_zero);
+            *inner = (before * above + after * below) + here * own;
+        }
+        if self.params.sparse {
+            let weights = &mut blurred.weights;
+            for (x, inner) in weights[1..=width].iter_mut().enumerate() {
+                let [above, own, below] = [above[x], own[x], below[x]].map(known);
+                *inner = (above + below) + (own + own);
+            }
+            (weights[0], weights[width + 1]) = (weights[1], weights[width]);
+        }
+    }
+
+    /// Writes the evidence that the next frame takes: of what is fed back, what is left of it. Takes the steps as scratch.
+    #[inline(always)]
+    fn leave(
+        &self,
+        y: usize,
+        found: &[&mut [f32]],
+        steps: &mut [Vec<f32>; 3],
+        rest: &mut PixelsMut,
+    ) {
+        let rows = self.blocks.rows::<CHANNELS>(y);
+        for ((step, own), found) in steps.iter_mut().zip(rows).zip(found) {
+            let pixels = step.iter_mut().zip(own).zip(found.iter()).zip(rows[3]);
+            for (((step, own), found), &variance) in pixels {
+                let left = own - *step;
+                let left = if self.params.fed_back {
+                    left
+                } else {
+                    left + found
+                };
+                *step = if variance.is_nan() { 0.0 } else { left };
+            }
+        }
+        for run in segments(y, self.blocks.size.width) {
+            let [r, g, b] = steps.each_ref().map(|row| &row[run.x..][..run.len]);
+            rest.write(run, [r, g, b, &rows[3][run.x..][..run.len]]);
         }
     }
 }
@@ -751,9 +812,6 @@ fn squared_weights(place: usize, count: usize) -> [f32; 3] {
         (true, true) => [0.0, 16.0, 0.0],
     }
 }
-
-/// Channels of the history behind an image that [`Innovation::correct`] takes: colour and length.
-const BEHIND: usize = 4;
 
 /// Scratch: d interpolated at the height of one row of pixels, with a halo of one block on each side.
 pub(crate) struct Line([Vec<f32>; 3]);
@@ -795,18 +853,6 @@ impl Innovation {
         Some(result)
     }
 
-    /// Corrects a predicted image (interleaved) in place, and the colour and length behind it.
-    pub(crate) fn correct(&self, size: Size, colors: &mut [f32], history: Option<&mut [f32]>) {
-        let kernel = Correct {
-            innovation: self,
-            width: size.width,
-        };
-        let band = BAND * size.width;
-        let histories = rows::optional(history.map(|history| history.chunks_mut(band * BEHIND)));
-        let outs = colors.chunks_mut(band * 3).zip(histories);
-        rows::run(&kernel, size.height, outs);
-    }
-
     /// Writes the correction of a whole image.
     pub fn corrections<'a>(
         &'a self,
@@ -831,46 +877,6 @@ pub(crate) fn corrected(light: f32, found: f32) -> f32 {
         0.0
     } else {
         smaller(f32::MAX, light)
-    }
-}
-
-struct Correct<'a> {
-    innovation: &'a Innovation,
-    width: usize,
-}
-
-impl<'a> Kernel for Correct<'a> {
-    type Out = (&'a mut [f32], Option<&'a mut [f32]>);
-
-    #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, (colors, mut history): Self::Out) {
-        let mut line = self.innovation.line();
-        let mut predicted = [[0.0; SEGMENT]; 3];
-        for y in rows.clone() {
-            self.innovation.go_to(y, &mut line);
-            for run in segments(y, self.width) {
-                let first = (y - rows.start) * self.width + run.x;
-                let colors = &mut colors[first * 3..][..run.len * 3];
-                deinterleave(colors, predicted.iter_mut().map(|row| &mut row[..run.len]));
-                let Some(found) = self.innovation.correction(&line, run, &predicted) else {
-                    continue;
-                };
-                for (predicted, found) in predicted.iter_mut().zip(&found) {
-                    for (predicted, &found) in predicted.iter_mut().zip(found) {
-                        *predicted = corrected(*predicted, found);
-                    }
-                }
-                interleave(predicted.iter().map(|row| &row[..run.len]), colors);
-                if let Some(history) = &mut history {
-                    let pixels = &mut history.as_chunks_mut::<BEHIND>().0[first..][..run.len];
-                    for (i, [r, g, b, _]) in pixels.iter_mut().enumerate() {
-                        for (value, found) in [r, g, b].into_iter().zip(&found) {
-                            *value = corrected(*value, found[i]);
-                        }
-                    }
-                }
-            }
-        }
     }
 }
 

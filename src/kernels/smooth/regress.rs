@@ -271,60 +271,73 @@ impl Block {
             let first = (y - rows.start) * across;
             let [r, g, b] = self.color.each_mut().map(|c| &mut c[first..][..across]);
             from.color.read(run, [r, g, b]);
-            let surface = &mut self.surface[first..][..across];
             if let Some(normal) = normal {
-                let [x, y, z] = self.row.each_mut().map(|row| &mut row[..across]);
-                normal.read(run, [x, y, z]);
-                for i in 0..across {
-                    let n = [x[i], y[i], z[i]];
-                    surface[i] &= is_present(n) & (n != [0.0; 3]);
-                    for (column, n) in self.columns.iter_mut().zip(n) {
-                        column[first + i] = n.into();
-                    }
-                }
+                self.load_vectors(normal, run, first, 0);
             }
             match place {
-                Some(Place::Position(position)) => {
-                    let [x, y, z] = self.row.each_mut().map(|row| &mut row[..across]);
-                    position.read(run, [x, y, z]);
-                    for i in 0..across {
-                        let p = [x[i], y[i], z[i]];
-                        surface[i] &= is_present(p);
-                        for (column, p) in self.columns[3..6].iter_mut().zip(p) {
-                            column[first + i] = p.into();
-                        }
-                    }
-                }
-                Some(Place::Depth(depth, Rays { dx, dy, corner })) => {
-                    // In double precision: rays rounded to float32 are those of a slightly different camera, but points
-                    // rounded to float32 would not lie on planes.
-                    let [dx, dy, corner] = [dx, dy, corner].map(|axis| axis.as_dvec3());
-                    let z = &mut self.row[0][..across];
-                    depth.load(run, 0, z);
-                    for i in 0..across {
-                        let [x, y] = [run.x + i, y].map(|at| at as f64 + 0.5);
-                        let p = (corner + dx * x + dy * y) * f64::from(z[i]);
-                        surface[i] &= (z[i] > 0.0) & (z[i] < f32::INFINITY);
-                        for (column, p) in self.columns[3..6].iter_mut().zip(p.to_array()) {
-                            column[first + i] = p;
-                        }
-                    }
-                }
+                Some(Place::Position(position)) => self.load_vectors(position, run, first, 3),
+                Some(Place::Depth(depth, rays)) => self.load_points(depth, rays, run, first),
                 None => {}
             }
-            let weight = &mut self.weight[first..][..across];
-            match from.weight {
-                Some(image) => {
-                    let row = &mut self.row[0][..across];
-                    image.load(run, 0, row);
-                    for i in 0..across {
-                        surface[i] &= (row[i] >= 0.0) & (row[i] < f32::INFINITY);
-                        weight[i] = if surface[i] { row[i].into() } else { 0.0 };
-                    }
-                }
-                None => weight.fill(1.0),
+            self.load_weights(from.weight, run, first);
+        }
+        self.settle(pixels);
+    }
+
+    /// Loads a run of normals or positions into the three columns from `column` on. Normals of zero tell no surface; a position
+    /// of zero is one.
+    #[inline(always)]
+    fn load_vectors(&mut self, vectors: Pixels, run: Run, first: usize, column: usize) {
+        let [x, y, z] = self.row.each_mut().map(|row| &mut row[..run.len]);
+        vectors.read(run, [x, y, z]);
+        let surface = &mut self.surface[first..][..run.len];
+        for i in 0..run.len {
+            let v = [x[i], y[i], z[i]];
+            surface[i] &= is_present(v) & ((column > 0) | (v != [0.0; 3]));
+            for (column, v) in self.columns[column..].iter_mut().zip(v) {
+                column[first + i] = v.into();
             }
         }
+    }
+
+    /// Loads the points that depth and camera tell. In double precision: rays rounded to float32 are those of a slightly
+    /// different camera, but points rounded to float32 would not lie on planes.
+    #[inline(always)]
+    fn load_points(&mut self, depth: Pixels, rays: Rays, run: Run, first: usize) {
+        let Rays { dx, dy, corner } = rays;
+        let [dx, dy, corner] = [dx, dy, corner].map(|axis| axis.as_dvec3());
+        let z = &mut self.row[0][..run.len];
+        depth.load(run, 0, z);
+        let surface = &mut self.surface[first..][..run.len];
+        for i in 0..run.len {
+            let [x, y] = [run.x + i, run.y].map(|at| at as f64 + 0.5);
+            let p = (corner + dx * x + dy * y) * f64::from(z[i]);
+            surface[i] &= (z[i] > 0.0) & (z[i] < f32::INFINITY);
+            for (column, p) in self.columns[3..6].iter_mut().zip(p.to_array()) {
+                column[first + i] = p;
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn load_weights(&mut self, weights: Option<Pixels>, run: Run, first: usize) {
+        let weight = &mut self.weight[first..][..run.len];
+        let Some(weights) = weights else {
+            weight.fill(1.0);
+            return;
+        };
+        let row = &mut self.row[0][..run.len];
+        weights.load(run, 0, row);
+        let surface = &mut self.surface[first..][..run.len];
+        for i in 0..run.len {
+            surface[i] &= (row[i] >= 0.0) & (row[i] < f32::INFINITY);
+            weight[i] = if surface[i] { row[i].into() } else { 0.0 };
+        }
+    }
+
+    /// Takes the weight of pixels that do not count, and finds the range of the colours of those that do.
+    #[inline(always)]
+    fn settle(&mut self, pixels: usize) {
         self.weight[pixels..self.length].fill(0.0);
         (self.lowest, self.highest) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for i in 0..self.length {

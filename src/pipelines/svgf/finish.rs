@@ -4,15 +4,15 @@ use std::ops::Range;
 
 use super::passes::Passes;
 use super::{Current, Shown};
-use crate::image::{BandMut, Image, Pixels, Records, SEGMENT, bands_of, segments};
+use crate::image::{BandMut, Image, Pixels, Records, Run, SEGMENT, bands_of, segments};
 use crate::kernels::judge::innovation::{Innovation, corrected};
 use crate::kernels::merge::accumulate;
 use crate::kernels::smooth::demodulate::{Texture, Way};
-use crate::pipelines::correction::{correct_history, correct_light};
+use crate::pipelines::correction::correct_run;
 use crate::pipelines::frame::{Frame, blacken_missing};
-use crate::pipelines::taa::Stage;
+use crate::pipelines::taa::{Denoised, Stage};
 use crate::pixels::{Colors, PixelsMut, Row};
-use crate::rows::{self, BAND, Kernel, Simd};
+use crate::rows::{self, Kernel, Simd};
 
 /// Corrects history, and the light in which reflections are looked for, in place. Writes colour and variance if the frame is
 /// shown. The output stage comes with the motion that it follows, if that is not the frame's.
@@ -41,10 +41,9 @@ pub fn finish(
         (None, Some(color)) => Box::new(PixelsMut::bands(size, 3, color).map(Some)),
         (None, None) => Box::new(std::iter::repeat_with(|| None)),
     };
-    let band = BAND * size.width;
     let variances = rows::optional(variance.map(|variance| bands_of(variance, size)));
-    let histories = history.data_mut().chunks_mut(band * accumulate::CHANNELS);
-    let lights = rows::optional(light.map(|light| light.data_mut().chunks_mut(band * 3)));
+    let histories = PixelsMut::bands(size, accumulate::CHANNELS, history.data_mut());
+    let lights = rows::optional(light.map(|light| PixelsMut::bands(size, 3, light.data_mut())));
     let outs = colors.zip(variances).zip(histories).zip(lights);
     let outs = outs.map(|(((color, variance), history), light)| Outs {
         color,
@@ -61,9 +60,13 @@ pub fn finish(
             ..*now.frame
         };
         let motion = seen.unwrap_or(now.motion.pixels());
-        let how = [now.params.innovation.is_some(), now.repeats];
-        let (before, color) = (now.before.as_ref(), color.pixels());
-        stage.show(&frame, before, motion, color, how, show);
+        let denoised = Denoised {
+            color: color.pixels(),
+            corrects: now.params.innovation.is_some(),
+            repeats: now.repeats,
+            tested: None,
+        };
+        stage.show(&frame, now.before.as_ref(), motion, denoised, show);
     }
 }
 
@@ -75,12 +78,12 @@ struct Finish<'a> {
     blacken: bool,
 }
 
-/// A band of each output; history and light interleaved.
+/// A band of each output.
 struct Outs<'a> {
     color: Option<PixelsMut<'a>>,
     variance: Option<BandMut<'a>>,
-    history: &'a mut [f32],
-    light: Option<&'a mut [f32]>,
+    history: PixelsMut<'a>,
+    light: Option<PixelsMut<'a>>,
 }
 
 impl<'a> Kernel for Finish<'a> {
@@ -90,7 +93,7 @@ impl<'a> Kernel for Finish<'a> {
     fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut out: Outs<'a>) {
         let mut color = [[0.0; SEGMENT]; 3];
         let mut line = self.innovation.map(Innovation::line);
-        let (top, width) = (rows.start, self.passes.size().width);
+        let width = self.passes.size().width;
         for y in rows {
             if let Some(variance) = &mut out.variance {
                 variance.row(0, y).copy_from_slice(self.passes.variance(y));
@@ -105,8 +108,7 @@ impl<'a> Kernel for Finish<'a> {
                     _ => None,
                 };
                 if let Some(correction) = &correction {
-                    let first = (y - top) * width + run.x;
-                    out.correct([first, run.len], &mut color, correction);
+                    out.correct(run, &mut color, correction);
                 }
                 let Some(shown) = &mut out.color else {
                     continue;
@@ -124,24 +126,17 @@ impl<'a> Kernel for Finish<'a> {
 }
 
 impl Outs<'_> {
-    /// Corrects a run of the colour and of the images behind it, of `len` pixels from the `first` of the band on.
+    /// Corrects a run of the colour and of the images behind it.
     #[inline(always)]
-    fn correct(&mut self, [first, len]: [usize; 2], color: &mut [Row; 3], correction: &[Row; 3]) {
+    fn correct(&mut self, run: Run, color: &mut [Row; 3], correction: &[Row; 3]) {
         for (color, correction) in color.iter_mut().zip(correction) {
             for (color, &correction) in color.iter_mut().zip(correction) {
                 *color = corrected(*color, correction);
             }
         }
-        let of = |i: usize| correction.each_ref().map(|row| row[i]);
-        let history = self.history.as_chunks_mut::<{ accumulate::CHANNELS }>().0;
-        for (i, pixel) in history[first..][..len].iter_mut().enumerate() {
-            correct_history(of(i), pixel);
-        }
+        correct_run(correction, run, &mut self.history);
         if let Some(light) = &mut self.light {
-            let light = light.as_chunks_mut::<3>().0;
-            for (i, pixel) in light[first..][..len].iter_mut().enumerate() {
-                correct_light(of(i), pixel);
-            }
+            correct_run(correction, run, light);
         }
     }
 }

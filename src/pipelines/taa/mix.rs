@@ -27,7 +27,7 @@ use crate::image::{
 use crate::kernels::fetch::footprint::Filter;
 use crate::kernels::fetch::validate::Tests;
 use crate::kernels::judge::choice::Levels;
-use crate::kernels::judge::collocation::{self, PLANES, SHARES, collocate};
+use crate::kernels::judge::collocation::{self, Luminances, PLANES, SHARES, collocate};
 use crate::kernels::judge::exposure::exposure;
 use crate::math::{is_present, larger, luminance};
 use crate::pipelines::correction::scale;
@@ -126,20 +126,21 @@ pub fn mix(
                 return resting;
             }
         }
-        let older = (before.samples_before.take())
-            .map(|plane| fetch(plane.pixels(), motion, Tests::none(), Filter::Bilinear));
-        let planes = planes(
-            &held,
-            Pixels::records(size, 3, shown),
-            &recent,
-            older.as_ref(),
-        );
-        if older.is_some() {
+        let recent = forget(recent.0, &recent.1);
+        if let Some(plane) = before.samples_before.take() {
+            let (older, coverage) = fetch(plane.pixels(), motion, Tests::none(), Filter::Bilinear);
+            let older = forget(older, &coverage);
+            let compared = Compared {
+                held: &held,
+                result: Pixels::records(size, 3, shown),
+                recent: recent.view(),
+                older: older.view(),
+            };
             let mut sums = left.unwrap_or_else(|| collocation::nothing(size));
-            collocate(planes.pixels(), bright, &mut sums);
+            collocate(&compared, bright, &mut sums);
             evidence = Some(sums);
         }
-        let before = Pixels::from(planes.channels(1..2)).to_planes();
+        let before = Pixels::from(recent.channels(0..1)).to_planes();
         (shares, samples_before) = (found, Some(before));
     }
     let mut luminances = Records::blank(size, LUMINANCES);
@@ -195,24 +196,29 @@ fn agree(shares: &mut Image, smooth: bool) -> bool {
     others * FEWEST >= pixels
 }
 
-/// What the evidence compares, each with its coverage: luminances of new samples, of those of the frame before, of those
-/// before that, and of denoised colour and result of the frame before. NaN where a pixel was not there.
-fn planes(
-    held: &Held,
-    result: Pixels,
-    recent: &(Image, Image),
-    older: Option<&(Image, Image)>,
-) -> Image {
-    let size = result.size;
-    let mut planes = Image::blank(size, PLANES);
-    let kernel = Planes {
-        held,
-        result,
-        recent: [&recent.0, &recent.1].map(Image::view),
-        older: older.map(|(older, coverage)| [older, coverage].map(Image::view)),
-    };
-    rows::run(&kernel, size.height, planes.bands());
-    planes
+/// Makes pixels that are not covered NaN.
+fn forget(mut image: Image, coverage: &Image) -> Image {
+    let size = image.size;
+    rows::run(&Forget(coverage.view()), size.height, image.bands());
+    image
+}
+
+struct Forget<'a>(View<'a>);
+
+impl<'a> Kernel for Forget<'a> {
+    type Out = BandMut<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut image: BandMut<'a>) {
+        for y in rows {
+            let covered = self.0.row(0, y);
+            for channel in 0..image.channels() {
+                for (value, &coverage) in image.row(channel, y).iter_mut().zip(covered) {
+                    *value = if coverage > 0.0 { *value } else { f32::NAN };
+                }
+            }
+        }
+    }
 }
 
 /// Samples, none of them much brighter than the result.
@@ -235,52 +241,36 @@ impl Held<'_> {
     }
 }
 
-struct Planes<'a> {
+/// What the evidence compares: luminances of new samples, of those of the frame before, of those before that, and of denoised
+/// colour and result of the frame before.
+struct Compared<'a> {
     held: &'a Held<'a>,
     result: Pixels<'a>,
-    recent: [View<'a>; 2],
-    older: Option<[View<'a>; 2]>,
+    recent: View<'a>,
+    older: View<'a>,
 }
 
-impl<'a> Kernel for Planes<'a> {
-    type Out = BandMut<'a>;
+impl Luminances for Compared<'_> {
+    fn size(&self) -> Size {
+        self.result.size
+    }
 
     #[inline(always)]
-    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut planes: BandMut<'a>) {
-        let width = self.result.size.width;
+    fn read(&self, y: usize, [fresh, recent, older, denoised, result]: [&mut [f32]; PLANES]) {
         let [mut colors, mut results] = [[[0.0; SEGMENT]; 3]; 2];
-        let mut light = [0.0; SEGMENT];
-        for y in rows {
-            let [fresh, recent, older, denoised, result] = planes.rows(y);
-            for run in segments(y, width) {
-                self.held.samples.colors(run, &mut colors);
-                self.result.colors(run, &mut results);
-                for (i, light) in light.iter_mut().enumerate() {
-                    let [sample, [r, g, b]] =
-                        [&colors, &results].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
-                    *light = self.held.beside(sample, luminance(r, g, b), BRIGHTEST).1;
-                }
-                fresh[run.x..][..run.len].copy_from_slice(&light[..run.len]);
-            }
-            let [values, coverage] = self.recent;
-            for (c, row) in [recent, denoised, result].into_iter().enumerate() {
-                copy_covered(values.row(c, y), coverage.row(0, y), row);
-            }
-            match self.older {
-                Some([values, coverage]) => {
-                    copy_covered(values.row(0, y), coverage.row(0, y), older);
-                }
-                None => older.fill(f32::NAN),
+        for run in segments(y, self.result.size.width) {
+            self.held.samples.colors(run, &mut colors);
+            self.result.colors(run, &mut results);
+            for (i, fresh) in fresh[run.x..][..run.len].iter_mut().enumerate() {
+                let [sample, [r, g, b]] =
+                    [&colors, &results].map(|rows| [0, 1, 2].map(|c| rows[c][i]));
+                *fresh = (self.held).beside(sample, luminance(r, g, b), BRIGHTEST).1;
             }
         }
-    }
-}
-
-/// Copies a row, NaN where it is not covered.
-#[inline(always)]
-fn copy_covered(values: &[f32], coverage: &[f32], row: &mut [f32]) {
-    for (out, (&value, &coverage)) in row.iter_mut().zip(values.iter().zip(coverage)) {
-        *out = if coverage > 0.0 { value } else { f32::NAN };
+        for (c, row) in [recent, denoised, result].into_iter().enumerate() {
+            row.copy_from_slice(self.recent.row(c, y));
+        }
+        older.copy_from_slice(self.older.row(0, y));
     }
 }
 
