@@ -6,8 +6,8 @@
 //! slices, which the compiler vectorises, or explicit vectors ([`crate::lanes`]) where it would not.
 //!
 //! Rust contracts `a * b + c` only where a kernel says `mul_add`, which then rounds once at every level, in software where the
-//! CPU has no such instruction. Reductions use a fixed number of partial sums, however wide the vectors, and each pixel depends on
-//! the inputs alone: therefore the results have the same bits at every level, thread count and band height.
+//! CPU has no such instruction. Reductions use a fixed number of partial sums, however wide the vectors, and each pixel
+//! depends on the inputs alone: therefore the results have the same bits at every level, thread count and band height.
 
 use std::ops::Range;
 use std::sync::OnceLock;

@@ -273,8 +273,8 @@ pub fn recall(
 }
 
 impl Memory {
-    /// Brings the history's light up to the frame's replay, if it has one that was expected, and returns how far each pixel's light
-    /// has changed.
+    /// Brings the history's light up to the frame's replay, if it has one that was expected, and returns how far each pixel's
+    /// light has changed.
     fn relight(&mut self, now: &Now) -> Option<Image> {
         let (replay, shown) = now.frame.replay.zip(self.shown.as_ref())?;
         let light = self.reflections.as_mut().map(|known| &mut known.light);

@@ -75,8 +75,8 @@ pub struct Params {
     pub gradient: Option<gradient::Params>,
     /// Whether outliers are held down.
     pub fireflies: Option<fireflies::Params>,
-    /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best; not where
-    /// the noise of frames repeats, which is looked for.
+    /// Whether each tile gets as many passes of the filter, up to one more than `atrous.iterations`, as predicted best; not
+    /// where the noise of frames repeats, which is looked for.
     pub choice: Option<choice::Params>,
     /// Whether the innovation, what new samples show beside the prediction, corrects result and history.
     pub innovation: Option<innovation::Params>,
@@ -207,8 +207,8 @@ impl Params {
         }
     }
 
-    /// For a frame whose noise is that of the frame before. However many samples its history counts, they are worth one, so that
-    /// the variance is estimated in space, for one sample.
+    /// For a frame whose noise is that of the frame before. However many samples its history counts, they are worth one, so
+    /// that the variance is estimated in space, for one sample.
     fn repeated(&self) -> Self {
         let longest = 1.0 / self.accumulate.alpha;
         Self {

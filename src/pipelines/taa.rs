@@ -217,8 +217,8 @@ impl Stage {
         missing
     }
 
-    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so. `kind` tells
-    /// whether the noise of the samples repeats, and whether all are at the same place of their pixels.
+    /// Mixes samples and denoised colour into what [`Self::step`] has shown of the latter, if the parameters say so. `kind`
+    /// tells whether the noise of the samples repeats, and whether all are at the same place of their pixels.
     fn mix(
         &mut self,
         samples: Pixels,

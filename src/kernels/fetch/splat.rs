@@ -161,8 +161,8 @@ impl Point {
     }
 }
 
-/// The points of one band of the previous frame, binned by the bands of the current frame that they cover. Bands that none covers
-/// have no bin: there are as many pairs of bands as the square of the height.
+/// The points of one band of the previous frame, binned by the bands of the current frame that they cover. Bands that none
+/// covers have no bin: there are as many pairs of bands as the square of the height.
 type Bins = Vec<(usize, Vec<Point>)>;
 
 struct Project<'a> {

@@ -10,7 +10,8 @@
 //!   much from their neighbours, but are found again, and normals then tell how they are shaded. Where nothing is found
 //!   again, at a cut or behind what moves away, that says nothing of the guides.
 //!
-//! Inputs: normal (3), ids (1), confidence (1), each optional. Output: a mask of tiles. Normals of zero or NaN differ from none.
+//! Inputs: normal (3), ids (1), confidence (1), each optional. Output: a mask of tiles. Normals of zero or NaN differ from
+//! none.
 //!
 //! Coarse ids then stand in for the frame's: all that they tell apart are surfaces whose light is divided by their albedo from
 //! those whose light is not ([`reflectance`](crate::kernels::smooth::reflectance)), whose numbers have another meaning. 0, the

@@ -1,5 +1,5 @@
-//! Change of light: the factor by which all light has changed, where it is one factor: of an exposure, a fade, a lamp that lights
-//! everything.
+//! Change of light: the factor by which all light has changed, where it is one factor: of an exposure, a fade, a lamp that
+//! lights everything.
 //!
 //! The image has 64 blocks, 8 across and 8 down. With Σy and Σh the sums of luminance of the new samples and of the history
 //! over a block's pixels where both are known,

@@ -6,8 +6,8 @@
 //! averages out; a tone curve or a clamp would leave a bias. Relative to brightness and averaged over the neighbours of the
 //! same object,
 //!   d = mean of Σ (k − h)(k + h − 2c) / (Σ h² + 0.01),  sums over the channels:
-//! negative where k is better. The standardized gain tells whether d is more than chance. It is Student's t with a standard error
-//! of at least 0.01, so that differences too small to be seen do not count, however certain they are:
+//! negative where k is better. The standardized gain tells whether d is more than chance. It is Student's t with a standard
+//! error of at least 0.01, so that differences too small to be seen do not count, however certain they are:
 //!   t = d / √(s² / n + 0.01²),  s² the variance of the n terms in the window.
 //!
 //! Inputs: k (3), h (3), c (3), ids (1), optional. Output: d or t (1); 0 where nothing is known.

@@ -12,7 +12,7 @@
 //! Where nothing moves, ρ of noise that repeats is 0, and
 //!   S: the share of pairs of which y(x) is as it was, bit by bit, and ε(x) = (y(x) − y(x + 1)) / (|y(x)| + |y(x + 1)|) above ⅒
 //! tells it. Images without noise repeat as well: what bilinear interpolation loses of a texture, what mirrors show along
-//! other motion, and all of a scene at rest. But their rows resemble one another, as those of noise do not. So the repetition is
+//! other motion, and all of a scene at rest. But their rows resemble one another, as those of noise do not. The repetition is
 //!   max(0, C − V, S − W), V = corr(δ, δ↓), W = corr(ε, ε↓), at least 0 each, ↓ that of the row below.
 //! With sums over n pairs that are known in all that is compared, corr(a, b) = Σ a b / max(√(Σ a² Σ b²), n / 100): deviations
 //! below a tenth are no noise that matters. Of fewer than 256 pairs, the repetition is 0. Every eighth row is looked at, and

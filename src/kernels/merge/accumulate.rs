@@ -6,8 +6,8 @@
 //! on (Schied et al. 2017, section 4.2; Yang, Liu and Salvi 2020, *A Survey of Temporal Antialiasing Techniques*).
 //! Where a temporal gradient λ says that the light has changed, history is shortened before and its share falls:
 //!   N ← N (1 − λ)¹⁰,  a ← lerp(a, 1, λ)
-//! (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*; the exponent
-//! as in Q2RTX); so it does for the moments. A colour that counts for less than a sample, such as one that neighbours lend, has a
+//! (Schied, Peters and Dachsbacher 2018, *Gradient Estimation for Real-Time Adaptive Temporal Filtering*; the exponent as in
+//! Q2RTX); so it does for the moments. A colour that counts for less than a sample, such as one that neighbours lend, has a
 //! weight w below 1:
 //!   N ← min(N + w, 1/α),  a = w/N,  and max(w αₘ, w/N) for the moments.
 //! Where the confidence κ in history is below 1, the sample's share rises: a ← lerp(a, 1, w (1 − κ)), and likewise for the
@@ -15,8 +15,8 @@
 //! starts at N = w. A sample with NaN or infinity, or without weight, is missing: history is kept as it is, and where there is
 //! none, colour and moments are NaN and N = 0, the mark of a pixel without any sample so far.
 //!
-//! Inputs: colour (3), w (1) in [0, 1], optional; history: colour (3), moments (2), length (1); λ and κ (1) in [0, 1], optional.
-//! Outputs: the history, and the number of missing samples.
+//! Inputs: colour (3), w (1) in [0, 1], optional; history: colour (3), moments (2), length (1); λ and κ (1) in [0, 1],
+//! optional. Outputs: the history, and the number of missing samples.
 
 use std::ops::Range;
 

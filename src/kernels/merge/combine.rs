@@ -7,9 +7,9 @@
 //! has any, colour and moments are NaN and N″ = 0. Moments overflow before colours do: where their mean is not finite, it is
 //! that of the first history, or of the second if the first one's is not finite either.
 //!
-//! With an exposure e, the sides check each other. A history is a spike where one of its samples has nearly all of its light: of
-//! N samples of which one is not black, the mean square is N times the square of the mean, m₂ = N m₁². With l the luminance of
-//! its colour and l′ that of the other history, of N′ samples, it is multiplied by
+//! With an exposure e, the sides check each other. A history is a spike where one of its samples has nearly all of its light:
+//! of N samples of which one is not black, the mean square is N times the square of the mean, m₂ = N m₁². With l the luminance
+//! of its colour and l′ that of the other history, of N′ samples, it is multiplied by
 //!   min(1, 8 (max(l′, 0) + e/16) / l) where m₂ ≥ 0.7 max(N, 2.5) m₁², N′ ≥ 2.5 and l′ is finite,
 //! (m₂ by the square): a firefly, which the other side does not confirm. A highlight that lasts is in several samples, and a
 //! single sample is no spike, as it may be of a surface that has just come into view.

@@ -3,8 +3,8 @@
 //! A pixel without a sample gets one from its neighbours ([`super::joint_bilateral`]), which counts as w/(1 + N) of a sample
 //! where its history has N. So a borrowed sample is what a history begins with, and soon hardly shows among its own.
 //!
-//! Inputs: colour (3), NaN where nothing was traced; history length (1); guide. Outputs: colour (3); how much of a sample each is (1);
-//! the number of pixels that had none.
+//! Inputs: colour (3), NaN where nothing was traced; history length (1); guide. Outputs: colour (3); how much of a sample each
+//! is (1); the number of pixels that had none.
 
 use std::ops::Range;
 

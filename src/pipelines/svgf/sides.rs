@@ -22,8 +22,8 @@ use crate::pipelines::recall::Recalled;
 use crate::pixels::{PixelsMut, Row};
 use crate::rows::{self, Kernel, Simd};
 
-/// A prediction from fewer samples is not used: guided by its luminance, the filter would keep its noise. Not a whole number, so
-/// that rounding of resampled lengths does not decide.
+/// A prediction from fewer samples is not used: guided by its luminance, the filter would keep its noise. Not a whole number,
+/// so that rounding of resampled lengths does not decide.
 const FEWEST: f32 = 2.5;
 /// Where the new sample lifts the mean above the prediction by more standard deviations of samples than this, the prediction is
 /// not used: the outlier keeps its own luminance, by which the filter does not spread it to its neighbours.

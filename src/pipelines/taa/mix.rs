@@ -5,10 +5,10 @@
 //! shows m + g (y − m), m = b + λ (a − b). Each tile's λ and g are those that would have made the error of the frame before
 //! least ([`collocation`]); frames are fetched along the motion, bilinearly. In frames of one sample, g is above 0 in tiles
 //! here and there by chance, and λ anything. A tile shows b, therefore, unless [`ASK`] of the tiles around it ask for samples.
-//! The λ of all tiles together is no chance: from [`DENOISED_FROM`] on, all show as much denoised colour as their own λ says; not
-//! where the jitter of frames is known, as these are not antialiased, however little noise they have. Otherwise, if fewer than
-//! one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So it is where the noise of
-//! frames repeats, which looks like detail.
+//! The λ of all tiles together is no chance: from [`DENOISED_FROM`] on, all show as much denoised colour as their own λ says;
+//! not where the jitter of frames is known, as these are not antialiased, however little noise they have. Otherwise, if fewer
+//! than one in [`FEWEST`] shows anything but b, none does, and the next [`REST`] frames are not judged. So it is where the
+//! noise of frames repeats, which looks like detail.
 //!
 //! A sample is held down to [`BRIGHTEST`] times the result; a result in which it has a share of an eighth or more is bright
 //! enough to leave it alone. A firefly, nearly all of a tile's evidence, would otherwise be shown at its full brightness.
@@ -39,8 +39,8 @@ const LUMINANCES: usize = 3;
 
 /// A tile asks for samples if it would give them more than this weight.
 const ASKS: f32 = 0.05;
-/// How many of how many tiles must ask for samples, at most [`REACH`] tiles away along each axis. Of frames of 128×96 pixels, up to a fifth
-/// do with one sample, and mostly more than a third with 16.
+/// How many of how many tiles must ask for samples, at most [`REACH`] tiles away along each axis. Of frames of 128×96 pixels,
+/// up to a fifth do with one sample, and mostly more than a third with 16.
 const ASK: [u32; 2] = [3, 10];
 const REACH: usize = 4;
 /// The λ of all tiles together from which on each follows its own. With one sample behind `SVGF`, no sequence of the
@@ -162,8 +162,8 @@ pub fn mix(
     }
 }
 
-/// Lets tiles show the result where too few around them ask for samples, or if it is `smooth`, the result and the denoised colour.
-/// Returns whether enough ask.
+/// Lets tiles show the result where too few around them ask for samples, or if it is `smooth`, the result and the denoised
+/// colour. Returns whether enough ask.
 fn agree(shares: &mut Image, smooth: bool) -> bool {
     let Size { height, width } = shares.size;
     // Number of tiles that ask, above and to the left of a corner.

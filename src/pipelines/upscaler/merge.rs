@@ -11,8 +11,8 @@
 //! that `blend_factor` gives for t and |m|, and becomes
 //!   N ← N + w,  c ← lerp(lerp(clipped, history, h), new, w/N).
 //!
-//! Inputs of the output's size: new colour (3), w (1), history (5: colour, N, lock), c, failed tests (1), clipped history (3), motion
-//! (2). Of the input's: o, λ, thin, and r, optional (1). Outputs: history (5), N, t and failed tests.
+//! Inputs of the output's size: new colour (3), w (1), history (5: colour, N, lock), c, failed tests (1), clipped history (3),
+//! motion (2). Of the input's: o, λ, thin, and r, optional (1). Outputs: history (5), N, t and failed tests.
 
 use std::ops::Range;
 
