@@ -289,7 +289,8 @@ def antialias(settings: dict, history, color, motion, depth, still=None, tests=N
     if change is not None:
         share = share + change * (1 - share)
     weights = {name: settings[name] for name in ("weighting", "flicker")}
-    blended = yester.blend(color, clipped, share, exposure=bright, **weights)
+    brighter = settings.get("brighter", 1.0)
+    blended = yester.blend(color, clipped, share, exposure=brighter * bright, **weights)
     present = np.isfinite(color).all(-1)
     return [blended, np.where(present, counted, length), *kept], coverage, rejection
 

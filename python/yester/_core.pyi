@@ -1024,7 +1024,10 @@ class TAA(Pipeline):
     unguided_alpha : float, optional
         Smallest weight of the new sample, slow or fast, in frames without albedo, depth, normals and ids, 0 to 1. Above
         0, these frames are blended with `weighting` "tone". A denoiser without guides blurs edges and texture along
-        with the noise, and what history then adds is mostly more blur. By default 0 in all presets.
+        with the noise, and what history then adds is mostly more blur. Frames of which depth is the only guide get 0.8
+        times as much, and are blended by tone at four times the exposure, unless more than an eighth of the pairs of
+        neighbours along x and y differ in depth by more than a tenth of the smaller one: what is thinner than a pixel
+        needs its history. By default 0 in all presets.
     dilate : {"3x3", "cross", "none"}, optional
         Window of `dilate_motion`: the nearest pixel's motion if there is depth, else the longest.
     dilate_margin : float, optional

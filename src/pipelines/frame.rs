@@ -47,6 +47,14 @@ pub struct Frame<'a> {
     pub jitter: Option<[f64; 2]>,
 }
 
+/// What tells a frame's surfaces or their texture apart.
+pub(super) enum Guides<'a> {
+    None,
+    /// Depth alone.
+    Depth(Pixels<'a>),
+    More,
+}
+
 impl<'a> Frame<'a> {
     /// A frame of which only the colour is known.
     pub fn new(color: Pixels<'a>) -> Self {
@@ -65,12 +73,16 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Whether any buffer tells surfaces or their texture apart.
-    pub(super) fn is_guided(&self) -> bool {
+    /// What tells surfaces or their texture apart.
+    pub(super) fn guides(&self) -> Guides<'a> {
         let Surface {
             depth, normal, ids, ..
         } = self.surface;
-        self.albedo.is_some() || depth.is_some() || normal.is_some() || ids.is_some()
+        match depth {
+            _ if self.albedo.is_some() || normal.is_some() || ids.is_some() => Guides::More,
+            Some(depth) => Guides::Depth(depth),
+            None => Guides::None,
+        }
     }
 
     /// The frame with its albedo as the surface's colour, if all buffers have the channels that they should and the size

@@ -377,7 +377,7 @@ impl Taa {
         samples: Option<Pixels>,
         mut output: Output,
     ) -> Result<Summary> {
-        let (size, params) = (frame.color.size, self.stage.params.of(frame));
+        let (size, params) = (frame.color.size, self.stage.params);
         if let Some(history) = &self.stage.history {
             check_size(history.merged.size, size)?;
         }
@@ -416,6 +416,7 @@ impl Taa {
                 let still = self.stage.still(frame, camera);
                 let choice = Choice::of(depth.map(Pixels::plane), still.as_ref());
                 let out = PixelsMut::bands(size, 3, shown);
+                let params = params.of(frame);
                 let missing = (self.stage).step(params, color, motion, choice, out, tested);
                 (self.stage).correct(params.innovation, frame.color, motion, shown);
                 missing

@@ -92,10 +92,22 @@ PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KA
 
 def for_frame(settings: dict, frame) -> dict:
     """The settings for a frame, which may lack all that tells surfaces apart."""
-    least = settings["unguided_alpha"]
-    if least == 0 or any(image is not None for image in (frame.albedo, frame.depth, frame.normal, frame.ids)):
+    least, brighter = settings["unguided_alpha"], 1.0
+    if least == 0 or any(image is not None for image in (frame.albedo, frame.normal, frame.ids)):
         return settings
-    return {**settings, **{name: max(settings[name], least) for name in ("alpha", "fast_alpha")}, "weighting": "tone"}
+    if frame.depth is not None:
+        if is_thin(torch.as_tensor(frame.depth)):
+            return settings
+        least, brighter = float(torch.tensor(0.8) * torch.tensor(least)), 4.0  # as the kernel rounds it
+    shares = {name: max(settings[name], least) for name in ("alpha", "fast_alpha")}
+    return {**settings, **shares, "weighting": "tone", "brighter": brighter}
+
+
+def is_thin(depth: Tensor) -> bool:
+    """Whether more than an eighth of the pairs of neighbours differ in depth (H, W) by more than a tenth."""
+    pairs = (depth[1:], depth[:-1]), (depth[:, 1:], depth[:, :-1])
+    differ = [(one - other).abs() > 0.1 * torch.minimum(one, other) for one, other in pairs]
+    return bool(sum(d.sum() for d in differ) > 0.125 * sum(d.numel() for d in differ))
 
 
 class Antialiased(NamedTuple):
@@ -174,7 +186,8 @@ def antialias(
     share = blend_factor(coverage, motion, **pace).maximum(1 / counted)  # (H, W)
     share = share + change * (1 - share)  # (H, W)
     weights = {name: settings[name] for name in ("weighting", "flicker")}
-    new = blend(color, clipped, share, exposure=bright, **weights)  # (H, W, 3)
+    brighter = settings.get("brighter", 1.0)  # of the tone curve
+    new = blend(color, clipped, share, exposure=brighter * bright, **weights)  # (H, W, 3)
     length = counted.where(color.isfinite().all(-1), length)  # (H, W)
     return Antialiased([new, length, *kept], coverage, rejection)
 

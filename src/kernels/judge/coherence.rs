@@ -20,8 +20,8 @@
 use std::ops::Range;
 
 use crate::image::{BandMut, Image, Pixels, Run, Size, View};
-use crate::math::dot;
-use crate::rows::{self, Kernel, Simd};
+use crate::math::{dot, smaller};
+use crate::rows::{self, BAND, Kernel, Simd};
 use crate::tiles::Tiles;
 
 /// The share of pairs of neighbours that differ, and the mean confidence in history, of incoherent tiles.
@@ -29,6 +29,11 @@ const DIFFERING: f32 = 0.4;
 const FOUND: Range<f32> = 0.1..0.5;
 /// The cosine of 25°: normals farther apart differ.
 const COSINE: f32 = 0.906_307_8;
+
+/// The share of pairs of neighbours whose depth differs, and by how much of it, of thin geometry. Of frames of 128×96 pixels,
+/// `thicket` and `grass` have 0.27 and 0.32, and none of 24 other sequences more than 0.06.
+const THIN: f32 = 0.125;
+const STEP: f32 = 0.1;
 
 /// The ids of surfaces whose light is divided, and of those whose light is not. Few frames use ids as large.
 const DIVIDED: u32 = u32::MAX - 1;
@@ -165,6 +170,38 @@ impl<'a> Count<'a> {
                 let [a, b] = [[ax[x], ay[x], az[x]], [bx[x], by[x], bz[x]]];
                 let lengths = (dot(a, a) * dot(b, b)).sqrt();
                 *differs |= u8::from(dot(a, b) < COSINE * lengths);
+            }
+        }
+    }
+}
+
+/// Whether depth shows geometry that is thinner than a pixel: more than [`THIN`] of the pairs of neighbours differ by more than
+/// [`STEP`] of the nearer one's depth.
+pub fn is_thin(depth: Pixels) -> bool {
+    let Size { height, width } = depth.size;
+    let mut steps = vec![0; height.div_ceil(BAND)];
+    rows::run(&Steps(depth), height, steps.iter_mut());
+    let pairs = height * (width - 1) + (height - 1) * width;
+    steps.iter().sum::<u32>() as f32 > THIN * pairs as f32
+}
+
+struct Steps<'a>(Pixels<'a>);
+
+impl<'a> Kernel for Steps<'a> {
+    type Out = &'a mut u32;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, steps: &'a mut u32) {
+        let differ = |a: f32, b: f32| u32::from((a - b).abs() > STEP * smaller(a, b));
+        for y in rows {
+            let row = self.0.row(y);
+            *steps += row
+                .windows(2)
+                .map(|pair| differ(pair[0], pair[1]))
+                .sum::<u32>();
+            if y > 0 {
+                let above = self.0.row(y - 1).iter();
+                *steps += above.zip(row).map(|(&a, &b)| differ(a, b)).sum::<u32>();
             }
         }
     }

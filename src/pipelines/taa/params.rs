@@ -7,13 +7,14 @@ use crate::kernels::camera::pinhole::Rays;
 use crate::kernels::fetch::footprint::{Filter, Wide};
 use crate::kernels::fetch::validate::{self, Surface, Tests, Threshold};
 use crate::kernels::judge::blend_factor;
+use crate::kernels::judge::coherence::is_thin;
 use crate::kernels::judge::exposure::exposure;
 use crate::kernels::judge::innovation;
 use crate::kernels::judge::neighborhood::{self, Bounds, Response, Space};
 use crate::kernels::merge::blend::{self, Weighting};
 use crate::kernels::merge::resolve;
 use crate::math::larger;
-use crate::pipelines::frame::{Frame, SurfaceRecords};
+use crate::pipelines::frame::{Frame, Guides, SurfaceRecords};
 
 /// Parameters of [`Taa`](super::Taa).
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +32,8 @@ pub struct Params {
     /// Least blend factor of the new sample.
     pub blend_factor: blend_factor::Params,
     /// Least share of the new colour in frames without albedo, depth, normals and ids; from 0 to 1. Above 0, these
-    /// frames are also weighted by the tone curve.
+    /// frames are also weighted by the tone curve. Where depth alone guides, four fifths of it, and the tone curve is that of
+    /// four times the exposure; nothing where depth shows geometry that is thinner than a pixel.
     pub unguided_alpha: f32,
     /// What else weighs the two colours.
     pub blend: blend::Params,
@@ -278,12 +280,18 @@ impl Params {
 
     /// With the least share for frames without guides applied, if the frame is one.
     pub(super) fn of(mut self, frame: &Frame) -> Self {
-        if self.unguided_alpha > 0.0 && !frame.is_guided() {
-            let (least, factor) = (self.unguided_alpha, &mut self.blend_factor);
-            factor.alpha = larger(factor.alpha, least);
-            factor.fast_alpha = larger(factor.fast_alpha, least);
-            self.blend.weighting = Weighting::Tone;
+        if self.unguided_alpha == 0.0 {
+            return self;
         }
+        let (least, brighter) = match frame.guides() {
+            Guides::None => (self.unguided_alpha, 1.0),
+            Guides::Depth(depth) if !is_thin(depth) => (0.8 * self.unguided_alpha, 4.0),
+            _ => return self,
+        };
+        let factor = &mut self.blend_factor;
+        factor.alpha = larger(factor.alpha, least);
+        factor.fast_alpha = larger(factor.fast_alpha, least);
+        (self.blend.weighting, self.blend.exposure) = (Weighting::Tone, brighter);
         self
     }
 
@@ -301,7 +309,8 @@ impl Params {
             true => exposure(color),
             false => 1.0,
         };
-        (self.clip.exposure, self.blend.exposure) = (bright, bright);
+        self.clip.exposure = bright;
+        self.blend.exposure *= bright;
         self
     }
 }

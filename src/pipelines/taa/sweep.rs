@@ -155,7 +155,7 @@ impl<'a> Kernel for Sweep<'a> {
             for run in segments(y, size.width) {
                 let motion = own_motion.load(&self.motion, run);
                 past.fetch(run, motion, self.fetch.as_ref());
-                past.follow_movers(run, motion, self.fetch.as_ref(), &window, blend.exposure);
+                past.follow_movers(run, motion, self.fetch.as_ref(), &window, clip.exposure);
                 self.clip(run, &mut window, &mut past);
                 let colors = window.colors.own(run);
                 self.blend_factors(run, colors, motion, &mut past, &mut factors);
