@@ -35,7 +35,7 @@ pub struct Params {
     /// frames are also weighted by the tone curve. Where depth alone guides, four fifths of it, and the tone curve is that of
     /// four times the exposure; nothing where depth shows geometry that is thinner than a pixel.
     pub unguided_alpha: f32,
-    /// What else weighs the two colours.
+    /// What else weighs the two colours; its exposure is relative to that of the frame.
     pub blend: blend::Params,
     /// The filter that resolves a frame with known jitter to pixel centres.
     pub reconstruct: Option<resolve::Filter>,
