@@ -522,7 +522,8 @@ class SVGF:
         if relative_albedo is not None:
             self.limits["relative_luminance"] = relative_albedo
         self.distances, self.innovation, self.antialias = reflections, innovation, antialias
-        self.passes, self.stage = 3, {**PRESETS["denoised"], "unguided_alpha": 0.5, "choice": choice}
+        self.passes, self.stage = 3, {**PRESETS["denoised"], "choice": choice}
+        self.stage["unguided_alpha"] = 0.0 if average_still else 0.5
         self.before = self.antialiased = self.mirrored = self.evidence = self.lag = self.mixing = None
         self.chooses, self.choice, self.coherence = choice, None, coherence
         self.noise, self.repeats = Noise(), False

@@ -165,11 +165,13 @@ def test_wrong_exposure(exposure):
 # Within SVGF.
 
 
-def standing_still(count, *, light=None, smoothness=1, size=(48, 64)):
+def standing_still(count, *, light=None, smoothness=1, size=(48, 64), depth=True):
     """Frames of a fine texture without albedo under gamma noise, and each frame's truth."""
     rng, (y, x) = np.random.default_rng(5), np.indices(size)
     texture = (1 + 0.6 * np.sin(1.9 * x) * np.sin(1.7 * y))[..., None].repeat(3, -1)
-    still = {"depth": np.full(size, 4.0, np.float32), "motion": np.zeros((*size, 2), np.float32)}
+    still = {"motion": np.zeros((*size, 2), np.float32)}
+    if depth:
+        still["depth"] = np.full(size, 4.0, np.float32)
     for number in range(count):
         truth = texture if light is None else texture * light(number, x / size[1])[..., None]
         yield (
@@ -182,10 +184,11 @@ def error(image, truth) -> float:
     return float(((image - truth) ** 2).mean())
 
 
-def test_a_still_scene_ends_in_the_mean_of_its_samples():
+@pytest.mark.parametrize("depth", [True, False])
+def test_a_still_scene_ends_in_the_mean_of_its_samples(depth):
     """Which the filter of so fine a texture is far from."""
     averaging, forgetting = yester.SVGF(average_still=True), yester.SVGF()
-    frames, truth = [frame for frame, _ in standing_still(150)], next(standing_still(1))[1]
+    frames, truth = [frame for frame, _ in standing_still(150, depth=depth)], next(standing_still(1))[1]
     for frame in frames:
         shown, usual = averaging.step(frame).color, forgetting.step(frame).color
     mean = error(np.mean([frame.color for frame in frames], 0), truth)
@@ -211,9 +214,10 @@ def test_the_mean_of_samples_does_not_lag(light):
     assert np.mean(averaged[20:]) < 0.8 * forgot[20:].mean()
 
 
-def test_noise_that_repeats_is_not_the_mean_of_its_samples():
+@pytest.mark.parametrize("depth", [True, False])
+def test_noise_that_repeats_is_not_the_mean_of_its_samples(depth):
     """Rendered with one seed, all frames are alike: their mean is as noisy as each."""
-    frame, truth = next(standing_still(1))
+    frame, truth = next(standing_still(1, depth=depth))
     averaging, forgetting = yester.SVGF(average_still=True), yester.SVGF()
     with warnings.catch_warnings(action="ignore"):
         for _ in range(20):

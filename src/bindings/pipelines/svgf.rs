@@ -91,7 +91,8 @@ use crate::pipelines::{svgf, taa};
 ///     Where all light has changed by one factor, as by an exposure or a fade, history is first multiplied by it
 ///     (`light_change`). The output stage is corrected in the same ways.
 /// antialias : bool, default True
-///     End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``.
+///     End with a stage of temporal antialiasing, ``TAA("denoised", unguided_alpha=0.5)``; with `average_still`,
+///     ``unguided_alpha=0``.
 /// average_still : bool, default False
 ///     Average all samples, as with ``alpha=0, moments_alpha=0``, in frames in which nothing moves: the camera is that
 ///     of the frame before, and the motion, without which only cameras tell, at most 0.001 pixels. For constant light.
@@ -234,6 +235,11 @@ impl SVGF {
             reflections,
             antialias: antialias.then_some(taa::Params {
                 choice,
+                // A scene at rest has neither lag nor blur that more of the new colour could mend.
+                unguided_alpha: match average_still {
+                    true => 0.0,
+                    false => svgf::ANTIALIASED.unguided_alpha,
+                },
                 ..svgf::ANTIALIASED
             }),
             lend: None,

@@ -298,13 +298,13 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("jitter left in motion", "jitter", "left in motion", _shaken(1), (*_FEW, "ids"), jittered=True),
     Mistake("jitter subtracted twice", "jitter", "removed from motion with the wrong", _shaken(-1), jittered=True),
     Mistake("jitter left, and not told", "jitter", "a constant offset", _unmarked(_shaken(1)), jittered=True),
+    Mistake("ids counted anew in every frame", "ids", "100% of the surfaces", _counted_anew),
+    Mistake("random ids", "ids", "100% of the surfaces", _scattered),
     Mistake("albedo above 1", "albedo", "above 1", _each("albedo", lambda _, a: 1.6 * a)),
     Mistake("albedo is lit", "albedo", "contains lighting", _each("albedo", _lit)),
     Mistake(
         "albedo is the colour", "albedo", "contains lighting", _each("albedo", lambda f, _: np.minimum(f.color, 1))
     ),
-    Mistake("ids counted anew in every frame", "ids", "100% of the surfaces", _counted_anew),
-    Mistake("random ids", "ids", "100% of the surfaces", _scattered),
 )
 
 
