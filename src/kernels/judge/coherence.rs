@@ -16,6 +16,8 @@
 //! Coarse ids then stand in for the frame's: all that they tell apart are surfaces whose light is divided by their albedo from
 //! those whose light is not ([`reflectance`](crate::kernels::smooth::reflectance)), whose numbers have another meaning. 0, the
 //! id of what is no surface, stays.
+//!
+//! Of frames whose only guide is depth, [`is_thin`] tells for the whole frame whether there is such geometry.
 
 use std::ops::Range;
 

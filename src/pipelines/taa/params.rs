@@ -32,8 +32,8 @@ pub struct Params {
     /// Least blend factor of the new sample.
     pub blend_factor: blend_factor::Params,
     /// Least share of the new colour in frames without albedo, depth, normals and ids; from 0 to 1. Above 0, these
-    /// frames are also weighted by the tone curve. Where depth alone guides, four fifths of it, and the tone curve is that of
-    /// four times the exposure; nothing where depth shows geometry that is thinner than a pixel.
+    /// frames are also weighted by the tone curve. Frames whose only guide is depth get four fifths of the share, and the
+    /// tone curve of four times the exposure; neither if their depth shows geometry that is thinner than a pixel.
     pub unguided_alpha: f32,
     /// What else weighs the two colours; its exposure is relative to that of the frame.
     pub blend: blend::Params,
