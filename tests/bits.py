@@ -64,6 +64,7 @@ def digest() -> str:
             note(name, arguments, arrays(function(**arguments)))
     pipelines = {
         "SVGF": yester.SVGF(),
+        "SVGF without guides": yester.SVGF(),
         "SVGF(reflections=(), choice=False)": yester.SVGF(reflections=(), choice=False),
         "TAA": yester.TAA(),
         "BMFR": yester.BMFR(),
@@ -81,7 +82,8 @@ def digest() -> str:
         frame = yester.Frame(**buffers | {"replay": before, "jitter": (0.25, -0.125)})
         before = frame.color * np.float32(0.5)
         for name, pipeline in pipelines.items():
-            out = pipeline.step(quarter(frame, number) if isinstance(pipeline, yester.HalfRes) else frame)
+            seen = yester.Frame(frame.color) if name == "SVGF without guides" else frame
+            out = pipeline.step(quarter(frame, number) if isinstance(pipeline, yester.HalfRes) else seen)
             images = (out.color, out.variance, out.history_length, out.confidence, out.rejection, out.choice)
             note(name, buffers, list(images))
     return "\n".join(f"{name}: {short(given[name])} {short(found[name])}" for name in given)

@@ -157,6 +157,10 @@ def calls(height: int = 6, width: int = 9, seed: int = 0) -> dict[str, tuple[Cal
             yester.atrous,
             {"color": color, "variance": light**2, "prediction": history[..., 1].copy(), **now},
         ),
+        "atrous(history_length)": (
+            yester.atrous,
+            {"color": color, "variance": light**2, "history_length": length},
+        ),
         "regress": (
             yester.regress,
             {"color": color, "normal": now["normal"], "geometry": position, "weight": length, "offset": (3, -2)},

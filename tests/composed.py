@@ -411,6 +411,11 @@ def between_tiles(chosen: NDArray, height: int, width: int) -> NDArray[np.float3
     return rows[:, left] + across * (rows[:, right] - rows[:, left])
 
 
+def is_unguided(frame: yester.Frame) -> bool:
+    """Whether nothing tells surfaces or their texture apart."""
+    return all(each is None for each in (frame.depth, frame.normal, frame.ids, frame.albedo))
+
+
 def texture_of(frame: yester.Frame) -> dict:
     """Arguments of `demodulate` and `remodulate` for a frame with albedo."""
     mask = None if frame.ids is None else yester.is_reflectance(frame.albedo, frame.ids)
@@ -489,6 +494,7 @@ class SVGF:
         iterations=3,
         radius=1,
         sigma_luminance=3.0,
+        relative_noise=2.0,
         sigma_normal=64.0,
         sigma_depth=0.5,
         sigma_plane=0.05,
@@ -516,6 +522,7 @@ class SVGF:
             "normal_angle": normal_angle,
         }
         self.filter = {"radius": radius, "sigma_luminance": sigma_luminance}
+        self.relative_noise = np.inf if average_still else relative_noise
         self.iterations, self.min_length = iterations, min_length
         self.feedback, self.gradient, self.fireflies = feedback, gradient, fireflies
         self.by_confidence, self.same_albedo = by_confidence, relative_albedo is not None
@@ -651,6 +658,8 @@ class SVGF:
 
         def smooth(passes: int):
             known = {} if prediction is None else {"prediction": prediction}
+            if is_unguided(frame) and np.isfinite(self.relative_noise) and not self.repeats:
+                known |= {"history_length": length, "relative_noise": self.relative_noise}
             return yester.atrous(color, variance, iterations=passes, **known, **self.filter, **alike)
 
         first, second = (smooth(min(passes, usual))[0] for passes in (1, 2))
@@ -830,7 +839,7 @@ class SVGF:
 class HalfRes(SVGF):
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, **named):
         named = {"choice": False, "coherence": False, **named}
-        named = {"sigma_luminance": sigma_luminance, **named}
+        named = {"sigma_luminance": sigma_luminance, "relative_noise": np.inf, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = np.float32(weight), radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False, "unguided_alpha": 0.0}

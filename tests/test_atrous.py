@@ -40,6 +40,13 @@ def predictions(rng, color, *, holes=0.2):
     return predicted.astype(np.float32)
 
 
+def lengths(rng, height, width):
+    """Numbers of samples, a few of them below 1 or not finite."""
+    count = rng.uniform(0, 12, (height, width)).astype(np.float32)
+    count[rng.random(count.shape) < 0.03] = np.nan
+    return count
+
+
 def luminance(color):
     with np.errstate(invalid="ignore"):
         return color @ np.float32([0.2126, 0.7152, 0.0722])
@@ -83,6 +90,42 @@ def test_reference_of_predictions(seed, size, buffers, holes, missing, **named):
     color, variance = inputs(rng, *size, holes=missing)
     prediction = predictions(rng, color, holes=holes)
     check(color, variance, prediction=prediction, **surface(rng, *size, buffers), **named)
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    buffers=st.sets(st.sampled_from(["depth", "normal", "ids"])),
+    missing=st.sampled_from([0.0, 0.05, 0.5]),
+    predicted=st.booleans(),
+    iterations=st.sampled_from([0, 1, 2, 5]),
+    radius=st.sampled_from([1, 2]),
+    relative_noise=st.sampled_from([0.1, 2.0, 1e6]),
+)
+def test_reference_of_limits(seed, size, buffers, missing, predicted, **named):
+    rng = np.random.default_rng(seed)
+    color, variance = inputs(rng, *size, holes=missing)
+    known = {"prediction": predictions(rng, color)} if predicted else {}
+    check(color, variance, history_length=lengths(rng, *size), **known, **surface(rng, *size, buffers), **named)
+
+
+@each(("height", "width"), SIZES + TAILS)
+def test_sizes_of_limits(height, width):
+    rng = np.random.default_rng(width)
+    check(*inputs(rng, height, width), iterations=3, history_length=lengths(rng, height, width))
+
+
+def test_light_does_not_leak_into_the_dark():
+    """Beside a lamp, the variance of a mean of ten samples is the lamp's edge, not noise."""
+    lamp = np.where(np.arange(32) < 16, 100, 0.1) * np.ones((32, 1))
+    color, variance = lamp[..., None] * np.ones(3), np.full((32, 32), 1000.0)
+    dark = np.s_[:, 17:]  # the light around the first column of the dark is the lamp's, too
+    assert yester.atrous(color, variance)[0][dark].max() > 1
+    length = np.full((32, 32), 10.0)
+    got, _ = yester.atrous(color, variance, history_length=length)
+    np.testing.assert_allclose(got[dark], 0.1, rtol=1e-3)
+    free, _ = yester.atrous(color, variance, history_length=length, relative_noise=np.inf)
+    np.testing.assert_array_equal(free, yester.atrous(color, variance)[0])
 
 
 @pytest.mark.parametrize("radius", [1, 2])

@@ -250,7 +250,13 @@ RANGES = {
     "accumulate": {"alpha": [-0.1, 1.1, np.nan], "moments_alpha": [-0.1, 1.1, np.nan]},
     "estimate_variance": {**SIGMAS, "min_length": [-1, np.nan], "radius": [-1]},
     "regress": {"block": [3, 257, -1], "features": ["", "All"]},
-    "atrous": {**SIGMAS, "sigma_luminance": [0, -1, np.nan], "iterations": [-1, 17], "radius": [0, 3]},
+    "atrous": {
+        **SIGMAS,
+        "sigma_luminance": [0, -1, np.nan],
+        "relative_noise": [0, -1, np.nan],
+        "iterations": [-1, 17],
+        "radius": [0, 3],
+    },
 }
 
 

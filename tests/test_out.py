@@ -26,6 +26,7 @@ IN_PLACE = {
     "atrous": ("color", "variance"),
     "atrous(slopes)": ("color", "variance"),
     "atrous(prediction)": ("color", "variance", "prediction"),
+    "atrous(history_length)": ("color", "variance"),
     "reconstruct": ("color",),
     "demodulate": ("color",),
     "remodulate": ("illumination",),

@@ -74,6 +74,11 @@ def test_pipeline_is_its_kernels(named, replay):
     check_bits(frames_of((*NAMES, *(NEWER if replay else ["object_normal"])), 6), **named)
 
 
+@pytest.mark.parametrize("named", [{}, {"choice": False}, {"relative_noise": 0.5}, {"relative_noise": np.inf}], ids=str)
+def test_without_guides(named):
+    check_bits(frames_of(["motion"], 6), **named)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("count", range(len(NAMES) + 1))
 def test_every_subset_of_buffers(count):
@@ -848,6 +853,7 @@ def test_constant_stays(named):
         ("iterations", [-1, 17]),
         ("radius", [0, 3]),
         ("sigma_luminance", [0, -1, np.nan]),
+        ("relative_noise", [0, -1, np.nan]),
         ("sigma_normal", [-1, np.nan]),
         ("sigma_depth", [0, -1]),
         ("sigma_plane", [0, -1]),

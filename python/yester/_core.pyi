@@ -569,6 +569,10 @@ class SVGF(Pipeline):
         time.
     sigma_luminance : float, default 3.0
         The filter's scale of luminance differences, in standard deviations; above 0.
+    relative_noise : float, default 2.0
+        Most standard deviation of one sample that the filter expects, in multiples of the light around it (`atrous`),
+        in frames without depth, normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. There
+        is none with `average_still`.
     sigma_normal : float, default 64.0
         Sharpness of the filter's normal weight; from 0.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -690,6 +694,7 @@ class SVGF(Pipeline):
         iterations: int = 3,
         radius: int = 1,
         sigma_luminance: float = 3.0,
+        relative_noise: float = 2.0,
         sigma_normal: float = 64.0,
         sigma_depth: float = 0.5,
         sigma_plane: float = 0.05,
@@ -3591,12 +3596,14 @@ def atrous(
     variance: ArrayLike,
     *,
     prediction: None = None,
+    history_length: ArrayLike | None = None,
     depth: ArrayLike | None = None,
     normal: ArrayLike | None = None,
     ids: ArrayLike | None = None,
     iterations: int = 5,
     radius: int = 2,
     sigma_luminance: float = 4.0,
+    relative_noise: float = 2.0,
     sigma_normal: float = 128.0,
     sigma_depth: float = 0.5,
     sigma_plane: float = 0.05,
@@ -3614,6 +3621,9 @@ def atrous(
         Luminance that history predicts, without the newest samples. Luminance differences are then its own instead of
         the colour's, so that weights do not depend on the samples' noise, and it is filtered by the same weights. NaN
         where nothing is predicted: the colour's luminance is used instead.
+    history_length : (H, W) array_like of float, optional
+        Number of samples that a pixel is the mean of. The noise is then limited by `relative_noise`. For frames without
+        guides: with them, this keeps noise where rare bright samples make all of the light.
     depth : (H, W) array_like of float, optional
         View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
     normal : (H, W, 3) array_like of float, optional
@@ -3626,6 +3636,9 @@ def atrous(
         Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
     sigma_luminance : float, default 4.0
         Scale of luminance differences, in standard deviations; above 0.
+    relative_noise : float, default 2.0
+        Most standard deviation of one sample that is expected, in multiples of the light around it, with
+        `history_length`; above 0, may be +inf.
     sigma_normal : float, default 128.0
         Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -3668,7 +3681,8 @@ def atrous(
     - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
       plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
-      or the prediction.
+      or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
+      samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
 
     Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
     variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every
@@ -3698,12 +3712,14 @@ def atrous(
     variance: ArrayLike,
     *,
     prediction: ArrayLike,
+    history_length: ArrayLike | None = None,
     depth: ArrayLike | None = None,
     normal: ArrayLike | None = None,
     ids: ArrayLike | None = None,
     iterations: int = 5,
     radius: int = 2,
     sigma_luminance: float = 4.0,
+    relative_noise: float = 2.0,
     sigma_normal: float = 128.0,
     sigma_depth: float = 0.5,
     sigma_plane: float = 0.05,
@@ -3721,6 +3737,9 @@ def atrous(
         Luminance that history predicts, without the newest samples. Luminance differences are then its own instead of
         the colour's, so that weights do not depend on the samples' noise, and it is filtered by the same weights. NaN
         where nothing is predicted: the colour's luminance is used instead.
+    history_length : (H, W) array_like of float, optional
+        Number of samples that a pixel is the mean of. The noise is then limited by `relative_noise`. For frames without
+        guides: with them, this keeps noise where rare bright samples make all of the light.
     depth : (H, W) array_like of float, optional
         View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
     normal : (H, W, 3) array_like of float, optional
@@ -3733,6 +3752,9 @@ def atrous(
         Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
     sigma_luminance : float, default 4.0
         Scale of luminance differences, in standard deviations; above 0.
+    relative_noise : float, default 2.0
+        Most standard deviation of one sample that is expected, in multiples of the light around it, with
+        `history_length`; above 0, may be +inf.
     sigma_normal : float, default 128.0
         Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
     sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -3775,7 +3797,8 @@ def atrous(
     - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
       plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
     - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
-      or the prediction.
+      or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
+      samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
 
     Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
     variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every

@@ -163,6 +163,9 @@ pub fn estimate_variance_<'py>(
 ///     Luminance that history predicts, without the newest samples. Luminance differences are then its own instead of
 ///     the colour's, so that weights do not depend on the samples' noise, and it is filtered by the same weights. NaN
 ///     where nothing is predicted: the colour's luminance is used instead.
+/// history_length : (H, W) array_like of float, optional
+///     Number of samples that a pixel is the mean of. The noise is then limited by `relative_noise`. For frames without
+///     guides: with them, this keeps noise where rare bright samples make all of the light.
 /// depth : (H, W) array_like of float, optional
 ///     View-space z; +inf, NaN or not above 0 is background, which does not mix with surfaces.
 /// normal : (H, W, 3) array_like of float, optional
@@ -175,6 +178,9 @@ pub fn estimate_variance_<'py>(
 ///     Radius of a pass in taps: 2 for 5×5, 1 for 3×3.
 /// sigma_luminance : float, default 4.0
 ///     Scale of luminance differences, in standard deviations; above 0.
+/// relative_noise : float, default 2.0
+///     Most standard deviation of one sample that is expected, in multiples of the light around it, with
+///     `history_length`; above 0, may be +inf.
 /// sigma_normal : float, default 128.0
 ///     Sharpness of the normal weight; from 0. About the exponent in (n·n')^sigma_normal, less where normals are rough.
 /// sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -217,7 +223,8 @@ pub fn estimate_variance_<'py>(
 /// - ``ez = |w' - w - ∇w·Δ| / (sigma_plane w + sigma_depth r |∇w|₁)``, where ``w = 1/Z`` is linear in the image on a
 ///   plane, r is the reach of the pass in pixels, and ∇w has the smaller one-sided differences,
 /// - ``el = |l - l'| / (sigma_luminance √(3×3 Gaussian of variance) + |l|/1000)``, l being the luminance of the colour,
-///   or the prediction.
+///   or the prediction. With `history_length`, the root is at most ``relative_noise L / √N``, where N is the number of
+///   samples, at least 1, and L the 3×3 Gaussian of the luminance of `color`, at least 0, missing pixels being black.
 ///
 /// Colour is ``Σwc/Σw`` and variance ``Σw²v/(Σw)²``. The filter is that of Dammertz et al. [2]_, its guidance by
 /// variance that of SVGF ([3]_, section 4.3). SVGF's own ``ez``, ``|Z - Z'| / (sigma_depth |∇Z·Δ|)``, is 1 for every
@@ -240,20 +247,22 @@ pub fn estimate_variance_<'py>(
 /// >>> bool(color.std() < noisy.std() / 5)
 /// True
 #[pyfunction]
-#[pyo3(signature = (color, variance, *, prediction=None, depth=None, normal=None, ids=None, iterations=5,
-    radius=2, sigma_luminance=4.0, sigma_normal=128.0, sigma_depth=0.5, sigma_plane=0.05, out=None))]
+#[pyo3(signature = (color, variance, *, prediction=None, history_length=None, depth=None, normal=None, ids=None,
+    iterations=5, radius=2, sigma_luminance=4.0, relative_noise=2.0, sigma_normal=128.0, sigma_depth=0.5, sigma_plane=0.05, out=None))]
 #[pyo3(name = "atrous")]
 pub fn atrous_<'py>(
     py: Python<'py>,
     color: &Bound<'py, PyAny>,
     variance: &Bound<'py, PyAny>,
     prediction: Option<&Bound<'py, PyAny>>,
+    history_length: Option<&Bound<'py, PyAny>>,
     depth: Option<&Bound<'py, PyAny>>,
     normal: Option<&Bound<'py, PyAny>>,
     ids: Option<&Bound<'py, PyAny>>,
     iterations: i128,
     radius: i128,
     sigma_luminance: f32,
+    relative_noise: f32,
     sigma_normal: f32,
     sigma_depth: f32,
     sigma_plane: f32,
@@ -268,6 +277,7 @@ pub fn atrous_<'py>(
         iterations: atrous::Params::iterations(iterations)?,
         radius: atrous::Params::radius(radius)?,
         sigma_luminance,
+        relative_noise,
         sigmas,
     };
     params.check()?;
@@ -277,6 +287,7 @@ pub fn atrous_<'py>(
         let variance =
             Input::<f32>::new(variance, "variance", Channels::One)?.sized("variance", size)?;
         let prediction = Input::<f32>::optional(prediction, "prediction", Channels::One, size)?;
+        let length = Input::<f32>::optional(history_length, "history_length", Channels::One, size)?;
         let guide = GuideArgs::new(size, depth, normal, ids)?;
         let (shape, flat) = (color.shape(), [size.height, size.width]);
         let [first, second, third] = match prediction {
@@ -302,6 +313,7 @@ pub fn atrous_<'py>(
             color: color.pixels(),
             variance: variance.pixels(),
             prediction: prediction.as_ref().map(|image| image.pixels()),
+            samples: length.as_ref().map(|image| image.pixels()),
         };
         let guide = guide.surface();
         let (filtered, filtered_variance) = (out.0.data()?, out.1.data()?);

@@ -567,13 +567,16 @@ proptest! {
             iterations: draw.of(&[0, 1, 3, 16]),
             radius: draw.of(&[1, 2]),
             sigma_luminance: draw.of(&ABOVE_0),
+            relative_noise: draw.of(&ABOVE_0),
             sigmas: draw.sigmas(),
         };
+        let limited = draw.coin();
         let predicted = draw.coin().then(|| draw.wild(1));
         let source = atrous::Source {
             color: color.pixels(),
             variance: noise.pixels(),
             prediction: predicted.as_ref().map(Image::pixels),
+            samples: limited.then(|| length.pixels()),
         };
         let guide = draw.guide(params.reach());
         let mut prediction = predicted.as_ref().map(|_| vec![f32::NAN; n]);

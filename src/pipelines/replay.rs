@@ -135,6 +135,7 @@ fn blurred(image: &Image, variance: Pixels) -> Image {
         color: image.pixels(),
         variance,
         prediction: None,
+        samples: None,
     };
     atrous(source, &guide, params, out, rest.data_mut(), None);
     mean

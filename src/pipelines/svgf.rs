@@ -61,7 +61,7 @@ pub struct Params {
     pub coherence: bool,
     /// How the variance is estimated.
     pub variance: variance::Params,
-    /// The filter.
+    /// The filter. It knows the numbers of samples in frames without guides alone, if `relative_noise` is finite.
     pub atrous: atrous::Params,
     /// Whether the first pass of the filter, instead of its input, is the next frame's history. Not in a step that joins later
     /// frames: they have seen the next frame's samples.
@@ -130,6 +130,7 @@ impl Default for Params {
                 radius: 1,
                 sigma_luminance: 3.0,
                 sigmas: SIGMAS,
+                ..Default::default()
             },
             coherence: true,
             gradient: Some(ESTIMATED_GRADIENT),
@@ -155,7 +156,10 @@ impl Params {
             average_still: false,
             coherence: false,
             variance: variance::Params::default(),
-            atrous: atrous::Params::default(),
+            atrous: atrous::Params {
+                relative_noise: f32::INFINITY,
+                ..Default::default()
+            },
             feedback: true,
             same_albedo: false,
             by_confidence: false,
@@ -185,6 +189,7 @@ impl Params {
             atrous: atrous::Params {
                 iterations: 4,
                 sigmas: SIGMAS,
+                relative_noise: f32::INFINITY,
                 ..Default::default()
             },
             // Windows twice as wide have as many samples.
@@ -216,6 +221,10 @@ impl Params {
             variance: variance::Params {
                 min_length: smaller(longest, LONGEST) * self.variance.min_length,
                 ..self.variance
+            },
+            atrous: atrous::Params {
+                relative_noise: f32::INFINITY,
+                ..self.atrous
             },
             ..self.clone()
         }
@@ -333,9 +342,17 @@ impl Svgf {
         &self.params
     }
 
-    /// A pipeline without history; an error if a parameter is out of range.
-    pub fn new(params: Params) -> Result<Self> {
+    /// A pipeline without history; an error if a parameter is out of range. With `average_still`, what makes up for missing
+    /// guides is off: a scene at rest has neither lag nor blur that more of the new colour could mend, and the mean of its
+    /// samples tells edges from noise.
+    pub fn new(mut params: Params) -> Result<Self> {
         params.check()?;
+        if params.average_still {
+            params.atrous.relative_noise = f32::INFINITY;
+            if let Some(stage) = &mut params.antialias {
+                stage.unguided_alpha = 0.0;
+            }
+        }
         Ok(Self {
             antialias: params.antialias.map(Stage::new),
             params,

@@ -20,9 +20,11 @@ def atrous(
     variance: Tensor,
     *,
     prediction: Tensor | None = None,
+    history_length: Tensor | None = None,
     iterations=5,
     radius=2,
     sigma_luminance=4.0,
+    relative_noise=2.0,
     margin=False,
     **similarity,
 ) -> tuple[Tensor, ...]:
@@ -30,13 +32,15 @@ def atrous(
 
     w = h·exp(-[surface + |l - l'| / (sigma_luminance·√g + 1e-3·|l|)]), colour = Σwc / Σw, variance = Σw²v / (Σw)².
     Source: Dammertz et al. 2010; Schied et al. 2017, section 4.4. l is the luminance of each pass's input, or a
-    prediction of it, which becomes Σwl / Σw.
+    prediction of it, which becomes Σwl / Σw. √g is at most relative_noise·L/√N, with L the luminance of the unfiltered
+    colour, blurred as the variance, and N samples.
 
     Parameters
     ----------
     color : (H, W, 3)
     variance : (H, W), of the luminance
     prediction : (H, W), of the luminance; where it is not finite, the colour's
+    history_length : (H, W), the number of samples; without it, √g has no bound
     margin : also return the smallest sum of weights (H, W) of any pass
     **similarity : depth, normal, ids and their sigmas, see `similarity.Similarity`
 
@@ -51,6 +55,10 @@ def atrous(
     color = color.where(color.isfinite().all(-1, keepdim=True), torch.nan)  # (H, W, 3)
     variance = variance.where(variance.isfinite(), 0)  # (H, W)
     light = luminance(color)  # (H, W), NaN where the colour is missing
+    most = torch.full_like(variance, torch.inf)  # (H, W)
+    if history_length is not None:
+        around = _gaussian(light.nan_to_num(0)).clamp(min=0)  # (H, W)
+        most = relative_noise * around / history_length.nan_to_num(1).clamp(min=1).sqrt()  # (H, W)
     if prediction is not None:
         light = prediction.where(prediction.isfinite() & light.isfinite(), light)  # (H, W)
     least = torch.full_like(variance, torch.inf)  # (H, W)
@@ -58,7 +66,8 @@ def atrous(
         step, kernel = 2**i, KERNELS[radius]
         finite = light.isfinite()  # (H, W)
         clean, light = color.where(finite[..., None], 0), light.where(finite, 0)  # (H, W, 3), (H, W)
-        scale = sigma_luminance * _gaussian(variance).sqrt() + 1e-3 * light.abs() + 1e-30  # (H, W)
+        deviation = _gaussian(variance).sqrt().minimum(most)  # (H, W)
+        scale = sigma_luminance * deviation + 1e-3 * light.abs() + 1e-30  # (H, W)
         colors, (variances, lights, weights) = torch.zeros_like(color), torch.zeros(3, height, width).to(color)
         for dy in range(-radius, radius + 1):
             for dx in range(-radius, radius + 1):

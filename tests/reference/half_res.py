@@ -1,3 +1,4 @@
+import torch
 from torch import Tensor
 
 from .joint_bilateral import reconstruct
@@ -9,7 +10,7 @@ class HalfRes(SVGF):
 
     def __init__(self, *, alpha=0.2, weight=0.1, radius=2, iterations=4, sigma_luminance=4.0, **named):
         named = {"choice": False, "coherence": False, **named}
-        named = {"sigma_luminance": sigma_luminance, **named}
+        named = {"sigma_luminance": sigma_luminance, "relative_noise": torch.inf, **named}
         super().__init__(alpha=alpha, iterations=iterations, radius=2, **named)
         self.weight, self.radius = weight, radius
         self.passes, self.stage = 4, {**self.stage, "gamma": 0.6, "choice": False, "unguided_alpha": 0.0}

@@ -17,7 +17,7 @@ from .innovation import correct, innovation
 from .light_change import light_change
 from .repetition import Noise
 from .reproject import reproject
-from .taa import PRESETS, Mixing, antialias, find_motion, find_still, for_frame, tells_depth
+from .taa import PRESETS, Mixing, antialias, find_motion, find_still, for_frame, is_unguided, tells_depth
 from .variance import estimate_variance
 
 #: Samples that a prediction needs, and standard deviations by which the mean may exceed it.
@@ -49,6 +49,7 @@ class SVGF:
         iterations=3,
         radius=1,
         sigma_luminance=3.0,
+        relative_noise=2.0,
         sigma_normal=64.0,
         sigma_depth=0.5,
         sigma_plane=0.05,
@@ -74,6 +75,7 @@ class SVGF:
             "plane_distance": plane_distance,
             "normal_angle": normal_angle,
         }
+        self.relative_noise = relative_noise
         self.min_length, self.feedback = min_length, feedback
         self.gradient, self.fireflies = gradient, fireflies
         self.chooses, self.innovation, self.antialias = choice, innovation, antialias
@@ -166,6 +168,8 @@ class SVGF:
 
         def filtered(passes: int) -> tuple[Tensor, ...]:
             named = {"prediction": prediction, "iterations": passes, **self.filter, **similarity}
+            if is_unguided(frame) and not self.repeats:
+                named |= {"history_length": length, "relative_noise": self.relative_noise}
             return atrous(color, variance, **named)  # (H, W, 3), (H, W), and (H, W) if anything is predicted
 
         if chooses:

@@ -90,6 +90,11 @@ DENOISED = BEST | {
 PRESETS = {"best": BEST, "denoised": DENOISED, "textbook": TEXTBOOK, "karis": KARIS, "filament": FILAMENT}
 
 
+def is_unguided(frame) -> bool:
+    """Whether nothing tells surfaces or their texture apart."""
+    return all(image is None for image in (frame.depth, frame.normal, frame.ids, frame.albedo))
+
+
 def for_frame(settings: dict, frame) -> dict:
     """The settings for a frame, which may lack all that tells surfaces apart."""
     least, brighter = settings["unguided_alpha"], 1.0

@@ -33,6 +33,10 @@ use crate::pipelines::{svgf, taa};
 ///     time.
 /// sigma_luminance : float, default 3.0
 ///     The filter's scale of luminance differences, in standard deviations; above 0.
+/// relative_noise : float, default 2.0
+///     Most standard deviation of one sample that the filter expects, in multiples of the light around it (`atrous`),
+///     in frames without depth, normals, ids and albedo, where edges look like noise; above 0, +inf for no limit. There
+///     is none with `average_still`.
 /// sigma_normal : float, default 64.0
 ///     Sharpness of the filter's normal weight; from 0.
 /// sigma_depth, sigma_plane : float, default 0.5 and 0.05
@@ -154,13 +158,13 @@ pub struct SVGF {
 impl SVGF {
     #[new]
     #[pyo3(signature = (*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0,
-        sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
+        relative_noise=2.0, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=Threshold::hard(0.1),
         plane_distance=Threshold::hard(0.01), normal_angle=Threshold::hard(25.0), relative_albedo=None, min_length=3.5, feedback=false,
         by_confidence=false, gradient=true, fireflies=false, reflections=vec![0.4, 1.2], choice=true, innovation=true, antialias=true,
         average_still=false, coherence=true))]
     #[pyo3(
         text_signature = "(*, alpha=0.2, moments_alpha=0.2, iterations=3, radius=1, sigma_luminance=3.0, \
-        sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
+        relative_noise=2.0, sigma_normal=64.0, sigma_depth=0.5, sigma_plane=0.05, relative_depth=0.1, plane_distance=0.01, \
         normal_angle=25.0, relative_albedo=None, min_length=3.5, feedback=False, by_confidence=False, gradient=True, fireflies=False, \
         reflections=(0.4, 1.2), choice=True, innovation=True, antialias=True, average_still=False, \
         coherence=True)"
@@ -171,6 +175,7 @@ impl SVGF {
         iterations: i128,
         radius: i128,
         sigma_luminance: f32,
+        relative_noise: f32,
         sigma_normal: f32,
         sigma_depth: f32,
         sigma_plane: f32,
@@ -224,6 +229,7 @@ impl SVGF {
                 iterations: atrous::Params::iterations(iterations)?,
                 radius: atrous::Params::radius(radius)?,
                 sigma_luminance,
+                relative_noise,
                 sigmas,
             },
             feedback,
@@ -235,11 +241,6 @@ impl SVGF {
             reflections,
             antialias: antialias.then_some(taa::Params {
                 choice,
-                // A scene at rest has neither lag nor blur that more of the new colour could mend.
-                unguided_alpha: match average_still {
-                    true => 0.0,
-                    false => svgf::ANTIALIASED.unguided_alpha,
-                },
                 ..svgf::ANTIALIASED
             }),
             lend: None,

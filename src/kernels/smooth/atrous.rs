@@ -17,7 +17,13 @@
 //! weights. The results are predictions of the samples, too, by which [`crate::kernels::judge::choice`] compares the
 //! passes. Pixels without a prediction have their own luminance instead.
 //!
-//! Inputs: colour (3), variance (1) of its luminance, prediction (1), optional, guide. Outputs: the same.
+//! **Noise relative to light.** Without guides, an edge that passes a window looks like noise, and light leaks into the dark
+//! beside it. So √g is held to k·L/√N, where N is the number of samples that a pixel is the mean of, k = `relative_noise`, and
+//! L the luminance of the unfiltered colour, blurred by the same 3×3 Gaussian: a sample's noise is expected to be at most k
+//! times the light around it. This stops filtering where rare bright samples make all of the light.
+//!
+//! Inputs: colour (3), variance (1) of its luminance, prediction (1) and number of samples (1), both optional, guide. Outputs:
+//! the first three.
 
 use std::ops::Range;
 
@@ -27,7 +33,7 @@ use crate::bordered::{Bordered, BorderedBand, InPlace, Layout, SourceRow, Step};
 use crate::error::{Result, Whole, in_range, whole};
 use crate::image::{BandMut, Pixels, Run, SEGMENT, Size, bands_of, segments};
 use crate::lanes::{Lanes, TapColumns};
-use crate::math::{LOG2_E, exp2_weights, is_present, luminance, luminances};
+use crate::math::{LOG2_E, exp2_weights, is_present, larger, luminance, luminances};
 use crate::pixels::{Colors, PixelsMut, Row};
 use crate::rows::{self, Kernel, Outlined, Simd};
 
@@ -40,6 +46,9 @@ pub struct Params {
     pub radius: usize,
     /// Luminance difference that counts as one, in standard deviations; > 0; 4.
     pub sigma_luminance: f32,
+    /// Most standard deviation of one sample, in multiples of the light around it, where the numbers of samples are given;
+    /// > 0, +∞ included; 2.
+    pub relative_noise: f32,
     /// How far surfaces may differ.
     pub sigmas: Sigmas,
 }
@@ -50,6 +59,7 @@ impl Default for Params {
             iterations: 5,
             radius: 2,
             sigma_luminance: 4.0,
+            relative_noise: 2.0,
             sigmas: Sigmas::default(),
         }
     }
@@ -84,6 +94,12 @@ impl Params {
             "a number above 0",
             |v| v > 0.0,
         )?;
+        in_range(
+            "relative_noise",
+            self.relative_noise,
+            "a number above 0",
+            |v| v > 0.0,
+        )?;
         self.sigmas.check()
     }
 }
@@ -110,6 +126,8 @@ pub struct Source<'a> {
     pub variance: Pixels<'a>,
     /// Of its luminance, without the newest samples; NaN where there is none.
     pub prediction: Option<Pixels<'a>>,
+    /// Samples that a pixel is the mean of, if they limit the noise that is expected.
+    pub samples: Option<Pixels<'a>>,
 }
 
 /// Writes the filtered colour and variance, and the prediction if there is one.
@@ -124,6 +142,9 @@ pub fn atrous<'a>(
     let size = source.color.size;
     let mut image = Filtered::new(guide.layout, source.prediction.is_some());
     rows::run(&Load(source), size.height, image.bands());
+    if let Some(samples) = source.samples {
+        image.limit(source.color, samples, params.relative_noise);
+    }
     for iteration in 0..params.iterations {
         image.filter(guide, params, iteration, &(), std::iter::repeat(()));
     }
@@ -145,6 +166,8 @@ pub(crate) struct Filtered {
     variances: [usize; 2],
     /// Whether the luminance that is compared is a prediction's.
     predicted: bool,
+    /// The most that the standard deviation may be, if it is limited.
+    limits: Option<Bordered>,
 }
 
 impl Filtered {
@@ -155,7 +178,22 @@ impl Filtered {
             image: Bordered::new(layout, beyond),
             variances: VARIANCES,
             predicted,
+            limits: None,
         }
+    }
+
+    /// Limits the standard deviation that the passes expect: a sample's to so many times the light around it, and that of a
+    /// mean of samples to less.
+    pub fn limit(&mut self, color: Pixels, samples: Pixels, relative_noise: f32) {
+        let mut limits = Bordered::new(self.image.layout, [f32::INFINITY]);
+        let find = Limits {
+            color,
+            samples,
+            // Infinity times a light of 0 would be NaN.
+            relative_noise: relative_noise.min(f32::MAX),
+        };
+        rows::run(&find, color.size.height, limits.bands());
+        self.limits = Some(limits);
     }
 
     pub fn size(&self) -> Size {
@@ -182,6 +220,7 @@ impl Filtered {
             variance,
             guide,
             params,
+            limits: self.limits.as_ref().map(|limits| limits.planes::<1>()[0]),
             step,
             predicted,
             sink,
@@ -312,6 +351,73 @@ pub(crate) fn settle(
 /// Colours are clamped to ±2¹²⁰, so that sums over all taps stay finite.
 const MOST: f32 = f32::from_bits((120 + 127) << 23);
 
+/// Finds the most that the standard deviation of each pixel may be.
+struct Limits<'a> {
+    color: Pixels<'a>,
+    samples: Pixels<'a>,
+    relative_noise: f32,
+}
+
+impl<'a> Kernel for Limits<'a> {
+    type Out = BorderedBand<'a>;
+
+    #[inline(always)]
+    fn rows<S: Simd>(&self, _: S, rows: Range<usize>, mut limits: BorderedBand<'a>) {
+        let Size { width, height } = self.color.size;
+        // Blurred rows above, at and below the current one; rows outside the image repeat its first and last.
+        let mut near = vec![0.0; 3 * width];
+        let mut light = vec![0.0; width + 2];
+        let mut samples = [0.0; SEGMENT];
+        for y in rows.clone() {
+            let due = if y == rows.start {
+                y.saturating_sub(1)..=y + 1
+            } else {
+                y + 1..=y + 1
+            };
+            for y in due.filter(|&y| y < height) {
+                self.blur(y, &mut light, &mut near[y % 3 * width..][..width]);
+            }
+            let [above, own, below] = [y.saturating_sub(1), y, (y + 1).min(height - 1)]
+                .map(|y| &near[y % 3 * width..][..width]);
+            let limits = limits.row(0, y);
+            for run in segments(y, width) {
+                self.samples.load(run, 0, &mut samples[..run.len]);
+                for (x, &count) in (run.x..).zip(&samples[..run.len]) {
+                    let around = above[x] * 0.25 + own[x] * 0.5 + below[x] * 0.25;
+                    limits[x] =
+                        self.relative_noise * larger(around, 0.0) / larger(count, 1.0).sqrt();
+                }
+            }
+        }
+    }
+}
+
+impl Limits<'_> {
+    /// Blurs the luminance of a row along it. Missing pixels are black.
+    #[inline(always)]
+    fn blur(&self, y: usize, light: &mut [f32], blurred: &mut [f32]) {
+        let width = blurred.len();
+        let mut parts = [[0.0; SEGMENT]; 3];
+        for run in segments(y, width) {
+            self.color
+                .read(run, parts.each_mut().map(Row::as_mut_slice));
+            for (i, light) in light[1 + run.x..][..run.len].iter_mut().enumerate() {
+                let color = parts.map(|row| row[i]);
+                let [r, g, b] = color.map(|c| c.clamp(-MOST, MOST));
+                *light = if is_present(color) {
+                    luminance(r, g, b)
+                } else {
+                    0.0
+                };
+            }
+        }
+        (light[0], light[width + 1]) = (light[1], light[width]);
+        for (blurred, near) in blurred.iter_mut().zip(light.windows(3)) {
+            *blurred = near[0] * 0.25 + near[1] * 0.5 + near[2] * 0.25;
+        }
+    }
+}
+
 /// Loads the colour of a run, clamped, and its luminance.
 #[inline(always)]
 fn load(run: Run, [r, g, b]: [&[f32]; 3], out: &mut BorderedBand) {
@@ -362,6 +468,7 @@ impl<'a> Kernel for Unload<'a> {
 
 struct Pass<'a, K> {
     variance: &'a [f32],
+    limits: Option<&'a [f32]>,
     guide: &'a Guide,
     params: Params,
     step: usize,
@@ -397,6 +504,7 @@ impl<K: Sink> Pass<'_, K> {
             layout: self.guide.layout,
             step: self.step as isize,
             variance: self.variance,
+            limits: self.limits,
             guide: self.guide.compare(&self.params.sigmas, RADIUS * self.step),
             // Infinity times a variance of 0 would be NaN.
             sigma_luminance: self.params.sigma_luminance.min(f32::MAX),
@@ -411,6 +519,7 @@ struct Around<'a, const RADIUS: usize, const PREDICTED: bool> {
     /// Pixels between taps.
     step: isize,
     variance: &'a [f32],
+    limits: Option<&'a [f32]>,
     guide: Comparison<'a>,
     sigma_luminance: f32,
 }
@@ -450,6 +559,8 @@ struct FilterRow<'r, 'a, S, const RADIUS: usize, const PREDICTED: bool> {
     y: usize,
     /// Variance of the row above, of this one, and of the one below.
     near: [&'r [f32]; 3],
+    /// The most that the standard deviation may be, if it is limited.
+    limits: Option<&'r [f32]>,
     lines: [Line<'r>; 5],
     out: [&'r mut [f32]; IN_PLACE],
     target: &'r mut [f32],
@@ -465,7 +576,8 @@ impl<S: Simd, const RADIUS: usize, const PREDICTED: bool> Outlined
         let width = self.around.layout.size.width;
         for x in (0..width).step_by(Lanes::<S>::COUNT) {
             let at = [x, self.y];
-            let ([r, g, b, l], v) = (self.around).filter(self.simd, at, &self.near, &self.lines);
+            let ([r, g, b, l], v) =
+                (self.around).filter(self.simd, at, &self.near, self.limits, &self.lines);
             for (row, lanes) in self.out.iter_mut().zip([r, g, b, l]) {
                 lanes.store(row, x);
             }
@@ -507,6 +619,7 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
                 simd,
                 y,
                 near,
+                limits: self.limits.map(|limits| self.layout.cut(limits, y)),
                 lines,
                 out: out.each_mut().map(|row| &mut **row),
                 target,
@@ -527,6 +640,7 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         simd: S,
         [x, y]: [usize; 2],
         near: &[&[f32]; 3],
+        limits: Option<&[f32]>,
         lines: &[Line; 5],
     ) -> ([Lanes<S>; IN_PLACE], Lanes<S>) {
         let at = self.layout.at(x, 0);
@@ -534,7 +648,7 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         let own = &lines[2];
         let [r, g, b, l] = Lanes::load_all(simd, own.channels, at);
         let known = l.is_number();
-        let sharpness = self.sharpness(simd, at, near, l);
+        let sharpness = self.sharpness(simd, at, near, limits, l);
         // The centre has weight 1.
         let mut sums = Sums {
             weight: Lanes::all(simd, 1.0).or_all(known, 0.0),
@@ -635,12 +749,17 @@ impl<'a, const RADIUS: usize, const PREDICTED: bool> Around<'a, RADIUS, PREDICTE
         simd: S,
         at: usize,
         [above, own, below]: &[&[f32]; 3],
+        limits: Option<&[f32]>,
         luminance: Lanes<S>,
     ) -> Lanes<S> {
         let above = blurred(simd, above, at);
         let own = blurred(simd, own, at);
         let below = blurred(simd, below, at);
-        let deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
+        let mut deviation = (above * 0.25 + own * 0.5 + below * 0.25).sqrt();
+        if let Some(limits) = limits {
+            let most = Lanes::load(simd, limits, at);
+            deviation = deviation.or((most - deviation).at_least(0.0), most);
+        }
         let unit = deviation * self.sigma_luminance + luminance.abs() * 1e-3 + 1e-30;
         Lanes::all(simd, -LOG2_E) / unit
     }

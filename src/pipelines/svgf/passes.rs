@@ -9,6 +9,7 @@ use std::ops::Range;
 use std::slice::ChunksMut;
 use std::vec;
 
+use super::super::frame::Guides;
 use super::{Current, Reports};
 use crate::bordered::BorderedBand;
 use crate::image::{Image, Pixels, Records, Run, SEGMENT, Size, View, segments};
@@ -96,6 +97,11 @@ pub fn filter(
     let feeds_back = params.feedback && joined.is_none();
     let most = (choosing.as_ref()).map_or(usual, |_| params.passes());
     let mut filtered = Filtered::new(guide.layout, choosing.is_some());
+    let relative_noise = params.atrous.relative_noise;
+    if relative_noise.is_finite() && matches!(now.frame.guides(), Guides::None) {
+        let source = joined.as_ref().unwrap_or(history).pixels();
+        filtered.limit(source.part(0..3), source.part(5..6), relative_noise);
+    }
     let mut shown = choosing.is_some().then(|| Image::blank(size, 4));
     // The next frame looks for reflections in it only if both frames have cameras.
     let reflects = !params.reflections.is_empty() && now.frame.camera.is_some();

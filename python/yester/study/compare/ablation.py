@@ -151,6 +151,7 @@ ABLATIONS = (
             "temporal variance": pipeline(SVGF, min_length=21),
             "spatial variance": pipeline(SVGF, min_length=1),
             "luminance weight": pipeline(SVGF, sigma_luminance=_ENDLESS),
+            "limit of noise": pipeline(SVGF, relative_noise=math.inf),
             "normal weight": pipeline(SVGF, sigma_normal=0),
             "depth weight": pipeline(SVGF, sigma_plane=_ENDLESS, sigma_depth=_ENDLESS),
             # With `choice`, a pass would be added.

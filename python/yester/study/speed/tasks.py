@@ -7,6 +7,7 @@ that kernels for short histories have as much work as after fast motion.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -194,7 +195,8 @@ _TEXTBOOK: dict[str, Any] = {"box": "minmax", "space": "rgb", "response": "clamp
 _HULL: dict[str, Any] = {"box": "exact-hull", "response": "current"}
 _FIVE_TAPS: dict[str, Any] = {"filter": "catmull-rom-5", "dilate": "3x3", "box": "variance", "space": "ycocg"}
 _PUBLISHED: dict[str, Any] = {
-    **{"radius": 2, "sigma_luminance": 4.0, "sigma_normal": 128.0, "feedback": True, "reflections": ()},
+    **{"radius": 2, "sigma_luminance": 4.0, "relative_noise": math.inf, "sigma_normal": 128.0},
+    **{"feedback": True, "reflections": ()},
     **dict.fromkeys(("gradient", "fireflies", "choice", "innovation", "antialias", "coherence"), False),
 }
 
