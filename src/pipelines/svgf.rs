@@ -343,8 +343,8 @@ impl Svgf {
     }
 
     /// A pipeline without history; an error if a parameter is out of range. With `average_still`, what makes up for missing
-    /// guides is off: a scene at rest has neither lag nor blur that more of the new colour could mend, and the mean of its
-    /// samples tells edges from noise.
+    /// guides is off, the limit of noise and the output stage's larger share: with them, the image of a scene at rest ends
+    /// farther from the mean of all samples.
     pub fn new(mut params: Params) -> Result<Self> {
         params.check()?;
         if params.average_still {

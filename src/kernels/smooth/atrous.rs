@@ -17,10 +17,11 @@
 //! weights. The results are predictions of the samples, too, by which [`crate::kernels::judge::choice`] compares the
 //! passes. Pixels without a prediction have their own luminance instead.
 //!
-//! **Noise relative to light.** Without guides, an edge that passes a window looks like noise, and light leaks into the dark
-//! beside it. So √g is held to k·L/√N, where N is the number of samples that a pixel is the mean of, k = `relative_noise`, and
-//! L the luminance of the unfiltered colour, blurred by the same 3×3 Gaussian: a sample's noise is expected to be at most k
-//! times the light around it. This stops filtering where rare bright samples make all of the light.
+//! **Noise relative to light.** Without guides, an edge within the window that estimates the variance looks like noise, and
+//! light leaks into the dark beside it. If the number N of samples behind each pixel is given, √g is therefore at most k·L/√N,
+//! where k = `relative_noise`, and L is the luminance of the unfiltered colour, blurred by the same 3×3 Gaussian: the noise
+//! of one sample is taken to be at most k times the light around it. The price: rare bright samples are noisier than that, and
+//! less of their noise is filtered.
 //!
 //! Inputs: colour (3), variance (1) of its luminance, prediction (1) and number of samples (1), both optional, guide. Outputs:
 //! the first three.
@@ -182,8 +183,8 @@ impl Filtered {
         }
     }
 
-    /// Limits the standard deviation that the passes expect: a sample's to so many times the light around it, and that of a
-    /// mean of samples to less.
+    /// Limits the standard deviation that the passes expect of a pixel: to `relative_noise` times the light around it, over
+    /// the square root of its number of samples.
     pub fn limit(&mut self, color: Pixels, samples: Pixels, relative_noise: f32) {
         let mut limits = Bordered::new(self.image.layout, [f32::INFINITY]);
         let find = Limits {
